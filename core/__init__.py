@@ -1,0 +1,1 @@
+"""The engine: arrays and values in, values out; no screen, no memory, no globals."""

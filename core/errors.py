@@ -1,0 +1,47 @@
+"""Data that cannot be used: one message that names the file, the cause and the remedy."""
+
+from pathlib import Path
+
+
+class PhotogrammetryError(Exception):
+    """Data we cannot use, told in one sentence each: where, why, and what to do.
+
+    Attributes:
+        file: The file (or file and key) at fault.
+        cause: What is wrong with it.
+        remedy: What the operator can do about it.
+    """
+
+    def __init__(self, file: str | Path, cause: str, remedy: str) -> None:
+        self.file = str(file)
+        self.cause = cause
+        self.remedy = remedy
+        super().__init__(f"{self.file}: {cause} {remedy}")
+
+
+class ProjectError(PhotogrammetryError):
+    """`block.toml` holds something that cannot be used."""
+
+
+class ScanError(PhotogrammetryError):
+    """A scan that cannot be read or does not fit its camera."""
+
+
+class ReferenceDataError(PhotogrammetryError):
+    """Ortho, DEM or roads that cannot be used."""
+
+
+class CrsError(PhotogrammetryError):
+    """A coordinate reference system that is missing, wrong, or does not fit the coordinates."""
+
+
+class OrientationError(PhotogrammetryError):
+    """A block that cannot be oriented with what is there."""
+
+
+class StorageError(PhotogrammetryError):
+    """A disk that is full or may not be written."""
+
+
+class Cancelled(Exception):
+    """The operator asked a long step to stop."""

@@ -1,0 +1,1 @@
+"""One photo, one point, one ray."""

@@ -1,0 +1,1 @@
+"""The block becomes ground: orthos and mosaic."""

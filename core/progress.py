@@ -1,0 +1,29 @@
+"""How long work reports how far it is and learns that it shall stop."""
+
+from collections.abc import Iterable, Iterator
+from typing import Protocol, TypeVar
+
+T = TypeVar("T")
+
+
+class Progress(Protocol):
+    """What a stage is handed: it reports its share done, and is told by `Cancelled` to stop."""
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Say that `done` of `total` is finished; raises `Cancelled` when asked to stop."""
+        ...
+
+
+class Silent:
+    """Progress that nobody watches."""
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Accept the report and do nothing."""
+
+
+def tracked(items: Iterable[T], total: int, progress: Progress, what: str = "") -> Iterator[T]:
+    """Yield the items, reporting before each one and once at the end."""
+    for done, item in enumerate(items):
+        progress.report(done, total, what)
+        yield item
+    progress.report(total, total, what)

@@ -1,0 +1,1 @@
+"""The memory: appends, replays, finds; knows nothing of screens."""

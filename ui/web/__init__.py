@@ -1,0 +1,1 @@
+"""The one public port: proxy to viser, access token, tiles, own pages."""
