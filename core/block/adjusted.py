@@ -67,7 +67,7 @@ class AdjustmentReport:
     """By photo."""
     residuals_px: Mapping[tuple[str, str], tuple[float, float]]
     """Residual (column, row) of EVERY measurement of a surveyed point, used or not, pixels,
-    computed minus measured; for measurements not used it is the prediction minus the measurement."""
+    computed minus measured; for those not used, the prediction minus the measurement."""
     surveyed_positions: Mapping[str, Position]
     """Adjusted coordinates of the control points that took part, metres."""
     surveyed_sigmas_m: Mapping[str, Position]
