@@ -120,14 +120,13 @@ def test_overrides_change_and_exclude_single_scans__truth(folder: Path) -> None:
     assert (only.photo_id, only.camera, only.scan_pixel_um) == ("a", "other", 20.0)
 
 
-CAMERA, SCANS = "wide", "scans"
 MISTAKES = {
     "unknown key": (
         put('camra = "x"'),
-        r":14 \[scans\] camra: is no key .* Did you mean `camera`\?",
+        r":13 \[scans\] camra: is no key .* Did you mean `camera`\?",
     ),
-    "unknown table": (TOML + "[refrence]\n", r":21 refrence: is no key .* `reference`\?"),
-    "no table": (TOML.replace("[block]", "[control]"), r"\[control\] name: is no key"),
+    "unknown table": (TOML + "[refrence]\n", r":20 refrence: is no key .* `reference`\?"),
+    "no table": (TOML.replace("[block]", "[control]"), r"has no \[block\]. Add it"),
     "no camera": (re.sub(r"\[camera.wide\]\n(.+\n)+", "", TOML), "describes no camera"),
     "missing key": (swap("frame_mm", "").replace("frame_mm = \n", ""), r"frame_mm: is missing"),
     "not toml": (TOML + "x = [1,\n", r"not valid TOML: .*line"),
@@ -135,7 +134,7 @@ MISTAKES = {
     "micrometres": (swap("principal_distance_mm", "211590"), r"micrometres: write 211.59"),
     "words": (swap("principal_distance_mm", '"211.59"'), r"must be a number, not '211.59'"),
     "truth": (swap("scan_pixel_um", "true"), r"must be a number, not True"),
-    "millimetres": (swap("scan_pixel_um", "0.015"), r":16 .*looks like millimetres: write 15\."),
+    "millimetres": (swap("scan_pixel_um", "0.015"), r":15 .*looks like millimetres: write 15\."),
     "dots per inch": (swap("scan_pixel_um", "1693.33"), r"looks like dots per inch: write 15"),
     "nought": (swap("scan_pixel_um", "0"), r"Write it in micrometres, from 3 to 500"),
     "one side": (
@@ -159,7 +158,7 @@ MISTAKES = {
     "two dems": (swap("dem", '"scans/*.tif"'), r"must be one file but matches 2: a.tif, b.tif"),
     "path number": (swap("files", "3"), "must be a path or a list of paths, not 3"),
     "footprint file": (put('footprints = "dem.tif"'), "dem.tif cannot be opened"),
-    "override": (TOML + '[[scans.override]]\nfile="c.tif"\n', r":22 .*matches none of the scans"),
+    "override": (TOML + '[[scans.override]]\nfile="c.tif"\n', r":21 .*matches none of the scans"),
     "all out": (TOML + '[[scans.override]]\nfile="*"\nexclude=true\n', "all scans are excluded"),
     "one bracket": (TOML + '[scans.override]\nfile="a.tif"\n', "Write \\[\\[scans.override\\]\\]"),
     "exclude": (TOML + '[[scans.override]]\nfile="*"\nexclude="yes"\n', "must be true or false"),
