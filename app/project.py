@@ -183,6 +183,7 @@ def _camera(document: Document, name: str) -> Camera:
         "fiducials_mm",
     )
     table = document.table("camera", name, keys=keys)
+    principal_distance_mm = table.number("principal_distance_mm", MILLIMETRES)
     width, height = table.measures("frame_mm", 2, MILLIMETRES)
     east, north = table.numbers("principal_point_mm", 2, (0.0, 0.0))
     if abs(east) > width / 2 or abs(north) > height / 2:
@@ -190,7 +191,7 @@ def _camera(document: Document, name: str) -> Camera:
         raise table.error("principal_point_mm", "lies outside the picture.", remedy)
     return Camera(
         name,
-        table.number("principal_distance_mm", MILLIMETRES),
+        principal_distance_mm,
         (width, height),
         (east, north),
         _radial_distortion(table),
