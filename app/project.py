@@ -1,5 +1,6 @@
 """`block.toml` as a frozen `Project`: what the block consists of, with every default filled in."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -167,11 +168,12 @@ def _block(document: Document) -> BlockSection:
 
 
 def _cameras(document: Document) -> dict[str, Camera]:
-    names = document.values.get("camera", {})
-    if not isinstance(names, dict) or not names:
+    found = document.values.get("camera", {})
+    names = cast("dict[str, object]", found) if isinstance(found, dict) else {}
+    if not names or not all(isinstance(table, dict) for table in names.values()):
         remedy = "Add a table [camera.NAME] with principal_distance_mm and frame_mm."
         raise ProjectError(document.path, "describes no camera.", remedy)
-    return {name: _camera(document, name) for name in cast("dict[str, object]", names)}
+    return {name: _camera(document, name) for name in names}
 
 
 def _camera(document: Document, name: str) -> Camera:
@@ -271,7 +273,8 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
     pattern, folder = override.text("file"), override.document.path.parent
     meant = [scan for scan in listed.values() if _is_meant(scan.path, pattern, folder)]
     if not meant:
-        remedy = f"Correct it; the first scan is {next(iter(listed.values())).path.name}."
+        names = ", ".join(scan.path.name for scan in list(listed.values())[:3])
+        remedy = f"Correct it; the scans are {names}, ..." if names else "All are excluded already."
         raise override.error("file", f'"{pattern}" matches none of the scans.', remedy)
     for scan in meant:
         if override.flag("exclude", False):
@@ -287,8 +290,8 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
 
 def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
     """True when a glob names a scan by its name or by its path from `block.toml`."""
-    full = path.resolve().as_posix()
-    return fnmatch(path.name, pattern) or fnmatch(full, (folder / pattern).as_posix())
+    relative = Path(os.path.relpath(path, folder)).as_posix()
+    return fnmatch(path.name, pattern) or fnmatch(relative, pattern)
 
 
 def _reference(document: Document) -> ReferenceSection:

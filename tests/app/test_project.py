@@ -128,6 +128,7 @@ MISTAKES = {
     "unknown table": (TOML + "[refrence]\n", r":20 refrence: is no key .* `reference`\?"),
     "no table": (TOML.replace("[block]", "[control]"), r"has no \[block\]. Add it"),
     "no camera": (re.sub(r"\[camera.wide\]\n(.+\n)+", "", TOML), "describes no camera"),
+    "nameless camera": (TOML.replace("[camera.wide]", "[camera]"), "describes no camera"),
     "missing key": (swap("frame_mm", "").replace("frame_mm = \n", ""), r"frame_mm: is missing"),
     "not toml": (TOML + "x = [1,\n", r"not valid TOML: .*line"),
     "metres": (swap("principal_distance_mm", "0.21159"), r":8 .*looks like metres: write 211.59"),
