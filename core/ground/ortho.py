@@ -4,19 +4,13 @@ Indirect rectification (METHODS 8): easting, northing and DEM height of the pixe
 through collinearity and interior orientation to a place in the scan, which is sampled once.
 """
 
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import rasterio
-from affine import Affine
-from rasterio.windows import Window
 from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
@@ -27,15 +21,12 @@ from core.geometry.camera import Camera
 from core.geometry.grid import Grid
 from core.ground.lattice import Heights, PixelMap, ScanPlaces, locate_tile
 from core.ground.picture import PictureMask, footprint_of, picture_mask
-from core.ground.scan_source import Pixels, ScanSource
-from core.progress import Progress, Silent
+from core.ground.scan_source import ScanSource
+from core.ground.tiles import NODATA, SILENT, Pixels, Tile, tiled_profile, tiles_of, write_tiles
+from core.progress import Progress
 
-NODATA = 0
-SILENT = Silent()
 MARGIN_PX = 4
 """Pixels around a window so that the cubic kernel never meets its edge."""
-Tile = tuple[int, int, int, int]
-"""Column, row, columns, rows of a part of a grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,17 +104,17 @@ def rectify_photo(
     mask = picture_mask(photo, camera, options.frame_margin_mm, options.mark_radius_mm, usable)
     work = _Work(photo, camera, dem, grid, source, mask, options.lattice_limit_px)
     nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
-    windows = _tiles_near(footprint_of(photo, camera, dem), grid, options.tile_px)
-    covered = 0
-    profile = _profile(grid, crs, source.dtype.name, options.compression_level)
-    with rasterio.open(path, "w", **profile) as out:
-        out.update_tags(PHOTO_ID=photo.photo_id, NADIR=f"{nadir[0]!r} {nadir[1]!r}")
-        with closing(_in_order(work, windows, options.threads)) as tiles:
-            for done, (window, values) in enumerate(tiles, start=1):
-                if values is not None:
-                    covered += int(np.count_nonzero(values))
-                    out.write(values, 1, window=Window(*window))
-                progress.report(float(done), float(len(windows)), photo.photo_id)
+    tiles = _tiles_near(footprint_of(photo, camera, dem), grid, options.tile_px)
+    profile = tiled_profile(grid, crs, source.dtype.name) | {
+        "compress": "deflate",
+        "zlevel": options.compression_level,
+        "predictor": 2,
+        "num_threads": options.threads,
+    }
+    tags = {"PHOTO_ID": photo.photo_id, "NADIR": f"{nadir[0]!r} {nadir[1]!r}"}
+    covered = write_tiles(
+        path, profile, tags, partial(_tile, work), tiles, options.threads, progress, photo.photo_id
+    )
     share = covered / (grid.columns * grid.rows)
     return OrthoProduct(photo.photo_id, path, grid, share, nadir)
 
@@ -142,14 +133,6 @@ def read_ortho(path: Path) -> OrthoProduct:
 def ortho_grid(photo: Photo, camera: Camera, dem: Heights, ground_sample_distance_m: float) -> Grid:
     """Smallest grid on multiples of the pixel size that covers a photo's footprint."""
     return Grid.over(footprint_of(photo, camera, dem).bounds, ground_sample_distance_m)
-
-
-def tiles_of(grid: Grid, tile_px: int) -> Iterator[Tile]:
-    """The tiles of a grid, row by row."""
-    for row in range(0, grid.rows, tile_px):
-        for column in range(0, grid.columns, tile_px):
-            columns, rows = min(tile_px, grid.columns - column), min(tile_px, grid.rows - row)
-            yield column, row, columns, rows
 
 
 def _tiles_near(footprint: Polygon, grid: Grid, tile_px: int) -> list[Tile]:
@@ -222,26 +205,6 @@ def _reduced(values: PixelMap, shift: int, step: int) -> PixelMap:
     return np.nan_to_num(moved, copy=False, nan=0.0)
 
 
-def _in_order(
-    work: _Work, windows: list[Tile], threads: int
-) -> Iterator[tuple[Tile, Pixels | None]]:
-    """Tiles in their order, computed side by side, with few waiting to be written."""
-    with ThreadPoolExecutor(threads) as pool:
-        waiting: deque[tuple[Tile, Future[Pixels | None]]] = deque()
-        try:
-            for window in windows:
-                waiting.append((window, pool.submit(_tile, work, window)))
-                if len(waiting) > 2 * threads:
-                    first, future = waiting.popleft()
-                    yield first, future.result()
-            while waiting:
-                first, future = waiting.popleft()
-                yield first, future.result()
-        finally:
-            for _, future in waiting:
-                future.cancel()
-
-
 def _reduction(photo: Photo, camera: Camera, grid: Grid) -> int:
     """Whole number of scan pixels a side that are averaged before the one cubic sample."""
     east, north = photo.exterior.centre[:2]
@@ -253,25 +216,3 @@ def _reduction(photo: Photo, camera: Camera, grid: Grid) -> int:
     pixels = photo.pixel_from_object(points, camera)
     sides = np.linalg.norm(pixels[1:] - pixels[0], axis=1)
     return max(1, int(np.mean(sides) + 0.5))
-
-
-def _profile(grid: Grid, crs: str, dtype: str, level: int) -> dict[str, Any]:
-    return {
-        "driver": "GTiff",
-        "width": grid.columns,
-        "height": grid.rows,
-        "count": 1,
-        "dtype": dtype,
-        "crs": crs,
-        "transform": Affine.from_gdal(*grid.geotransform),
-        "nodata": NODATA,
-        "tiled": True,
-        "blockxsize": 512,
-        "blockysize": 512,
-        "compress": "deflate",
-        "zlevel": level,
-        "predictor": 2,
-        "num_threads": 2,
-        "bigtiff": "if_safer",
-        "sparse_ok": True,
-    }

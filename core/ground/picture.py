@@ -32,7 +32,11 @@ def footprint_of(
     dense = segmentize(outline.exterior, max(camera.frame_mm) / per_side)
     film: FilmPoints = np.array(dense.coords, dtype=np.float64)
     polygon = Polygon(_down_to_terrain(photo, camera, dem, film)[:, :2])
-    return polygon if polygon.is_valid else Polygon(polygon.convex_hull)
+    if polygon.is_valid:
+        return polygon
+    hull = polygon.convex_hull
+    assert isinstance(hull, Polygon)
+    return hull
 
 
 def _down_to_terrain(photo: Photo, camera: Camera, dem: Heights, film: FilmPoints) -> ObjectPoints:
@@ -116,8 +120,10 @@ def picture_mask(
         for x, y in _sixteenths(photo.interior.pixel_from_film(marks) / reduction).tolist():
             cv2.circle(mask, (x, y), round(radius * 16), (0,), cv2.FILLED, shift=4)
     if usable is not None:
-        size = (columns, rows)
-        mask &= cv2.resize(usable.astype(np.uint8) * 255, size, interpolation=cv2.INTER_NEAREST)
+        shown = cv2.resize(
+            usable.astype(np.uint8), (columns, rows), interpolation=cv2.INTER_NEAREST
+        )
+        mask[np.asarray(shown) == 0] = 0
     return PictureMask(mask, reduction)
 
 

@@ -4,12 +4,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Shaped
 
+from core.ground.tiles import Pixels
 from core.scan.raster import ScanFile, open_scan, read_window
 
 STRIP_ROWS = 1024
-Pixels = Shaped[np.ndarray, "rows columns"]
 
 
 class ScanSource:

@@ -115,11 +115,10 @@ class Scene:
             heights = whole.heights(points[:, :2])
         nodes = (points[:, :2] - [EAST, NORTH]).reshape(rows // 4 + 2, columns // 4 + 2, 2)
         size = (columns + 8, rows + 8)
-        points = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)[4:-4, 4:-4].reshape(-1, 2)
-        points = points + [EAST, NORTH]
-        values = gain * texture(points[:, 0], points[:, 1]) + offset
+        points = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)[4:-4, 4:-4]
+        values = gain * texture(points[..., 0] + EAST, points[..., 1] + NORTH) + offset
         top = 2**bits - 1
-        values = np.rint(np.clip(values * top / 255, 0, top)).reshape(rows, columns)
+        values = np.rint(np.clip(values * top / 255, 0, top))
         profile = {"width": columns, "height": rows, "count": 1, "dtype": f"uint{bits}"}
         # A transform of its own, or rasterio warns that there is none.
         nominal = Affine(0.5, 0, 7, 0, -0.5, 9)
