@@ -73,6 +73,12 @@ class VerifiedMatches:
     pair: OrientedPair
     """The relative orientation and its evidence, over all candidate matches."""
 
+    def in_whole(self, first: Indices, second: Indices) -> "VerifiedMatches":
+        """The same when the features were only the given ones of a whole scan."""
+        found = self.matches
+        whole = Matches(first[found.first], second[found.second], found.ratio)
+        return VerifiedMatches(whole, self.parallax_px, self.pair)
+
 
 def match_features(
     first: Features, second: Features, options: MatchOptions | None = None

@@ -132,7 +132,7 @@ def orient_relative(
     starts = [approximate, *_sampled(first, second, pixel_angles, options, rng)]
     best, best_cost = approximate, np.inf
     for start in starts:
-        found = _adjusted(first, second, pixel_angles, start, options.tolerance_px)
+        found = adjust_relative(first, second, pixel_angles, start, options.tolerance_px)
         residual = parallax(first, second, found, pixel_angles)
         cost = float(np.minimum(residual**2, options.tolerance_px**2).sum())
         if cost < best_cost:
@@ -218,14 +218,17 @@ def _gradient(
     return np.sqrt(np.maximum(squared, 1e-24))
 
 
-def _adjusted(
+def adjust_relative(
     first: Rays,
     second: Rays,
     pixel_angles: tuple[float, float],
     start: RelativeOrientation,
     tolerance_px: float,
 ) -> RelativeOrientation:
-    """Gauss-Newton with weights that shrink from coarse to the tolerance (Geman-McClure)."""
+    """Least squares on the y-parallaxes, with weights that shrink from coarse to the tolerance.
+
+    Gauss-Newton with Geman-McClure's weights: matches far beyond the tolerance do not count.
+    """
     orientation = start
     residual = parallax(first, second, orientation, pixel_angles)
     scale = max(tolerance_px, float(np.median(np.abs(residual))))

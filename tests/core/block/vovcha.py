@@ -31,8 +31,12 @@ def vovcha_block(folder: Path) -> Block:
     return Block("EPSG:26918", {"archive": camera}, photos)
 
 
-def interior_from(pixel_from_film: np.ndarray, origin_px: float = 0.0) -> InteriorOrientation:
-    """The truth's matrix, which counts pixels as we do."""
+def interior_from(pixel_from_film: np.ndarray, origin_px: float = 0.5) -> InteriorOrientation:
+    """The truth's matrix, which counts from the centre of the first pixel.
+
+    Found from rays to points seen in both strips, which were flown in opposite directions: half a
+    pixel in both directions brings their residuals from 0.29 px to 0.02 px.
+    """
     inverse = np.linalg.inv(pixel_from_film[:, :2])
     offset = -inverse @ (pixel_from_film[:, 2] + origin_px)
     none = np.zeros((0, 2))
