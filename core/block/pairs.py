@@ -106,7 +106,5 @@ def position_sigma_m(photo: Photo) -> float:
 
 def _growth_m(block: Block, first: str, second: str, options: PairOptions, side_m: float) -> float:
     """By how much footprints grow before they are compared."""
-    sigma = np.hypot(
-        position_sigma_m(block.photos[first]), position_sigma_m(block.photos[second])
-    )
+    sigma = np.hypot(position_sigma_m(block.photos[first]), position_sigma_m(block.photos[second]))
     return float(min(options.sigmas * sigma, options.max_growth * side_m))

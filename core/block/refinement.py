@@ -148,9 +148,7 @@ def refine_rays(
         Places as offsets (column, row) from the middle of the searched patch.
     """
     parts = [
-        _refine_batch(
-            fixed[rows], searched[rows], start[rows], max_shift_px, options
-        )
+        _refine_batch(fixed[rows], searched[rows], start[rows], max_shift_px, options)
         for rows in (
             slice(first, first + options.batch) for first in range(0, len(fixed), options.batch)
         )

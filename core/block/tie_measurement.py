@@ -120,9 +120,7 @@ def _match_to_fixed(
     return fine
 
 
-def _fixed_rays(
-    block: Block, ties: TiePoints, pairs: Mapping[PairKey, PairGeometry]
-) -> Indices:
+def _fixed_rays(block: Block, ties: TiePoints, pairs: Mapping[PairKey, PairGeometry]) -> Indices:
     """The ray of each point that the others are matched to: tied to most of them, then middlemost.
 
     Returns:
@@ -130,9 +128,7 @@ def _fixed_rays(
     """
     partners = np.zeros(len(ties.point))
     for first, second in pairs:
-        ours, theirs = common_rays(
-            ties, ties.photo_ids.index(first), ties.photo_ids.index(second)
-        )
+        ours, theirs = common_rays(ties, ties.photo_ids.index(first), ties.photo_ids.index(second))
         partners[ours] += 1
         partners[theirs] += 1
     off = np.zeros(len(ties.point))
@@ -227,7 +223,10 @@ def _adjusted(
     good = (fine.fixed[ours] >= 0) & (fine.fixed[theirs] >= 0)
     if good.sum() < 12:
         return start
-    photos, cameras = [block.photos[name] for name in pair], [block.camera_of(name) for name in pair]
+    photos, cameras = (
+        [block.photos[name] for name in pair],
+        [block.camera_of(name) for name in pair],
+    )
     return adjust_relative(
         rays_of(photos[0], cameras[0], ties.pixels[ours[good]]),
         rays_of(photos[1], cameras[1], ties.pixels[theirs[good]]),

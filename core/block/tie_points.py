@@ -174,9 +174,7 @@ def assess_ties(
     return tuple(doubts)
 
 
-def connected_parts(
-    block: Block, reports: tuple[PairReport, ...]
-) -> tuple[tuple[str, ...], ...]:
+def connected_parts(block: Block, reports: tuple[PairReport, ...]) -> tuple[tuple[str, ...], ...]:
     """Groups of photos that tie points hold together, the largest first."""
     part = {name: name for name in block.photos}
     for report in reports:
@@ -199,12 +197,11 @@ def _chained(
         block,
         chain_matches(features, verified),
         {pair: found.pair.orientation for pair, found in verified.items()},
-        {
-            pair: 1.5 * limit * max(features[name].reduction for name in pair)
-            for pair in verified
-        },
+        {pair: 1.5 * limit * max(features[name].reduction for name in pair) for pair in verified},
     )
-    return with_rays(ties, thin_ties(block, ties, options.thinning.times(options.spare))[ties.point])
+    return with_rays(
+        ties, thin_ties(block, ties, options.thinning.times(options.spare))[ties.point]
+    )
 
 
 def _measured(

@@ -16,17 +16,27 @@ GROUND_M = 300.0
 def vovcha_block(folder: Path) -> Block:
     """Six photos as the stages before the tie points leave them."""
     truth = json.loads((folder / "truth" / "truth.json").read_text())
-    camera = Camera("archive", 151.92, (180.0, 180.0), fiducials_mm={
-        name: tuple(place) for name, place in truth["camera"]["fiducials"].items()
-    })
+    camera = Camera(
+        "archive",
+        151.92,
+        (180.0, 180.0),
+        fiducials_mm={name: tuple(place) for name, place in truth["camera"]["fiducials"].items()},
+    )
     photos = {}
     for name, entry in sorted(truth["eo"].items()):
         interior = interior_from(np.array(entry["film_to_pixel"]))
         world = np.loadtxt(folder / "scans" / f"{name}.tfw")
         exterior = exterior_from_world(world, interior, camera)
         photos[name] = Photo(
-            name, str(folder / "scans" / f"{name}.tif"), (4311, 4311), "archive", interior,
-            exterior, exterior, ExteriorPrior([100.0, 100.0, 30.0], [0.03, 0.03, 0.03]), GROUND_M,
+            name,
+            str(folder / "scans" / f"{name}.tif"),
+            (4311, 4311),
+            "archive",
+            interior,
+            exterior,
+            exterior,
+            ExteriorPrior([100.0, 100.0, 30.0], [0.03, 0.03, 0.03]),
+            GROUND_M,
         )
     return Block("EPSG:26918", {"archive": camera}, photos)
 
@@ -46,7 +56,9 @@ def interior_from(pixel_from_film: np.ndarray, origin_px: float = 0.5) -> Interi
 
 def exterior_from_world(world, interior, camera) -> ExteriorOrientation:
     a, d, b, e, x, y = world
-    column, row = interior.pixel_from_film(np.zeros((1, 2)))[0] - 0.5  # world files count from the centre
+    column, row = (
+        interior.pixel_from_film(np.zeros((1, 2)))[0] - 0.5
+    )  # world files count from the centre
     gsd = np.hypot(a, d)
     height = GROUND_M + camera.principal_distance_mm * gsd / interior.pixel_size_mm
     centre = [x + a * column + b * row, y + d * column + e * row, height]
