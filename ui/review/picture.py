@@ -52,7 +52,7 @@ def status_part(
 ) -> Part:
     """The status line."""
     report, before = state.report, state.before
-    tally = {name: 0 for name in ("used", "open", "rejected", "dubious")}
+    tally = dict.fromkeys(("used", "open", "rejected", "dubious"), 0)
     for row in rows.values():
         tally["used"] += row.role == "control" and row.state in ("auto", "accepted")
         tally["open"] += row.state == "auto"

@@ -166,6 +166,33 @@ def scan_map(
     return np.einsum("rn,nmc,km->rkc", by_row, nodes, by_column, optimize=True)
 
 
+def frame_picture(drawn: DrawnPhoto, read: ScanWindow, width: int = 224) -> Colour:
+    """The picture area of a scan, small, upright in the film frame: for the frustums."""
+    photo, camera = drawn.photo, drawn.camera
+    frame_width, frame_height = camera.frame_mm
+    height = max(1, round(width * frame_height / frame_width))
+    across = (np.arange(width) + HALF_PIXEL) / width * frame_width - frame_width / 2
+    down = frame_height / 2 - (np.arange(height) + HALF_PIXEL) / height * frame_height
+    film = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    pixels = photo.interior.pixel_from_film(film).reshape(height, width, 2)
+    columns, rows = photo.size_px
+    reduction = max(1, 2 ** int(np.log2(max(max(columns, rows) / (1.5 * width), 1.0))))
+    size = (columns // reduction * reduction, rows // reduction * reduction)
+    sample = read(photo.scan, 0, 0, *size, reduction)
+    values = fit_stretch(sample).applied(sample)
+    there = (pixels / reduction - HALF_PIXEL).astype(np.float32)
+    small = cv2.remap(
+        values,
+        np.ascontiguousarray(there[..., 0]),
+        np.ascontiguousarray(there[..., 1]),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=float(OUTSIDE),
+    )
+    grey = np.clip(np.rint(cast(Raster, small)), 0, 255).astype(np.uint8)
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
 def local_contrast(grey: Grey) -> Grey:
     """Wallis filter: local mean and contrast brought to those of a well exposed picture."""
     values = grey.astype(np.float32)

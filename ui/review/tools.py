@@ -1,4 +1,4 @@
-"""What a gesture means: a changed seat, perhaps a decision, perhaps something for the loop to do."""
+"""What a gesture means: a changed seat, perhaps a decision, perhaps an act of the loop."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -88,16 +88,8 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return _measure(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
-        case Undone():
-            return Meaning(replace(seat, explaining=None), act="undo")
-        case Redone():
-            return Meaning(replace(seat, explaining=None), act="redo")
-        case RemakeAsked():
-            return Meaning(seat, act="remake")
-        case RemakeCancelled():
-            return Meaning(seat, act="cancel")
-        case Fitted(whole=whole):
-            return Meaning(seat, act="fit whole" if whole else "fit current")
+        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted():
+            return _act(gesture, seat)
         case RayPicked():
             return _pick(gesture, seat, desk)
         case LayerSwitched() | VectorsScaled():
@@ -127,6 +119,21 @@ def kept_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
     fresh = tuple(sorted(key for key in rows if key not in known))
     current = seat.current if seat.current in rows else None
     return replace(seat, order=order + fresh, current=current)
+
+
+def _act(gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted, seat: Seat) -> Meaning:
+    """What only the loop can do."""
+    match gesture:
+        case Undone():
+            return Meaning(replace(seat, explaining=None), act="undo")
+        case Redone():
+            return Meaning(replace(seat, explaining=None), act="redo")
+        case RemakeAsked():
+            return Meaning(seat, act="remake")
+        case RemakeCancelled():
+            return Meaning(seat, act="cancel")
+        case Fitted(whole=whole):
+            return Meaning(seat, act="fit whole" if whole else "fit current")
 
 
 def _judge(gesture: Judged, seat: Seat, desk: Desk) -> Meaning:

@@ -173,8 +173,8 @@ ENGLISH: dict[str, str] = {
     "notice.remake-none": "No ortho is stale.",
     # help
     "help.title": "Keys",
-    "help.camera": "In the scene: drag turns, right drag moves, wheel zooms; click picks a point or photo.",
-    "help.pictures": "On the pictures: drag moves, wheel zooms, click places the point in the scan.",
+    "help.camera": "In the scene: drag turns, right drag moves, wheel zooms, click picks.",
+    "help.pictures": "On the pictures: drag moves, wheel zooms, click in the scan places.",
     "help.marks": "Marks",
 }
 """English."""
