@@ -185,7 +185,9 @@ def _votes(gray: np.ndarray, strips: int) -> Matrix:
     sums = np.cumsum(np.pad(means, ((0, 0), (1, 0))), axis=1)
     step = np.zeros_like(sums)
     half = STEP_CELLS
-    step[:, half:-half] = (sums[:, 2 * half :] - 2 * sums[:, half:-half] + sums[:, : -2 * half]) / half
+    step[:, half:-half] = (
+        sums[:, 2 * half :] - 2 * sums[:, half:-half] + sums[:, : -2 * half]
+    ) / half
     noise = np.median(np.abs(step)) + 1.0
     return step / (np.abs(step) + noise)
 
