@@ -69,6 +69,12 @@ def parse_crs(text: str, where: str | Path) -> CRS:
     return crs
 
 
+def shared_bounds(one: Bounds, other: Bounds) -> Bounds:
+    """What two bounds share; west lies beyond east, or south beyond north, where nothing."""
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
 def read_crs(text: str, where: str | Path) -> CRS:
     """Any CRS PROJ knows; `CrsError` where there is none or it is unknown."""
     if not text.strip():

@@ -178,7 +178,7 @@ def _add_reduced(
 
 
 def _round(value: int, size: int) -> int:
-    """value / size to the nearest whole number."""
+    """Value / size to the nearest whole number."""
     return (2 * value + size) // (2 * size)
 
 

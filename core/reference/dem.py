@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64
 from core.arrays import Scalars, locked
 from core.doubts import Doubt
 from core.errors import ReferenceDataError
-from core.geometry.crs import Bounds, parse_crs
+from core.geometry.crs import Bounds, parse_crs, shared_bounds
 from core.geometry.grid import Grid
 from core.reference.composite import ReadOptions, read_onto
 from core.reference.gaps import LARGEST_GAP_PX, fill_gaps, small_gaps
@@ -133,7 +133,7 @@ class Dem:
 
         Peaks narrower than that are averaged; with `mean`, both are the mean. NaN without heights.
         """
-        west, south, east, north = _common(self.bounds, bounds or self.bounds)
+        west, south, east, north = shared_bounds(self.bounds, bounds or self.bounds)
         if east <= west or north <= south:
             return float("nan"), float("nan")
         gsd = max(self.ground_sample_distance_m, max(east - west, north - south) / 400)
@@ -257,16 +257,6 @@ def _covering(grid: Grid, bounds: Bounds, margin: int) -> Grid:
     high = np.clip(np.ceil(corners[1]).astype(int) + margin, low + 1, size)
     columns, rows = (high - low).tolist()
     return grid.window(int(low[0]), int(low[1]), columns, rows)
-
-
-def _common(one: Bounds, other: Bounds) -> Bounds:
-    """What two bounds share."""
-    return (
-        max(one[0], other[0]),
-        max(one[1], other[1]),
-        min(one[2], other[2]),
-        min(one[3], other[3]),
-    )
 
 
 def _bilinear(raster: Float32[np.ndarray, "rows columns"], places: PlanePoints) -> Scalars:

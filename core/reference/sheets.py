@@ -140,8 +140,8 @@ def block_corners(sheet: Sheet, crs: CRS) -> Float64[np.ndarray, "n 2"]:
     corners = sheet.corners()
     if not sheet.crs:
         return corners
-    share = np.linspace(0, 1, 9)[:-1, None, None]
-    outline = (corners + share * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 2)
+    share, side = np.linspace(0, 1, 9)[:-1, None], np.roll(corners, -1, axis=0) - corners
+    outline = (corners[:, None] + share * side[:, None]).reshape(-1, 2)
     east, north = transformer_over(sheet.crs, crs.to_wkt(), outline).transform(*outline.T)
     return np.column_stack([east, north])
 
