@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Num
@@ -114,7 +115,7 @@ def transformer(source: str, target: str, area: Bounds | None = None) -> Transfo
         area: West, south, east, north in degrees; PROJ's best operation depends on it (for
             S-JTSK the one it prefers elsewhere is Slovak).
     """
-    interest = AreaOfInterest(*area) if area else None
+    interest: Any = AreaOfInterest(*area) if area else None
     return Transformer.from_crs(source, target, always_xy=True, area_of_interest=interest)
 
 

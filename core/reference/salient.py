@@ -29,6 +29,7 @@ PixelIndices = Int64[np.ndarray, "n 2"]
 """Column and row of pixels."""
 Gray = Float32[np.ndarray, "rows columns"]
 """Gray values, or a measure of every pixel."""
+SILENT = Silent()
 TILE_PX = 768
 """Cells are looked at together up to about this size."""
 GRAIN_SIGMA_PX = 1.5
@@ -99,7 +100,7 @@ def find_salient_points(
     existing: PlanePoints | None = None,
     options: SalientOptions = SalientOptions(),
     mask: BaseGeometry | None = None,
-    progress: Progress = Silent(),
+    progress: Progress = SILENT,
 ) -> tuple[SalientPoint, ...]:
     """Salient points spread over the bounds, a few in each cell.
 
