@@ -18,7 +18,7 @@ from core.block.accuracy import (
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ExteriorSigmas
 from core.block.block import Block
 from core.block.minimum import Fit, begin, minimise
-from core.block.network import Network, initial_state, network_of
+from core.block.network import Network, at_state, initial_state, network_of, on_the_ground
 from core.block.reliability import (
     Chosen,
     Precision,
@@ -32,6 +32,7 @@ from core.block.solver import Pattern, normals_of, pattern_of
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.geometry.partials import angles_by_increments
+from core.geometry.robust import robust_sigma
 from core.progress import Progress, Silent
 
 DEFAULT = AdjustmentOptions()
@@ -42,6 +43,12 @@ ROUNDS = 8
 """Rounds of leaving out gross errors at most."""
 FINAL_STEPS = 2
 """A round begins only while at least this many steps are left for it."""
+ROUGH = 500.0
+"""Residuals at the start (in sigmas, their median) from which orientations count as rough."""
+APPROACH_STEPS = 8
+"""Steps at most with points held on the ground."""
+GROUND_SOFTNESS = 0.05
+"""How firmly they are held there, as a share of the flying height."""
 TINY_DAMPING = 1e-10
 """Makes a datum defect invertible for the standard deviations."""
 
@@ -117,11 +124,13 @@ class _Solution:
 
 def _adjust(network: Network, options: AdjustmentOptions, progress: Progress) -> _Solution:
     """Robust first, then plain least squares without the gross errors."""
-    pattern = pattern_of(network)
-    start = begin(network, *initial_state(network))
-    fit, left = start, options.max_iterations
+    pattern, left = pattern_of(network), options.max_iterations
+    start = _start(network, pattern, left, progress)
+    fit = start
     if options.robust:
-        fit = minimise(network, pattern, fit, True, max(left - 3 * FINAL_STEPS, 1), progress)
+        fit = minimise(
+            network, pattern, fit, True, max(left - 3 * FINAL_STEPS - fit.steps, 1), progress
+        )
         fit = _without_gross(network, pattern, fit, start.taking_part)
     fit = minimise(network, pattern, fit, False, left - fit.steps, progress)
     if options.robust:
@@ -131,6 +140,18 @@ def _adjust(network: Network, options: AdjustmentOptions, progress: Progress) ->
     lost = np.flatnonzero(start.taking_part & ~fit.taking_part & (network.rays.measurement >= 0))
     rejected = {int(ray): float(standardised[:, ray].max()) for ray in lost}
     return _Solution(network, fit, precision, standardised, rejected)
+
+
+def _start(network: Network, pattern: Pattern, steps: int, progress: Progress) -> Fit:
+    """The present orientations; where they are rough, improved with points held on the ground."""
+    start = begin(network, *initial_state(network))
+    if robust_sigma(start.lin.residuals[:, start.taking_part].ravel()) < ROUGH:
+        return start
+    soft, state = on_the_ground(network, GROUND_SOFTNESS)
+    laid = begin(soft, state, np.ones(len(network.rays.photo), dtype=np.bool_))
+    better = minimise(soft, pattern, laid, True, min(APPROACH_STEPS, steps // 2), progress)
+    again = begin(network, *at_state(network, better.state))
+    return replace(again, steps=better.steps)
 
 
 def _precision(network: Network, pattern: Pattern, fit: Fit) -> Precision:
@@ -146,7 +167,7 @@ def _without_gross(network: Network, pattern: Pattern, fit: Fit, candidates: Cho
     """Leave out what the others contradict, take back what they no longer do."""
     precision = _precision(network, pattern, fit)
     standardised = standardised_residuals(fit.lin, precision, fit.weights)
-    gross = gross_errors(network, standardised, fit.taking_part)
+    gross = gross_errors(network, fit.lin, precision, standardised, fit.taking_part)
     back = cleared_rays(network, standardised, fit.taking_part, candidates)
     return _with_rays(network, fit, (fit.taking_part & ~gross) | back)
 

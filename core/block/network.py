@@ -124,7 +124,7 @@ class Network:
 class State:
     """The unknowns."""
 
-    centres: Float64[np.ndarray, "n 3"]
+    centres: Float64[np.ndarray, "photos 3"]
     """Perspective centres, metres."""
     rotations: Rotations
     """Image space into object space."""
@@ -293,19 +293,53 @@ def constants_of_atmospheres(network: Network) -> Float64[np.ndarray, "photos 2"
 
 
 def initial_state(network: Network) -> tuple[State, Flags]:
-    """Where the adjustment begins, and the rays whose points can be placed at all."""
-    rays, photos = network.rays, network.photos
-    rotations = np.array([photo.exterior.object_from_image for photo in photos])
-    directions = _directions(network, rotations)
-    centres = np.array([photo.exterior.centre for photo in photos])
-    points, placed = _initial_points(network, centres[rays.photo], directions)
+    """Present orientations, points where their rays meet, and the rays whose points do so."""
+    state, origins, directions = _oriented(network)
+    points, placed = _met_points(network, origins, directions)
+    return replace(state, points=points), placed[network.rays.point]
+
+
+def on_the_ground(network: Network, softness: float) -> tuple[Network, State]:
+    """Where rough orientations are improved from: tie points laid on the ground, nearly held there.
+
+    Rays of rough orientations meet anywhere; the heights of the ground are known far better.
+
+    Args:
+        network: The network as it is.
+        softness: Standard deviation of the ground's height, as a share of the flying height.
+
+    Returns:
+        The network with the ground's heights as observations, and the state to begin from.
+    """
+    state, origins, directions = _oriented(network)
+    laid = _laid_points(network, origins, directions)
+    ties = len(network.points.tie)
+    above = origins[:, 2] - _ground_of_rays(network)
+    known, weight = network.points.known.copy(), network.points.known_weight.copy()
+    known[:ties, 2] = laid[:ties, 2]
+    weight[:ties, 2] = 1 / (softness * float(np.median(above)))
+    points = replace(network.points, known=known, known_weight=weight)
+    return replace(network, points=points), replace(state, points=laid)
+
+
+def at_state(network: Network, state: State) -> tuple[State, Flags]:
+    """The state with its points where their rays now meet, as in `initial_state`."""
+    directions = _directions(network, state.rotations)
+    points, placed = _met_points(network, state.centres[network.rays.photo], directions)
+    return replace(state, points=points), placed[network.rays.point]
+
+
+def _oriented(network: Network) -> tuple[State, ObjectPoints, ObjectPoints]:
+    """Present orientations (points still at nought), origins and directions of the rays."""
+    photos = network.photos
     state = State(
-        centres=centres,
-        rotations=rotations,
+        centres=np.array([photo.exterior.centre for photo in photos]),
+        rotations=np.array([photo.exterior.object_from_image for photo in photos]),
         constants=np.array([constants_of(camera) for camera in network.cameras]),
-        points=points,
+        points=np.zeros((network.points.count, 3)),
     )
-    return state, placed[rays.point]
+    directions = _directions(network, state.rotations)
+    return state, state.centres[network.rays.photo], directions
 
 
 def _directions(network: Network, rotations: Rotations) -> ObjectPoints:
@@ -320,27 +354,38 @@ def _directions(network: Network, rotations: Rotations) -> ObjectPoints:
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
-def _initial_points(
+def _ground_of_rays(network: Network) -> Scalars:
+    """Mean height of the ground under the photo of each ray, metres."""
+    return np.array([photo.ground_height_m for photo in network.photos])[network.rays.photo]
+
+
+def _laid_points(
+    network: Network, origins: ObjectPoints, directions: ObjectPoints
+) -> Float64[np.ndarray, "points 3"]:
+    """Control points where they are known to be, tie points where their rays reach the ground."""
+    point, count = network.rays.point, network.points.count
+    above = origins[:, 2] - _ground_of_rays(network)
+    downwards = np.where(directions[:, 2] < 0, directions[:, 2], np.nan)
+    hits = origins - directions * (above / downwards)[:, None]
+    laid = np.stack([np.bincount(point, hits[:, k], count) for k in range(3)], axis=1)
+    laid /= np.maximum(np.bincount(point, minlength=count), 1)[:, None]
+    ties = len(network.points.tie)
+    laid[ties:] = network.points.known[ties:]
+    return np.where(np.isfinite(laid), laid, 0.0)
+
+
+def _met_points(
     network: Network, origins: ObjectPoints, directions: ObjectPoints
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
-    """Control points where they are known to be, tie points where their rays meet.
-
-    Where the first orientations let rays meet far off the ground, the points begin on it.
-    """
+    """Tie points where their rays meet (far off the ground: laid on it), and whether they do."""
     point, count = network.rays.point, network.points.count
     met, angles = closest_points(origins, directions, point, count)
-    ground = np.array([photo.ground_height_m for photo in network.photos])[network.rays.photo]
-    above = origins[:, 2] - ground
-    downwards = np.where(directions[:, 2] < 0, directions[:, 2], np.nan)
-    on_ground = origins - directions * (above / downwards)[:, None]
-    rays_of_point = np.maximum(np.bincount(point, minlength=count), 1)
-    laid = np.stack([np.bincount(point, on_ground[:, k], count) for k in range(3)], axis=1)
-    laid /= rays_of_point[:, None]
-    near_ground = np.abs(met[point, 2] - ground) < 0.5 * above
+    ground = _ground_of_rays(network)
+    near_ground = np.abs(met[point, 2] - ground) < 0.5 * (origins[:, 2] - ground)
     astray = np.bincount(point, ~near_ground, count) > 0
-    points = np.where(astray[:, None], laid, met)
+    laid = _laid_points(network, origins, directions)
     ties = len(network.points.tie)
-    points[ties:] = network.points.known[ties:]
-    placed = np.isfinite(points).all(axis=1) & (angles >= SMALLEST_ANGLE)
+    astray[ties:] = True
+    placed = angles >= SMALLEST_ANGLE
     placed[ties:] = True
-    return np.where(placed[:, None], points, 0.0), placed
+    return np.where(astray[:, None], laid, met), placed
