@@ -224,7 +224,7 @@ def _drawn(
     for number, (start, end) in enumerate(pairs):
         line = _curve(nodes[start], nodes[end], tangents[(number, 0)], tangents[(number, 1)])
         length = float(np.linalg.norm(nodes[end] - nodes[start]))
-        line = _swayed(line, min(3.5, 0.012 * length), rng)
+        line = swayed(line, min(3.5, 0.012 * length), rng)
         within = bool(inner[start] and inner[end])
         kind: RoadKind = "main" if routes[number] >= 0 else "street" if within else "track"
         route = int(routes[number]) if routes[number] >= 0 else 1000 + number
@@ -280,7 +280,7 @@ def _curve(
     )
 
 
-def _swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> PlanPoints:
+def swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> PlanPoints:
     """The line moved sideways by smooth chance, its ends kept."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -304,7 +304,7 @@ def _in_two_epochs(
         replace(
             road,
             then=locked(
-                _swayed(_end_moved(road.now, shifts[road.start], shifts[road.end]),
+                swayed(_end_moved(road.now, shifts[road.start], shifts[road.end]),
                         sway[road.kind], rng)
             ),
         )

@@ -120,7 +120,7 @@ class _Brush:
         """Number of the tract each pixel lies in, 0 for none."""
         labels = np.zeros((part.rows, part.columns), dtype=np.int32)
         for number in _touching(self.boxes, part, 0.0):
-            cv2.fillPoly(labels, [_fixed(self.outlines[number], part)], int(number) + 1,
+            cv2.fillPoly(labels, [fixed_pixels(self.outlines[number], part)], int(number) + 1,
                          cv2.LINE_8, SHIFT)
         return labels
 
@@ -147,7 +147,7 @@ class _Brush:
         thick = max(1, round(0.9 / part.ground_sample_distance_m))
         for number in _touching(self.boxes, part, 2.0):
             tone = 96.0 if (int(number) * 7) % 5 else 138.0
-            cv2.polylines(picture, [_fixed(self.outlines[number], part)], True, (tone,), thick,
+            cv2.polylines(picture, [fixed_pixels(self.outlines[number], part)], True, (tone,), thick,
                           cv2.LINE_AA, SHIFT)
 
     def _roads(self, picture: Picture, part: Grid, fine: Field) -> None:
@@ -188,12 +188,12 @@ class _Brush:
     ) -> None:
         # OpenCV's smooth lines come out about one pixel wider than asked.
         thick = max(1, round(width_m / part.ground_sample_distance_m - 0.8))
-        cv2.polylines(picture, [_fixed(line, part)], False, (tone,), thick, cv2.LINE_AA, SHIFT)
+        cv2.polylines(picture, [fixed_pixels(line, part)], False, (tone,), thick, cv2.LINE_AA, SHIFT)
 
     def _disc(
         self, picture: Picture, part: Grid, place: PlanPoints, radius_m: float, tone: float
     ) -> None:
-        column, row = (int(v) for v in _fixed(place, part)[0])
+        column, row = (int(v) for v in fixed_pixels(place, part)[0])
         radius = int(radius_m / part.ground_sample_distance_m * (1 << SHIFT))
         cv2.circle(picture, (column, row), radius, (tone,), -1, cv2.LINE_AA, SHIFT)
 
@@ -205,7 +205,7 @@ class _Brush:
         for house in houses:
             fall = np.array([[east, north]]) * house.height_m * 0.8
             outline = np.vstack([house.corners, house.corners + fall])
-            hull = cv2.convexHull(_fixed(outline, part))
+            hull = cv2.convexHull(fixed_pixels(outline, part))
             cv2.fillConvexPoly(shadow, np.asarray(hull), (255.0,), cv2.LINE_AA, SHIFT)
         places, radii, tones = self._near_trees(part)
         for place, radius in zip(places, radii, strict=True):
@@ -247,10 +247,10 @@ class _Brush:
         for half, sign in ((np.vstack([corners[:2], two, one]), 1.0),
                            (np.vstack([one, two, corners[2:]]), -1.0)):
             value = float(np.clip(tone * (1.0 + 0.32 * sign * facing), 20, 250))
-            cv2.fillConvexPoly(picture, _fixed(half, part), (value,), cv2.LINE_AA, SHIFT)
+            cv2.fillConvexPoly(picture, fixed_pixels(half, part), (value,), cv2.LINE_AA, SHIFT)
 
 
-def _fixed(points: PlanPoints, part: Grid) -> Int32[np.ndarray, "n 2"]:
+def fixed_pixels(points: PlanPoints, part: Grid) -> Int32[np.ndarray, "n 2"]:
     """Points of the ground as OpenCV's fixed-point pixels, counted from pixel centres."""
     pixels = part.grid_from_object(points) - 0.5
     return np.round(pixels * (1 << SHIFT)).astype(np.int32)
