@@ -53,9 +53,9 @@ def make_block(
     landscape = make_landscape(options, flight.terrain, flight.bounds)
     grid = Grid.over(flight.bounds, scale.texture_m)
     folder.mkdir(parents=True, exist_ok=True)
-    progress.report(0, 100, "the ground of today")
+    progress.report(0.0, 100.0, "the ground of today")
     _write_present(folder, landscape, flight, grid, scale)
-    progress.report(35, 100, "the ground of the archival epoch")
+    progress.report(35.0, 100.0, "the ground of the archival epoch")
     ground = paint(landscape.scene(True, grid), grid)
     write_truth_ortho(folder / "truth" / "archival_ortho.tif", ground, scale.ortho_m[0])
     write_terrain(folder / "truth" / "terrain.tif", flight.terrain, flight.bounds)
@@ -64,7 +64,7 @@ def make_block(
     write_approximations(folder, flight, options)
     (folder / "block.toml").write_text(_block_toml(flight, options), encoding="utf-8")
     (folder / "truth" / "truth.json").write_text(_truth_json(flight, options), encoding="utf-8")
-    progress.report(100, 100, "block written")
+    progress.report(100.0, 100.0, "block written")
 
 
 def _write_present(
@@ -84,7 +84,7 @@ def _write_scans(
 ) -> None:
     (folder / "scans").mkdir(exist_ok=True)
     for number, exposure in enumerate(flight.exposures):
-        progress.report(60 + 6 * number, 100, f"scan {exposure.photo_id}")
+        progress.report(60.0 + 6.0 * number, 100.0, f"scan {exposure.photo_id}")
         scan = make_scan(
             ground, flight.terrain, exposure, flight.camera, options.seed, FILM[options.size]
         )
@@ -97,7 +97,7 @@ def _write_scans(
 
 
 def _write_scan(
-    path: Path, scan: UInt8[np.ndarray, "rows columns"], pixel_um: float, tiled: bool
+    path: Path, scan: UInt8[np.ndarray, "_ _"], pixel_um: float, tiled: bool
 ) -> None:
     """8-bit gray TIFF; an archive has tiled and stripped ones side by side."""
     options: dict[str, Any] = {"tiled": True, "blockxsize": 256, "blockysize": 256}

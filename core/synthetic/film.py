@@ -15,8 +15,8 @@ from core.synthetic.options import seeded
 from core.synthetic.painting import Ground
 from core.synthetic.terrain import Terrain
 
-Field = Float32[np.ndarray, "rows columns"]
-Picture = UInt8[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
 NODE_PX = 8
 """Distance of the nodes at which rays are followed to the ground; between them cubic."""
 BAND = 512

@@ -8,8 +8,8 @@ from core.arrays import FilmPoints
 from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
 
-Field = Float32[np.ndarray, "rows columns"]
-Picture = UInt8[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
 ARM_MM, HALF_WIDTH_MM = 2.4, 0.13
 """Length of an arm of a fiducial from its middle, and half the width of its line."""
 GAP_MM, DOT_MM = 0.6, 0.24

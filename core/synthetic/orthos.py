@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Float32, UInt8
-from rasterio.transform import from_origin
+from rasterio import Affine
 
 from core.geometry.grid import Grid
 from core.synthetic.fields import Tract
@@ -18,7 +18,7 @@ from core.synthetic.painting import Ground, fixed_pixels
 from core.synthetic.terrain import Bounds, Terrain
 
 CRS = "EPSG:5514"
-Tint = Float32[np.ndarray, "rows columns 3"]
+Tint = Float32[np.ndarray, "_ _ 3"]
 BAND = 1024
 NODATA = -9999.0
 ORTHO_ERROR_M = 0.1
@@ -68,7 +68,7 @@ def write_sheets(
 def write_truth_ortho(path: Path, ground: Ground, gsd_m: float) -> None:
     """The ground of the archival epoch, exactly where it was."""
     grid = Grid.over(ground.grid.bounds, gsd_m)
-    with _created(path, grid, 1, "uint8", {"compress": "deflate"}) as raster:
+    with _created(path, grid, 1, "uint8", {"compress": "deflate", "zlevel": 1}) as raster:
         for row in range(0, grid.rows, BAND):
             part = grid.window(0, row, grid.columns, min(BAND, grid.rows - row))
             gray = np.clip(np.round(sampled(ground, part, None)), 0, 255).astype(np.uint8)
@@ -87,14 +87,14 @@ def write_dem(path: Path, terrain: Terrain, bounds: Bounds, gsd_m: float, seed: 
     column, row = np.meshgrid(np.arange(grid.columns), np.arange(grid.rows))
     gap = ((column - place[0]) / size[0]) ** 2 + ((row - place[1]) / size[1]) ** 2 < 1
     heights[gap] = NODATA
-    with _created(path, grid, 1, "float32", {"compress": "deflate", "nodata": NODATA}) as raster:
+    with _created(path, grid, 1, "float32", {"compress": "deflate", "zlevel": 1, "nodata": NODATA}) as raster:
         raster.write(heights.astype(np.float32), 1)
 
 
 def write_terrain(path: Path, terrain: Terrain, bounds: Bounds) -> None:
     """The true heights, every five metres."""
     grid = _around(bounds, 60.0, 5.0)
-    with _created(path, grid, 1, "float32", {"compress": "deflate"}) as raster:
+    with _created(path, grid, 1, "float32", {"compress": "deflate", "zlevel": 1}) as raster:
         raster.write(terrain.on(grid).astype(np.float32), 1)
 
 
@@ -159,7 +159,7 @@ def _created(
         count=bands,
         dtype=dtype,
         crs=CRS,
-        transform=from_origin(grid.west, grid.north, gsd, gsd),
+        transform=Affine(gsd, 0.0, grid.west, 0.0, -gsd, grid.north),
         tiled=True,
         blockxsize=256,
         blockysize=256,
@@ -168,7 +168,7 @@ def _created(
     )
 
 
-def _tint(scene: Scene, grid: Grid) -> tuple[UInt8[np.ndarray, "rows columns 3"], Grid]:
+def _tint(scene: Scene, grid: Grid) -> tuple[UInt8[np.ndarray, "_ _ 3"], Grid]:
     """Colour of the ground at every fourth pixel: 128 times red, green, blue of mean luminance 1."""
     gsd = grid.ground_sample_distance_m * COARSE
     coarse = Grid(grid.west, grid.north, gsd, -(-grid.columns // COARSE), -(-grid.rows // COARSE))
@@ -188,7 +188,7 @@ def _tint(scene: Scene, grid: Grid) -> tuple[UInt8[np.ndarray, "rows columns 3"]
     return picture, coarse
 
 
-def _fill(picture: UInt8[np.ndarray, "rows columns 3"], tract: Tract, grid: Grid) -> None:
+def _fill(picture: UInt8[np.ndarray, "_ _ 3"], tract: Tract, grid: Grid) -> None:
     cv2.fillPoly(picture, [fixed_pixels(tract.outline, grid)], _coded(tract.tint), cv2.LINE_8, 8)
 
 
@@ -199,7 +199,7 @@ def _coded(tint: tuple[float, float, float]) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _tint_on(tint: UInt8[np.ndarray, "rows columns 3"], source: Grid, part: Grid) -> Tint:
+def _tint_on(tint: UInt8[np.ndarray, "_ _ 3"], source: Grid, part: Grid) -> Tint:
     """The colours brought onto a part of a sheet."""
     layers = [smooth_step(tint[:, :, k].astype(np.float32), source, part) for k in range(3)]
     return np.stack(layers, axis=2) / np.float32(128.0)

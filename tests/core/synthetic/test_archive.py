@@ -80,7 +80,8 @@ def test_dem_error_is_as_stated__truth(tiny_block):
     with rasterio.open(tiny_block / "dem.tif") as dem:
         heights = dem.read(1, masked=True)
         rows, columns = np.nonzero(~heights.mask)
-        east, north = dem.xy(rows, columns)
+        east = dem.transform.c + (columns + 0.5) * dem.transform.a
+        north = dem.transform.f + (rows + 0.5) * dem.transform.e
     points = np.column_stack([east, north, heights.data[rows, columns]]).astype(np.float64)
     error = points[:, 2] - truth.heights_at(points)
     assert 0.3 < error.std() < 0.5
@@ -125,13 +126,14 @@ def test_roads_of_today_are_seen_in_the_ortho__truth(tiny_block):
                 left = np.column_stack([-way[:, 1], way[:, 0]])
                 left /= np.linalg.norm(left, axis=1, keepdims=True)
                 for offset, values in ((0.0, on), (12.0, beside)):
-                    rows, columns = rasterio.transform.rowcol(
-                        sheet.transform, *(at + offset * left).T
-                    )
-                    rows, columns = np.array(rows), np.array(columns)
+                    east, north = (at + offset * left).T
+                    columns = np.floor((east - sheet.transform.c) / sheet.res[0]).astype(int)
+                    rows = np.floor((sheet.transform.f - north) / sheet.res[0]).astype(int)
                     inside = (rows >= 0) & (rows < sheet.height)
                     inside &= (columns >= 0) & (columns < sheet.width)
                     near = np.where(inside, gray[rows * inside, columns * inside], np.nan)
                     values.append(near)
     difference = np.concatenate(on) - np.concatenate(beside)
-    assert np.nanmean(np.abs(difference) > 12) > 0.6
+    difference = difference[np.isfinite(difference)]
+    assert len(difference) > 100
+    assert np.mean(np.abs(difference) > 12) > 0.6

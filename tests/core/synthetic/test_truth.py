@@ -7,6 +7,7 @@ import pytest
 
 from core.block.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint
 from core.errors import ReferenceDataError
+from core.geometry.atmosphere import Atmosphere
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.synthetic.flight import make_flight
@@ -70,7 +71,7 @@ def test_true_orientations_are_judged_true__truth(tiny_block):
     judged = judge_orientations(truth, _true_block(truth))
     assert len(judged.photo_ids) == 6
     assert np.abs(judged.centre_m).max() == 0.0
-    assert judged.ground_m.max() < 1e-6
+    assert judged.ground_m.max() < 1e-4  # the refraction of the mean ground
 
 
 def test_orientation_errors_are_told__truth(tiny_block):
