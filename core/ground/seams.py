@@ -95,8 +95,10 @@ def draw_seams(
     nadirs = [area.nadir for area in areas]
     shown = [area.shown for area in areas]
     parts = [_divide([area.inner for area in areas], nadirs)]
-    # The rim goes to the part it borders, so that seams run straight on to the edge.
-    reach = 2 * options.keep_inside_m
+    # Slivers along the edge of a neighbour and the rim go to the part they border, so that seams
+    # run straight on to the edge.
+    parts[0] = [_opened(part, options.keep_inside_m) for part in parts[0]]
+    reach = 3 * options.keep_inside_m
     grown = [part.buffer(reach, join_style="mitre") for part in parts[0]]
     for wanted in ([a.intersection(b) for a, b in zip(grown, shown, strict=True)], shown):
         taken = shapely.union_all([area for share in parts for area in share])
@@ -163,6 +165,12 @@ def _divide(areas: Sequence[BaseGeometry], nadirs: Sequence[tuple[float, float]]
         lost = [_nearer(areas[j], nadirs[j], area, nadirs[index], j < index) for j in others]
         shares.append(_polygons(area.difference(shapely.union_all(lost))))
     return shares
+
+
+def _opened(area: Area, width: float) -> Area:
+    """An area without what is narrower than twice a width."""
+    wide = area.buffer(-width, join_style="mitre").buffer(width, join_style="mitre")
+    return _polygons(wide.intersection(area))
 
 
 def _nearer(
