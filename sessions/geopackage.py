@@ -68,11 +68,14 @@ def replace_layer(
     names = ", ".join(["geom", *(f'"{name}"' for name in layer.columns)])
     transaction.execute_many(
         f'INSERT INTO "{layer.name}" ({names}) VALUES ({marks})',
-        ((geometry_blob(shape, srs_id), *map(_plain, values)) for shape, values in features),
+        (
+            (geometry_blob(shape, srs_id, layer.has_z), *map(_plain, values))
+            for shape, values in features
+        ),
     )
 
 
-def geometry_blob(geometry: BaseGeometry, srs_id: int) -> bytes:
+def geometry_blob(geometry: BaseGeometry, srs_id: int, has_z: bool = False) -> bytes:
     """A geometry as GeoPackage binary: header with envelope, then ISO well-known binary."""
     flags = _LITTLE_ENDIAN | (_EMPTY if geometry.is_empty else 0)
     envelope = b""
@@ -81,7 +84,11 @@ def geometry_blob(geometry: BaseGeometry, srs_id: int) -> bytes:
         flags |= _XY_ENVELOPE
         envelope = struct.pack("<4d", west, east, south, north)
     header = struct.pack("<2sBBi", b"GP", 0, flags, srs_id)
-    return header + envelope + shapely.to_wkb(geometry, byte_order=1, flavor="iso")
+    return (
+        header
+        + envelope
+        + shapely.to_wkb(geometry, output_dimension=3 if has_z else 2, byte_order=1, flavor="iso")
+    )
 
 
 def register_crs(transaction: Transaction, crs: str) -> int:
@@ -91,7 +98,7 @@ def register_crs(transaction: Transaction, crs: str) -> int:
         Its `srs_id`.
     """
     try:
-        known = CRS.from_user_input(crs)
+        known = CRS(crs)
     except CRSError as error:
         raise CrsError(crs, f"is no coordinate reference system ({error}).", _CRS_REMEDY) from error
     epsg = known.to_epsg(min_confidence=100)

@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import cast
 
 import numpy as np
 import shapely
@@ -16,6 +15,8 @@ from sessions.store import Store
 
 RESIDUAL_SCALE = 100.0
 """How much longer than life a residual vector is drawn."""
+BEST_FIRST: tuple[Status, ...] = ("accepted", "auto", "dubious", "rejected", "unused")
+"""Order in which the states of a point's measurements stand for the point."""
 SHOWN: tuple[Status, ...] = ("auto", "accepted", "dubious")
 """States whose residuals are drawn: those of wrong matches would cover the map."""
 _NOWHERE = locked([np.nan] * 3)
@@ -115,8 +116,7 @@ def _photos(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
 def _footprints(block: Block, footprints: Mapping[str, shapely.Polygon]) -> Iterable[Feature]:
     for photo_id, polygon in footprints.items():
         if photo_id in block.photos and not polygon.is_empty:
-            flat = cast("shapely.Polygon", shapely.force_2d(polygon))
-            yield flat, (photo_id, block.photos[photo_id].scan, flat.area)
+            yield polygon, (photo_id, block.photos[photo_id].scan, polygon.area)
 
 
 def _points(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
@@ -147,9 +147,11 @@ def _differences(block: Block, report: AdjustmentReport) -> dict[str, Position]:
 
 def _state_of(items: list[Measurement]) -> Status:
     """The best state among the measurements of a point."""
-    order: tuple[Status, ...] = ("accepted", "auto", "dubious", "rejected", "unused")
     found = {item.status for item in items}
-    return next((status for status in order if status in found), "unused")
+    for status in BEST_FIRST:
+        if status in found:
+            return status
+    return "unused"
 
 
 def _measurements(block: Block, report: AdjustmentReport) -> Iterable[Feature]:

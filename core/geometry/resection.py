@@ -64,7 +64,9 @@ class Candidates:
     sigma_px: Scalars
     """Standard deviation per axis, its point's ground uncertainty included, pixels."""
     weight: Scalars
-    """Relative trust in its likeness, for drawing samples only."""
+    """Relative chance to be drawn into a sample."""
+    trust: Scalars
+    """Share of a full vote that its agreement counts for, 0 to 1."""
     chance: Scalars
     """For each candidate, 1 / the area that was searched for its point, per square pixel."""
 
@@ -191,7 +193,8 @@ class Search:
         residual = self.offset - np.einsum("cai,hi->hca", self.design, steps)
         squared = np.sum(residual**2, axis=2) / self.candidates.sigma_px**2
         limit = 2 * self.options.gate**2
-        per_point = np.minimum.reduceat(np.minimum(squared, limit), self.first, axis=1)
+        missed = limit - self.candidates.trust * np.maximum(limit - squared, 0)
+        per_point = np.minimum.reduceat(missed, self.first, axis=1)
         prior = np.einsum("hi,ij,hj->h", steps, self.prior_information, steps)
         return per_point.sum(axis=1) + prior
 
@@ -213,10 +216,11 @@ class Search:
         squared = np.sum(residual**2, axis=1) / self.candidates.sigma_px**2
         squared = np.where(np.isfinite(squared), squared, np.inf)
         limit = 2 * self.options.gate**2
-        best = best_per_point(squared, self.candidates.point)
+        missed = limit - self.candidates.trust * np.maximum(limit - squared, 0)
+        best = best_per_point(missed, self.candidates.point)
         chosen = best[squared[best] < limit]
         change = difference(exterior, self.start)
-        cost = np.minimum(squared[best], limit).sum() + change @ self.prior_information @ change
+        cost = missed[best].sum() + change @ self.prior_information @ change
         return chosen, residual[chosen], float(cost)
 
     def solved(
@@ -224,7 +228,7 @@ class Search:
     ) -> tuple[ExteriorOrientation, Matrix]:
         """One Gauss-Newton step with the chosen candidates, and the covariance."""
         _, derivatives = self.model.linearised(self.points[self.candidates.point[chosen]], exterior)
-        weight = 1 / self.candidates.sigma_px[chosen] ** 2
+        weight = self.candidates.trust[chosen] / self.candidates.sigma_px[chosen] ** 2
         normal = np.einsum("nai,n,naj->ij", derivatives, weight, derivatives)
         right = -np.einsum("nai,n,na->i", derivatives, weight, residual)
         right -= self.prior_information @ difference(exterior, self.start)
@@ -250,9 +254,9 @@ class Search:
         return Resection(exterior, covariance, chosen, residual, nfa)
 
 
-def best_per_point(squared: Scalars, point: Indices) -> Indices:
+def best_per_point(cost: Scalars, point: Indices) -> Indices:
     """Index of the candidate of least cost of each point; candidates are sorted by point."""
-    order = np.lexsort((squared, point))
+    order = np.lexsort((cost, point))
     first = np.unique(point[order], return_index=True)[1]
     return order[first]
 
