@@ -146,7 +146,7 @@ def _without_gross(network: Network, pattern: Pattern, fit: Fit, candidates: Cho
     """Leave out what the others contradict, take back what they no longer do."""
     precision = _precision(network, pattern, fit)
     standardised = standardised_residuals(fit.lin, precision, fit.weights)
-    gross = gross_errors(network, standardised, fit.taking_part)
+    gross = gross_errors(network, fit.lin, precision, standardised, fit.taking_part)
     back = cleared_rays(network, standardised, fit.taking_part, candidates)
     return _with_rays(network, fit, (fit.taking_part & ~gross) | back)
 

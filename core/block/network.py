@@ -124,7 +124,7 @@ class Network:
 class State:
     """The unknowns."""
 
-    centres: Float64[np.ndarray, "n 3"]
+    centres: Float64[np.ndarray, "photos 3"]
     """Perspective centres, metres."""
     rotations: Rotations
     """Image space into object space."""

@@ -202,9 +202,7 @@ def _junction_of_node(
     return junction, np.bincount(group) > 1
 
 
-def _tight(
-    points: Float64[np.ndarray, "n 2"], reach_m: float
-) -> Int64[np.ndarray, "n"]:
+def _tight(points: Float64[np.ndarray, "n 2"], reach_m: float) -> Int64[np.ndarray, "n"]:
     """Clusters of close points; chains longer than twice the reach are cut up.
 
     Along a street with a driveway every few metres all nodes hang together, but they are no
@@ -333,9 +331,7 @@ def _described(
     return tuple(junctions)
 
 
-def _sigma(
-    options: JunctionOptions, change_m: float, slope: Float64[np.ndarray, "2"]
-) -> Position:
+def _sigma(options: JunctionOptions, change_m: float, slope: Float64[np.ndarray, "2"]) -> Position:
     """Standard deviations of easting, northing and height, metres."""
     plane = float(np.hypot(options.ortho_sigma_m, change_m))
     # At the rim of the DEM the slope is unknown; one in ten is a mean of hilly country.

@@ -50,7 +50,10 @@ def sample_separable(
     values = np.stack([_apply(down, band, across) for band in filled])
     if cells.weight.min() >= 1:
         return Sampled(values, np.ones(values.shape[1:], dtype=np.float32))
-    smooth = (_weights(rows, height, scale[1], "linear"), _weights(columns, width, scale[0], "linear"))
+    smooth = (
+        _weights(rows, height, scale[1], "linear"),
+        _weights(columns, width, scale[0], "linear"),
+    )
     return Sampled(values, np.clip(_apply(smooth[0], cells.weight, smooth[1]), 0, 1))
 
 

@@ -104,9 +104,7 @@ def sample_about(window: Gray, place: Shift, side: int) -> Weights:
     columns = (np.arange(side) - half + place[0] - 0.5).astype(np.float32)
     rows = (np.arange(side) - half + place[1] - 0.5).astype(np.float32)
     map_c, map_r = np.meshgrid(columns, rows)
-    patch = cv2.remap(
-        window, map_c, map_r, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
+    patch = cv2.remap(window, map_c, map_r, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return patch.astype(np.float64)
 
 
@@ -128,9 +126,7 @@ def _shift_and_gain(
     correlation = _correlation(patch, template, weights)
     # A mark that lies further right than assumed makes the patch look shifted right:
     # patch(u) = gain * template(u - step), hence minus the slope.
-    columns = np.stack(
-        [-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1
-    )
+    columns = np.stack([-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1)
     solution, sigma = _solve(columns, wanted - gain * centred, weights, float(patch.std()))
     return gain, solution[:2], sigma, correlation
 

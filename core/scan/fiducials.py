@@ -237,9 +237,7 @@ def _nothing_found(photo_id: str, marks: int) -> Doubt:
     )
 
 
-def _doubtful(
-    photo_id: str, name: str, place: tuple[float, float], failure: Failure
-) -> Doubt:
+def _doubtful(photo_id: str, name: str, place: tuple[float, float], failure: Failure) -> Doubt:
     """The doubt of a mark that is missing or does not stand."""
     column, row = place
     return Doubt(

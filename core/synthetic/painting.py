@@ -120,8 +120,9 @@ class _Brush:
         """Number of the tract each pixel lies in, 0 for none."""
         labels = np.zeros((part.rows, part.columns), dtype=np.int32)
         for number in _touching(self.boxes, part, 0.0):
-            cv2.fillPoly(labels, [_fixed(self.outlines[number], part)], int(number) + 1,
-                         cv2.LINE_8, SHIFT)
+            cv2.fillPoly(
+                labels, [_fixed(self.outlines[number], part)], int(number) + 1, cv2.LINE_8, SHIFT
+            )
         return labels
 
     def _woods(self, land: Field, part: Grid, fine: Field) -> Field:
@@ -147,8 +148,15 @@ class _Brush:
         thick = max(1, round(0.9 / part.ground_sample_distance_m))
         for number in _touching(self.boxes, part, 2.0):
             tone = 96.0 if (int(number) * 7) % 5 else 138.0
-            cv2.polylines(picture, [_fixed(self.outlines[number], part)], True, (tone,), thick,
-                          cv2.LINE_AA, SHIFT)
+            cv2.polylines(
+                picture,
+                [_fixed(self.outlines[number], part)],
+                True,
+                (tone,),
+                thick,
+                cv2.LINE_AA,
+                SHIFT,
+            )
 
     def _roads(self, picture: Picture, part: Grid, fine: Field) -> None:
         """Verges, carriageways, and the wear that makes both uneven."""
@@ -229,8 +237,13 @@ class _Brush:
             for angle in turns + turn:
                 lobe = np.array([[np.cos(angle), np.sin(angle)]])
                 facing = float(lobe[0] @ light[0])
-                self._disc(picture, part, place + lobe * 0.45 * radius, 0.55 * float(radius),
-                           float(tone) + 7.0 + 19.0 * facing)
+                self._disc(
+                    picture,
+                    part,
+                    place + lobe * 0.45 * radius,
+                    0.55 * float(radius),
+                    float(tone) + 7.0 + 19.0 * facing,
+                )
 
     def _near_trees(self, part: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         trees = self.scene.trees
@@ -244,8 +257,10 @@ class _Brush:
         one, two = (corners[0] + corners[3]) / 2, (corners[1] + corners[2]) / 2
         outward = corners[0] - corners[3]
         facing = float(outward @ np.array(self.scene.sun.towards) / np.linalg.norm(outward))
-        for half, sign in ((np.vstack([corners[:2], two, one]), 1.0),
-                           (np.vstack([one, two, corners[2:]]), -1.0)):
+        for half, sign in (
+            (np.vstack([corners[:2], two, one]), 1.0),
+            (np.vstack([one, two, corners[2:]]), -1.0),
+        ):
             value = float(np.clip(tone * (1.0 + 0.32 * sign * facing), 20, 250))
             cv2.fillConvexPoly(picture, _fixed(half, part), (value,), cv2.LINE_AA, SHIFT)
 

@@ -65,8 +65,11 @@ def make_houses(network: Network, seed: int, recency: float) -> tuple[list[House
     for place, direction, barn in sites:
         stays = 0.55 + 0.33 * recency
         lot = float(rng.random())
-        size = (rng.uniform(12, 26), rng.uniform(6.5, 9)) if barn else (
-            rng.uniform(9, 19), rng.uniform(7, 10))
+        size = (
+            (rng.uniform(12, 26), rng.uniform(6.5, 9))
+            if barn
+            else (rng.uniform(9, 19), rng.uniform(7, 10))
+        )
         corners = _rectangle(place, direction, size)
         height = float(rng.uniform(5.0, 8.5))
         if lot < stays + (1 - stays) * 0.35:
@@ -78,9 +81,7 @@ def make_houses(network: Network, seed: int, recency: float) -> tuple[list[House
     return then, now
 
 
-def _sites(
-    network: Network, rng: np.random.Generator
-) -> list[tuple[PlanPoints, PlanPoints, bool]]:
+def _sites(network: Network, rng: np.random.Generator) -> list[tuple[PlanPoints, PlanPoints, bool]]:
     """Places beside village roads with the direction of the road; barns stand behind houses."""
     found: list[tuple[PlanPoints, PlanPoints, bool]] = []
     roads = [r for r in network.roads if r.kind != "track"]
@@ -129,8 +130,9 @@ def _along(line: PlanPoints, at_m: float) -> tuple[PlanPoints, PlanPoints]:
 def _rectangle(place: PlanPoints, way: PlanPoints, size_m: tuple[float, float]) -> PlanPoints:
     left = np.array([[-way[0, 1], way[0, 0]]])
     half, deep = way * size_m[0] / 2, left * size_m[1] / 2
-    return np.vstack([place - half - deep, place + half - deep, place + half + deep,
-                      place - half + deep])
+    return np.vstack(
+        [place - half - deep, place + half - deep, place + half + deep, place - half + deep]
+    )
 
 
 def _halls(network: Network, rng: np.random.Generator) -> list[House]:
@@ -139,7 +141,8 @@ def _halls(network: Network, rng: np.random.Generator) -> list[House]:
     for village in network.villages:
         turn = float(rng.uniform(0, 2 * np.pi))
         middle = np.array(village.centre) + (village.radius_m + 70.0) * np.array(
-            [np.cos(turn), np.sin(turn)])
+            [np.cos(turn), np.sin(turn)]
+        )
         way = np.array([[np.cos(turn + 0.4), np.sin(turn + 0.4)]])
         left = np.array([[-way[0, 1], way[0, 0]]])
         for number in range(int(rng.integers(2, 5))):
@@ -168,8 +171,11 @@ def make_trees(
 def _avenue(road: Road, past: bool, seed: int) -> PlanPoints:
     """Rows of trees beside a road; most of the old fruit trees are gone today."""
     rng = seeded(seed, "avenue", road.route, past)
-    share = {"main": 0.7, "street": 0.15, "track": 0.22} if past else {
-        "main": 0.4, "street": 0.3, "track": 0.2}
+    share = (
+        {"main": 0.7, "street": 0.15, "track": 0.22}
+        if past
+        else {"main": 0.4, "street": 0.3, "track": 0.2}
+    )
     if rng.random() > share[road.kind]:
         return np.zeros((0, 2))
     rng = seeded(seed, "avenue", road.start, road.end, past)
@@ -186,9 +192,7 @@ def _avenue(road: Road, past: bool, seed: int) -> PlanPoints:
     return np.vstack(rows) if rows else np.zeros((0, 2))
 
 
-def _in_tract(
-    tract: Tract, network: Network, past: bool, rng: np.random.Generator
-) -> PlanPoints:
+def _in_tract(tract: Tract, network: Network, past: bool, rng: np.random.Generator) -> PlanPoints:
     outline = Polygon(tract.outline)
     rows = [np.zeros((0, 2))]
     if tract.cover == "orchard":
