@@ -1,8 +1,8 @@
 """Which places in a scan are the camera's fiducials: candidates for each, and the set that fits.
 
-Every kind of mark in the library is correlated with windows about the expected places; of all peaks
-the set is taken that lies as the certificate says, turned by about none to three quarter circles and
-scaled by the scan pixel size. One peak alone proves nothing, four in the right shape do.
+Every kind of mark in the library is correlated with windows about the expected places; of all
+peaks the set is taken that lies as the certificate says, turned by about none to three quarter
+circles and scaled by the scan pixel size. One peak alone proves nothing, four in the right shape do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -335,9 +335,9 @@ def _bases(
     scan_pixel_mm: float,
     options: ConstellationOptions,
 ) -> tuple[Complex128[np.ndarray, "bases"], Complex128[np.ndarray, "bases"]]:
-    """Similarities (pixel = start + factor * film) through two peaks, of the right scale and turn."""
-    starts: list[Complex128[np.ndarray, "k"]] = []
-    factors: list[Complex128[np.ndarray, "k"]] = []
+    """Similarities pixel = start + factor * film through two peaks, of the right scale and turn."""
+    starts: list[np.ndarray] = []
+    factors: list[np.ndarray] = []
     longest = np.abs(where[:, None] - where[None, :]).max()
     for i, j in combinations(range(len(where)), 2):
         apart = where[j] - where[i]
