@@ -87,7 +87,7 @@ function setMode(mode) {
   redraw();
 }
 
-const defaultScale = () => 1.6 / Math.max(start.ortho_pixel, point?.scan.pixel ?? 0);
+const defaultScale = () => 2.2 / Math.max(start.ortho_pixel, point?.scan.pixel ?? 0);
 
 function redraw() {
   if (asked) return;
@@ -229,6 +229,7 @@ function drawMarks(pane) {
 function scanMarks(context, pane) {
   const palette = start.palette;
   point.marks.peaks.forEach((place, index) => {
+    if (point.peaks[index].away < 0.05) return;
     const [x, y] = toScreen(pane, place, point.raw.peaks[index]);
     halo(context, palette.peak, 1.3, () => context.rect(x - 5, y - 5, 10, 10));
     text(context, `${index + 1}`, x + 8, y - 7, palette.peak);
