@@ -297,7 +297,9 @@ def swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> Pl
     return line + left * (amplitude_m * 0.8 * sway)[:, None]
 
 
-def _in_two_epochs(roads: list[Road], nodes: PlanPoints, rng: np.random.Generator) -> list[Road]:
+def _in_two_epochs(
+    roads: list[Road], nodes: PlanPoints, rng: np.random.Generator
+) -> list[Road]:
     """Even a road that stayed is not where it was: widened, resurfaced, worn aside."""
     shifts = rng.normal(0.0, 0.25, nodes.shape)
     sway = {"main": 0.3, "street": 0.25, "track": 0.6}
@@ -305,14 +307,8 @@ def _in_two_epochs(roads: list[Road], nodes: PlanPoints, rng: np.random.Generato
         replace(
             road,
             then=locked(
-<<<<<<< HEAD
-                _swayed(
-                    _end_moved(road.now, shifts[road.start], shifts[road.end]), sway[road.kind], rng
-                )
-=======
                 swayed(_end_moved(road.now, shifts[road.start], shifts[road.end]),
                         sway[road.kind], rng)
->>>>>>> synth
             ),
         )
         for road in roads
@@ -328,7 +324,9 @@ def _end_moved(line: PlanPoints, at_start: Scalars, at_end: Scalars) -> PlanPoin
 def _changed(roads: list[Road], change: float, rng: np.random.Generator) -> list[Road]:
     """Removes, adds and moves roads until the wanted share of the length has changed."""
     liability = {"main": 0.3, "street": 0.7, "track": 1.4}
-    order = sorted(range(len(roads)), key=lambda k: float(rng.random()) / liability[roads[k].kind])
+    order = sorted(
+        range(len(roads)), key=lambda k: float(rng.random()) / liability[roads[k].kind]
+    )
     target = change * sum(road.length_m for road in roads)
     result = list(roads)
     done = 0.0

@@ -121,14 +121,8 @@ class _Brush:
         """Number of the tract each pixel lies in, 0 for none."""
         labels = np.zeros((part.rows, part.columns), dtype=np.int32)
         for number in _touching(self.boxes, part, 0.0):
-<<<<<<< HEAD
-            cv2.fillPoly(
-                labels, [_fixed(self.outlines[number], part)], int(number) + 1, cv2.LINE_8, SHIFT
-            )
-=======
             cv2.fillPoly(labels, [fixed_pixels(self.outlines[number], part)], int(number) + 1,
                          cv2.LINE_8, SHIFT)
->>>>>>> synth
         return labels
 
     def _woods(self, land: Field, part: Grid, fine: Field) -> Field:
@@ -154,20 +148,8 @@ class _Brush:
         thick = max(1, round(0.9 / part.ground_sample_distance_m))
         for number in _touching(self.boxes, part, 2.0):
             tone = 96.0 if (int(number) * 7) % 5 else 138.0
-<<<<<<< HEAD
-            cv2.polylines(
-                picture,
-                [_fixed(self.outlines[number], part)],
-                True,
-                (tone,),
-                thick,
-                cv2.LINE_AA,
-                SHIFT,
-            )
-=======
             cv2.polylines(picture, [fixed_pixels(self.outlines[number], part)], True, (tone,), thick,
                           cv2.LINE_AA, SHIFT)
->>>>>>> synth
 
     def _roads(self, picture: Picture, part: Grid, fine: Field) -> None:
         """Verges, carriageways, and the wear that makes both uneven."""
@@ -231,23 +213,6 @@ class _Brush:
         self, picture: Picture, part: Grid, places: PlanPoints, radii: Scalars, tones: Scalars
     ) -> None:
         """Every crown as a few lobes, those on the sunny side brighter."""
-<<<<<<< HEAD
-        light = np.array([self.scene.sun.towards])
-        turns = np.arange(4) * 1.57
-        for place, radius, tone in zip(places, radii, tones, strict=True):
-            turn = float(place[0, 0] * 7.0 + place[0, 1] * 3.0) % 6.28
-            self._disc(picture, part, place, 0.75 * float(radius), float(tone))
-            for angle in turns + turn:
-                lobe = np.array([[np.cos(angle), np.sin(angle)]])
-                facing = float(lobe[0] @ light[0])
-                self._disc(
-                    picture,
-                    part,
-                    place + lobe * 0.45 * radius,
-                    0.55 * float(radius),
-                    float(tone) + 7.0 + 19.0 * facing,
-                )
-=======
         light = np.array(self.scene.sun.towards)
         turns = (places @ np.array([7.0, 3.0]))[:, None] % 6.28 + np.array([0, 1.57, 3.14, 4.71])
         lobes = np.stack([np.cos(turns), np.sin(turns)], axis=2)
@@ -257,7 +222,6 @@ class _Brush:
         lit = 7.0 + 19.0 * (lobes @ light)
         all_tones = tones[:, None] + np.concatenate([np.zeros((len(radii), 1)), lit], axis=1)
         _discs(picture, part, all_places, all_radii.reshape(-1), all_tones.reshape(-1))
->>>>>>> synth
 
     def _near_trees(self, part: Grid) -> tuple[PlanPoints, Scalars, Scalars]:
         trees = self.scene.trees
@@ -271,10 +235,8 @@ class _Brush:
         one, two = (corners[0] + corners[3]) / 2, (corners[1] + corners[2]) / 2
         outward = corners[0] - corners[3]
         facing = float(outward @ np.array(self.scene.sun.towards) / np.linalg.norm(outward))
-        for half, sign in (
-            (np.vstack([corners[:2], two, one]), 1.0),
-            (np.vstack([one, two, corners[2:]]), -1.0),
-        ):
+        for half, sign in ((np.vstack([corners[:2], two, one]), 1.0),
+                           (np.vstack([one, two, corners[2:]]), -1.0)):
             value = float(np.clip(tone * (1.0 + 0.32 * sign * facing), 20, 250))
             cv2.fillConvexPoly(picture, fixed_pixels(half, part), (value,), cv2.LINE_AA, SHIFT)
 
