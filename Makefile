@@ -1,0 +1,48 @@
+# Gruber: `make demo` to see it, `make test` to trust it. `make` alone prints this help.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+SIZE   ?= small
+OUT    ?= gruber-demo
+export OPENBLAS_NUM_THREADS ?= 1
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test check lint browser bench clean
+
+help:  ## this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
+
+install: $(VENV)/.installed  ## put the program and its locked packages into .venv
+
+$(VENV)/.installed: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Gruber needs Python 3.11 or newer: set PYTHON=python3.11")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	touch $@
+
+demo: install  ## make a synthetic block, run every stage, open the desk (HEADLESS=1: end instead)
+	$(BIN)/gruber demo --size $(SIZE) --out $(OUT) $(if $(HEADLESS),--headless)
+
+test: install  ## run all tests, in a real browser too
+	tests/browser/provide_chromium.sh
+	$(BIN)/python -m pytest
+
+lint: install  ## format, style, types, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports
+
+check: lint  ## everything that needs no browser
+	$(BIN)/python -m pytest -m "not browser"
+
+browser: install  ## only the tests in a real browser
+	tests/browser/provide_chromium.sh
+	$(BIN)/python -m pytest -m browser
+
+bench: install  ## benchmarks, each beside its peer where one is installed
+	for bench in tests/benchmarks/bench_*.py; do $(BIN)/python $$bench || exit 1; done
+
+clean:  ## remove the installation and the demo
+	rm -rf $(VENV) $(OUT)

@@ -1,0 +1,253 @@
+"""Where reference points may lie in one photo: candidate peaks of two operators."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
+from core.block.block import Peak
+from core.block.patches import OpenPhoto, Pair, Window, read_pair
+from core.block.similarity import (
+    Field,
+    Image,
+    SurfacePeak,
+    detect_peaks,
+    doubled_angle_field,
+    gradient_surface,
+    high_passed,
+    ncc_surface,
+)
+from core.geometry.consensus import Candidates
+from core.geometry.resection import PhotoModel
+from core.progress import Progress, Silent
+from core.reference.reference import Reference
+
+TILE_PX = 1536
+NCC_TRUST = 0.4
+"""Vote of a grey-value peak that the gradients do not share: crowns and shadows move all grey
+values of a wood together, so that such peaks agree with each other and are wrong."""
+SAME_PLACE_PX = 2.5
+"""Peaks of the two operators closer than this (window pixels) are one candidate."""
+
+
+@dataclass(frozen=True, slots=True)
+class MatchingOptions:
+    """Sizes of one pass, in pixels of the reduced scan."""
+
+    reduction: int = 1
+    """Scan pixels to one pixel of the pass."""
+    template_half_px: int = 30
+    """The template is 2 n + 1 pixels wide."""
+    peaks: int = 3
+    """Peaks kept of each operator."""
+    search_sigmas: float = 3.0
+    """Half-width of the search in standard deviations of the prediction."""
+    min_search_px: int = 8
+    """Smallest half-width of the search."""
+    max_search_px: int = 120
+    """Largest half-width of the search."""
+    min_z: float = 3.0
+    """A peak less clear than this above its surface is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Where reference points should appear in a photo, and how sure that is."""
+
+    pixels: PixelPoints
+    """Predicted scan pixels; NaN where not in the photo."""
+    sigma_px: Scalars
+    """Largest standard deviation of the prediction, scan pixels."""
+    inside: Flags
+    """True where the point may lie within the picture."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Candidates of one reference point in one photo."""
+
+    point: int
+    """Index of the reference point."""
+    peaks: tuple[Peak, ...]
+    """Where it may lie, best first, scan pixels."""
+    searched_px2: float
+    """Area that was searched, square scan pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Images:
+    """A pair prepared for both operators."""
+
+    pair: Pair
+    scan_detail: Image
+    reference_detail: Image
+    scan_field: Field
+    reference_field: Field
+
+
+def predict_pixels(
+    opened: OpenPhoto,
+    covariance: Matrix,
+    points: ObjectPoints,
+    sigma_m: ObjectPoints,
+) -> Prediction:
+    """Predict where points appear, from the orientation's covariance and their own."""
+    photo, camera = opened.photo, opened.camera
+    model = PhotoModel(photo.interior, camera, photo.atmosphere)
+    pixels, derivatives = model.linearised(points, photo.exterior)
+    spread = np.einsum("nai,ij,nbj->nab", derivatives, covariance, derivatives)
+    ground = np.einsum("nai,ni,nbi->nab", derivatives[:, :, :3], sigma_m**2, derivatives[:, :, :3])
+    both = spread + ground
+    both[~np.isfinite(both)] = 0.0
+    sigma = np.sqrt(np.linalg.eigvalsh(both)[:, 1])
+    film = photo.interior.film_from_pixel(pixels)
+    half = np.array(camera.frame_mm) / 2
+    inside = np.all(np.abs(film) < half, axis=1) & np.all(np.isfinite(pixels), axis=1)
+    return Prediction(pixels, sigma, inside)
+
+
+def match_points(
+    opened: OpenPhoto,
+    reference: Reference,
+    prediction: Prediction,
+    options: MatchingOptions,
+    progress: Progress | None = None,
+) -> list[Found]:
+    """Search every predicted reference point in a scan, tile by tile."""
+    half = search_half_px(prediction, options)
+    todo = np.nonzero(prediction.inside & (half > 0))[0]
+    found: list[Found] = []
+    watch = progress or Silent()
+    done = 0
+    for window, members in tiles(prediction.pixels, todo, half, options):
+        watch.report(done, len(todo), opened.photo.photo_id)
+        images = prepared(read_pair(opened, reference, window), options)
+        for point in members:
+            match = match_point(
+                images, int(point), prediction.pixels[point], int(half[point]), options
+            )
+            if match is not None:
+                found.append(match)
+        done += len(members)
+    return sorted(found, key=lambda match: match.point)
+
+
+def search_half_px(prediction: Prediction, options: MatchingOptions) -> Indices:
+    """Half-width of each search in reduced pixels."""
+    wanted = np.ceil(options.search_sigmas * prediction.sigma_px / options.reduction)
+    wanted = np.where(np.isfinite(wanted), wanted, 0)
+    return np.clip(wanted, options.min_search_px, options.max_search_px).astype(np.int64)
+
+
+def tiles(
+    pixels: PixelPoints, todo: Indices, half: Indices, options: MatchingOptions
+) -> Iterator[tuple[Window, Indices]]:
+    """Group the points by tile of the scan, each window with room for search and template."""
+    if not len(todo):
+        return
+    side = TILE_PX * options.reduction
+    cell = np.floor(pixels[todo] / side).astype(np.int64)
+    for key in np.unique(cell, axis=0):
+        members = todo[np.all(cell == key, axis=1)]
+        margin = (int(half[members].max()) + options.template_half_px + 3) * options.reduction
+        low = np.floor(pixels[members].min(axis=0)).astype(np.int64) - margin
+        high = np.ceil(pixels[members].max(axis=0)).astype(np.int64) + margin
+        size = -(-(high - low) // options.reduction)
+        yield (
+            Window(int(low[0]), int(low[1]), int(size[0]), int(size[1]), options.reduction),
+            members,
+        )
+
+
+def prepared(pair: Pair, options: MatchingOptions) -> Images:
+    """High-passed grey values and doubled-angle fields of both halves of a pair."""
+    sigma = options.template_half_px / 3
+    return Images(
+        pair,
+        high_passed(pair.scan, sigma),
+        high_passed(pair.reference, sigma),
+        doubled_angle_field(pair.scan),
+        doubled_angle_field(pair.reference),
+    )
+
+
+def match_point(
+    images: Images, point: int, pixel: PixelPoints, half: int, options: MatchingOptions
+) -> Found | None:
+    """Peaks of both operators for one point; None where the reference is not known."""
+    place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
+    column, row = int(place[0]), int(place[1])
+    inner = options.template_half_px
+    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
+    outer = inner + half
+    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
+    if images.pair.known[patch].mean() < 0.9:
+        return None
+    surfaces = {
+        "ncc": ncc_surface(images.scan_detail[around], images.reference_detail[patch]),
+        "gradient": gradient_surface(images.scan_field[around], images.reference_field[patch]),
+    }
+    peaks = merged(surfaces, options)
+    reduction = options.reduction
+    moved = tuple(
+        Peak(
+            float(pixel[0]) + (peak.column - half) * reduction,
+            float(pixel[1]) + (peak.row - half) * reduction,
+            peak.sigma_px * reduction,
+            peak.z,
+            operator,
+        )
+        for operator, peak in peaks
+    )
+    return Found(point, moved, float(((2 * half + 1) * reduction) ** 2)) if moved else None
+
+
+def merged(surfaces: dict[str, Image], options: MatchingOptions) -> list[tuple[str, SurfacePeak]]:
+    """Peaks of all operators, best first; two operators at one place make one candidate."""
+    every: list[tuple[str, SurfacePeak]] = []
+    for operator, surface in surfaces.items():
+        for peak in detect_peaks(surface, options.peaks, separation_px=4):
+            if peak.z >= options.min_z:
+                every.append((operator, peak))
+    every.sort(key=lambda named: -named[1].z)
+    kept: list[tuple[str, SurfacePeak]] = []
+    for operator, peak in every:
+        same = [index for index, (_, other) in enumerate(kept) if close(peak, other)]
+        if not same:
+            kept.append((operator, peak))
+        elif operator not in kept[same[0]][0]:
+            kept[same[0]] = "gradient+ncc", kept[same[0]][1]
+    return kept
+
+
+def close(one: SurfacePeak, other: SurfacePeak) -> bool:
+    """Whether two peaks are one place."""
+    return bool(np.hypot(one.column - other.column, one.row - other.row) <= SAME_PLACE_PX)
+
+
+def candidates_of(found: list[Found], sigma_ground_px: Scalars, floor_px: float) -> Candidates:
+    """The found peaks as candidates for a resection.
+
+    Args:
+        found: Peaks by point, sorted by point.
+        sigma_ground_px: Standard deviation of each reference point in this photo, scan pixels.
+        floor_px: Least standard deviation of a match, scan pixels.
+    """
+    rows = [(match, peak) for match in found for peak in match.peaks]
+    point = np.array([match.point for match, _ in rows], dtype=np.int64)
+    trust = np.array([NCC_TRUST if peak.operator == "ncc" else 1.0 for _, peak in rows])
+    sigma = np.array([max(peak.sigma_px, floor_px) for _, peak in rows])
+    return Candidates(
+        point=point,
+        pixels=np.array([[peak.column, peak.row] for _, peak in rows]).reshape(-1, 2),
+        sigma_px=np.hypot(sigma, sigma_ground_px[point]),
+        weight=trust * np.array([peak.score**2 for _, peak in rows]),
+        trust=trust,
+        chance=np.array([1.0 / match.searched_px2 for match, _ in rows]),
+    )
+
+
+def reduction_for(opened: OpenPhoto, gsd_m: float) -> int:
+    """Whole reduction of a scan that comes closest to a ground sample distance from below."""
+    return max(1, int(np.floor(gsd_m / opened.ground_pixel_m + 0.25)))

@@ -1,0 +1,232 @@
+"""One photo oriented on the reference: placed, then resected in passes of growing sharpness."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.arrays import Indices, Matrix, ObjectPoints, Scalars
+from core.block.matching import (
+    Found,
+    MatchingOptions,
+    candidates_of,
+    match_points,
+    predict_pixels,
+    reduction_for,
+)
+from core.block.patches import OpenPhoto, object_on_ground
+from core.block.placement import Placement, PlacementOptions, place_photo
+from core.doubts import Failure
+from core.geometry.consensus import ConsensusOptions
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.resection import PhotoModel, Resection, resect_photo
+from core.progress import Progress
+from core.reference.reference import Reference
+
+LOCAL_CHANGE_M = 0.4
+"""How far a detail that persists may have moved between the epochs, metres per axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationOptions:
+    """The passes over one photo."""
+
+    lattice: int = 9
+    """Points to a side of the lattice of the first pass, which uses plain ground, no features."""
+    lattice_width_px: int = 640
+    """Width of the photo in pixels in the first pass."""
+    lattice_template_half_px: int = 40
+    """Half the template of the first pass, pixels of that pass."""
+    template_half_px: int = 60
+    """Half the template of the later passes, pixels of that pass."""
+    crown_shift_m: float = 6.0
+    """Standard deviation of what woods and shadows do to a pass over plain ground, metres: crowns
+    lean and shadows turn with the hour, all the same way, so that no covariance tells of it."""
+    finest_gsd_m: float = 0.35
+    """Finer detail than this is grain rather than ground."""
+    placement: PlacementOptions = field(default_factory=PlacementOptions)
+    """The search before the first pass."""
+    resection: ConsensusOptions = field(default_factory=ConsensusOptions)
+    """The judgement after every pass."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferencePoints:
+    """Points of the reference to be found in the photos, as parallel arrays."""
+
+    ids: tuple[str, ...]
+    """Names."""
+    positions: ObjectPoints
+    """Where they are, metres."""
+    sigma_m: ObjectPoints
+    """Standard deviations per axis, metres, change between the epochs included."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientedPhoto:
+    """A photo that stands on the reference by itself."""
+
+    exterior: ExteriorOrientation
+    """Exterior orientation."""
+    covariance: Matrix
+    """6 x 6 of X, Y, Z (m), omega, phi, kappa (rad)."""
+    found: tuple[Found, ...]
+    """Candidates of the reference points of the last pass."""
+    agreeing: Indices
+    """Reference points whose candidate agrees with the orientation."""
+    log10_nfa: float
+    """Expected number of false alarms, as a power of ten."""
+
+
+def orient_photo(
+    opened: OpenPhoto,
+    reference: Reference,
+    points: ReferencePoints,
+    options: OrientationOptions,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> OrientedPhoto | Failure:
+    """Place a photo on the reference and resect it on the reference points.
+
+    Args:
+        opened: The photo with its approximate orientation and prior.
+        reference: Ortho and heights.
+        points: Junctions and salient points.
+        options: Passes and limits.
+        rng: Source of the samples.
+        progress: Told as the work goes on.
+
+    Returns:
+        The orientation with all candidates of the last pass, or why none stands.
+    """
+    placements = place_photo(opened, reference, options.placement, progress)
+    coarse = [lattice_pass(opened, reference, placed, options, rng) for placed in placements]
+    standing = [found for found in coarse if isinstance(found, Resection)]
+    if not standing:
+        return first_failure(coarse)
+    best = min(standing, key=lambda found: found.log10_nfa)
+    return feature_passes(opened.at(best.exterior), best, reference, points, options, rng, progress)
+
+
+def first_failure(results: Sequence[Resection | Failure]) -> Failure:
+    """What to say when no placement led to an orientation."""
+    for result in results:
+        if isinstance(result, Failure):
+            return result
+    return Failure("the photo could not be placed on the reference at all")
+
+
+def lattice_pass(
+    opened: OpenPhoto,
+    reference: Reference,
+    placed: Placement,
+    options: OrientationOptions,
+    rng: np.random.Generator,
+) -> Resection | Failure:
+    """Resect on a lattice of large templates: what is large persists when parcels change."""
+    at_place = opened.at(placed.exterior)
+    half = np.array(opened.camera.frame_mm) / 2 * 0.86
+    side = np.linspace(-1, 1, options.lattice)
+    film = np.stack(np.meshgrid(side, side), axis=2).reshape(-1, 2) * half
+    pixels = opened.photo.interior.pixel_from_film(film)
+    ground = object_on_ground(at_place.photo, opened.camera, pixels, reference.dem)
+    ground = ground[np.all(np.isfinite(ground), axis=1)]
+    if len(ground) < options.lattice:
+        return Failure("the reference heights do not cover the photo")
+    gsd = max(opened.width_m / options.lattice_width_px, reference.ortho.ground_sample_distance_m)
+    matching = MatchingOptions(
+        reduction=reduction_for(at_place, gsd), template_half_px=options.lattice_template_half_px
+    )
+    sigma = np.full((len(ground), 3), 0.5 * gsd)
+    prior = placed.covariance
+    return resected(at_place, reference, ground, sigma, prior, matching, options, rng)[0]
+
+
+def resected(
+    opened: OpenPhoto,
+    reference: Reference,
+    points: ObjectPoints,
+    sigma_m: ObjectPoints,
+    prior: Matrix,
+    matching: MatchingOptions,
+    options: OrientationOptions,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> tuple[Resection | Failure, tuple[Found, ...]]:
+    """One pass: predict, search, resect."""
+    prediction = predict_pixels(opened, prior, points, sigma_m)
+    found = match_points(opened, reference, prediction, matching, progress)
+    if not found:
+        return Failure("no reference point could be searched in this photo"), ()
+    candidates = candidates_of(
+        found, ground_sigma_px(opened, sigma_m), floor_px=0.35 * matching.reduction
+    )
+    model = PhotoModel(opened.photo.interior, opened.camera, opened.photo.atmosphere)
+    result = resect_photo(
+        model, opened.photo.exterior, prior, points, candidates, options.resection, rng
+    )
+    return result, tuple(found)
+
+
+def ground_sigma_px(opened: OpenPhoto, sigma_m: ObjectPoints) -> Scalars:
+    """Horizontal standard deviation of reference points in scan pixels."""
+    return np.hypot(sigma_m[:, 0], sigma_m[:, 1]) / np.sqrt(2) / opened.ground_pixel_m
+
+
+def feature_passes(
+    opened: OpenPhoto,
+    start: Resection,
+    reference: Reference,
+    points: ReferencePoints,
+    options: OrientationOptions,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> OrientedPhoto:
+    """Resect on the reference points at the finest resolution that serves, then once closer.
+
+    Where the features are too few to say more, the orientation of the lattice stands.
+    """
+    reduction = finest_reduction(opened, reference, options)
+    result: Resection = start
+    found: tuple[Found, ...] = ()
+    for shift in (options.crown_shift_m, 2.0 * reduction * opened.ground_pixel_m):
+        matching = MatchingOptions(
+            reduction=reduction, template_half_px=options.template_half_px, min_search_px=10
+        )
+        at_result = opened.at(result.exterior)
+        outcome, seen = resected(
+            at_result,
+            reference,
+            points.positions,
+            points.sigma_m,
+            widened(result.covariance, at_result, shift),
+            matching,
+            options,
+            rng,
+            progress,
+        )
+        if isinstance(outcome, Failure):
+            break
+        result, found = outcome, seen
+    agreeing = np.zeros(0, np.int64)
+    if found:
+        candidates = candidates_of(list(found), np.zeros(len(points.ids)), 0.0)
+        agreeing = candidates.point[result.chosen]
+    nfa = min(start.log10_nfa, result.log10_nfa)
+    return OrientedPhoto(result.exterior, result.covariance, found, agreeing, nfa)
+
+
+def finest_reduction(opened: OpenPhoto, reference: Reference, options: OrientationOptions) -> int:
+    """Reduction at which scan and ortho both still show ground rather than grain."""
+    finest = max(
+        options.finest_gsd_m, opened.ground_pixel_m, reference.ortho.ground_sample_distance_m
+    )
+    return reduction_for(opened, finest)
+
+
+def widened(covariance: Matrix, opened: OpenPhoto, shift_m: float) -> Matrix:
+    """A covariance with room for a shift on the ground that the last pass could not know of."""
+    above = float(opened.photo.exterior.centre[2]) - opened.photo.ground_height_m
+    tilt = 0.5 * shift_m / above
+    extra = np.array([shift_m, shift_m, shift_m, tilt, tilt, tilt])
+    return 4.0 * covariance + np.diag(extra**2)

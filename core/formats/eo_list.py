@@ -1,0 +1,178 @@
+"""Exterior orientation lists: CSV `scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_*]`.
+
+Angles may be left empty (position only); `_gon` in place of `_deg` is read as gon. The same columns
+are written to `results/exterior_orientation.csv`.
+"""
+
+import csv
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core.errors import ProjectError
+
+POSITION = ("X", "Y", "Z")
+ANGLES = ("omega", "phi", "kappa")
+HEADER = (
+    "scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg", "sigma_X", "sigma_Y", "sigma_Z",
+    "sigma_omega_deg", "sigma_phi_deg", "sigma_kappa_deg",
+)  # fmt: skip
+RADIANS = {"_deg": np.pi / 180, "_gon": np.pi / 200}
+REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class EoRecord:
+    """One row: a perspective centre, perhaps its rotation, perhaps how sure they are."""
+
+    scan: str
+    """File name of the scan without folder and extension."""
+    centre: Triple
+    """Easting, northing, height of the perspective centre, metres."""
+    angles: Triple | None = None
+    """omega, phi, kappa, radians; None where the row gives a position only."""
+    sigma_centre_m: Triple | None = None
+    """Standard deviations of the centre, metres, where given."""
+    sigma_angles: Triple | None = None
+    """Standard deviations of the angles, radians, where given."""
+
+
+def read_eo_list(path: Path) -> Mapping[str, EoRecord]:
+    """Read a list, by scan name (without folder and extension).
+
+    Raises:
+        ProjectError: Missing, empty, without a needed column, or with words for numbers.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProjectError(
+            path, f"The exterior orientation list cannot be read ({error}).",
+            "Check the path of `exterior` in [scans]; the list is UTF-8 text.",
+        ) from error  # fmt: skip
+    lines = [line for line in text.splitlines() if line.strip()]
+    if len(lines) < 2:
+        raise ProjectError(path, "The list holds no rows.", REMEDY)
+    delimiter = max(",;\t", key=lines[0].count)
+    rows = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
+    header = {name.strip().lstrip("#").strip().lower(): name for name in rows.fieldnames or ()}
+    for needed in ("scan", "x", "y", "z"):
+        if needed not in header:
+            shown = needed if needed == "scan" else needed.upper()
+            raise ProjectError(path, f"The column {shown} is missing.", REMEDY)
+    _check_angle_columns(path, header)
+    records = [_record(path, _Row(path, number, row, header)) for number, row in enumerate(rows, 2)]
+    return {record.scan: record for record in records}
+
+
+def write_eo_list(path: Path, records: Iterable[EoRecord]) -> None:
+    """Write a list with all thirteen columns; what is not known is left empty."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(HEADER)
+        for record in records:
+            writer.writerow(
+                [
+                    record.scan,
+                    *_written(record.centre, 4),
+                    *_written(_degrees(record.angles), 8),
+                    *_written(record.sigma_centre_m, 4),
+                    *_written(_degrees(record.sigma_angles), 8),
+                ]
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One row of the file, looked up by the header's words whatever their case."""
+
+    path: Path
+    number: int
+    cells: Mapping[str, str | None]
+    header: Mapping[str, str]
+
+    def number_of(self, column: str) -> float | None:
+        """The value of a column; None when the column or the cell is empty."""
+        cell = (self.cells.get(self.header.get(column.lower(), "")) or "").strip()
+        if not cell:
+            return None
+        try:
+            value = float(cell)
+        except ValueError as error:
+            raise ProjectError(
+                self.path, f"Row {self.number}, column {column}: '{cell}' is not a number.", REMEDY
+            ) from error
+        return value if np.isfinite(value) else None
+
+    def triple(self, columns: tuple[str, str, str]) -> Triple | None:
+        """Three values, or None unless all three are there."""
+        first, second, third = (self.number_of(column) for column in columns)
+        if first is None or second is None or third is None:
+            return None
+        return first, second, third
+
+    def angles(self, prefix: str) -> Triple | None:
+        """Three angles in radians, from degree or gon columns."""
+        for unit, factor in RADIANS.items():
+            omega, phi, kappa = ANGLES
+            columns = (prefix + omega + unit, prefix + phi + unit, prefix + kappa + unit)
+            found = self.triple(columns)
+            if found is not None:
+                return found[0] * factor, found[1] * factor, found[2] * factor
+        return None
+
+
+def _check_angle_columns(path: Path, header: Mapping[str, str]) -> None:
+    """Either all three angle columns in one unit, or none at all."""
+    for unit in RADIANS:
+        given = [name for name in ANGLES if name + unit in header]
+        if given and len(given) < len(ANGLES):
+            missing = ", ".join(name + unit for name in ANGLES if name not in given)
+            raise ProjectError(path, f"The column {missing} is missing.", REMEDY)
+    bare = [name for name in ANGLES if name in header]
+    if bare:
+        raise ProjectError(
+            path, f"The column {bare[0]} does not say its unit.", "Name it _deg or _gon."
+        )
+
+
+def _record(path: Path, row: _Row) -> EoRecord:
+    """One row as a value."""
+    scan = (row.cells.get(row.header["scan"]) or "").strip()
+    if not scan:
+        raise ProjectError(path, f"Row {row.number} names no scan.", REMEDY)
+    centre = row.triple(("X", "Y", "Z"))
+    if centre is None:
+        empty = next(name for name in POSITION if row.number_of(name) is None)
+        raise ProjectError(path, f"Row {row.number} ({scan}), column {empty} is empty.", REMEDY)
+    return EoRecord(
+        scan_stem(scan),
+        centre,
+        row.angles(""),
+        row.triple(("sigma_X", "sigma_Y", "sigma_Z")),
+        row.angles("sigma_"),
+    )
+
+
+def scan_stem(name: str) -> str:
+    """A scan's name without folder (of any system) and image extension; case is kept."""
+    plain = name.strip().replace("\\", "/").rsplit("/", 1)[-1]
+    stem, dot, extension = plain.rpartition(".")
+    known = {"tif", "tiff", "jpg", "jpeg", "jp2", "j2k", "png", "img", "vrt"}
+    return stem if dot and extension.lower() in known else plain
+
+
+def _degrees(angles: Triple | None) -> Triple | None:
+    """Radians as degrees."""
+    if angles is None:
+        return None
+    omega, phi, kappa = np.degrees(np.array(angles)).tolist()
+    return omega, phi, kappa
+
+
+def _written(values: Triple | None, decimals: int) -> list[str]:
+    """Three cells."""
+    return ["", "", ""] if values is None else [f"{value:.{decimals}f}" for value in values]

@@ -1,0 +1,347 @@
+"""Relative orientation of two photos with known cameras, from rays in image space.
+
+A ray is the direction (x, y, -c) / c of an ideal film point: image space, x right, y up, z out of
+the film towards the sky. Coplanarity: u . (b x R v) = 0 for the ray u of the first photo, v of the
+second, the base b and the rotation R, both in the image space of the first photo.
+"""
+
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+
+from core.arrays import FilmPoints, Flags, Position, Rotation, Scalars, locked
+from core.doubts import Failure
+from core.geometry.exterior import ExteriorOrientation
+
+Rays = Float64[np.ndarray, "n 3"]
+"""Directions in image space with z = -1."""
+OPENCV_FROM_IMAGE = np.diag([1.0, -1.0, -1.0])
+"""OpenCV looks along +z with y down: half a turn about the x axis."""
+MINIMAL = 5
+"""Correspondences that fix a relative orientation."""
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeOptions:
+    """How a relative orientation is looked for and when it stands."""
+
+    tolerance_px: float = 2.0
+    """A match belongs when its y-parallax is below this, in pixels of the matched scale."""
+    confidence: float = 0.9999
+    """Wanted probability that the random search has met a good sample."""
+    max_samples: int = 20_000
+    """Random samples at most."""
+    min_inliers: int = 20
+    """Fewer matches that agree are never believed."""
+    max_log10_nfa: float = -6.0
+    """log10 of the number of false alarms below which agreement could not be chance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativeOrientation:
+    """The second photo of a pair in the image space of the first, base of unit length."""
+
+    base: Position
+    """From the first perspective centre to the second, unit length."""
+    rotation: Rotation
+    """Turns the second image space into the first."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base", locked(self.base))
+        object.__setattr__(self, "rotation", locked(self.rotation))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientedPair:
+    """A relative orientation with the matches that agree with it."""
+
+    orientation: RelativeOrientation
+    """The orientation, least squares over the agreeing matches."""
+    agrees: Flags
+    """Which of the matches agree."""
+    parallax_px: Scalars
+    """y-parallax of every match, scaled so that noise of 1 px in each coordinate gives 1 px."""
+    log10_nfa: float
+    """log10 of the expected number of such agreements by chance."""
+
+
+def rays_from_ideal(ideal: FilmPoints, principal_distance_mm: float) -> Rays:
+    """Directions in image space of ideal film points (mm from the principal point)."""
+    return np.column_stack([ideal / principal_distance_mm, np.full(len(ideal), -1.0)])
+
+
+def relative_from_exteriors(
+    first: ExteriorOrientation, second: ExteriorOrientation
+) -> RelativeOrientation:
+    """The relative orientation that two exterior orientations imply."""
+    turn = first.object_from_image.T
+    base = turn @ (second.centre - first.centre)
+    length = float(np.linalg.norm(base))
+    unit = base / length if length > 0 else np.array([1.0, 0.0, 0.0])
+    return RelativeOrientation(unit, turn @ second.object_from_image)
+
+
+def parallax(
+    first: Rays, second: Rays, orientation: RelativeOrientation, pixel_angles: tuple[float, float]
+) -> Scalars:
+    """y-parallax of matches in pixels: coplanarity over its own gradient (Sampson's distance).
+
+    Args:
+        first: Rays of the first photo.
+        second: Rays of the second photo, row by row.
+        orientation: Relative orientation of the pair.
+        pixel_angles: Size of a pixel over the principal distance, first and second photo.
+
+    Returns:
+        One signed parallax per match; its deviation is 1 when every coordinate's is 1 px.
+    """
+    return _coplanarity(first, second, orientation) / _gradient(
+        first, second, orientation, pixel_angles
+    )
+
+
+def orient_relative(
+    first: Rays,
+    second: Rays,
+    pixel_angles: tuple[float, float],
+    window_px: tuple[float, float],
+    approximate: RelativeOrientation,
+    options: RelativeOptions,
+    rng: np.random.Generator,
+) -> OrientedPair | Failure:
+    """Find the relative orientation most matches agree with, or say why none stands.
+
+    Candidates come from random samples of five (MAGSAC), from a projectivity (flat ground leaves
+    the five-point solution undetermined, not the agreement), and from the approximate exterior
+    orientations; each is adjusted robustly and the one with the best truncated cost wins.
+
+    Args:
+        first: Rays of the first photo.
+        second: Rays of the second photo.
+        pixel_angles: Size of a pixel over the principal distance, both photos.
+        window_px: Sides of the area of the second photo where matches were looked for.
+        approximate: What the approximate exterior orientations imply.
+        options: Tolerances.
+        rng: Seeds the random search.
+    """
+    if len(first) < options.min_inliers:
+        return Failure(f"Only {len(first)} matches.", {"matches": len(first)})
+    starts = [approximate, *_sampled(first, second, pixel_angles, options, rng)]
+    best, best_cost = approximate, np.inf
+    for start in starts:
+        found = adjust_relative(first, second, pixel_angles, start, options.tolerance_px)
+        residual = parallax(first, second, found, pixel_angles)
+        cost = float(np.minimum(residual**2, options.tolerance_px**2).sum())
+        if cost < best_cost:
+            best, best_cost = found, cost
+    return _judged(first, second, pixel_angles, window_px, best, options)
+
+
+def _judged(
+    first: Rays,
+    second: Rays,
+    pixel_angles: tuple[float, float],
+    window_px: tuple[float, float],
+    orientation: RelativeOrientation,
+    options: RelativeOptions,
+) -> OrientedPair | Failure:
+    """Accept the orientation only if the agreement could not be chance."""
+    residual = parallax(first, second, orientation, pixel_angles)
+    agrees = (np.abs(residual) <= options.tolerance_px) & in_front(first, second, orientation)
+    count = int(agrees.sum())
+    nfa = log10_false_alarms(len(first), count, options.tolerance_px, window_px)
+    evidence = {"matches": len(first), "agreeing": count, "log10_nfa": nfa}
+    if count < options.min_inliers or nfa > options.max_log10_nfa:
+        return Failure(
+            f"Only {count} of {len(first)} matches agree with one relative orientation.", evidence
+        )
+    return OrientedPair(orientation, agrees, residual, nfa)
+
+
+def log10_false_alarms(
+    matches: int, agreeing: int, tolerance_px: float, window_px: tuple[float, float]
+) -> float:
+    """log10 of the number of false alarms: how often chance would give such an agreement.
+
+    log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha, where alpha is the share
+    of the search window (pixels) that lies within the tolerance of an epipolar line (METHODS 5.2).
+    """
+    if agreeing <= MINIMAL:
+        return 0.0
+    width, height = window_px
+    # The parallax has the noise of both photos in it, hence the root of two.
+    band = 2.0 * np.sqrt(2.0) * tolerance_px * float(np.hypot(width, height))
+    alpha = min(0.5, band / max(width * height, 1.0))
+    return float(
+        np.log10(max(matches - MINIMAL, 1))
+        + _log10_binomial(matches, agreeing)
+        + _log10_binomial(agreeing, MINIMAL)
+        + (agreeing - MINIMAL) * np.log10(alpha)
+    )
+
+
+def in_front(first: Rays, second: Rays, orientation: RelativeOrientation) -> Flags:
+    """True where the rays meet on the ground side of both photos (parallel rays count too)."""
+    along_first, along_second = model_depths(first, second, orientation)
+    return (along_first > 0) & (along_second > 0)
+
+
+def model_depths(
+    first: Rays, second: Rays, orientation: RelativeOrientation
+) -> tuple[Scalars, Scalars]:
+    """Depth of each point below both photos, in units of the base, where its rays are nearest."""
+    turned = second @ orientation.rotation.T
+    uu, vv = np.sum(first * first, axis=1), np.sum(turned * turned, axis=1)
+    uv = np.sum(first * turned, axis=1)
+    ub, vb = first @ orientation.base, turned @ orientation.base
+    determinant = np.maximum(uu * vv - uv * uv, 1e-12)
+    return (vv * ub - uv * vb) / determinant, (uv * ub - uu * vb) / determinant
+
+
+def _coplanarity(first: Rays, second: Rays, orientation: RelativeOrientation) -> Scalars:
+    """The product u . (b x R v) of every match."""
+    turned = second @ orientation.rotation.T
+    return np.sum(np.cross(turned, first) * orientation.base, axis=1)
+
+
+def _gradient(
+    first: Rays, second: Rays, orientation: RelativeOrientation, pixel_angles: tuple[float, float]
+) -> Scalars:
+    """Standard deviation of the coplanarity when every coordinate's is one pixel."""
+    essential = _skew(orientation.base) @ orientation.rotation
+    by_first = (second @ essential.T)[:, :2] * pixel_angles[0]
+    by_second = (first @ essential)[:, :2] * pixel_angles[1]
+    squared = np.sum(by_first**2, axis=1) + np.sum(by_second**2, axis=1)
+    return np.sqrt(np.maximum(squared, 1e-24))
+
+
+def adjust_relative(
+    first: Rays,
+    second: Rays,
+    pixel_angles: tuple[float, float],
+    start: RelativeOrientation,
+    tolerance_px: float,
+) -> RelativeOrientation:
+    """Least squares on the y-parallaxes, with weights that shrink from coarse to the tolerance.
+
+    Gauss-Newton with Geman-McClure's weights: matches far beyond the tolerance do not count.
+    """
+    orientation = start
+    residual = parallax(first, second, orientation, pixel_angles)
+    scale = max(tolerance_px, float(np.median(np.abs(residual))))
+    for _ in range(30):
+        weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
+        orientation, step = _step(first, second, pixel_angles, orientation, weights)
+        residual = parallax(first, second, orientation, pixel_angles)
+        if scale <= tolerance_px / 2 and step < 1e-9:
+            break
+        scale = max(tolerance_px / 2, scale / 2)
+    return orientation
+
+
+def _step(
+    first: Rays,
+    second: Rays,
+    pixel_angles: tuple[float, float],
+    orientation: RelativeOrientation,
+    weights: Scalars,
+) -> tuple[RelativeOrientation, float]:
+    """One step in the three rotations and the two directions of the base."""
+    gradient = _gradient(first, second, orientation, pixel_angles)
+    turned = second @ orientation.rotation.T
+    by_base = np.cross(turned, first) @ _tangents(orientation.base)
+    by_angles = np.cross(second, np.cross(first, orientation.base) @ orientation.rotation)
+    design = np.hstack([by_angles, by_base]) / gradient[:, None]
+    misclosure = _coplanarity(first, second, orientation) / gradient
+    normal = design.T @ (design * weights[:, None])
+    # A whisper of damping: flat ground leaves one direction all but undetermined.
+    normal += np.eye(5) * 1e-9 * max(float(np.trace(normal)), 1e-30)
+    change = -np.linalg.solve(normal, design.T @ (weights * misclosure))
+    change *= min(1.0, 0.2 / max(float(np.linalg.norm(change)), 1e-12))
+    turn = cast(np.ndarray, cv2.Rodrigues(change[:3])[0])
+    base = orientation.base + _tangents(orientation.base) @ change[3:]
+    moved = RelativeOrientation(base / np.linalg.norm(base), orientation.rotation @ turn)
+    return moved, float(np.linalg.norm(change))
+
+
+def _sampled(
+    first: Rays,
+    second: Rays,
+    pixel_angles: tuple[float, float],
+    options: RelativeOptions,
+    rng: np.random.Generator,
+) -> list[RelativeOrientation]:
+    """Orientations from random samples of five matches, and from a projectivity of four."""
+    ours = np.ascontiguousarray((first @ OPENCV_FROM_IMAGE)[:, :2])
+    theirs = np.ascontiguousarray((second @ OPENCV_FROM_IMAGE)[:, :2])
+    scale = float(np.hypot(*pixel_angles)) * options.tolerance_px
+    params = cv2.UsacParams()
+    params.confidence, params.maxIterations = options.confidence, options.max_samples
+    params.threshold, params.randomGeneratorState = scale, int(rng.integers(1, 2**31 - 1))
+    params.score, params.sampler = cv2.SCORE_METHOD_MAGSAC, cv2.SAMPLING_UNIFORM
+    params.loMethod, params.loIterations, params.loSampleSize = cv2.LOCAL_OPTIM_SIGMA, 10, 50
+    found: list[RelativeOrientation] = []
+    eye, none = np.eye(3), np.zeros(5)
+    essential, _ = cv2.findEssentialMat(ours, theirs, eye, eye, none, none, params)
+    if np.shape(essential) == (3, 3):
+        found += _decomposed(np.asarray(essential, dtype=np.float64), first, second)
+    # A flat scene allows four times the scatter about its plane.
+    plane, _ = cv2.findHomography(ours, theirs, params=_with_threshold(params, 4 * scale))
+    if np.shape(plane) == (3, 3):
+        found += _from_plane(np.asarray(plane, dtype=np.float64), first, second)
+    return found
+
+
+def _with_threshold(params: cv2.UsacParams, threshold: float) -> cv2.UsacParams:
+    """The same search with another tolerance."""
+    params.threshold = threshold
+    return params
+
+
+def _decomposed(essential: Rotation, first: Rays, second: Rays) -> list[RelativeOrientation]:
+    """The one of four orientations of an essential matrix that has most points in front."""
+    ours = (OPENCV_FROM_IMAGE @ essential @ OPENCV_FROM_IMAGE).T
+    left, _, right = np.linalg.svd(ours)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    choices: list[RelativeOrientation] = []
+    for turn in (quarter, quarter.T):
+        rotation = left @ turn @ right
+        rotation = rotation * np.sign(np.linalg.det(rotation))
+        choices += [RelativeOrientation(sign * left[:, 2], rotation) for sign in (1.0, -1.0)]
+    return [max(choices, key=lambda choice: int(in_front(first, second, choice).sum()))]
+
+
+def _from_plane(plane: Rotation, first: Rays, second: Rays) -> list[RelativeOrientation]:
+    """Orientations of a projectivity (second from first, OpenCV's axes) with points in front."""
+    _, rotations, bases, _ = cv2.decomposeHomographyMat(plane, np.eye(3))
+    choices: list[RelativeOrientation] = []
+    for turn, shift in zip(rotations, bases, strict=True):
+        # OpenCV: p2 ~ R p1 + t, so the second centre in the first space is -R^T t.
+        rotation = OPENCV_FROM_IMAGE @ np.asarray(turn).T @ OPENCV_FROM_IMAGE
+        base = -OPENCV_FROM_IMAGE @ np.asarray(turn).T @ np.asarray(shift).ravel()
+        length = float(np.linalg.norm(base))
+        if length > 0:
+            choices.append(RelativeOrientation(base / length, rotation))
+    half = len(first) // 4
+    return [choice for choice in choices if int(in_front(first, second, choice).sum()) > half]
+
+
+def _skew(vector: Position) -> Rotation:
+    """The matrix that multiplies a vector crosswise from the left."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _tangents(direction: Position) -> Float64[np.ndarray, "3 2"]:
+    """Two unit vectors at right angles to a direction."""
+    _, _, right = np.linalg.svd(direction[None, :])
+    return right[1:].T
+
+
+def _log10_binomial(total: int, chosen: int) -> float:
+    """log10 of the number of ways to choose."""
+    steps = np.arange(1, chosen + 1, dtype=np.float64)
+    return float(np.sum(np.log10((total - chosen + steps) / steps)))

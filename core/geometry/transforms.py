@@ -1,0 +1,173 @@
+"""Plane transforms between point fields: similarity (Helmert) and affine, fitted and judged."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.arrays import Affine2, Matrix, locked
+from core.doubts import Failure
+
+PlanePoints = Float64[np.ndarray, "n 2"]
+"""Points of any plane frame."""
+Place = Float64[np.ndarray, "2"]
+"""One point of any plane frame."""
+TransformModel = Literal["similarity", "affine"]
+PARAMETERS = {"similarity": 4, "affine": 6}
+MIN_SPREAD = 1e-6
+"""Smallest singular value of a design relative to its largest before it counts as degenerate."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneTransform:
+    """A plane transform fitted by least squares, with every figure that judges it."""
+
+    model: TransformModel
+    """Four or six parameters."""
+    matrix: Affine2
+    """target = matrix[:, :2] @ source + matrix[:, 2]."""
+    residuals: PlanePoints
+    """Computed minus given, one row per point, units of the target."""
+    sigma: float
+    """A-posteriori standard deviation of one target coordinate; NaN without redundancy."""
+    covariance: Matrix
+    """6 x 6, of `matrix` row by row; NaN without redundancy."""
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "residuals", "covariance"):
+            object.__setattr__(self, name, locked(getattr(self, name)))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square residual per coordinate, units of the target."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def scale(self) -> float:
+        """Mean scale: square root of the absolute determinant."""
+        return float(np.sqrt(abs(np.linalg.det(self.matrix[:, :2]))))
+
+    def predicted_sigmas(self, points: PlanePoints) -> PlanePoints:
+        """Standard deviations of transformed points (x, y) that follow from the fit alone."""
+        ones = np.column_stack([points, np.ones(len(points))])
+        first = np.einsum("ni,ij,nj->n", ones, self.covariance[:3, :3], ones)
+        second = np.einsum("ni,ij,nj->n", ones, self.covariance[3:, 3:], ones)
+        return np.sqrt(np.column_stack([first, second]))
+
+
+def fit_similarity(
+    source: PlanePoints, target: PlanePoints, mirrored: bool = False
+) -> PlaneTransform | Failure:
+    """Fit X = a x - b y + X0, Y = b x + a y + Y0 by least squares (METHODS 1.6).
+
+    Args:
+        source: Points of the source frame.
+        target: The same points in the target frame.
+        mirrored: True when one of the two frames counts its second axis downwards (pixel to film
+            or to object): X = a x + b y + X0, Y = b x - a y + Y0.
+
+    Returns:
+        The transform, or a failure with fewer than two distinct points.
+    """
+    return _fit(source, target, "similarity", mirrored)
+
+
+def fit_affine(source: PlanePoints, target: PlanePoints) -> PlaneTransform | Failure:
+    """Fit X = a x + b y + X0, Y = d x + e y + Y0 by least squares; three points not in a line."""
+    return _fit(source, target, "affine", mirrored=False)
+
+
+def apply_affine(matrix: Affine2, points: PlanePoints) -> PlanePoints:
+    """Transform points by a 2 x 3 matrix."""
+    return points @ matrix[:, :2].T + matrix[:, 2]
+
+
+def invert_affine(matrix: Affine2) -> Affine2:
+    """The transform that leads back."""
+    inverse = np.linalg.inv(matrix[:, :2])
+    return np.column_stack([inverse, -inverse @ matrix[:, 2]])
+
+
+def compose_affine(outer: Affine2, inner: Affine2) -> Affine2:
+    """The transform that applies `inner` first and `outer` on its result."""
+    return np.column_stack([outer[:, :2] @ inner[:, :2], outer[:, :2] @ inner[:, 2] + outer[:, 2]])
+
+
+def rotation_and_scale(matrix: Affine2, mirrored: bool = False) -> tuple[float, float]:
+    """Rotation (radians, counter-clockwise) and scale of a transform's similarity part.
+
+    The similarity nearest in least squares; the angle by the two-argument arctangent.
+    """
+    (a, b), (d, e) = matrix[:, :2] * np.array([1.0, -1.0 if mirrored else 1.0])
+    cosine, sine = (a + e) / 2, (d - b) / 2
+    return float(np.arctan2(sine, cosine)), float(np.hypot(cosine, sine))
+
+
+def _fit(
+    source: PlanePoints, target: PlanePoints, model: TransformModel, mirrored: bool
+) -> PlaneTransform | Failure:
+    """Least squares by singular values on centred, scaled points, brought back afterwards."""
+    unknowns = PARAMETERS[model]
+    if 2 * len(source) < unknowns:
+        return Failure(
+            f"{len(source)} points are too few for a {model} transform.", {"points": len(source)}
+        )
+    shift, spread = _normalisation(source)
+    centred = (source - shift) / spread
+    design = _design(centred, model, mirrored)
+    left, singular, right = np.linalg.svd(design, full_matrices=False)
+    if singular[-1] < MIN_SPREAD * singular[0]:
+        return Failure(
+            f"The {len(source)} points coincide or lie in one line: no {model} transform.",
+            {"singular_values": singular.tolist()},
+        )
+    aim = target.mean(axis=0)
+    parameters = right.T @ ((left.T @ (target - aim).ravel()) / singular)
+    back = _matrix_from_parameters(model, mirrored, shift, spread)
+    matrix = (back @ parameters).reshape(2, 3)
+    matrix[:, 2] += aim
+    residuals = (design @ parameters).reshape(-1, 2) - (target - aim)
+    redundancy = 2 * len(source) - unknowns
+    variance = float(np.sum(residuals**2)) / redundancy if redundancy else np.nan
+    cofactor = (right.T / singular**2) @ right
+    return PlaneTransform(
+        model, matrix, residuals, float(np.sqrt(variance)), variance * (back @ cofactor @ back.T)
+    )
+
+
+def _normalisation(points: PlanePoints) -> tuple[Place, float]:
+    """Mean of the points and their root mean square distance from it (1 if they coincide)."""
+    shift = points.mean(axis=0)
+    spread = float(np.sqrt(np.mean((points - shift) ** 2)))
+    return shift, spread if spread > 0 else 1.0
+
+
+def _design(points: PlanePoints, model: TransformModel, mirrored: bool) -> Matrix:
+    """Design matrix, two rows per point; parameters as in `_matrix_from_parameters`."""
+    x, y = points.T
+    one, nought = np.ones_like(x), np.zeros_like(x)
+    if model == "affine":
+        rows = ([x, y, one, nought, nought, nought], [nought, nought, nought, x, y, one])
+    else:
+        sign = -1.0 if mirrored else 1.0
+        rows = ([x, -sign * y, one, nought], [sign * y, x, nought, one])
+    return np.stack(rows).transpose(2, 0, 1).reshape(2 * len(x), -1)
+
+
+def _matrix_from_parameters(
+    model: TransformModel, mirrored: bool, shift: Place, spread: float
+) -> Matrix:
+    """6 x parameters: the 2 x 3 matrix, row by row, of parameters for normalised points."""
+    if model == "affine":
+        linear = np.eye(6)
+    else:
+        sign = -1.0 if mirrored else 1.0
+        linear = np.zeros((6, 4))
+        linear[0, 0] = linear[2, 2] = linear[3, 1] = linear[5, 3] = 1.0
+        linear[1, 1], linear[4, 0] = -sign, sign
+    undo = np.eye(6)
+    for row in (0, 3):
+        undo[row, row] = undo[row + 1, row + 1] = 1 / spread
+        undo[row + 2, row : row + 2] = -shift / spread
+    return undo @ linear

@@ -1,0 +1,20 @@
+"""What is known of the ground today, in one value: ortho, heights, and how good they are."""
+
+from dataclasses import dataclass
+
+from core.reference.dem import Dem
+from core.reference.ortho import Ortho
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """The reference a block is oriented on."""
+
+    ortho: Ortho
+    """Present-day ortho, seamless."""
+    dem: Dem
+    """Bare earth."""
+    ortho_sigma_m: float
+    """Standard deviation of the ortho per axis, metres."""
+    dem_sigma_m: float
+    """Standard deviation of a height, metres."""

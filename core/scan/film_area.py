@@ -1,0 +1,310 @@
+"""Where the exposed picture lies in a scan, and which of its pixels are photograph.
+
+The border is looked for as four straight steps of gray, at right angles and as far apart as the
+camera's frame is wide; a side that cannot be seen (dark ground against dark film, or cut off by the
+scanner) is derived from the others and the frame.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from core.arrays import Mask, Matrix, PixelPoints, Scalars, locked
+from core.geometry.camera import Camera
+from core.geometry.interior import InteriorOrientation
+from core.scan.raster import ScanFile, read_overview
+
+Side = Literal["left", "right", "top", "bottom"]
+SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
+STEP_CELLS = 3
+"""Cells on either side of a boundary whose means are compared."""
+UNSEEN = 0.3
+"""Score that a side which cannot be seen is given: about what chance steps reach."""
+RING_MM = 3.0
+"""Width of the ring of film about the picture whose look is taken for the margin's."""
+MIN_MARGIN = 0.005
+"""Share of the scan in that ring from which its look can be told."""
+MAX_SPREAD = 5.0
+"""Greatest spread of the margin's gray, of 255."""
+MAX_ALIKE = 0.05
+"""When more of the picture's heart looks like the margin, likeness proves nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmAreaOptions:
+    """How the border of the picture is looked for."""
+
+    overview_px: int = 1200
+    """The longer side of the reduced scan in which it is looked for, pixels."""
+    strips: int = 48
+    """Each side is cut into this many strips, each with one vote."""
+    max_turn_deg: float = 2.5
+    """How far the film may be turned in the scanner, degrees."""
+    size_tolerance: float = 0.02
+    """How far the picture may differ from `frame_mm`, as a share of it."""
+    min_score: float = 0.45
+    """Mean vote of the strips (0 to 1) from which a side counts as seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilmArea:
+    """The exposed picture in one scan."""
+
+    corners: PixelPoints
+    """Four corners as they lie in the scan, in the order of `camera.frame_corners_mm` (lower
+    left, lower right, upper right, upper left of the upright scan); may lie outside it."""
+    seen: tuple[Side, ...]
+    """Sides whose border was seen; the others follow from the camera's frame."""
+    scores: Scalars
+    """Mean vote of left, right, top, bottom, 0 to 1."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", locked(self.corners))
+        object.__setattr__(self, "scores", locked(self.scores))
+
+    @property
+    def trusted(self) -> bool:
+        """True when position and rotation of the frame were seen in both directions."""
+        across = {"left", "right"} & set(self.seen)
+        return bool(across) and bool({"top", "bottom"} & set(self.seen)) and len(self.seen) >= 3
+
+    @property
+    def centre(self) -> PixelPoints:
+        """Middle of the picture, (1, 2) pixels."""
+        return self.corners.mean(axis=0, keepdims=True)
+
+
+def detect_film_area(
+    scan: ScanFile,
+    camera: Camera,
+    scan_pixel_mm: float,
+    options: FilmAreaOptions | None = None,
+) -> FilmArea:
+    """Find the border of the exposed picture.
+
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres.
+        options: How it is looked for.
+    """
+    options = options or FilmAreaOptions()
+    reduction = max(1, -(-max(scan.size_px) // options.overview_px))
+    gray = _eight_bit(read_overview(scan, reduction))
+    frame = _frame_as_it_lies(scan, camera) / (scan_pixel_mm * reduction)
+    across, down = _votes(gray, options.strips), _votes(gray.T, options.strips)
+    best: tuple[float, _Pair, _Pair, float] | None = None
+    for turn in np.tan(np.radians(_turns(options))):
+        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), options)
+        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), options)
+        if best is None or columns.total + rows.total > best[0]:
+            best = (columns.total + rows.total, columns, rows, float(turn))
+    assert best is not None
+    _, columns, rows, turn = best
+    corners = _corners(columns, rows, turn, gray.shape) * reduction
+    scores = np.array([*columns.scores, *rows.scores])
+    seen: tuple[Side, ...] = tuple(
+        side for side, score in zip(SIDES, scores, strict=True) if score >= options.min_score
+    )
+    return FilmArea(corners, seen, scores)
+
+
+def area_from_interior(interior: InteriorOrientation, camera: Camera) -> FilmArea:
+    """The camera's frame through the interior orientation: where the border cannot be seen."""
+    corners = interior.pixel_from_film(camera.frame_corners_mm)
+    return FilmArea(corners, (), np.zeros(4))
+
+
+@dataclass(frozen=True, slots=True)
+class UsableOptions:
+    """What of the picture is left out."""
+
+    border_mm: float = 1.0
+    """Strip along the border of the picture, millimetres."""
+    mark_radius_mm: float = 2.5
+    """Disc about every fiducial, millimetres."""
+    housing_mm: float = 16.0
+    """How far the dark housings of marks and data strips may reach into the picture."""
+
+
+def usable_mask(
+    scan: ScanFile,
+    area: FilmArea,
+    pixel_mm: float,
+    marks: Iterable[tuple[float, float]] = (),
+    reduction: int = 8,
+    options: UsableOptions | None = None,
+) -> Mask:
+    """Which cells of the reduced scan are photograph: no margin, marks, data strip or notes.
+
+    Args:
+        scan: The scan.
+        area: The exposed picture.
+        pixel_mm: Size of a scan pixel on the film, millimetres.
+        marks: Fiducials, (column, row) pixels.
+        reduction: How many pixels a side become one.
+        options: What is left out.
+
+    Returns:
+        (rows // reduction, columns // reduction), True where the scan may be used.
+    """
+    options = options or UsableOptions()
+    gray = _eight_bit(read_overview(scan, reduction))
+    cell_mm = pixel_mm * reduction
+    inside = _inside(area.corners / reduction, gray.shape)
+    depth_mm = cv2.distanceTransform(_framed(inside), cv2.DIST_L2, 5)[1:-1, 1:-1] * cell_mm
+    usable = depth_mm > options.border_mm
+    usable &= ~_margin_like(gray, inside, depth_mm, cell_mm, options)
+    discs = np.zeros(gray.shape, dtype=np.uint8)
+    for column, row in marks:
+        place = (round(column / reduction - 0.5), round(row / reduction - 0.5))
+        cv2.circle(discs, place, int(np.ceil(options.mark_radius_mm / cell_mm)), 1, -1)
+    return np.asarray(usable & (discs == 0))
+
+
+def _frame_as_it_lies(scan: ScanFile, camera: Camera) -> np.ndarray:
+    """Width and height of the frame in the scan, millimetres; an oblong frame may lie across."""
+    width, height = camera.frame_mm
+    lies_across = (scan.size_px[0] - scan.size_px[1]) * (width - height) < 0
+    return np.array((height, width) if lies_across else (width, height))
+
+
+def _turns(options: FilmAreaOptions) -> np.ndarray:
+    """Rotations to try, degrees."""
+    return np.linspace(-options.max_turn_deg, options.max_turn_deg, 51)
+
+
+def _votes(gray: np.ndarray, strips: int) -> Matrix:
+    """(strips, columns + 1) steps of gray across each column boundary, squashed to -1 .. 1.
+
+    Squashing gives every strip one vote, so that one bright field does not pass for a border.
+    """
+    height = gray.shape[0] // strips
+    means = gray[: height * strips].reshape(strips, height, -1).mean(axis=1, dtype=np.float64)
+    sums = np.cumsum(np.pad(means, ((0, 0), (1, 0))), axis=1)
+    step = np.zeros_like(sums)
+    half = STEP_CELLS
+    step[:, half:-half] = (
+        sums[:, 2 * half :] - 2 * sums[:, half:-half] + sums[:, : -2 * half]
+    ) / half
+    noise = np.median(np.abs(step)) + 1.0
+    return step / (np.abs(step) + noise)
+
+
+def _along(votes: Matrix, slope: float, length: int) -> Scalars:
+    """Mean vote along lines of a slope, by their column in the middle row; without sign."""
+    strips, columns = votes.shape
+    offsets = slope * ((np.arange(strips) + 0.5) / strips - 0.5) * length
+    place = np.arange(columns)
+    shifted = [
+        np.interp(place + offset, place, vote, left=0.0, right=0.0)
+        for offset, vote in zip(offsets, votes, strict=True)
+    ]
+    return np.abs(np.mean(shifted, axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """Two opposite sides in one direction: places in cells, and their mean votes."""
+
+    first: float
+    second: float
+    scores: tuple[float, float]
+    total: float
+
+
+def _best_pair(score: Scalars, size: float, options: FilmAreaOptions) -> _Pair:
+    """The two boundaries with the best votes that are as far apart as the frame is wide.
+
+    A side that is not seen counts as UNSEEN wherever it is, also outside the scan; the two small
+    penalties decide between equals: nominal size, then the middle of the scan.
+    """
+    slack = round(size * options.size_tolerance) + 1
+    reach = round(0.15 * size) + slack
+    padded = np.full(len(score) + 2 * reach, UNSEEN)
+    padded[reach : reach + len(score)] = np.maximum(score, UNSEEN)
+    best: tuple[float, int, int] | None = None
+    for width in range(round(size) - slack, round(size) + slack + 1):
+        if width >= len(padded):
+            continue
+        total = padded[:-width] + padded[width:]
+        middle = np.arange(len(total)) + width / 2 - reach
+        total -= 0.02 * np.abs(width - size) / slack
+        total -= 0.02 * np.abs(middle - len(score) / 2) / len(score)
+        first = int(np.argmax(total))
+        if best is None or total[first] > best[0]:
+            best = (float(total[first]), first - reach, width)
+    if best is None:
+        best = (0.0, round((len(score) - size) / 2), round(size))
+    total, first, width = best
+    ends = (first, first + width)
+    scores = [float(score[end]) if 0 <= end < len(score) else 0.0 for end in ends]
+    return _Pair(float(ends[0]), float(ends[1]), (scores[0], scores[1]), total)
+
+
+def _corners(columns: _Pair, rows: _Pair, slope: float, shape: tuple[int, ...]) -> PixelPoints:
+    """Lower left, lower right, upper right, upper left corner from the four border lines."""
+    middle_row, middle_column = shape[0] / 2, shape[1] / 2
+    lines = np.array([[1.0, -slope], [slope, 1.0]])
+    ends = (
+        (columns.first, rows.second),
+        (columns.second, rows.second),
+        (columns.second, rows.first),
+        (columns.first, rows.first),
+    )
+    right = [[c - slope * middle_row, r + slope * middle_column] for c, r in ends]
+    return np.linalg.solve(lines, np.array(right).T).T
+
+
+def _inside(corners: PixelPoints, shape: tuple[int, ...]) -> Mask:
+    """Cells inside the picture."""
+    filled = np.zeros(shape, dtype=np.uint8)
+    cv2.fillPoly(filled, [np.rint(corners - 0.5).astype(np.int32)], 1)
+    return filled > 0
+
+
+def _square(radius: float) -> np.ndarray:
+    """A square structuring element of a radius in cells."""
+    return np.ones((2 * max(1, round(radius)) + 1,) * 2, dtype=np.uint8)
+
+
+def _eight_bit(gray: np.ndarray) -> np.ndarray:
+    """Gray values stretched so that the bright end is 255, whatever the depth of the scan."""
+    return gray * np.float32(255.0 / max(float(np.percentile(gray, 99.5)), 1.0))
+
+
+def _framed(inside: Mask) -> np.ndarray:
+    """As bytes, with a ring of nought about it, so that the scan's edge is a border too."""
+    return np.pad(inside.astype(np.uint8), 1)
+
+
+def _margin_like(
+    gray: np.ndarray, inside: Mask, depth_mm: np.ndarray, cell_mm: float, options: UsableOptions
+) -> Mask:
+    """Cells of the picture that look like the margin and hang together with it.
+
+    The housings of the marks, rounded corners and data strips are cut out of the exposed picture:
+    as smooth and as dark (or bright) as the film about it. Lettering on them is closed over.
+    """
+    outside = ~inside
+    ring = outside & (cv2.dilate(inside.astype(np.uint8), _square(RING_MM / cell_mm)) > 0)
+    nobody = np.zeros(gray.shape, dtype=bool)
+    if ring.mean() < MIN_MARGIN:
+        return nobody
+    level = float(np.median(gray[ring]))
+    spread = min(1.4826 * float(np.median(np.abs(gray[ring] - level))), MAX_SPREAD) + 1.5
+    near = cv2.blur(np.abs(gray - level), (3, 3)) < 3 * spread
+    heart = depth_mm > options.housing_mm
+    if heart.any() and near[heart].mean() > MAX_ALIKE:
+        return nobody
+    near &= depth_mm < options.housing_mm
+    kernel = _square(0.6 / cell_mm)
+    closed = cv2.morphologyEx((near | outside).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)
+    _, labels = cv2.connectedComponents(opened)
+    touching = np.unique(labels[outside | (depth_mm < 2 * cell_mm)])
+    margin = np.isin(labels, touching[touching > 0])
+    return np.asarray(cv2.dilate(margin.astype(np.uint8), kernel) > 0)
