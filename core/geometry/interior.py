@@ -138,9 +138,7 @@ def nominal_interior(
             turn = float(np.arctan2(fit.matrix[1, 0], fit.matrix[0, 0]))
     elif _stands_upright(size_px, camera.frame_mm) is False:
         turn = np.pi / 2
-    linear = scan_pixel_mm * np.array(
-        [[np.cos(turn), np.sin(turn)], [np.sin(turn), -np.cos(turn)]]
-    )
+    linear = scan_pixel_mm * np.array([[np.cos(turn), np.sin(turn)], [np.sin(turn), -np.cos(turn)]])
     nobody = np.zeros((0, 2))
     matrix = np.column_stack([linear, -linear @ middle])
     return InteriorOrientation("nominal", matrix, (), nobody, nobody, float("nan"))

@@ -89,9 +89,7 @@ def invert_affine(matrix: Affine2) -> Affine2:
 
 def compose_affine(outer: Affine2, inner: Affine2) -> Affine2:
     """The transform that applies `inner` first and `outer` on its result."""
-    return np.column_stack(
-        [outer[:, :2] @ inner[:, :2], outer[:, :2] @ inner[:, 2] + outer[:, 2]]
-    )
+    return np.column_stack([outer[:, :2] @ inner[:, :2], outer[:, :2] @ inner[:, 2] + outer[:, 2]])
 
 
 def rotation_and_scale(matrix: Affine2, mirrored: bool = False) -> tuple[float, float]:
