@@ -1,11 +1,12 @@
 """How long work reports how far it is and learns that it shall stop."""
 
 from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 T = TypeVar("T")
 
 
+@runtime_checkable
 class Progress(Protocol):
     """What a stage is handed: it reports its share done, and is told by `Cancelled` to stop."""
 

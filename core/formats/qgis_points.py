@@ -102,7 +102,11 @@ def _column_places(path: Path, rows: list[list[str]]) -> tuple[dict[str, int], l
         return places, rows[1:]
     if _is_number(rows[0][0]) and len(rows[0]) >= 4:
         return {name: i for i, name in enumerate((*NEEDED, "enable")) if i < len(rows[0])}, rows
-    missing = [name for name in ("mapX", "mapY", "sourceX", "sourceY") if COLUMNS[name.lower()] not in places]
+    missing = [
+        name
+        for name in ("mapX", "mapY", "sourceX", "sourceY")
+        if COLUMNS[name.lower()] not in places
+    ]
     raise ScanError(
         path,
         f"The column {', '.join(missing)} is missing.",

@@ -113,7 +113,9 @@ def read_georeference(raster: Path) -> WorldFile | None:
             ) from error
     if transform.is_identity:
         return None
-    matrix = np.array([[transform.a, transform.b, transform.c], [transform.d, transform.e, transform.f]])
+    matrix = np.array(
+        [[transform.a, transform.b, transform.c], [transform.d, transform.e, transform.f]]
+    )
     return WorldFile(raster, matrix)
 
 

@@ -27,6 +27,13 @@ class Camera:
         default_factory=dict[str, tuple[float, float]]
     )
     """Certified fiducials by name, film frame, millimetres; empty when there are none."""
+    certified: "Camera | None" = None
+    """The camera as it stood before its constants were adjusted; None as long as they are not."""
+
+    @property
+    def certificate(self) -> "Camera":
+        """The camera as its certificate has it: the mean of every prior on its constants."""
+        return self.certified or self
 
     def with_constants(
         self,
@@ -40,6 +47,7 @@ class Camera:
             principal_distance_mm=principal_distance_mm,
             principal_point_mm=principal_point_mm,
             radial_distortion=radial_distortion,
+            certified=self.certificate,
         )
 
     @property

@@ -1,0 +1,109 @@
+"""How long work shows itself on a terminal, or to a machine that reads lines of JSON."""
+
+import json
+import sys
+import time
+from typing import TextIO
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+
+class StageProgress:
+    """One stage's bar; satisfies `core.progress.Progress`."""
+
+    def __init__(self, bars: Progress, task: TaskID) -> None:
+        self.bars, self.task = bars, task
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Move the bar."""
+        self.bars.update(self.task, completed=done, total=max(total, 1e-9), what=what)
+
+
+class Terminal:
+    """Bars with time left on a terminal, one plain line a stage elsewhere."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console(highlight=False, soft_wrap=True)
+        self.bars: Progress | None = None
+
+    def stage(self, name: str, title: str) -> StageProgress:
+        """Begin a stage."""
+        self.bars = Progress(
+            TextColumn("{task.description:<34}"),
+            BarColumn(bar_width=24),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(compact=True),
+            TextColumn("{task.fields[what]}", style="dim"),
+            console=self.console,
+            transient=True,
+            disable=not self.console.is_terminal,
+        )
+        self.bars.start()
+        return StageProgress(self.bars, self.bars.add_task(title, total=None, what=""))
+
+    def ended(self, name: str, title: str, seconds: float, said: str) -> None:
+        """End a stage with one line."""
+        if self.bars is not None:
+            self.bars.stop()
+            self.bars = None
+        self.console.print(f"{title:<34}{seconds:7.1f} s  {said}", markup=False)
+
+    def say(self, text: str) -> None:
+        """A sentence for the operator."""
+        self.console.print(text, markup=False)
+
+    def close(self) -> None:
+        """Leave the terminal as it was, whatever happened."""
+        if self.bars is not None:
+            self.bars.stop()
+
+
+class JsonLines:
+    """One JSON object a line: stage begun, progress (at most one a second), stage ended, text."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self.stream = stream or sys.stdout
+        self.current, self.last = "", 0.0
+
+    def stage(self, name: str, title: str) -> "JsonLines":
+        """Begin a stage."""
+        self.current = name
+        self.write({"event": "stage", "stage": name})
+        return self
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Progress of the stage."""
+        now = time.monotonic()
+        if now - self.last >= 1.0:
+            self.last = now
+            self.write({"event": "progress", "stage": self.current, "done": done,
+                        "total": total, "what": what})
+
+    def ended(self, name: str, title: str, seconds: float, said: str) -> None:
+        """End a stage."""
+        self.write({"event": "done", "stage": name, "seconds": round(seconds, 2), "said": said})
+
+    def say(self, text: str) -> None:
+        """A sentence for the operator."""
+        self.write({"event": "message", "text": text})
+
+    def close(self) -> None:
+        """Nothing to put in order."""
+
+    def write(self, message: dict[str, object]) -> None:
+        """One line."""
+        self.stream.write(json.dumps(message, ensure_ascii=False) + "\n")
+        self.stream.flush()
+
+
+Voice = Terminal | JsonLines
+"""Who tells the operator how the work goes."""

@@ -1,0 +1,275 @@
+"""Build session, loop, worker, scene and front, and join them; the only such place."""
+
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float64
+
+from app.review_loop import LoopInputs, ReviewLoop, SceneOpened, Screen, SeatTaken
+from app.worker import Adjust, Remake, Remaker, Worker
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block
+from sessions.session import Session
+from ui.review.compare import DrawnPhoto, HeightSource, PlanePoints, ground_pixel_m
+from ui.review.palette import page_palette
+from ui.review.picture import Part
+from ui.review.scene import ScenePicture
+from ui.review.state import DeskState, Notice, Seat
+from ui.review.tiles import Colour, Lattice, OrthoSource, ScanWindow, frame_picture
+from ui.review.wording import KEYS, sentence, words
+from ui.views.block_view import Pointed, Stage
+from ui.views.server import SECRET_HEADER, SceneServer, Shown
+from ui.views.terrain import SurfaceSource, TerrainOptions, terrain_glb
+from ui.web.access import Access
+from ui.web.channel import Channel
+from ui.web.front import SEAT_HEADER, Front, FrontInputs, Upstream, as_json
+from ui.web.tiles import Sources, TileStore
+
+logger = logging.getLogger(__name__)
+
+
+class Dem(HeightSource, SurfaceSource, Protocol):
+    """What the desk asks of a DEM."""
+
+
+def _keep_nothing(report: AdjustmentReport) -> None:
+    """Adjustments are not kept."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeskInputs:
+    """Everything the desk works on; the caller owns and closes the session."""
+
+    name: str
+    """Of the block, for the title."""
+    block: Block
+    """The block as the engine left it, before any decision."""
+    report: AdjustmentReport
+    """The last adjustment: the numbers shown first."""
+    session: Session
+    """Memory."""
+    ortho: OrthoSource
+    """Reference ortho."""
+    dem: Dem
+    """Heights of the ground."""
+    read_scan: ScanWindow
+    """(path, column, row, columns, rows, reduction) -> grey values."""
+    adjust: Adjust
+    """(block, progress) -> report."""
+    remake: Remake
+    """(photo_ids, progress, report): orthos of these photos and the mosaic, made again."""
+    made: Block | None = None
+    """The orientations the orthos on disk were made with; those of `report` by default."""
+    operator: str = "operator"
+    """Who decides."""
+    host: str = "127.0.0.1"
+    """Address to listen on."""
+    port: int = 0
+    """Port to listen on; 0 takes any that is free."""
+    stale_m: float = 0.05
+    """An ortho is stale once its photo moved by more than this on the ground, metres."""
+    language: str = "en"
+    """Of the words on the pages."""
+    adopted: Callable[[AdjustmentReport], None] = _keep_nothing
+    """Told of every adjustment the desk shows."""
+    terrain: TerrainOptions = field(default_factory=TerrainOptions)
+    """How fine the drape is."""
+
+
+class Desk:
+    """An open review desk."""
+
+    def __init__(self, front: Front, access: Access, host: str, parts: list[Any]) -> None:
+        self._front, self._access, self._host = front, access, host
+        self._parts = parts
+        self._over = threading.Event()
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._host, self._host)
+        return f"http://{host}:{self.port}/?token={self._access.token}"
+
+    @property
+    def port(self) -> int:
+        """The port it listens on."""
+        return self._front.port
+
+    @property
+    def loop(self) -> ReviewLoop:
+        """The thread that owns the state."""
+        return next(part for part in self._parts if isinstance(part, ReviewLoop))
+
+    @property
+    def scene(self) -> SceneServer:
+        """The 3D scene."""
+        return next(part for part in self._parts if isinstance(part, SceneServer))
+
+    def wait(self) -> None:
+        """Return when the desk is closed; Ctrl-C passes through."""
+        while not self._over.wait(timeout=0.5):
+            pass
+
+    def close(self) -> None:
+        """Close the port and end every thread; decisions are on disk already."""
+        if self._over.is_set():
+            return
+        for part in self._parts:
+            part.close()
+        self._over.set()
+
+    def __enter__(self) -> "Desk":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_desk(desk: DeskInputs) -> Desk:
+    """Open the review desk of a block.
+
+    Raises:
+        OSError: The port is taken.
+    """
+    state = DeskState(desk.block, desk.report, made=desk.report.block)
+    state = replace(state, made=desk.made or state.oriented)
+    lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
+    tiles = TileStore(Sources(desk.ortho, desk.dem, desk.read_scan, lattice))
+    joints = _Joints()
+    access = Access(desk.host)
+    scene = SceneServer(
+        _stage(desk, state), SEAT_HEADER, joints.hand_in, lambda seat: joints.scene_opened(seat)
+    )
+    channel = Channel(joints.hand_in, lambda seat: joints.seat_taken(seat))
+    upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
+    start = _start(desk, lattice)
+    front = Front(FrontInputs(access, channel, tiles, upstream, start), desk.host, desk.port)
+    inputs = LoopInputs(
+        desk.block, state, desk.session, desk.dem, desk.operator, desk.stale_m, desk.adopted
+    )
+    loop = ReviewLoop(inputs, _screen(front, channel, scene, tiles, desk.language))
+    joints.loop = loop
+    worker, remaker = Worker(desk.adjust, loop.submit), Remaker(desk.remake, loop.submit)
+    worker.start()
+    loop.start(worker, remaker)
+    opened = Desk(front, access, desk.host, [front, remaker, worker, loop, scene, tiles])
+    try:
+        front.start()
+    except OSError:
+        opened.close()
+        raise
+    return opened
+
+
+class _Joints:
+    """Where pages and scenes, which are made first, find the loop."""
+
+    loop: ReviewLoop | None = None
+
+    def hand_in(self, gesture: Any) -> None:
+        if self.loop is not None:
+            self.loop.submit(gesture)
+
+    def seat_taken(self, seat_id: str) -> None:
+        self.hand_in(SeatTaken(seat_id))
+
+    def scene_opened(self, seat_id: str) -> None:
+        self.hand_in(SceneOpened(seat_id))
+
+
+def _screen(
+    front: Front, channel: Channel, scene: SceneServer, tiles: TileStore, language: str
+) -> Screen:
+    """Pictures leave the loop as text and values; nothing here waits."""
+
+    def show(seat_id: str, parts: Mapping[str, Part]) -> None:
+        front.call(channel.show, seat_id, {name: as_json(part) for name, part in parts.items()})
+
+    def tell(seat_id: str, notice: Notice) -> None:
+        text = sentence(notice.text, dict(notice.values), language)
+        front.call(channel.tell, seat_id, as_json({"text": text, "grave": notice.grave}))
+
+    def show_scene(seat_id: str, picture: ScenePicture, seat: Seat, block: Block) -> None:
+        scene.show(seat_id, Shown(picture, seat.scene, _pointed(seat, block)))
+
+    def fit(seat_id: str, seat: Seat, block: Block, whole: bool) -> None:
+        scene.fit(seat_id, None if whole else _pointed(seat, block))
+
+    return Screen(show, tell, show_scene, fit, tiles.publish)
+
+
+def _pointed(seat: Seat, block: Block) -> Pointed | None:
+    if seat.current is None:
+        return None
+    point, photo = block.surveyed.get(seat.current[0]), block.photos.get(seat.current[1])
+    if point is None or photo is None:
+        return None
+    return Pointed(point.position - block.origin, photo.exterior.centre - block.origin)
+
+
+def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
+    """What a page needs once."""
+    return {
+        "name": desk.name,
+        "words": words(desk.language),
+        "language": desk.language,
+        "keys": [list(pair) for pair in KEYS],
+        "palette": page_palette(),
+        "photos": list(desk.block.photos),
+        "lattice": {
+            "west": lattice.west, "north": lattice.north,
+            "pixel": lattice.pixel_m, "levels": lattice.levels,
+        },
+        "ortho_pixel": desk.ortho.ground_sample_distance_m,
+    }  # fmt: skip
+
+
+def _finest_pixel_m(desk: DeskInputs, state: DeskState) -> float:
+    """The finer of ortho and scans, not below a third of the ortho's own pixel."""
+    oriented = state.oriented
+    sizes = [ground_pixel_m(p, oriented.camera_of(name)) for name, p in oriented.photos.items()]
+    scans = float(np.median(sizes)) if sizes else np.inf
+    return min(desk.ortho.ground_sample_distance_m, max(scans, 1e-3))
+
+
+def _stage(desk: DeskInputs, state: DeskState) -> Stage:
+    """The drape and the thumbnails: made once, while the desk opens."""
+    oriented = state.oriented
+    bounds = _block_bounds(desk, oriented)
+    origin = desk.block.origin
+    middle = np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
+    heights = [photo.ground_height_m for photo in oriented.photos.values()]
+    middle[2] = float(np.median(heights)) if heights else 0.0
+    pictures: dict[str, Colour] = {}
+    for name, photo in oriented.photos.items():
+        drawn = DrawnPhoto(photo, oriented.camera_of(name), 1)
+        pictures[name] = frame_picture(drawn, desk.read_scan)
+    return Stage(
+        terrain=terrain_glb(desk.ortho, desk.dem, bounds, origin, desk.terrain),
+        thumbnails=pictures,
+        extent_m=max(bounds[2] - bounds[0], bounds[3] - bounds[1]),
+        middle=middle - origin,
+    )
+
+
+def _block_bounds(desk: DeskInputs, block: Block) -> tuple[float, float, float, float]:
+    """West, south, east, north of all photos on the ground, within the ortho."""
+    corners: list[PlanePoints] = []
+    for name, photo in block.photos.items():
+        camera = block.camera_of(name)
+        pixels = photo.interior.pixel_from_film(camera.frame_corners_mm)
+        heights = np.full(len(pixels), photo.ground_height_m)
+        corners.append(photo.object_from_pixel(pixels, heights, camera)[:, :2])
+    west, south, east, north = desk.ortho.bounds
+    if not corners:
+        return west, south, east, north
+    every: Float64[np.ndarray, "n 2"] = np.vstack(corners)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    least, most = [float(value) for value in low], [float(value) for value in high]
+    inside = (max(least[0], west), max(least[1], south), min(most[0], east), min(most[1], north))
+    apart = inside[0] >= inside[2] or inside[1] >= inside[3]
+    return (west, south, east, north) if apart else inside

@@ -1,0 +1,196 @@
+"""The background: one thread that adjusts (newest wins), one that makes orthos when asked."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block
+from core.doubts import Failure
+from core.errors import Cancelled, PhotogrammetryError
+from core.progress import Progress
+
+logger = logging.getLogger(__name__)
+Adjust = Callable[[Block, Progress], AdjustmentReport]
+REPORT_EVERY_S = 0.15
+"""Progress is passed on no more often than this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """What came of one captured block."""
+
+    number: int
+    """Of the job; the loop takes only the newest."""
+    result: AdjustmentReport | Failure
+    """The adjustment, or why there is none."""
+    seconds: float
+    """How long it took."""
+
+
+@dataclass(frozen=True, slots=True)
+class RemakeStep:
+    """How far the making of orthos is."""
+
+    done: float
+    total: float
+    what: str
+    seconds_left: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RemakeEnded:
+    """Orthos were made, or not."""
+
+    photo_ids: tuple[str, ...]
+    """What was asked for."""
+    made_with: AdjustmentReport
+    """The orientations they were made with."""
+    failure: str = ""
+    """Why not; empty when they were made."""
+    cancelled: bool = False
+    """True when the operator stopped it."""
+
+
+Outcome = Adjusted | RemakeStep | RemakeEnded
+Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
+"""(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
+
+
+class Worker:
+    """Adjusts captured blocks, one at a time; a newer block takes the place of an older one."""
+
+    def __init__(self, adjust: Adjust, deliver: Callable[[Outcome], None]) -> None:
+        self._adjust, self._deliver = adjust, deliver
+        self._wanted: tuple[int, Block] | None = None
+        self._newest = 0
+        self._closed = False
+        self._change = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="adjustment", daemon=True)
+
+    def start(self) -> None:
+        """Begin to wait for work."""
+        self._thread.start()
+
+    def submit(self, number: int, block: Block) -> None:
+        """Adjust this block next; whatever is being adjusted now is given up."""
+        with self._change:
+            self._wanted, self._newest = (number, block), number
+            self._change.notify()
+
+    def close(self) -> None:
+        """Give up and end the thread."""
+        with self._change:
+            self._closed = True
+            self._change.notify()
+        self._thread.join(timeout=10)
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._wanted is not None or self._closed)
+                if self._closed or self._wanted is None:
+                    return
+                (number, block), self._wanted = self._wanted, None
+            self._one(number, block)
+
+    def _one(self, number: int, block: Block) -> None:
+        begun = time.perf_counter()
+        try:
+            result = self._adjust(block, _UntilNewer(self, number))
+        except Cancelled:
+            return
+        except PhotogrammetryError as error:
+            result = Failure(str(error))
+        except Exception as error:
+            # Whatever went wrong, the desk must go on with the numbers it has.
+            logger.exception("The adjustment failed.")
+            result = Failure(f"{type(error).__name__}: {error}")
+        self._deliver(Adjusted(number, result, time.perf_counter() - begun))
+
+    def overtaken(self, number: int) -> bool:
+        """True when a job need not be finished."""
+        return self._closed or number != self._newest
+
+
+@dataclass(frozen=True, slots=True)
+class _UntilNewer:
+    """Progress that stops a job once a newer one waits."""
+
+    worker: Worker
+    number: int
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Accept the report; raise when the job is overtaken."""
+        if self.worker.overtaken(self.number):
+            raise Cancelled
+
+
+class Remaker:
+    """Makes orthos again in a thread of its own, so that deciding goes on meanwhile."""
+
+    def __init__(self, remake: Remake, deliver: Callable[[Outcome], None]) -> None:
+        self._remake, self._deliver = remake, deliver
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def busy(self) -> bool:
+        """True while orthos are being made."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
+        """Begin; only one making at a time."""
+        if self.busy:
+            return
+        self._stop.clear()
+        self._thread = threading.Thread(
+            target=self._run, args=(photo_ids, report), name="orthos", daemon=True
+        )
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Ask it to stop at its next report."""
+        self._stop.set()
+
+    def close(self) -> None:
+        """Stop and wait."""
+        self.cancel()
+        if self._thread is not None:
+            self._thread.join(timeout=30)
+
+    def _run(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
+        failure, cancelled = "", False
+        try:
+            self._remake(photo_ids, _Watched(self._stop, self._deliver), report)
+        except Cancelled:
+            cancelled = True
+        except PhotogrammetryError as error:
+            failure = str(error)
+        except Exception as error:
+            logger.exception("Making orthos failed.")
+            failure = f"{type(error).__name__}: {error}"
+        self._deliver(RemakeEnded(photo_ids, report, failure, cancelled))
+
+
+class _Watched:
+    """Progress that is passed on with an estimate of the time left, and can be stopped."""
+
+    def __init__(self, stop: threading.Event, deliver: Callable[[Outcome], None]) -> None:
+        self._stop, self._deliver = stop, deliver
+        self._begun = time.perf_counter()
+        self._told = 0.0
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Pass the report on; raise when asked to stop."""
+        if self._stop.is_set():
+            raise Cancelled
+        now = time.perf_counter()
+        if now - self._told < REPORT_EVERY_S and done < total:
+            return
+        self._told = now
+        share = done / total if total else 0.0
+        left = (now - self._begun) * (1 - share) / share if share > 0.02 else None
+        self._deliver(RemakeStep(done, total, what, left))

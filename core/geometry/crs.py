@@ -1,0 +1,275 @@
+"""Coordinate reference systems: what a block may use, and whether coordinates fit what they claim.
+
+All coordinates in the project are east before north, whatever order a CRS officially has.
+"""
+
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Num
+from pyproj import CRS, Transformer
+from pyproj.aoi import AreaOfInterest
+from pyproj.exceptions import CRSError as ProjCrsError
+from pyproj.exceptions import ProjError
+from pyproj.transformer import TransformerGroup
+
+from core.errors import CrsError
+
+Bounds = tuple[float, float, float, float]
+"""West, south, east, north, metres."""
+PlanePoints = Float64[np.ndarray, "n 2"]
+"""Easting and northing, metres."""
+
+OUTSIDE_AREA_M = 100_000.0
+"""Coordinates this far outside the area a CRS is made for are a mistake, not a large block."""
+SAME_PLACE_M = 0.001
+"""Two CRS whose coordinates agree to this are one and the same for us."""
+KROVAK = 5514
+KROVAK_RANGE = ((160e3, 910e3), (920e3, 1340e3))
+"""|E| and |N| of Czechia and Slovakia in S-JTSK; they do not overlap, so the order shows."""
+KNOWN_RANGES: tuple[tuple[str, Bounds], ...] = (
+    ("EPSG:5514", (-905e3, -1230e3, -430e3, -935e3)),
+    ("EPSG:32633", (290e3, 5380e3, 790e3, 5660e3)),
+)
+"""Where archives of the Czech Office lie when a file does not say its CRS (METHODS 10)."""
+
+
+def parse_crs(text: str, where: str | Path) -> CRS:
+    """The horizontal CRS a block is computed in: projected, metres, axes east and north.
+
+    Args:
+        text: Anything PROJ understands: `EPSG:5514`, WKT, a PROJ string.
+        where: The file and key it was read from, for the message.
+    """
+    crs = horizontal(read_crs(text, where))
+    name = short_name(crs)
+    if not crs.is_projected:
+        raise CrsError(
+            where,
+            f"{name} does not count in metres on a map plane.",
+            "Give a projected CRS in metres, such as EPSG:5514 or EPSG:32633.",
+        )
+    directions = {axis.direction for axis in crs.axis_info[:2]}
+    if directions != {"east", "north"}:
+        raise CrsError(
+            where,
+            f"the axes of {name} point {' and '.join(sorted(directions))}, not east and north.",
+            "Name its variant that counts east and north; for S-JTSK that is EPSG:5514, "
+            "with coordinates E = -Y, N = -X (both negative).",
+        )
+    if any(abs(axis.unit_conversion_factor - 1) > 1e-9 for axis in crs.axis_info[:2]):
+        raise CrsError(
+            where,
+            f"{name} counts in {crs.axis_info[0].unit_name}, not in metres.",
+            "Give a projected CRS in metres and reproject the reference data to it.",
+        )
+    return crs
+
+
+def shared_bounds(one: Bounds, other: Bounds) -> Bounds:
+    """What two bounds share; west lies beyond east, or south beyond north, where nothing."""
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def read_crs(text: str, where: str | Path) -> CRS:
+    """Any CRS PROJ knows; `CrsError` where there is none or it is unknown."""
+    if not text.strip():
+        raise CrsError(where, "no CRS is given.", 'Name it, such as crs = "EPSG:5514".')
+    try:
+        return CRS.from_user_input(text)
+    except ProjCrsError as error:
+        raise CrsError(
+            where,
+            f"PROJ does not know the CRS {text[:60]!r}.",
+            'Give an EPSG code such as "EPSG:5514", WKT, or a PROJ string.',
+        ) from error
+
+
+def horizontal(crs: CRS) -> CRS:
+    """The plane part of a CRS that also counts heights."""
+    if crs.is_compound:
+        return horizontal(crs.sub_crs_list[0])
+    if crs.is_bound and crs.source_crs is not None:
+        return horizontal(crs.source_crs)
+    return crs
+
+
+def short_name(crs: CRS) -> str:
+    """`EPSG:5514` where there is a code, the CRS's own name otherwise."""
+    authority = crs.to_authority()
+    return ":".join(authority) if authority else crs.name
+
+
+@lru_cache(maxsize=64)
+def transformer(source: str, target: str, area: Bounds | None = None) -> Transformer:
+    """The best operation PROJ can do here from one CRS to another, east before north.
+
+    Args:
+        source: CRS of the coordinates that are given.
+        target: CRS of the coordinates that are wanted.
+        area: West, south, east, north in degrees; PROJ's best operation depends on it (for
+            S-JTSK the one it prefers elsewhere is Slovak).
+    """
+    interest: Any = AreaOfInterest(*area) if area else None
+    return Transformer.from_crs(source, target, always_xy=True, area_of_interest=interest)
+
+
+def transformer_over(source: str, target: str, points: Num[np.ndarray, "n 2"]) -> Transformer:
+    """`transformer` for the neighbourhood of points that are given in the source CRS."""
+    try:
+        east, north = transformer(source, "EPSG:4326").transform(*points.T, errcheck=False)
+    except ProjError:
+        return transformer(source, target)
+    east, north = east[np.isfinite(east)], north[np.isfinite(north)]
+    if not len(east):
+        return transformer(source, target)
+    # Whole degrees, so that sheets of one block share one cached operation.
+    low = np.clip(np.floor([east.min(), north.min()]), [-180, -90], [180, 90])
+    high = np.clip(np.ceil([east.max(), north.max()]), [-180, -90], [180, 90])
+    return transformer(source, target, (*low.tolist(), *high.tolist()))
+
+
+def describe_operation(source: str, target: str) -> tuple[str, float, bool]:
+    """How PROJ goes from one CRS to another: words, accuracy in metres (NaN), best available?"""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the missing grid is told by the third value
+        group = TransformerGroup(source, target, always_xy=True)
+    if not group.transformers:
+        return "no operation", float("nan"), False
+    first = group.transformers[0]
+    accuracy = float(first.accuracy) if first.accuracy >= 0 else float("nan")
+    return first.description, accuracy, group.best_available
+
+
+def same_coordinates(one: str, other: str, points: Num[np.ndarray, "n 2"]) -> bool:
+    """Whether two CRS give these points the same coordinates, whatever they are called."""
+    if one == other or CRS(one) == CRS(other):
+        return True
+    try:
+        moved = np.column_stack(transformer(one, other).transform(*points.T, errcheck=False))
+    except ProjError:
+        return False
+    return bool(np.all(np.abs(moved - points) < SAME_PLACE_M))
+
+
+def infer_crs(points: Num[np.ndarray, "n 2"], block_crs: CRS, where: str | Path) -> CRS:
+    """The CRS of a file that names none: the block's where its coordinates fit, else by range."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if len(finite) and _outside_m(block_crs, finite) == 0 and not _is_degrees(finite):
+        return block_crs
+    for name, (west, south, east, north) in KNOWN_RANGES:
+        low, high = finite.min(axis=0, initial=np.inf), finite.max(axis=0, initial=-np.inf)
+        if len(finite) and (low >= (west, south)).all() and (high <= (east, north)).all():
+            return CRS(name)
+    _refuse_krovak_slips(block_crs, finite, where)
+    raise CrsError(
+        where,
+        f"the file names no CRS, and its coordinates {_sample(finite)} do not fit "
+        f"{short_name(block_crs)}.",
+        "Assign its CRS (gdal_edit.py -a_srs, or a .prj file) and start again.",
+    )
+
+
+def check_range(crs: CRS, points: Num[np.ndarray, "n 2"], where: str | Path) -> None:
+    """Refuse coordinates that cannot be in the CRS they claim, saying what is wrong with them.
+
+    Args:
+        crs: The CRS that is claimed.
+        points: Easting, northing of the file, or the corners of its bounds.
+        where: The file, for the message.
+    """
+    finite = np.asarray(points, dtype=np.float64)
+    finite = finite[np.isfinite(finite).all(axis=1)]
+    if not len(finite):
+        return
+    _refuse_krovak_slips(crs, finite, where)
+    distance = _outside_m(crs, finite)
+    if distance <= OUTSIDE_AREA_M:
+        return
+    raise CrsError(
+        where,
+        f"coordinates such as {_sample(finite)} lie {_far(distance)} the area "
+        f"{short_name(crs)} is made for.",
+        _hint(crs, finite),
+    )
+
+
+def _refuse_krovak_slips(crs: CRS, points: PlanePoints, where: str | Path) -> None:
+    """S-JTSK comes with either sign and in either order; the ranges tell which (FORMATS 2)."""
+    if crs.to_epsg() != KROVAK:
+        return
+    if _within(points, *KROVAK_RANGE):
+        told = "both coordinates are positive, first Y (west), then X (south)."
+        remedy = "Give E = -Y and N = -X: put a minus before both."
+    elif _within(points, *reversed(KROVAK_RANGE)):
+        told = "both coordinates are positive, first X (south), then Y (west), as in EPSG:5513."
+        remedy = "Give E = -Y and N = -X: swap the two and put a minus before both."
+    elif _within(-points, *reversed(KROVAK_RANGE)):
+        told = "easting and northing are swapped."
+        remedy = "Swap the two: in EPSG:5514 E lies near -700 000 and N near -1 100 000."
+    else:
+        return
+    raise CrsError(where, f"coordinates such as {_sample(points)} are S-JTSK, but {told}", remedy)
+
+
+def _within(points: PlanePoints, first: Sequence[float], second: Sequence[float]) -> bool:
+    """Whether all points lie in a range of the first and of the second coordinate."""
+    low, high = np.array([first[0], second[0]]), np.array([first[1], second[1]])
+    return len(points) > 0 and bool(np.all((points >= low) & (points <= high)))
+
+
+def _outside_m(crs: CRS, points: PlanePoints) -> float:
+    """How far the farthest point lies outside the area of use, metres; infinite if nowhere."""
+    west, south, east, north = _area_bounds(crs.to_wkt())
+    beyond_east = np.maximum(west - points[:, 0], points[:, 0] - east).clip(0)
+    beyond_north = np.maximum(south - points[:, 1], points[:, 1] - north).clip(0)
+    return float(np.hypot(beyond_east, beyond_north).max())
+
+
+@lru_cache(maxsize=64)
+def _area_bounds(wkt: str) -> Bounds:
+    """Bounds of the CRS's area of use in its own coordinates, metres."""
+    crs = CRS(wkt)
+    area = crs.area_of_use
+    if area is None:
+        # A CRS written out by hand names no area: whatever fits on the Earth is taken.
+        return -2.1e7, -2.1e7, 2.1e7, 2.1e7
+    to_plane = transformer(_geodetic(crs).to_wkt(), wkt)
+    return to_plane.transform_bounds(*area.bounds, densify_pts=21, errcheck=False)
+
+
+def _geodetic(crs: CRS) -> CRS:
+    """The geographic CRS a projected one is made from."""
+    return crs.geodetic_crs or CRS("EPSG:4326")
+
+
+def _is_degrees(points: PlanePoints) -> bool:
+    """Whether coordinates look like longitude and latitude."""
+    return bool(np.all(np.abs(points) <= (180.0, 90.0)))
+
+
+def _hint(crs: CRS, points: PlanePoints) -> str:
+    """The likeliest slip behind coordinates that lie nowhere near."""
+    name = short_name(crs)
+    if _is_degrees(points):
+        return f"They look like degrees: reproject the file to {name}, or state its true CRS."
+    if _outside_m(crs, points[:, ::-1]) == 0:
+        return f"They fit {name} when swapped: give easting first, then northing."
+    if _outside_m(crs, -points) == 0:
+        return f"They fit {name} with the opposite sign: put a minus before both."
+    return "Check the CRS of the block and of this file; one of them is another one (or zone)."
+
+
+def _far(distance_m: float) -> str:
+    """The distance in words."""
+    return f"{distance_m / 1000:.0f} km outside" if np.isfinite(distance_m) else "outside"
+
+
+def _sample(points: PlanePoints) -> str:
+    """One of the points, for a message."""
+    return f"({points[0, 0]:.10g}, {points[0, 1]:.10g})" if len(points) else "(none)"

@@ -1,0 +1,171 @@
+"""Vector files of any GDAL driver: layers, geometries and attributes in the block's CRS."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio
+import shapely
+from pyogrio import raw
+from pyogrio.errors import DataLayerError, DataSourceError
+from pyproj import CRS
+from shapely.geometry.base import BaseGeometry
+
+from core.errors import ReferenceDataError
+from core.geometry.crs import (
+    Bounds,
+    check_range,
+    horizontal,
+    infer_crs,
+    read_crs,
+    same_coordinates,
+    transformer_over,
+)
+
+LAYER_MARK = "|layername="
+"""What QGIS writes between a file and one of its layers."""
+CZECH_DBF = "windows-1250"
+"""Encoding of shapefiles that name none: those of the Czech Office are all in it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VectorLayer:
+    """One layer, flat (heights dropped), in the block's CRS."""
+
+    file: str
+    """The file it came from."""
+    name: str
+    """The layer."""
+    geometries: np.ndarray
+    """Shapely geometries, none of them empty or missing."""
+    columns: Mapping[str, np.ndarray]
+    """Attributes by the names they have in the file, one row per geometry."""
+
+
+def read_layers(
+    path: str | Path, crs: CRS, bounds: Bounds | None = None, attributes: bool = True
+) -> tuple[VectorLayer, ...]:
+    """Every layer with geometry of a file; of one layer, where the path ends in `|layername=`.
+
+    Args:
+        path: Shapefile, GeoPackage, GeoJSON, GML, FlatGeobuf: whatever GDAL reads.
+        crs: The block's CRS.
+        bounds: Read only what touches these, in the block's CRS.
+        attributes: Read the attributes as well.
+    """
+    file, _, wanted = str(path).partition(LAYER_MARK)
+    if not Path(file).exists():
+        raise ReferenceDataError(
+            file, "the file is not there.", "Correct the path under [reference]."
+        )
+    try:
+        names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
+        if wanted and wanted not in names:
+            raise ReferenceDataError(
+                file, f"it has no layer {wanted!r}.", f"It has: {', '.join(names) or 'none'}."
+            )
+        chosen = [wanted] if wanted else names
+        return tuple(_read_layer(file, name, crs, bounds, attributes) for name in chosen)
+    except (DataSourceError, DataLayerError) as error:
+        raise ReferenceDataError(
+            file,
+            f"the file cannot be read as vector data ({error}).",
+            "Export it again, for example as GeoPackage.",
+        ) from error
+
+
+def _read_layer(
+    file: str, name: str, crs: CRS, bounds: Bounds | None, attributes: bool
+) -> VectorLayer:
+    """One layer, brought into the block's CRS."""
+    encoding = _encoding(file)
+    info: dict[str, Any] = pyogrio.read_info(file, name, encoding=encoding, force_total_bounds=True)
+    columns = None if attributes else []
+    if not info["features"]:
+        return VectorLayer(file, name, np.empty(0, dtype=object), {})
+    extent = _corners(info["total_bounds"])
+    own = _layer_crs(info["crs"], extent, crs, file)
+    box = None if bounds is None else _box_in(own, crs, bounds)
+    meta, _, wkb, fields = raw.read(
+        file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
+    )
+    geometries = np.asarray(shapely.from_wkb(wkb), dtype=object)
+    kept = ~(shapely.is_missing(geometries) | shapely.is_empty(geometries))
+    geometries = geometries[kept]
+    if own is not None and len(geometries):
+        geometries = _moved(geometries, own, crs)
+    table = {str(n): values[kept] for n, values in zip(meta["fields"], fields, strict=True)}
+    return VectorLayer(file, name, geometries, table)
+
+
+def _encoding(file: str) -> str | None:
+    """Encoding of a shapefile that does not say its own; None leaves it to GDAL."""
+    path = Path(file)
+    if path.suffix.lower() != ".shp" or any(
+        path.with_suffix(suffix).exists() for suffix in (".cpg", ".CPG")
+    ):
+        return None
+    table = path.with_suffix(".dbf")
+    if not table.exists():
+        return None
+    with table.open("rb") as stream:
+        header = stream.read(30)
+    return CZECH_DBF if len(header) == 30 and header[29] == 0 else None
+
+
+def _corners(bounds: Sequence[float]) -> np.ndarray:
+    """The four corners of bounds."""
+    west, south, east, north = bounds
+    return np.array([[west, south], [east, south], [east, north], [west, north]], dtype=np.float64)
+
+
+def _layer_crs(stated: str | None, extent: np.ndarray, block: CRS, file: str) -> CRS | None:
+    """The layer's CRS where it is another than the block's; None where they agree."""
+    if stated:
+        own = horizontal(read_crs(stated, file))
+        if own.is_projected:
+            check_range(own, extent, file)
+    else:
+        own = infer_crs(extent, block, file)
+    return None if same_coordinates(own.to_wkt(), block.to_wkt(), extent) else own
+
+
+def _box_in(own: CRS | None, block: CRS, bounds: Bounds) -> Bounds:
+    """Bounds of the block in the layer's CRS."""
+    if own is None:
+        return bounds
+    there = transformer_over(block.to_wkt(), own.to_wkt(), _corners(bounds))
+    return there.transform_bounds(*bounds, densify_pts=21)
+
+
+def _moved(geometries: np.ndarray, own: CRS, block: CRS) -> np.ndarray:
+    """Geometries in the block's CRS."""
+    coordinates = shapely.get_coordinates(geometries)
+    here = transformer_over(own.to_wkt(), block.to_wkt(), coordinates)
+    moved = np.column_stack(here.transform(*coordinates.T, errcheck=False))
+    return shapely.set_coordinates(geometries.copy(), moved)
+
+
+def read_mask_polygons(
+    path: str | Path | Sequence[str | Path], crs: CRS, bounds: Bounds | None = None
+) -> BaseGeometry:
+    """The area of all polygons of files as one geometry: masks, buildings, bridges.
+
+    Args:
+        path: One file or several.
+        crs: The block's CRS.
+        bounds: Read only what touches these, in the block's CRS.
+
+    Returns:
+        A polygon or multipolygon, flat; empty where the files hold no polygons.
+    """
+    files = [path] if isinstance(path, str | Path) else list(path)
+    parts: list[BaseGeometry] = []
+    for file in files:
+        for layer in read_layers(file, crs, bounds, attributes=False):
+            pieces = shapely.get_parts(layer.geometries)
+            areal = pieces[shapely.get_dimensions(pieces) == 2]
+            parts.extend(shapely.make_valid(areal))
+    return shapely.unary_union(parts) if parts else shapely.Polygon()

@@ -1,0 +1,178 @@
+"""Kinds of fiducial marks, drawn at any scale: what to look for when nobody says how they look."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+Coordinates = Float64[np.ndarray, "rows columns"]
+Inside = Bool[np.ndarray, "rows columns"]
+SUPERSAMPLED = 800
+"""Samples along a side of a drawn template that suffice: small templates get eight a pixel."""
+SURROUND = 1.35
+"""Half width of a drawn template relative to the mark's own: contrast needs background."""
+SYMMETRIC = ("cross", "saltire", "gapped-cross", "dot", "ring", "ringed-dot", "ringed-cross",
+             "ringed-saltire")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """One kind of mark in one size."""
+
+    shape: str
+    """Name of its shape, a key of `SHAPES`."""
+    radius_mm: float
+    """From the middle to the end of its arms, or radius of its disc or ring, millimetres."""
+    stroke_mm: float
+    """Width of its lines, millimetres; for a ringed dot also the diameter of the dot."""
+    outward: tuple[float, float] = (0.0, 1.0)
+    """Direction from the middle of the photo, as it lies in the scan (right, down); for notches."""
+
+    @property
+    def symmetric(self) -> bool:
+        """True when half a turn about its middle changes nothing."""
+        return self.shape in SYMMETRIC
+
+    @property
+    def reach_mm(self) -> float:
+        """How far it extends from its middle, millimetres."""
+        return self.radius_mm * (1.5 if self.shape in ("ringed-cross", "ringed-saltire") else 1.0)
+
+
+def library() -> tuple[Mark, ...]:
+    """Marks worth looking for, from 0.1 to 3 mm; lines no thicker than a third of their length."""
+    marks = [
+        Mark(shape, radius, stroke)
+        for shape in ("cross", "saltire", "gapped-cross")
+        for radius in (0.4, 0.65, 1.0, 1.6, 2.5)
+        for stroke in (0.1, 0.2, 0.4)
+        if stroke <= radius / 3
+    ]
+    marks += [Mark("dot", radius, 0.0) for radius in (0.06, 0.12, 0.25, 0.5, 1.0)]
+    marks += [
+        Mark(shape, radius, stroke)
+        for shape in ("ring", "ringed-dot", "ringed-cross", "ringed-saltire")
+        for radius in (0.3, 0.5, 0.8, 1.3)
+        for stroke in (0.1, 0.25)
+        if stroke <= radius / 2
+    ]
+    marks += [Mark(shape, 1.5, 0.0) for shape in ("wedge", "half-wedge", "other-half-wedge")]
+    return tuple(marks)
+
+
+def resized(mark: Mark, radius_factor: float, stroke_factor: float) -> Mark:
+    """The same kind of mark with other measures."""
+    return replace(
+        mark, radius_mm=mark.radius_mm * radius_factor, stroke_mm=mark.stroke_mm * stroke_factor
+    )
+
+
+def draw_mark(
+    mark: Mark, pixel_mm: float, turn: float = 0.0, surround: float = SURROUND
+) -> Float64[np.ndarray, "side side"]:
+    """The mark as a template: 1 on the mark, 0 beside it, the share of the pixel at its edges.
+
+    Args:
+        mark: Kind and size.
+        pixel_mm: Size of a pixel, millimetres.
+        turn: Rotation in the scan, radians, clockwise as seen (column towards row).
+        surround: Half width of the template relative to the mark's own.
+
+    Returns:
+        Odd number of pixels a side; the mark's middle is the middle of the middle pixel.
+    """
+    half = max(3, int(np.ceil(mark.reach_mm * surround / pixel_mm)))
+    side = 2 * half + 1
+    fine = int(np.clip(SUPERSAMPLED // side, 2, 8))
+    axis = ((np.arange(side * fine) + 0.5) / fine - half - 0.5) * pixel_mm
+    right, down = np.meshgrid(axis, axis)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    inside = SHAPES[mark.shape](mark, right * cosine + down * sine, down * cosine - right * sine)
+    return inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
+
+
+def _cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Upright cross."""
+    half, arm = mark.stroke_mm / 2, mark.radius_mm
+    return ((np.abs(x) < half) & (np.abs(y) < arm)) | ((np.abs(y) < half) & (np.abs(x) < arm))
+
+
+def _turned(x: Coordinates, y: Coordinates) -> tuple[Coordinates, Coordinates]:
+    """Coordinates in axes turned by an eighth of a circle."""
+    return (x + y) / np.sqrt(2), (y - x) / np.sqrt(2)
+
+
+def _saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Diagonal cross."""
+    return _cross(mark, *_turned(x, y))
+
+
+def _gapped_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Upright cross with an open middle."""
+    return _cross(mark, x, y) & (np.maximum(np.abs(x), np.abs(y)) > 0.3 * mark.radius_mm)
+
+
+def _dot(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Disc."""
+    return np.hypot(x, y) < mark.radius_mm
+
+
+def _ring(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Circle line."""
+    return np.abs(np.hypot(x, y) - mark.radius_mm) < mark.stroke_mm / 2
+
+
+def _ringed_dot(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Dot in a ring."""
+    return _ring(mark, x, y) | (np.hypot(x, y) < mark.stroke_mm / 2)
+
+
+def _ringed_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Ring with four rays from it, as in Wild cameras."""
+    reach = replace(mark, radius_mm=mark.reach_mm, stroke_mm=mark.stroke_mm * 0.6)
+    return _ring(mark, x, y) | (_cross(reach, x, y) & (np.hypot(x, y) > mark.radius_mm))
+
+
+def _ringed_saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Ring with four diagonal rays from it, as in the corners of Wild cameras."""
+    return _ringed_cross(mark, *_turned(x, y))
+
+
+def _outwards(mark: Mark, x: Coordinates, y: Coordinates) -> tuple[Coordinates, Coordinates]:
+    """Coordinates along and across the direction away from the middle of the photo."""
+    right, down = np.array(mark.outward) / np.hypot(*mark.outward)
+    return x * right + y * down, y * right - x * down
+
+
+def _wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Notch of a right angle in the frame, its tip inwards (or a picture's tip outwards)."""
+    along, across = _outwards(mark, x, y)
+    return along > np.abs(across)
+
+
+def _half_wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Notch with one straight and one slanting side."""
+    along, across = _outwards(mark, x, y)
+    return (along > across) & (across > 0)
+
+
+def _other_half_wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """The same, turned over."""
+    along, across = _outwards(mark, x, y)
+    return (along > -across) & (across < 0)
+
+
+SHAPES: dict[str, Callable[[Mark, Coordinates, Coordinates], Inside]] = {
+    "cross": _cross,
+    "saltire": _saltire,
+    "gapped-cross": _gapped_cross,
+    "dot": _dot,
+    "ring": _ring,
+    "ringed-dot": _ringed_dot,
+    "ringed-cross": _ringed_cross,
+    "ringed-saltire": _ringed_saltire,
+    "wedge": _wedge,
+    "half-wedge": _half_wedge,
+    "other-half-wedge": _other_half_wedge,
+}

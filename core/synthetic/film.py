@@ -1,0 +1,221 @@
+"""Exposes the ground onto film, develops it, and scans it with all its scars."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from scipy.sparse import csr_matrix
+
+from core.geometry.camera import Camera
+from core.synthetic.flight import Exposure
+from core.synthetic.marks import mark_coverage
+from core.synthetic.noise import fractal, stretched_band, white
+from core.synthetic.options import seeded
+from core.synthetic.painting import Ground
+from core.synthetic.terrain import Terrain
+
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
+NODE_PX = 8
+"""Distance of the nodes at which rays are followed to the ground; between them cubic."""
+BAND = 512
+"""Rows developed at a time."""
+FILM_MM = 191.0
+"""Width of the film itself; beyond lies the scanner's bed."""
+EDGE = 8
+"""Rows more on both sides of a band, so that blurs do not end at its edge."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmOptions:
+    """How film and lens treat the light."""
+
+    blur_px: float = 0.55
+    """Blur of lens, motion and emulsion, scan pixels."""
+    grain: float = 5.5
+    """Standard deviation of the grain in the middle tones, gray values."""
+    grain_px: float = 0.75
+    """Blur that makes grain of neighbouring pixels alike, pixels."""
+    vignetting: float = 1.1
+    """Power of the cosine by which light falls off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelMaps:
+    """Where each scan pixel looks on the ground, known at nodes."""
+
+    columns: Float32[np.ndarray, "nodes_down nodes_right"]
+    """Column of the ground raster (OpenCV's count) at the nodes."""
+    rows: Float32[np.ndarray, "nodes_down nodes_right"]
+    """Row of the ground raster at the nodes."""
+    size_px: tuple[int, int]
+    """Columns and rows of the scan."""
+
+    def band(self, first: int, last: int) -> tuple[Field, Field]:
+        """Both coordinates for all pixels of the scan's rows first to last - 1."""
+        down = _between(first, last, self.columns.shape[0])
+        right = _between(0, self.size_px[0], self.columns.shape[1])
+        columns = np.asarray((right @ (down @ self.columns).T).T, dtype=np.float32)
+        rows = np.asarray((right @ (down @ self.rows).T).T, dtype=np.float32)
+        return np.ascontiguousarray(columns), np.ascontiguousarray(rows)
+
+
+def make_scan(
+    ground: Ground,
+    terrain: Terrain,
+    exposure: Exposure,
+    camera: Camera,
+    seed: int,
+    options: FilmOptions,
+) -> Picture:
+    """The scan of one exposure.
+
+    Args:
+        ground: The painted epoch, already as soft as the film's resolution.
+        terrain: The true terrain.
+        exposure: The exposure with its true orientations.
+        camera: The true camera, fiducials included.
+        seed: Seed of the block.
+        options: Lens and film.
+
+    Returns:
+        The scan, 8 bit, without notes and scars.
+    """
+    columns, rows = exposure.size_px
+    maps = pixel_maps(ground, terrain, exposure, camera)
+    scan = np.empty((rows, columns), dtype=np.uint8)
+    dark_room = _DarkRoom(exposure, camera, seed, options)
+    for first in range(0, rows, BAND):
+        last = min(first + BAND, rows)
+        light = expose_band(ground, maps, first - EDGE, last + EDGE)
+        scan[first:last] = dark_room.develop(light, first - EDGE)[EDGE:-EDGE]
+    return scan
+
+
+def pixel_maps(
+    ground: Ground, terrain: Terrain, exposure: Exposure, camera: Camera
+) -> PixelMaps:
+    """Follow the rays of the nodes through lens and air down to the terrain."""
+    columns, rows = exposure.size_px
+    across = (np.arange(-(-columns // NODE_PX) + 4) - 1.5) * NODE_PX
+    down = (np.arange(-(-rows // NODE_PX) + 4) - 1.5) * NODE_PX
+    column, row = np.meshgrid(across, down)
+    pixels = np.column_stack([column.ravel(), row.ravel()])
+    places = exposure.ground_from_pixel(pixels, terrain, camera)
+    seen = ground.grid.grid_from_object(places[:, :2]) - 0.5
+    return PixelMaps(
+        seen[:, 0].reshape(column.shape).astype(np.float32),
+        seen[:, 1].reshape(column.shape).astype(np.float32),
+        exposure.size_px,
+    )
+
+
+def _between(first: int, last: int, nodes: int) -> csr_matrix:
+    """Cubic convolution weights (Keys, a = -1/2: exact for parabolas) of pixels on nodes."""
+    # The centre of pixel i is i + 0.5; node k lies at (k - 1.5) NODE_PX.
+    place = (np.arange(first, last) + 0.5) / NODE_PX + 1.5
+    place = np.clip(place, 1.0, nodes - 2.001)
+    base = np.floor(place).astype(np.int64)
+    t = place - base
+    weights = np.stack(
+        [
+            -0.5 * t**3 + t**2 - 0.5 * t,
+            1.5 * t**3 - 2.5 * t**2 + 1.0,
+            -1.5 * t**3 + 2.0 * t**2 + 0.5 * t,
+            0.5 * t**3 - 0.5 * t**2,
+        ],
+        axis=1,
+    )
+    columns = base[:, None] + np.arange(-1, 3)
+    row = np.repeat(np.arange(last - first), 4)
+    shape = (last - first, nodes)
+    return csr_matrix((weights.ravel().astype(np.float32), (row, columns.ravel())), shape=shape)
+
+
+def expose_band(ground: Ground, maps: PixelMaps, first: int, last: int) -> Field:
+    """Light from the ground on the pixels of some rows of the scan, 0 to 255."""
+    columns, rows = maps.band(first, last)
+    height, width = ground.gray.shape
+    left = int(np.clip(np.floor(columns.min()) - 3, 0, width - 1))
+    right = int(np.clip(np.ceil(columns.max()) + 4, left + 1, width))
+    top = int(np.clip(np.floor(rows.min()) - 3, 0, height - 1))
+    bottom = int(np.clip(np.ceil(rows.max()) + 4, top + 1, height))
+    part = ground.gray[top:bottom, left:right].astype(np.float32)
+    light = cv2.remap(part, columns - left, rows - top, cv2.INTER_CUBIC,
+                      borderMode=cv2.BORDER_REPLICATE)
+    return np.clip(np.asarray(light, dtype=np.float32), 0.0, 255.0)
+
+
+class _DarkRoom:
+    """Turns light into gray values, band by band."""
+
+    def __init__(
+        self, exposure: Exposure, camera: Camera, seed: int, options: FilmOptions
+    ) -> None:
+        self.exposure, self.camera, self.seed, self.options = exposure, camera, seed, options
+        rng = seeded(seed, "development", exposure.photo_id)
+        self.gain = float(np.exp(rng.normal(0.0, 0.09)))
+        self.steepness = float(rng.uniform(1.7, 2.2))
+        self.fog = float(rng.uniform(6.0, 14.0))
+        self.bed = float(rng.uniform(22.0, 48.0))
+        self.linear = exposure.pixel_from_film[:, :2]
+        self.pixel_mm = 1.0 / float(np.sqrt(abs(np.linalg.det(self.linear))))
+        self.uneven = 0.045 * fractal((40, 40), 5.0, 5.0, 60.0, 1.0, rng)
+
+    def develop(self, light: Field, first: int) -> Field:
+        """Gray values of rows of the scan beginning with the first, from the light on them."""
+        x, y = self._film(first, light.shape[0])
+        inside = self._frame(x, y)
+        gray = self._density(light, x, y, first)
+        gray = self.fog + inside * (gray - self.fog)
+        beyond = np.maximum(np.abs(x), np.abs(y)) > np.float32(FILM_MM / 2)
+        gray[beyond] = self.bed
+        for place in self.camera.fiducials_mm.values():
+            top, left, dark, mark = mark_coverage(x, y, place, self.pixel_mm, self.camera)
+            window = gray[top : top + dark.shape[0], left : left + dark.shape[1]]
+            window += dark * (self.fog - window)
+            window += mark * (228.0 - window)
+        soft = np.asarray(cv2.GaussianBlur(gray, (0, 0), 0.45), dtype=np.float32)
+        return np.clip(soft + self._grain(soft, first), 0.0, 255.0)
+
+    def _film(self, first: int, rows: int) -> tuple[Field, Field]:
+        """Film x and y, millimetres, of the pixels of a band."""
+        back = np.linalg.inv(self.linear)
+        shift = self.exposure.pixel_from_film[:, 2]
+        column = (np.arange(self.exposure.size_px[0]) + 0.5 - shift[0])[None, :]
+        row = (np.arange(first, first + rows) + 0.5 - shift[1])[:, None]
+        x = back[0, 0] * column + back[0, 1] * row
+        y = back[1, 0] * column + back[1, 1] * row
+        return x.astype(np.float32), y.astype(np.float32)
+
+    def _frame(self, x: Field, y: Field) -> Field:
+        """Share of each pixel that lies within the camera's frame, its corners a little round."""
+        half = np.float32(self.camera.frame_mm[0] / 2), np.float32(self.camera.frame_mm[1] / 2)
+        round_mm = np.float32(1.2)
+        away_x = np.maximum(np.abs(x) - half[0] + round_mm, 0)
+        away_y = np.maximum(np.abs(y) - half[1] + round_mm, 0)
+        away = np.hypot(away_x, away_y) - round_mm
+        return np.clip(0.5 - away / np.float32(self.pixel_mm), 0.0, 1.0)
+
+    def _density(self, light: Field, x: Field, y: Field, first: int) -> Field:
+        """Lens, vignetting, uneven development and the characteristic curve."""
+        sharp = cv2.GaussianBlur(light, (0, 0), self.options.blur_px)
+        r2 = (x * x + y * y) / np.float32(self.camera.principal_distance_mm**2)
+        dose = np.asarray(sharp, dtype=np.float32) / np.float32(255.0)
+        dose *= (1.0 + r2) ** np.float32(-self.options.vignetting) * np.float32(self.gain)
+        columns, rows = self.exposure.size_px
+        dose *= 1.0 + stretched_band(self.uneven, (rows, columns), first, light.shape[0])
+        middle = np.float32(0.43)
+        rise = np.exp(np.float32(self.steepness) * np.log(np.maximum(dose, 1e-3) / middle))
+        return 18.0 + 224.0 * rise / (1.0 + rise)
+
+    def _grain(self, gray: Field, first: int) -> Field:
+        """Grain: strongest in the middle tones, alike in neighbouring pixels."""
+        name = f"grain {self.exposure.photo_id}"
+        noise = white(self.seed, name, 0, first + 4096, gray.shape[1], gray.shape[0])
+        blurred = np.asarray(cv2.GaussianBlur(noise, (0, 0), self.options.grain_px))
+        # A blurred white field keeps 1 / (2 sqrt(pi) sigma) of its deviation.
+        blurred *= np.float32(2.0 * np.sqrt(np.pi) * self.options.grain_px)
+        tone = gray / np.float32(255.0)
+        return blurred * np.float32(self.options.grain) * (0.35 + 2.6 * tone * (1.0 - tone))

@@ -1,0 +1,170 @@
+"""What the operator said about a point, as frozen values; the session appends and replays them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from core.block.block import Role
+
+Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
+"""Why a measurement is rejected."""
+REASONS: tuple[Reason, ...] = get_args(Reason)
+NOT_VISIBLE = "not visible"
+"""Reason of a measurement whose point cannot be seen in the photo at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Accept:
+    """The measurement is right."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+    column: float | None = None
+    """Where the measurement lay when it was accepted, pixels; keeps a later proposal from moving
+    what a human has looked at. None accepts whatever is proposed."""
+    row: float | None = None
+    """As `column`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reject:
+    """The measurement is wrong."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+    reason: Reason
+    """Why."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkDubious:
+    """The operator cannot say; the measurement is not used."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkNotVisible:
+    """The point cannot be seen in this photo."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The operator's own measurement."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+    column: float
+    """Pixels, corner origin."""
+    row: float
+    """Pixels, corner origin."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChoosePeak:
+    """Another of the engine's candidates is the right one."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+    index: int
+    """Index into the peaks of the measurement as it was shown."""
+    column: float | None = None
+    """Where that peak lay, pixels: finds it again when a later run orders its peaks otherwise."""
+    row: float | None = None
+    """As `column`."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetRole:
+    """The surveyed point steers (control) or only judges (check)."""
+
+    point_id: str
+    """The surveyed point."""
+    role: Role
+    """Control or check."""
+
+
+@dataclass(frozen=True, slots=True)
+class Withdraw:
+    """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
+
+    decision_id: int
+    """The decision that is taken back."""
+
+
+PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChoosePeak
+"""A decision about one point in one photo."""
+Decision = PhotoDecision | SetRole | Withdraw
+"""Everything an operator can decide."""
+DECISIONS: tuple[type, ...] = get_args(Decision)
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A decision on disk."""
+
+    decision_id: int
+    """Counts upwards in the order of recording, over all operators; never used twice."""
+    when: str
+    """Time of recording, UTC, ISO 8601."""
+    who: str
+    """The operator."""
+    decision: Decision
+    """What was decided."""
+
+
+def standing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
+    """The decisions that stand, withdrawals among them, in order.
+
+    Read backwards, since only a later record can take back an earlier one: a withdrawal that was
+    itself withdrawn takes nothing back.
+    """
+    withdrawn: set[int] = set()
+    kept: list[Recorded] = []
+    for recorded in reversed(decisions):
+        if recorded.decision_id in withdrawn:
+            continue
+        kept.append(recorded)
+        if isinstance(recorded.decision, Withdraw):
+            withdrawn.add(recorded.decision.decision_id)
+    return tuple(reversed(kept))
+
+
+def last_to_undo(decisions: Sequence[Recorded], operator: str) -> Recorded | None:
+    """The operator's last decision that stands."""
+    own = [item for item in standing(decisions) if item.who == operator]
+    return next((item for item in reversed(own) if not isinstance(item.decision, Withdraw)), None)
+
+
+def last_to_redo(decisions: Sequence[Recorded], operator: str) -> Recorded | None:
+    """The operator's last undo that stands; None once something new was decided after it."""
+    plain = {item.decision_id for item in decisions if not isinstance(item.decision, Withdraw)}
+    own_last = max(
+        (
+            item.decision_id
+            for item in decisions
+            if item.who == operator and item.decision_id in plain
+        ),
+        default=0,
+    )
+    for item in reversed(standing(decisions)):
+        undoes = isinstance(item.decision, Withdraw) and item.decision.decision_id in plain
+        if item.who == operator and undoes and item.decision_id > own_last:
+            return item
+    return None

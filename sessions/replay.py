@@ -1,0 +1,189 @@
+"""Lay the operator's standing decisions over the block as the engine left it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from core.block.block import Block, Measurement, Peak, Photo, SurveyedPoint
+from sessions.decisions import (
+    NOT_VISIBLE,
+    Accept,
+    ChoosePeak,
+    Decision,
+    MarkDubious,
+    MarkNotVisible,
+    PhotoDecision,
+    Place,
+    Recorded,
+    Reject,
+    SetRole,
+    Withdraw,
+    standing,
+)
+
+HAND_SIGMA_PX = 0.5
+"""Standard deviation per axis of a measurement made by hand, scan pixels."""
+SAME_PLACE_PX = 2.0
+"""Two places nearer than this, scan pixels, are taken as the same detail."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replayed:
+    """The block as the operators want it, and what they said that finds no place in it."""
+
+    block: Block
+    """The block with every decision laid over it."""
+    unmatched: tuple[Recorded, ...]
+    """Standing decisions whose point, photo or measurement is not proposed at present: kept in the
+    session and tried again at every replay."""
+
+
+def replay(block: Block, decisions: Sequence[Recorded]) -> Block:
+    """The block with the standing decisions laid over it, in the order they were made."""
+    return replay_all(block, decisions).block
+
+
+def replay_all(block: Block, decisions: Sequence[Recorded]) -> Replayed:
+    """As `replay`, with the standing decisions that are about nothing in this block."""
+    measurements, surveyed = dict(block.measurements), dict(block.surveyed)
+    unmatched: list[Recorded] = []
+    known = {recorded.decision_id for recorded in decisions}
+    for recorded in standing(decisions):
+        match recorded.decision:
+            case Withdraw(decision_id):
+                matched = decision_id in known
+            case SetRole() as decision:
+                matched = _set_role(surveyed, decision)
+            case decision:
+                matched = _decide(block.photos, surveyed, measurements, decision, recorded.who)
+        if not matched:
+            unmatched.append(recorded)
+    changed = replace(block, surveyed=surveyed, measurements=measurements)
+    return Replayed(changed, tuple(unmatched))
+
+
+def with_place(decision: Decision, block: Block) -> Decision:
+    """The decision with the place the operator saw filled in from the block that was on screen.
+
+    What a human has accepted then stays where it was looked at, whatever a later run proposes.
+    """
+    if not isinstance(decision, (Accept, ChoosePeak)) or decision.column is not None:
+        return decision
+    measurement = block.measurements.get((decision.point_id, decision.photo_id))
+    if measurement is None:
+        return decision
+    if isinstance(decision, Accept):
+        return replace(decision, column=measurement.column, row=measurement.row)
+    if not 0 <= decision.index < len(measurement.peaks):
+        return decision
+    peak = measurement.peaks[decision.index]
+    return replace(decision, column=peak.column, row=peak.row)
+
+
+def _set_role(surveyed: dict[str, SurveyedPoint], decision: SetRole) -> bool:
+    """Give the point its role; False when there is no such point."""
+    point = surveyed.get(decision.point_id)
+    if point is None:
+        return False
+    surveyed[decision.point_id] = replace(point, role=decision.role)
+    return True
+
+
+def _decide(
+    photos: Mapping[str, Photo],
+    surveyed: Mapping[str, SurveyedPoint],
+    measurements: dict[tuple[str, str], Measurement],
+    decision: PhotoDecision,
+    who: str,
+) -> bool:
+    """Change the measurement the decision is about; False when there is nothing to change."""
+    if decision.point_id not in surveyed or decision.photo_id not in photos:
+        return False
+    key = decision.point_id, decision.photo_id
+    decided = _decided(measurements.get(key), decision, who)
+    if decided is None:
+        return False
+    measurements[key] = decided
+    return True
+
+
+def _decided(proposed: Measurement | None, decision: PhotoDecision, who: str) -> Measurement | None:
+    """The measurement after the decision; None when the decision has nothing to hold on to."""
+    match decision:
+        case Place():
+            return _placed(proposed, decision, who)
+        case Accept(column=column, row=row) if column is not None and row is not None:
+            return _held(proposed, decision, column, row)
+        case ChoosePeak():
+            return _chosen(proposed, decision)
+        case _ if proposed is None:
+            return None
+        case Accept():
+            return replace(proposed, status="accepted", reason="")
+        case Reject(reason=reason):
+            return replace(proposed, status="rejected", reason=reason)
+        case MarkNotVisible():
+            return replace(proposed, status="rejected", reason=NOT_VISIBLE)
+        case MarkDubious():
+            return replace(proposed, status="dubious", reason=f"dubious to {who}")
+
+
+def _placed(proposed: Measurement | None, decision: Place, who: str) -> Measurement:
+    """The operator's own measurement; its peak comes last so that the others keep their index."""
+    peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
+    hand = Peak(decision.column, decision.row, HAND_SIGMA_PX, 1.0, "operator")
+    return Measurement(
+        decision.point_id,
+        decision.photo_id,
+        decision.column,
+        decision.row,
+        HAND_SIGMA_PX,
+        score=1.0,
+        status="accepted",
+        reason=f"placed by {who}",
+        peaks=(*peaks, hand),
+    )
+
+
+def _held(
+    proposed: Measurement | None, decision: Accept | ChoosePeak, column: float, row: float
+) -> Measurement:
+    """Accepted where the operator saw it, even when the engine has since gone elsewhere."""
+    if proposed is None:
+        return Measurement(
+            decision.point_id, decision.photo_id, column, row, HAND_SIGMA_PX, status="accepted"
+        )
+    if isinstance(decision, Accept) and _near(proposed, column, row):
+        return replace(proposed, status="accepted", reason="")
+    peaks = [peak for peak in proposed.peaks if _near(peak, column, row)]
+    if not peaks:
+        return replace(
+            proposed, column=column, row=row, sigma_px=HAND_SIGMA_PX, status="accepted", reason=""
+        )
+    nearest = min(peaks, key=lambda peak: (peak.column - column) ** 2 + (peak.row - row) ** 2)
+    return _at_peak(proposed, nearest)
+
+
+def _chosen(proposed: Measurement | None, decision: ChoosePeak) -> Measurement | None:
+    """Moved to the peak: by its place where that is known, else by its index."""
+    if decision.column is not None and decision.row is not None:
+        return _held(proposed, decision, decision.column, decision.row)
+    if proposed is None or not 0 <= decision.index < len(proposed.peaks):
+        return None
+    return _at_peak(proposed, proposed.peaks[decision.index])
+
+
+def _at_peak(proposed: Measurement, peak: Peak) -> Measurement:
+    """The measurement at one of its peaks, accepted."""
+    return replace(
+        proposed,
+        column=peak.column,
+        row=peak.row,
+        sigma_px=peak.sigma_px,
+        status="accepted",
+        reason="",
+    )
+
+
+def _near(place: Measurement | Peak, column: float, row: float) -> bool:
+    """True when a measurement or peak lies on the place."""
+    return (place.column - column) ** 2 + (place.row - row) ** 2 <= SAME_PLACE_PX**2

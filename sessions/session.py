@@ -1,0 +1,158 @@
+"""Session: the folder of a block and its door; all other rooms come through here."""
+
+import json
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import shapely
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block
+from core.errors import StorageError
+from sessions.codec import CodecError, from_json, to_json
+from sessions.decisions import Decision, Recorded, Withdraw, last_to_redo, last_to_undo
+from sessions.disk import told
+from sessions.layers import write_layers
+from sessions.processes import only_run
+from sessions.products import Products
+from sessions.replay import Replayed, replay_all, with_place
+from sessions.store import Row, Store
+from sessions.whole import clean_leftovers
+
+FILE = "session.gpkg"
+"""The session file in the block's folder."""
+HIDDEN = ".gruber"
+"""Folder of everything that can be made again."""
+RESULTS = "results"
+"""Folder of what the user takes away."""
+
+
+class Session:
+    """One operator's door to a block's memory; used by one thread at a time.
+
+    Several sessions, of one process or of many, may be open on the same block.
+    """
+
+    def __init__(self, folder: Path, operator: str, store: Store) -> None:
+        self.folder = folder
+        self.operator = operator
+        self.products = Products(folder / HIDDEN / "products")
+        self.results = folder / RESULTS
+        self._store = store
+        self._known: list[Recorded] = []
+
+    @classmethod
+    def open(cls, block_folder: Path, operator: str) -> Self:
+        """Open the session of a block's folder, begun if there is none.
+
+        What a killed process left half written is removed.
+
+        Args:
+            block_folder: The folder that holds `block.toml`.
+            operator: Name under which decisions are recorded.
+
+        Raises:
+            StorageError: The session cannot be read or written.
+        """
+        folder = block_folder.resolve()
+        for made in (folder / HIDDEN / "products", folder / RESULTS):
+            with told(made):
+                made.mkdir(parents=True, exist_ok=True)
+        store = Store.open(folder / FILE)
+        for tended in (folder / HIDDEN, folder / RESULTS):
+            clean_leftovers(tended)
+        return cls(folder, operator, store)
+
+    def record(
+        self, decision: Decision, seen: Block | None = None, operator: str | None = None
+    ) -> Recorded:
+        """Put a decision on the disk; when this returns, it is there.
+
+        Args:
+            decision: What was decided.
+            seen: The block that was on screen: fills in the place that was looked at, so that a
+                later run cannot move what a human has accepted.
+            operator: Who decided; the session's own operator by default.
+        """
+        placed = decision if seen is None else with_place(decision, seen)
+        when = datetime.now(UTC).isoformat(timespec="milliseconds")
+        who = operator or self.operator
+        text = json.dumps(to_json(placed), ensure_ascii=False)
+        number = self._store.append(when, who, type(placed).__name__, text)
+        return Recorded(number, when, who, placed)
+
+    def decisions(self) -> tuple[Recorded, ...]:
+        """Every decision of every operator, in order, withdrawn ones and withdrawals included."""
+        after = self._known[-1].decision_id if self._known else 0
+        self._known.extend(self.since(after))
+        return tuple(self._known)
+
+    def since(self, decision_id: int) -> tuple[Recorded, ...]:
+        """What was recorded after a given decision, by whomever; 0 for everything."""
+        return tuple(self._recorded(row) for row in self._store.rows(after=decision_id))
+
+    def replayed(self, block: Block) -> Block:
+        """The block with all standing decisions laid over it."""
+        return self.replayed_all(block).block
+
+    def replayed_all(self, block: Block) -> Replayed:
+        """As `replayed`, with the decisions that find no place in this block."""
+        return replay_all(block, self.decisions())
+
+    def undo(self, operator: str | None = None) -> Recorded | None:
+        """Withdraw the operator's own last decision that stands; None when there is none."""
+        who = operator or self.operator
+        last = last_to_undo(self.decisions(), who)
+        return None if last is None else self.record(Withdraw(last.decision_id), operator=who)
+
+    def redo(self, operator: str | None = None) -> Recorded | None:
+        """Withdraw the operator's own last undo; None when something was decided after it."""
+        who = operator or self.operator
+        last = last_to_redo(self.decisions(), who)
+        return None if last is None else self.record(Withdraw(last.decision_id), operator=who)
+
+    def write_layers(
+        self, block: Block, report: AdjustmentReport, footprints: Mapping[str, shapely.Polygon]
+    ) -> None:
+        """Replace the layers QGIS shows by those of this block, all at once."""
+        write_layers(self._store, block, report, footprints)
+
+    @contextmanager
+    def running(self) -> Generator[None]:
+        """Be the only one who makes this block's products.
+
+        Raises:
+            StorageError: Another run is at work in the same block.
+        """
+        with only_run(self.folder / HIDDEN / "run.lock", self.operator):
+            yield
+
+    def close(self) -> None:
+        """Let go of the session file."""
+        self._store.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _recorded(self, row: Row) -> Recorded:
+        try:
+            decision = from_json(json.loads(row.decision))
+        except (CodecError, ValueError) as error:
+            raise StorageError(
+                self._store.path,
+                f"holds decision {row.decision_id}, which this Gruber cannot read ({error}).",
+                "Update Gruber; the decision is kept.",
+            ) from error
+        return Recorded(row.decision_id, row.recorded, row.who, decision)

@@ -1,0 +1,224 @@
+"""The session file: a GeoPackage to which decisions are appended, one transaction each."""
+
+import sqlite3
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from core.errors import StorageError
+from sessions.migrations import GEOPACKAGE_ID, MIGRATIONS, Migration, newest, steps_from
+
+BUSY_SECONDS = 10.0
+"""How long to wait for another program that is writing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One decision as it lies in the file."""
+
+    decision_id: int
+    """Counts upwards."""
+    recorded: str
+    """Time, UTC, ISO 8601."""
+    who: str
+    """The operator."""
+    decision: str
+    """The decision, encoded."""
+
+
+class Transaction:
+    """SQL inside one transaction; handed out by `Store.writing`."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def execute(self, sql: str, values: Sequence[Any] = ()) -> None:
+        """Run one statement."""
+        self._connection.execute(sql, values)
+
+    def execute_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
+        """Run one statement for each row."""
+        self._connection.executemany(sql, rows)
+
+    def query(self, sql: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        """All rows of a question."""
+        return self._connection.execute(sql, values).fetchall()
+
+
+class Store:
+    """One connection to `session.gpkg`; used by one thread at a time.
+
+    A rollback journal, not a write-ahead log, so that the file is whole by itself and may lie on a
+    network share; each commit is on the disk when the call returns.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open the session file, made or brought to this version as needed.
+
+        Raises:
+            StorageError: Not a session, of a newer version, locked, read-only, or a full disk.
+        """
+        with _told(path):
+            connection = sqlite3.connect(
+                path, timeout=BUSY_SECONDS, isolation_level=None, check_same_thread=False
+            )
+        store = cls(path, connection)
+        try:
+            with _told(path):
+                store._prepare()
+        except BaseException:
+            connection.close()
+            raise
+        return store
+
+    def append(self, recorded: str, who: str, kind: str, decision: str) -> int:
+        """Put one decision on the disk; when this returns, it is there.
+
+        Returns:
+            Its number.
+        """
+        with self.writing() as transaction:
+            found = transaction.query(
+                "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)"
+                " RETURNING decision_id",
+                (recorded, who, kind, decision),
+            )
+        return int(found[0][0])
+
+    def rows(self, after: int = 0) -> list[Row]:
+        """The decisions recorded after a given one, in order."""
+        with _told(self.path):
+            found = self._connection.execute(
+                "SELECT decision_id, recorded, who, decision FROM decisions"
+                " WHERE decision_id > ? ORDER BY decision_id",
+                (after,),
+            ).fetchall()
+        return [Row(*row) for row in found]
+
+    @contextmanager
+    def writing(self) -> Generator[Transaction]:
+        """One transaction: all of it or nothing, on the disk when the block ends."""
+        with _told(self.path):
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield Transaction(self._connection)
+                self._connection.execute("COMMIT")
+            except BaseException:
+                # A full disk has already rolled back; the first error is the one to tell.
+                with suppress(sqlite3.Error):
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    def close(self) -> None:
+        """Let go of the file, which is then one whole file without companions."""
+        with suppress(sqlite3.Error):
+            self._leave_wal()
+        self._connection.close()
+
+    def _prepare(self) -> None:
+        self._connection.execute("PRAGMA synchronous = EXTRA")
+        with suppress(sqlite3.OperationalError):
+            # QGIS edits in WAL mode and holds on to it; appending is as safe in either.
+            self._leave_wal()
+        if self._version() < newest():
+            with self.writing() as transaction:
+                # Asked again under the lock: another process may just have made the file.
+                for step in steps_from(self._version()):
+                    _take(step, transaction)
+
+    def _leave_wal(self) -> None:
+        if self._connection.execute("PRAGMA journal_mode").fetchone()[0] != "delete":
+            self._connection.execute("PRAGMA journal_mode = DELETE").fetchone()
+
+    def _version(self) -> int:
+        """Version of the file, 0 when it is empty; refuses what is no session of ours."""
+        tables = {
+            row[0] for row in self._connection.execute("SELECT name FROM sqlite_master").fetchall()
+        }
+        identity = self._connection.execute("PRAGMA application_id").fetchone()[0]
+        if not tables:
+            return 0
+        if "gruber_version" not in tables or identity != GEOPACKAGE_ID:
+            raise StorageError(
+                self.path,
+                "is a database, but not a session of Gruber.",
+                "Move it out of the block's folder; a new session is then begun.",
+            )
+        version = int(self._connection.execute("SELECT version FROM gruber_version").fetchone()[0])
+        if version > newest():
+            raise StorageError(
+                self.path,
+                f"was written by a newer Gruber (session version {version}, this one knows "
+                f"{newest()}).",
+                "Update Gruber; the file was not touched.",
+            )
+        return version
+
+
+def _take(step: Migration, transaction: Transaction) -> None:
+    for statement in step.statements:
+        transaction.execute(statement)
+    transaction.execute("UPDATE gruber_version SET version = ?", (step.version,))
+
+
+@contextmanager
+def _told(path: Path) -> Generator[None]:
+    """Turn what SQLite says into file, cause and remedy."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        cause, remedy = _explained(error, path)
+        raise StorageError(path, cause, remedy) from error
+
+
+def _explained(error: sqlite3.Error, path: Path) -> tuple[str, str]:
+    """Cause and remedy of a SQLite error; the extended codes keep the base code in the low byte."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
+    if code in _EXPLANATIONS:
+        return _EXPLANATIONS[code]
+    return f"could not be used ({error}).", f"Make a copy of {path.name}, then try again."
+
+
+_LOCKED = (
+    f"has been held by another program for more than {BUSY_SECONDS:.0f} seconds.",
+    "Save or end the editing of its layers (in QGIS: toggle editing off), then try again.",
+)
+_READ_ONLY = (
+    "may not be written.",
+    "Give yourself the right to write the block's folder, or copy the block elsewhere.",
+)
+_EXPLANATIONS: dict[int, tuple[str, str]] = {
+    sqlite3.SQLITE_BUSY: _LOCKED,
+    sqlite3.SQLITE_LOCKED: _LOCKED,
+    sqlite3.SQLITE_READONLY: _READ_ONLY,
+    sqlite3.SQLITE_PERM: _READ_ONLY,
+    sqlite3.SQLITE_FULL: (
+        "could not be written: the disk is full.",
+        "Free some space and repeat the last step; everything recorded before it is safe.",
+    ),
+    sqlite3.SQLITE_IOERR: (
+        "could not be read or written: the disk reports an error or is full.",
+        "Check the free space and the disk, then repeat the last step.",
+    ),
+    sqlite3.SQLITE_CANTOPEN: (
+        "cannot be opened.",
+        "Check that the block's folder exists and may be written.",
+    ),
+    sqlite3.SQLITE_NOTADB: (
+        "is not a session: it is no database at all.",
+        "Move it out of the block's folder; a new session is then begun.",
+    ),
+    sqlite3.SQLITE_CORRUPT: (
+        "is damaged.",
+        "Restore it from a backup, or rescue it with `sqlite3 session.gpkg .recover`.",
+    ),
+}
+
+assert MIGRATIONS[-1].version == len(MIGRATIONS), "versions count 1, 2, 3"

@@ -1,0 +1,125 @@
+"""Products named by what made them."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.block.block import Block
+from sessions.codec import CodecError, encode
+from sessions.products import Products, digest_of
+
+ONE, TWO = digest_of(1), digest_of(2)
+
+
+@dataclass(frozen=True)
+class Options:
+    spacing_m: float
+    scan: Path
+
+
+def test_digest_is_of_the_value_and_of_nothing_else__law(block: Block) -> None:
+    assert digest_of(block, 1.5) == digest_of(block, 1.5)
+    assert digest_of({"a": 1, "b": 2}) == digest_of({"b": 2, "a": 1})
+    assert len({digest_of(1, 2), digest_of(12), digest_of((1, 2)), digest_of("1", 2)}) == 4
+    assert digest_of(np.array([1.0])) != digest_of(np.array([1.0], np.float32))
+    assert digest_of(float("nan")) == digest_of(float("nan"))
+
+
+def test_digest_follows_the_content_of_files_wherever_they_stand__truth(tmp_path: Path) -> None:
+    scan = tmp_path / "00150.tif"
+    seen = set()
+    for change in (
+        lambda: None,
+        lambda: scan.write_bytes(bytes(200_000)),
+        lambda: scan.write_bytes(bytes(199_999) + b"x"),
+        lambda: os.utime(scan, ns=(0, 5)),
+        lambda: scan.with_suffix(".tfw").write_text("0.5"),
+    ):
+        change()
+        first, second = digest_of(Options(5.0, scan)), digest_of(Options(5.0, scan))
+        assert first == second
+        seen.add(first)
+    assert len(seen) == 5
+
+
+def test_a_value_comes_back_only_for_its_own_digest__truth(tmp_path: Path, block: Block) -> None:
+    products = Products(tmp_path)
+    assert products.fresh("adjustment", ONE) is None
+    assert products.load_value("adjustment", ONE) is None
+    path = products.save_value("adjustment", ONE, block)
+    assert products.fresh("adjustment", ONE) == path
+    assert encode(products.load_value("adjustment", ONE)) == encode(block)
+    assert products.fresh("adjustment", TWO) is None
+    assert products.fresh("control", ONE) is None
+
+
+def test_stale_products_go_only_after_the_new_one_is_there__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    products.save_value("control", ONE, "old")
+    with pytest.raises(CodecError):
+        products.save_value("control", TWO, object())
+    assert products.load_value("control", ONE) == "old"
+    products.save_value("control", TWO, "new")
+    assert products.fresh("control", ONE) is None
+    assert products.load_value("control", TWO) == "new"
+
+
+def test_the_latest_value_is_there_for_showing__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    assert products.latest_value("adjustment") is None
+    products.save_value("adjustment", ONE, "as it was")
+    assert products.latest_value("adjustment") == "as it was"
+
+
+@pytest.mark.parametrize("keep", [0, 10, 90, -1])
+def test_a_truncated_value_counts_as_not_there__truth(tmp_path: Path, keep: int) -> None:
+    products = Products(tmp_path)
+    path = products.save_value("control", ONE, ["a value"] * 20)
+    path.write_bytes(path.read_bytes()[:keep])
+    assert products.fresh("control", ONE) is None
+    assert products.load_value("control", ONE) is None
+
+
+def test_a_damaged_value_counts_as_not_there__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    path = products.save_value("control", ONE, "a value")
+    path.write_bytes(path.read_bytes().replace(b"value", b"valve"))
+    assert products.load_value("control", ONE) is None
+
+
+def test_a_folder_of_rasters_is_there_when_it_is_whole__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    stage = "ortho/LMSA08 1984/é"
+    with products.making(stage, ONE) as folder:
+        (folder / "ortho.tif").write_text("raster")
+        assert products.fresh(stage, ONE) is None
+    found = products.fresh(stage, ONE)
+    assert found is not None
+    assert (found / "ortho.tif").read_text() == "raster"
+    (found / "ortho.tif").write_text("rast")
+    assert products.fresh(stage, ONE) is None
+    with products.making(stage, ONE) as folder:
+        (folder / "ortho.tif").write_text("raster")
+    assert products.fresh(stage, ONE) == found
+
+
+def test_a_folder_replaces_only_its_own_stages_stale_products__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    for stage, digest in (("ortho/A", ONE), ("ortho", ONE), ("ortho", TWO)):
+        with products.making(stage, digest) as folder:
+            (folder / "ortho.tif").write_text("raster")
+    assert products.fresh("ortho", ONE) is None
+    assert products.fresh("ortho", TWO) is not None
+    assert products.fresh("ortho/A", ONE) is not None
+
+
+def test_an_interrupted_folder_is_not_there__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    with pytest.raises(KeyboardInterrupt), products.making("ortho", ONE) as folder:  # noqa: PT012
+        (folder / "ortho.tif").write_text("half")
+        raise KeyboardInterrupt
+    assert products.fresh("ortho", ONE) is None
+    assert [path.name for path in (tmp_path / "ortho").iterdir()] == []

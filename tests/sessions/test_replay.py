@@ -1,0 +1,159 @@
+"""Decisions laid over a block."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from core.block.block import Block, Measurement, Peak
+from sessions.codec import encode
+from sessions.decisions import (
+    REASONS,
+    Accept,
+    ChoosePeak,
+    Decision,
+    MarkDubious,
+    MarkNotVisible,
+    Place,
+    Recorded,
+    Reject,
+    SetRole,
+    Withdraw,
+)
+from sessions.replay import replay, replay_all, with_place
+
+points, photos = st.sampled_from(["P1", "P2", "P3", "gone"]), st.sampled_from(["A", "B", "gone"])
+pixel = st.floats(0, 12000)
+decisions: st.SearchStrategy[Decision] = st.one_of(
+    st.builds(Accept, points, photos, st.none(), st.none()),
+    st.builds(Accept, points, photos, pixel, pixel),
+    st.builds(Reject, points, photos, st.sampled_from(REASONS)),
+    st.builds(MarkDubious, points, photos),
+    st.builds(MarkNotVisible, points, photos),
+    st.builds(Place, points, photos, pixel, pixel),
+    st.builds(ChoosePeak, points, photos, st.integers(-1, 3)),
+    st.builds(SetRole, points, st.sampled_from(["control", "check"])),
+)
+some = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def number(items: list[Decision]) -> list[Recorded]:
+    return [Recorded(n + 1, "", "ada", item) for n, item in enumerate(items)]
+
+
+def after(block: Block, *items: Decision) -> Measurement:
+    return replay(block, number(list(items))).measurements["P1", "A"]
+
+
+@some
+@given(st.lists(decisions, max_size=8), decisions)
+def test_do_and_withdraw_is_nothing__law(
+    block: Block, before: list[Decision], decision: Decision
+) -> None:
+    log = number([*before, decision, Withdraw(len(before) + 1)])
+    assert encode(replay(block, log)) == encode(replay(block, log[:-2]))
+
+
+@some
+@given(st.lists(decisions, max_size=8))
+def test_undo_and_redo_of_everything_is_everything__law(block: Block, done: list[Decision]) -> None:
+    count = len(done)
+    undone: list[Decision] = [Withdraw(n) for n in range(count, 0, -1)]
+    redone: list[Decision] = [Withdraw(n) for n in range(2 * count, count, -1)]
+    assert encode(replay(block, number(done + undone))) == encode(block)
+    assert encode(replay(block, number(done + undone + redone))) == encode(
+        replay(block, number(done))
+    )
+
+
+@some
+@given(st.lists(decisions, max_size=8))
+def test_replaying_twice_is_replaying_once__law(block: Block, done: list[Decision]) -> None:
+    once = replay(block, number(done))
+    assert encode(replay(once, number(done))) == encode(once)
+
+
+def test_each_decision_does_what_it_says__truth(block: Block) -> None:
+    assert after(block, Accept("P1", "A")).status == "accepted"
+    rejected = after(block, Reject("P1", "A", "changed"))
+    assert (rejected.status, rejected.reason) == ("rejected", "changed")
+    hidden = after(block, MarkNotVisible("P1", "A"))
+    assert (hidden.status, hidden.reason) == ("rejected", "not visible")
+    assert after(block, MarkDubious("P1", "A")).status == "dubious"
+    peak = block.measurements["P1", "A"].peaks[1]
+    chosen = after(block, ChoosePeak("P1", "A", 1))
+    assert (chosen.column, chosen.row, chosen.sigma_px) == (peak.column, peak.row, peak.sigma_px)
+    assert chosen.status == "accepted"
+    changed = replay(block, number([SetRole("P1", "check")]))
+    assert changed.surveyed["P1"].role == "check"
+
+
+def test_a_placed_measurement_is_accepted_with_half_a_pixel__truth(block: Block) -> None:
+    placed = after(block, Place("P1", "A", 812.5, 90.25))
+    assert (placed.column, placed.row, placed.sigma_px) == (812.5, 90.25, 0.5)
+    assert (placed.status, placed.reason) == ("accepted", "placed by ada")
+    assert placed.peaks[-1] == Peak(812.5, 90.25, 0.5, 1.0, "operator")
+    assert placed.peaks[:2] == block.measurements["P1", "A"].peaks
+
+
+def test_a_point_can_be_placed_where_nothing_was_proposed__truth(block: Block) -> None:
+    bare = replace(block, measurements={})
+    assert after(bare, Place("P1", "A", 5.0, 6.0)).used
+
+
+def test_the_later_decision_holds__truth(block: Block) -> None:
+    assert after(block, Reject("P1", "A", "other"), Accept("P1", "A")).status == "accepted"
+    assert after(block, Accept("P1", "A"), Reject("P1", "A", "other")).status == "rejected"
+    turned_down = after(block, Place("P1", "A", 1.0, 2.0), Reject("P1", "A", "blurred"))
+    assert (turned_down.column, turned_down.status) == (1.0, "rejected")
+
+
+def test_decisions_about_what_is_not_proposed_are_reported_and_come_back__truth(
+    block: Block,
+) -> None:
+    log = number([Accept("P1", "A"), Reject("new", "A", "other"), SetRole("new", "check")])
+    gone = replace(block, measurements={})
+    assert [item.decision_id for item in replay_all(gone, log).unmatched] == [1, 2, 3]
+    found = replay_all(block, log)
+    assert [item.decision_id for item in found.unmatched] == [2, 3]
+    assert found.block.measurements["P1", "A"].status == "accepted"
+
+
+def test_a_new_proposal_elsewhere_does_not_move_what_was_accepted__truth(block: Block) -> None:
+    seen = block.measurements["P1", "A"]
+    log = number([with_place(Accept("P1", "A"), block)])
+    nearby = replace(seen, column=seen.column + 0.7)
+    elsewhere = replace(seen, column=seen.column + 300, peaks=())
+    second = replace(elsewhere, peaks=seen.peaks)
+    for proposed, expected in (
+        (nearby, nearby.column),
+        (elsewhere, seen.column),
+        (second, seen.column),
+    ):
+        held = replay(block.with_measurement(proposed), log).measurements["P1", "A"]
+        assert held.column == pytest.approx(expected)
+        assert held.status == "accepted"
+    assert replay(replace(block, measurements={}), log).measurements["P1", "A"].used
+
+
+def test_a_chosen_peak_is_found_again_in_another_order__truth(block: Block) -> None:
+    seen = block.measurements["P1", "A"]
+    log = number([with_place(ChoosePeak("P1", "A", 1), block)])
+    turned = block.with_measurement(replace(seen, peaks=seen.peaks[::-1]))
+    assert replay(turned, log).measurements["P1", "A"].column == seen.peaks[1].column
+
+
+def test_the_given_block_is_not_touched__truth(block: Block) -> None:
+    before = encode(block)
+    replay(block, number([Place("P1", "A", 5.0, 6.0), SetRole("P1", "check")]))
+    assert encode(block) == before
+
+
+def test_thousands_of_decisions_replay_within_a_keystroke__truth(block: Block) -> None:
+    rng = np.random.default_rng(1)
+    log = number([Place("P1", "A", *rng.uniform(0, 12000, 2)) for _ in range(5000)])
+    last = log[-1].decision
+    assert isinstance(last, Place)
+    assert replay(block, log).measurements["P1", "A"].column == last.column

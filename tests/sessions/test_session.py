@@ -1,0 +1,162 @@
+"""The folder of a block and its door."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pyogrio
+import pytest
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block
+from core.errors import StorageError
+from sessions.decisions import (
+    DECISIONS,
+    Accept,
+    ChoosePeak,
+    Decision,
+    MarkDubious,
+    MarkNotVisible,
+    Place,
+    Reject,
+    SetRole,
+    Withdraw,
+)
+from sessions.session import Session
+from sessions.store import Store
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+EVERY: tuple[Decision, ...] = (
+    Accept("P1", "A"),
+    Accept("P1", "A", 1.5, 2.5),
+    Reject("P1", "A", "wrong object"),
+    MarkDubious("P1", "A"),
+    MarkNotVisible("P1", "A"),
+    Place("P1", "A", 0.1, 2 / 3),
+    ChoosePeak("P1", "A", 1),
+    SetRole("Křižovatka 1", "check"),
+    Withdraw(3),
+)
+
+
+def test_every_kind_of_decision_is_found_again__truth(tmp_path: Path) -> None:
+    assert {type(item) for item in EVERY} == set(DECISIONS)
+    with Session.open(tmp_path, "ada") as session:
+        recorded = tuple(session.record(item) for item in EVERY)
+    with Session.open(tmp_path, "bob") as session:
+        assert session.decisions() == recorded
+        assert [item.decision for item in session.decisions()] == list(EVERY)
+        assert {item.who for item in session.decisions()} == {"ada"}
+
+
+def test_time_of_recording_is_utc__truth(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        assert session.record(Accept("P1", "A")).when.endswith("+00:00")
+
+
+def test_two_operators_see_each_other__truth(tmp_path: Path, block: Block) -> None:
+    with Session.open(tmp_path, "ada") as ada, Session.open(tmp_path, "bob") as bob:
+        first = ada.record(Accept("P1", "A"))
+        assert bob.since(0) == (first,)
+        second = bob.record(Reject("P1", "A", "hidden"))
+        assert ada.since(first.decision_id) == (second,)
+        assert ada.replayed(block).measurements["P1", "A"].status == "rejected"
+        ada.undo()
+        assert bob.replayed(block).measurements["P1", "A"].status == "rejected"
+        bob.undo()
+        assert ada.replayed(block).measurements["P1", "A"].status == "auto"
+        assert bob.undo() is None
+        bob.redo()
+        ada.redo()
+        assert ada.redo() is None
+        assert ada.replayed(block).measurements["P1", "A"].status == "rejected"
+
+
+def test_what_was_seen_is_recorded_with_the_decision__truth(tmp_path: Path, block: Block) -> None:
+    seen = block.measurements["P1", "A"]
+    with Session.open(tmp_path, "ada") as session:
+        recorded = session.record(Accept("P1", "A"), seen=block)
+    assert recorded.decision == Accept("P1", "A", seen.column, seen.row)
+
+
+def test_layers_stand_beside_the_decisions__oracle(
+    tmp_path: Path, block: Block, report_of: Callable[[Block], AdjustmentReport]
+) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        session.record(Accept("P1", "A"))
+        session.write_layers(block, report_of(block), {})
+    meta, _, _, fields = pyogrio.raw.read(tmp_path / "session.gpkg", layer="decisions")
+    assert list(fields[list(meta["fields"]).index("who")]) == ["ada"]
+    assert "points" in pyogrio.list_layers(tmp_path / "session.gpkg")[:, 0]
+
+
+def test_decision_of_a_newer_program_is_told_and_kept__truth(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        store = Store.open(tmp_path / "session.gpkg")
+        store.append("2026-01-01", "eve", "Merge", '{"@":"Merge"}')
+        store.close()
+        with pytest.raises(StorageError, match="decision 1, which this Gruber cannot read"):
+            session.decisions()
+
+
+def test_opening_cleans_up_after_a_killed_process__truth(tmp_path: Path) -> None:
+    script = """
+import os, sys
+from pathlib import Path
+from sessions.session import Session
+session = Session.open(Path(sys.argv[1]), "ada")
+with session.products.making("ortho", "0" * 64) as folder:
+    (folder / "ortho.tif").write_text("half")
+    os.kill(os.getpid(), 9)
+"""
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=REPOSITORY, check=False)
+    stage = tmp_path / ".gruber" / "products" / "ortho"
+    assert len(list(stage.iterdir())) == 1
+    with Session.open(tmp_path, "ada") as session:
+        assert session.products.fresh("ortho", "0" * 64) is None
+    assert list(stage.iterdir()) == []
+
+
+HOLD_THE_LOCK = """
+import sys
+from pathlib import Path
+from sessions.session import Session
+with Session.open(Path(sys.argv[1]), "ada").running():
+    print("running", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_one_run_at_a_time_and_the_lock_dies_with_its_process__truth(tmp_path: Path) -> None:
+    other = subprocess.Popen(
+        [sys.executable, "-c", HOLD_THE_LOCK, str(tmp_path)],
+        cwd=REPOSITORY,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert other.stdout is not None
+    assert other.stdout.readline() == "running\n"
+    with Session.open(tmp_path, "bob") as session:
+        with (
+            pytest.raises(StorageError, match=rf"ada \(process {other.pid}, since .*Wait for that"),
+            session.running(),
+        ):
+            pass
+        other.kill()
+        other.communicate()
+        with (
+            session.running(),
+            pytest.raises(StorageError, match="this very process"),
+            session.running(),
+        ):
+            pass
+        with session.running():
+            pass
+
+
+def test_a_folder_that_cannot_be_written_is_told__truth(tmp_path: Path) -> None:
+    (tmp_path / ".gruber").write_text("a file in the way")
+    with pytest.raises(StorageError, match="a file stands where a folder is needed"):
+        Session.open(tmp_path, "ada")

@@ -1,0 +1,243 @@
+"""What an operator did, as values: no meaning yet, and nothing of browsers any more."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+from ui.review.state import LAYERS, SORT_COLUMNS, STATE_FILTERS, Key, SortColumn, StateFilter
+
+Verdict = Literal["accept", "reject", "dubious", "invisible"]
+VERDICTS: tuple[Verdict, ...] = ("accept", "reject", "dubious", "invisible")
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A verdict on one measurement, with the key it was aimed at: the hand may be ahead."""
+
+    seat_id: str
+    key: Key
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """The reason of the rejection just made, as a digit."""
+
+    seat_id: str
+    digit: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedInScan:
+    """The point set by hand, in pixels of the raw scan."""
+
+    seat_id: str
+    key: Key
+    column: float
+    row: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedOnGround:
+    """The point set by hand in the rectified scan: easting and northing, metres."""
+
+    seat_id: str
+    key: Key
+    east: float
+    north: float
+
+
+@dataclass(frozen=True, slots=True)
+class PeakChosen:
+    """Another of the places the engine found."""
+
+    seat_id: str
+    key: Key
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class RoleSwitched:
+    """Control becomes check, check becomes control."""
+
+    seat_id: str
+    point_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Undone:
+    """The last decision is withdrawn."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Redone:
+    """The last withdrawal is taken back."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stepped:
+    """Next or previous in the queue."""
+
+    seat_id: str
+    step: int
+
+
+@dataclass(frozen=True, slots=True)
+class Selected:
+    """One measurement picked in the queue or among the thumbnails."""
+
+    seat_id: str
+    key: Key
+
+
+@dataclass(frozen=True, slots=True)
+class Sorted:
+    """The queue ordered anew."""
+
+    seat_id: str
+    column: SortColumn
+    descending: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """The queue sieved anew."""
+
+    seat_id: str
+    state: StateFilter
+    photo_id: str
+    role: str
+
+
+@dataclass(frozen=True, slots=True)
+class RayPicked:
+    """A click in the 3D scene: a ray in the local frame."""
+
+    seat_id: str
+    origin: tuple[float, float, float]
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class LayerSwitched:
+    """A layer of the 3D scene shown or hidden."""
+
+    seat_id: str
+    layer: str
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
+class VectorsScaled:
+    """Residual vectors drawn longer or shorter."""
+
+    seat_id: str
+    scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """The 3D view shall show the whole block, or what is current."""
+
+    seat_id: str
+    whole: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RemakeAsked:
+    """Make the stale orthos again."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class RemakeCancelled:
+    """Stop making orthos."""
+
+    seat_id: str
+
+
+Gesture = (
+    Judged | Explained | PlacedInScan | PlacedOnGround | PeakChosen | RoleSwitched | Undone
+    | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
+    | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled
+)  # fmt: skip
+Message = Mapping[str, Any]
+
+
+def gesture_from_message(seat_id: str, message: Message) -> Gesture | None:
+    """The gesture a page reports; None when it is none we know or is not well formed."""
+    reader = _READERS.get(str(message.get("kind", "")))
+    if reader is None:
+        return None
+    try:
+        return reader(seat_id, message)
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _key(message: Message) -> Key:
+    point_id, photo_id = cast(list[Any], message["key"])
+    return str(point_id), str(photo_id)
+
+
+def _judged(seat_id: str, message: Message) -> Gesture:
+    verdict = message["verdict"]
+    if verdict not in VERDICTS:
+        raise ValueError(verdict)
+    return Judged(seat_id, _key(message), verdict)
+
+
+def _placed(seat_id: str, message: Message) -> Gesture:
+    first, second = (float(value) for value in message["place"])
+    if not (abs(first) < 1e9 and abs(second) < 1e9):
+        raise ValueError("not a place")
+    if message.get("frame") == "scan":
+        return PlacedInScan(seat_id, _key(message), first, second)
+    return PlacedOnGround(seat_id, _key(message), first, second)
+
+
+def _sorted(seat_id: str, message: Message) -> Gesture:
+    if message["column"] not in SORT_COLUMNS:
+        raise ValueError(message["column"])
+    return Sorted(seat_id, message["column"], bool(message["descending"]))
+
+
+def _filtered(seat_id: str, message: Message) -> Gesture:
+    if message["state"] not in STATE_FILTERS:
+        raise ValueError(message["state"])
+    return Filtered(seat_id, message["state"], str(message["photo"]), str(message["role"]))
+
+
+def _layer(seat_id: str, message: Message) -> Gesture:
+    if message["layer"] not in LAYERS:
+        raise ValueError(message["layer"])
+    return LayerSwitched(seat_id, message["layer"], bool(message["shown"]))
+
+
+def _scaled(seat_id: str, message: Message) -> Gesture:
+    return VectorsScaled(seat_id, min(max(float(message["scale"]), 0.0), 1000.0))
+
+
+_READERS: dict[str, Callable[[str, Message], Gesture]] = {
+    "judge": _judged,
+    "explain": lambda seat, message: Explained(seat, int(message["digit"])),
+    "place": _placed,
+    "peak": lambda seat, message: PeakChosen(seat, _key(message), int(message["index"])),
+    "role": lambda seat, message: RoleSwitched(seat, str(message["point"])),
+    "undo": lambda seat, message: Undone(seat),
+    "redo": lambda seat, message: Redone(seat),
+    "step": lambda seat, message: Stepped(seat, 1 if int(message["step"]) > 0 else -1),
+    "select": lambda seat, message: Selected(seat, _key(message)),
+    "sort": _sorted,
+    "filter": _filtered,
+    "layer": _layer,
+    "vectors": _scaled,
+    "fit": lambda seat, message: Fitted(seat, bool(message.get("whole", True))),
+    "remake": lambda seat, message: RemakeAsked(seat),
+    "cancel": lambda seat, message: RemakeCancelled(seat),
+}

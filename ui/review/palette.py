@@ -1,0 +1,63 @@
+"""Colours and shapes of the desk: one place, told apart by colour-blind eyes, shape as well."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+ShownState = Literal["auto", "accepted", "rejected", "dubious", "unused"]
+"""State of a measurement as the desk shows it."""
+CloudShape = Literal["square", "diamond", "circle", "rounded", "sparkle"]
+"""Shapes a point of a point cloud can have on screen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How one state looks, in the table, on the pictures and in 3D."""
+
+    colour: str
+    """CSS colour, from the palette of Okabe and Ito, lightened for a dark ground."""
+    glyph: str
+    """Shape on the pages: `circle`, `disc`, `cross`, `diamond` or `square`."""
+    cloud_shape: CloudShape
+    """Shape in the 3D scene."""
+    cloud_size: float
+    """Size in the 3D scene as a factor of the ordinary point size."""
+
+
+LOOKS: dict[ShownState, Look] = {
+    "auto": Look("#56b4e9", "circle", "circle", 1.0),
+    "accepted": Look("#1fc79b", "disc", "rounded", 1.0),
+    "rejected": Look("#ee6a2c", "cross", "sparkle", 1.3),
+    "dubious": Look("#f0d34a", "diamond", "diamond", 1.25),
+    "unused": Look("#8a93a0", "square", "square", 0.7),
+}
+"""Every state's look; shapes differ as well as colours."""
+
+CURRENT = "#ffffff"
+"""What is worked on now."""
+PREDICTED = "#e69fd0"
+"""Where the orientation says a point should be."""
+PEAK = "#f3b13c"
+"""Other places where the point might lie."""
+FOOTPRINT = "#7f8ea3"
+"""Outlines of photos on the ground."""
+STALE = "#f3b13c"
+"""Photos whose ortho is older than their orientation."""
+PHOTO = "#9fb4cc"
+"""Frustums."""
+TIE = "#6f7f95"
+"""Tie points."""
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green, blue (0 to 255) of a CSS colour written `#rrggbb`."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def page_palette() -> dict[str, object]:
+    """The palette as the pages receive it."""
+    return {
+        "states": {name: {"colour": k.colour, "glyph": k.glyph} for name, k in LOOKS.items()},
+        "current": CURRENT,
+        "predicted": PREDICTED,
+        "peak": PEAK,
+    }

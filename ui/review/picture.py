@@ -1,0 +1,203 @@
+"""What a page shows, as values that can be sent: the loop makes it, the page only draws it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Measurement
+from ui.review.compare import Drawn, HeightSource, Overlay, ground_pixel_m, overlay_of
+from ui.review.queue import Row, counts, visible
+from ui.review.scene import ground_residuals_m
+from ui.review.state import LAYERS, DeskState, Key, Seat
+
+Part = dict[str, Any] | list[Any] | None
+
+
+def rows_part(rows: Mapping[Key, Row]) -> Part:
+    """The table, one short list per measurement, in the order of `rows`."""
+    return [
+        [*row.key, row.role, row.state, int(row.human), _short(row.doubt, 2),
+         _short(row.residual_px, 2), _short(row.score, 2)]
+        for row in rows.values()
+    ]  # fmt: skip
+
+
+def queue_part(seat: Seat, rows: Mapping[Key, Row]) -> Part:
+    """What one seat sees of the table: places in `rows`, in its order."""
+    place = {key: number for number, key in enumerate(rows)}
+    return {
+        "shown": [place[key] for key in visible(rows, seat)],
+        "current": place.get(seat.current, -1) if seat.current else -1,
+        "counts": counts(rows.values(), seat.sieve),
+        "filter": {
+            "state": seat.sieve.state, "photo": seat.sieve.photo_id, "role": seat.sieve.role,
+        },
+        "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
+        "explaining": list(seat.explaining) if seat.explaining else None,
+    }  # fmt: skip
+
+
+def scene_part(seat: Seat) -> Part:
+    """The switches of the 3D scene."""
+    return {
+        "layers": {layer: layer not in seat.scene.hidden for layer in LAYERS},
+        "scale": seat.scene.vector_scale,
+    }
+
+
+def status_part(
+    state: DeskState, rows: Mapping[Key, Row], stale: tuple[str, ...], seat: Seat
+) -> Part:
+    """The status line."""
+    report, before = state.report, state.before
+    tally = dict.fromkeys(("used", "open", "rejected", "dubious"), 0)
+    for row in rows.values():
+        tally["used"] += row.role == "control" and row.state in ("auto", "accepted")
+        tally["open"] += row.state == "auto"
+        tally["rejected"] += row.state == "rejected"
+        tally["dubious"] += row.state == "dubious"
+    making = state.remaking
+    return {
+        "sigma": _short(report.sigma_nought, 4),
+        "sigma_before": _short(before.sigma_nought, 4) if before else None,
+        "mp": _short(position_error_m(report), 3),
+        "mp_before": _short(position_error_m(before), 3) if before else None,
+        "converged": report.converged,
+        "redundancy": report.redundancy,
+        "counts": tally,
+        "decided": state.decided,
+        "operator": seat.operator,
+        "adjusting": state.adjusting,
+        "stale": list(stale),
+        "remaking": None if making is None else {
+            "share": _short(making.done / making.total if making.total else 0.0, 3),
+            "what": making.what,
+            "left": _short(making.seconds_left, 0),
+            "cancelling": making.cancelling,
+        },
+    }  # fmt: skip
+
+
+def position_error_m(report: AdjustmentReport) -> float | None:
+    """m_p = sqrt(m_X^2 + m_Y^2) of the check points, metres; None without any."""
+    east, north = report.rms_m.get("check_X"), report.rms_m.get("check_Y")
+    if not report.checks or east is None or north is None:
+        return None
+    return float(np.hypot(east, north))
+
+
+def point_part(
+    state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn, dem: HeightSource
+) -> Part:
+    """Everything about the current measurement: marks on the pictures, numbers, other scans."""
+    key = seat.current
+    row = rows.get(key) if key else None
+    if key is None or row is None:
+        return None
+    overlay = overlay_of(state, drawn, dem, key)
+    if overlay is None:
+        return None
+    measurement = state.block.measurements[key]
+    oriented = state.oriented
+    return {
+        "key": list(key),
+        "role": row.role,
+        "state": row.state,
+        "human": row.human,
+        "scan": {
+            "size": list(drawn[key[1]].photo.size_px),
+            "version": overlay.version,
+            "pixel": _short(ground_pixel_m(oriented.photos[key[1]], oriented.camera_of(key[1])), 4),
+        },
+        "marks": _marks(overlay),
+        "raw": _raw(overlay),
+        "figures": _figures(state, row, measurement),
+        "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
+        "peaks": _peaks(measurement),
+        "others": _others(rows, drawn, key),
+    }
+
+
+def _marks(overlay: Overlay) -> Part:
+    """Places on the ground, metres east and north."""
+    return {
+        "surveyed": _pair(overlay.surveyed[0], 4),
+        "predicted": _pair(overlay.predicted[0], 4),
+        "measured": _pair(overlay.measured[0], 4),
+        "peaks": [_pair(place, 4) for place in overlay.peaks],
+    }
+
+
+def _raw(overlay: Overlay) -> Part:
+    """The same places in pixels of the raw scan, and how ground maps into it nearby."""
+    return {
+        "predicted": _pair(overlay.predicted_px[0], 3),
+        "measured": _pair(overlay.measured_px[0], 3),
+        "peaks": [_pair(place, 3) for place in overlay.peaks_px],
+        "matrix": [[_short(value, 6) for value in line] for line in overlay.pixel_from_ground],
+    }
+
+
+def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
+    residual = state.residual_px(row.key)
+    old = state.before.residuals_px.get(row.key) if state.before else None
+    point = state.block.surveyed[row.key[0]]
+    vector = ground_residuals_m(state, state.oriented, (row.key,)).get(row.key)
+    return {
+        "residual": _pair(residual, 2),
+        "residual_before": _pair(old, 2),
+        "ground": _pair(vector, 2),
+        "sigma": _short(measurement.sigma_px, 2),
+        "score": _short(measurement.score, 2),
+        "redundancy": _short(state.report.redundancy_numbers.get(row.key), 2),
+        "place": [_short(measurement.column, 1), _short(measurement.row, 1)],
+        "source": point.source,
+        "surveyed": [_short(value, 1) for value in point.position],
+        "surveyed_sigma": [_short(value, 2) for value in point.sigma_m],
+        "remark": measurement.reason or state.report.rejected.get(row.key, ""),
+    }
+
+
+def _peaks(measurement: Measurement) -> Part:
+    """Score, operator and distance of every candidate from the measured place."""
+    return [
+        {
+            "score": _short(peak.score, 2),
+            "operator": peak.operator,
+            "away": _short(
+                np.hypot(peak.column - measurement.column, peak.row - measurement.row), 1
+            ),
+        }
+        for peak in measurement.peaks
+    ]
+
+
+def _others(rows: Mapping[Key, Row], drawn: Drawn, key: Key) -> Part:
+    """Every scan that shows the point, the current one among them."""
+    return [
+        {
+            "photo": row.key[1],
+            "state": row.state,
+            "residual": _short(row.residual_px, 1),
+            "version": drawn[row.key[1]].version,
+        }
+        for row in rows.values()
+        if row.key[0] == key[0] and row.key[1] in drawn
+    ]
+
+
+def _value_of(text: str, value: float) -> str:
+    return f"{value:.0f}" if text == "doubt.peaks" else f"{value:.2f}"
+
+
+def _short(value: float | None, digits: int) -> float | None:
+    """A rounded number, None for what is not one: JSON knows no NaN."""
+    if value is None or not np.isfinite(value):
+        return None
+    return round(float(value), digits)
+
+
+def _pair(values: Any, digits: int) -> list[float | None] | None:
+    return None if values is None else [_short(float(value), digits) for value in values]

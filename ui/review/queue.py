@@ -1,0 +1,192 @@
+"""The queue: one row per measurement, how doubtful each is and why, sorted and sieved."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.block.block import Measurement
+from ui.review.palette import ShownState
+from ui.review.state import DeskState, Key, Seat, Sieve, Sorting
+
+INFLUENCE_FLOOR = 0.4
+"""Share of the gain that does not depend on how much a measurement steers the block."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """One ground for doubt."""
+
+    text: str
+    """Key of the sentence in `wording`."""
+    value: float
+    """The figure in it."""
+    weight: float
+    """How much it alone makes the measurement doubtful, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One measurement as the queue shows it."""
+
+    key: Key
+    """Point and photo."""
+    role: str
+    """Control or check."""
+    state: ShownState
+    """State on screen."""
+    human: bool
+    """True once an operator decided it."""
+    doubt: float
+    """How doubtful, 0 to 1."""
+    gain: float
+    """What looking at it is expected to bring, 0 to 1."""
+    residual_px: float
+    """Length of the residual, pixels; NaN when there is none."""
+    score: float
+    """Likeness, 0 to 1."""
+    grounds: tuple[Ground, ...]
+    """Why it is doubtful, heaviest first."""
+
+
+def queue_rows(state: DeskState) -> tuple[Row, ...]:
+    """Every measurement of a surveyed point, in the order of point and photo."""
+    return tuple(
+        _row(state, measurement)
+        for _, measurement in sorted(state.block.measurements.items())
+        if measurement.point_id in state.block.surveyed
+    )
+
+
+def ordered(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
+    """Keys of all rows in the order asked for; rows without the figure come last."""
+
+    def place(row: Row) -> tuple[bool, float | tuple[str, str]]:
+        figure = _figure(row, sorting)
+        if isinstance(figure, float):
+            missing = bool(np.isnan(figure))
+            return missing, 0.0 if missing else (-figure if sorting.descending else figure)
+        return False, figure
+
+    if sorting.column in ("photo", "point"):
+        return tuple(row.key for row in sorted(rows, key=place, reverse=sorting.descending))
+    return tuple(row.key for row in sorted(rows, key=place))
+
+
+def visible(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
+    """Keys the seat's queue shows, in its own order."""
+    return tuple(key for key in seat.order if key in rows and passes(rows[key], seat.sieve))
+
+
+def passes(row: Row, sieve: Sieve) -> bool:
+    """True when a sieve lets a row through."""
+    state_fits = {
+        "all": True,
+        "open": row.state == "auto",
+    }.get(sieve.state, row.state == sieve.state)
+    return state_fits and sieve.photo_id in ("", row.key[1]) and sieve.role in ("", row.role)
+
+
+def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
+    """The next (+1) or previous (-1) key from the seat's current one; stays at the ends."""
+    if not shown:
+        return None
+    if seat.current in shown:
+        place = shown.index(seat.current) + step
+        return shown[min(max(place, 0), len(shown) - 1)]
+    after = {key: number for number, key in enumerate(seat.order)}
+    here = after.get(seat.current, -1) if seat.current else -1
+    behind = [key for key in shown if after[key] > here]
+    ahead = [key for key in shown if after[key] < here]
+    if step > 0:
+        return behind[0] if behind else shown[-1]
+    return ahead[-1] if ahead else shown[0]
+
+
+def counts(rows: Iterable[Row], sieve: Sieve) -> dict[str, int]:
+    """Rows by state within the photo and role of a sieve, for the queue's own buttons."""
+    within = [row for row in rows if passes(row, Sieve("all", sieve.photo_id, sieve.role))]
+    tally = {"all": len(within), "open": 0, "dubious": 0, "accepted": 0, "rejected": 0, "unused": 0}
+    for row in within:
+        tally["open" if row.state == "auto" else row.state] += 1
+    return tally
+
+
+def _row(state: DeskState, measurement: Measurement) -> Row:
+    shown = state.shown_state(measurement)
+    grounds = _grounds(state, measurement)
+    doubt = 1 - float(np.prod([1 - ground.weight for ground in grounds])) if grounds else 0.0
+    human = measurement.status in ("accepted", "rejected", "dubious")
+    residual = state.residual_px(measurement.key)
+    influence = 1 - state.report.redundancy_numbers.get(measurement.key, 0.8)
+    gain = 0.0 if human else doubt * (INFLUENCE_FLOOR + (1 - INFLUENCE_FLOOR) * influence)
+    return Row(
+        key=measurement.key,
+        role=state.block.surveyed[measurement.point_id].role,
+        state=shown,
+        human=human,
+        doubt=doubt,
+        gain=gain * (0.3 if shown == "unused" else 1.0),
+        residual_px=float(np.hypot(*residual)) if residual else float("nan"),
+        score=measurement.score,
+        grounds=grounds,
+    )
+
+
+def _grounds(state: DeskState, measurement: Measurement) -> tuple[Ground, ...]:
+    found = [
+        _ground_of_residual(state, measurement),
+        _ground_of_peaks(measurement),
+        _ground_of_score(measurement),
+        _ground_of_redundancy(state, measurement),
+    ]
+    kept = [ground for ground in found if ground is not None and ground.weight > 0.02]
+    return tuple(sorted(kept, key=lambda ground: -ground.weight))
+
+
+def _ground_of_residual(state: DeskState, measurement: Measurement) -> Ground | None:
+    """Residual against its standard deviation: normal up to 1.5, certain trouble from 4."""
+    residual = state.residual_px(measurement.key)
+    if residual is None or not np.all(np.isfinite(residual)):
+        return None
+    redundancy = max(state.report.redundancy_numbers.get(measurement.key, 1.0), 0.05)
+    sigma = measurement.sigma_px * max(state.report.sigma_nought, 0.5) * np.sqrt(redundancy)
+    ratio = float(np.hypot(*residual) / np.sqrt(2) / sigma)
+    return Ground("doubt.residual", ratio, float(np.clip((ratio - 1.5) / 2.5, 0, 1)))
+
+
+def _ground_of_peaks(measurement: Measurement) -> Ground | None:
+    """A second peak nearly as high as the best one."""
+    if len(measurement.peaks) < 2 or measurement.peaks[0].score <= 0:
+        return None
+    ratio = float(measurement.peaks[1].score / measurement.peaks[0].score)
+    return Ground("doubt.peaks", 100 * ratio, float(np.clip((ratio - 0.7) / 0.3, 0, 1)) * 0.9)
+
+
+def _ground_of_score(measurement: Measurement) -> Ground:
+    weight = float(np.clip((0.6 - measurement.score) / 0.5, 0, 1)) * 0.8
+    return Ground("doubt.score", measurement.score, weight)
+
+
+def _ground_of_redundancy(state: DeskState, measurement: Measurement) -> Ground | None:
+    """Below a redundancy number of 0.1 no other measurement could find an error in this one."""
+    number = state.report.redundancy_numbers.get(measurement.key)
+    if number is None:
+        return None
+    return Ground("doubt.redundancy", number, float(np.clip((0.3 - number) / 0.3, 0, 1)) * 0.6)
+
+
+def _figure(row: Row, sorting: Sorting) -> float | tuple[str, str]:
+    match sorting.column:
+        case "photo":
+            return row.key[1], row.key[0]
+        case "point":
+            return row.key
+        case "residual":
+            return row.residual_px
+        case "doubt":
+            return row.doubt
+        case "score":
+            return row.score
+        case _:
+            return row.gain

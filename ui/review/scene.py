@@ -1,0 +1,191 @@
+"""The block as the 3D scene shows it: arrays in the local frame, ready for a screen."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.arrays import Position
+from core.block.block import Block
+from core.frames import local_from_object
+from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
+from ui.review.palette import LOOKS, ShownState
+from ui.review.picking import frustum_depth_m
+from ui.review.state import DeskState, Key
+
+Segments = Float64[np.ndarray, "n 2 3"]
+"""Line segments, local frame, metres."""
+Points = Float64[np.ndarray, "n 3"]
+"""Points, local frame, metres."""
+EDGE_PARTS = 12
+"""Parts of each edge of a footprint, so that it follows the terrain."""
+WORST: tuple[ShownState, ...] = ("rejected", "dubious", "auto", "accepted", "unused")
+"""Which state a point shows that has several measurements: the first of these it has."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrustumPicture:
+    """One photo as a pyramid."""
+
+    photo_id: str
+    """The photo."""
+    centre: Position
+    """Perspective centre, local frame, metres."""
+    object_from_image: Float64[np.ndarray, "3 3"]
+    """Rotation."""
+    vertical_fov: float
+    """Opening over the frame's height, radians."""
+    aspect: float
+    """Width over height."""
+    oriented: bool
+    """False while the orientation could still be chance."""
+    stale: bool
+    """True when its ortho is older than its orientation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScenePicture:
+    """Everything in the 3D scene that a decision can change."""
+
+    depth_m: float
+    """Length of the frustums, metres."""
+    frustums: tuple[FrustumPicture, ...]
+    """Photos."""
+    footprints: Segments
+    """Outlines of the photos on the ground."""
+    points: Mapping[ShownState, Points]
+    """Control points by state."""
+    checks: Points
+    """Check points."""
+    vectors: Segments
+    """Ground place of each used measurement, and the end of its residual at true length."""
+    vector_states: tuple[ShownState, ...]
+    """State of each vector."""
+    ties: Points
+    """Tie points."""
+    labels: Mapping[str, Position]
+    """Names of the surveyed points."""
+
+
+def scene_picture(state: DeskState, stale: tuple[str, ...], dem: HeightSource) -> ScenePicture:
+    """The scene of a state; footprints lie on the DEM."""
+    oriented, origin = state.oriented, state.block.origin
+    states = point_states(state)
+    vectors, vector_states = residual_vectors(state, ground_residuals_m(state, oriented))
+    surveyed = state.block.surveyed
+    ties = state.report.tie_positions
+    ties = ties[np.all(np.isfinite(ties), axis=1)]
+    return ScenePicture(
+        depth_m=frustum_depth_m(oriented),
+        frustums=tuple(_frustum(oriented, name, name in stale) for name in oriented.photos),
+        footprints=_footprints(oriented, dem),
+        points={
+            name: _positions(state.block, [key for key, value in states.items() if value == name])
+            for name in LOOKS
+        },
+        checks=_positions(
+            state.block, [k for k, point in surveyed.items() if point.role == "check"]
+        ),
+        vectors=vectors,
+        vector_states=vector_states,
+        ties=local_from_object(ties, origin),
+        labels={name: point.position - origin for name, point in surveyed.items()},
+    )
+
+
+def point_states(state: DeskState) -> dict[str, ShownState]:
+    """One state for every surveyed control point that is measured anywhere."""
+    found: dict[str, set[ShownState]] = {}
+    for (point_id, _), measurement in state.block.measurements.items():
+        point = state.block.surveyed.get(point_id)
+        if point is not None and point.role == "control":
+            found.setdefault(point_id, set()).add(state.shown_state(measurement))
+    return {
+        point_id: next(name for name in WORST if name in states)
+        for point_id, states in found.items()
+    }
+
+
+def residual_vectors(
+    state: DeskState, residuals_m: Mapping[Key, tuple[float, float]]
+) -> tuple[Segments, tuple[ShownState, ...]]:
+    """Residuals of all measurements that take part or judge, as displacements on the ground."""
+    segments: list[np.ndarray] = []
+    states: list[ShownState] = []
+    for key, vector in residuals_m.items():
+        shown = state.shown_state(state.block.measurements[key])
+        if shown in ("unused", "rejected"):
+            continue
+        start = state.block.surveyed[key[0]].position - state.block.origin
+        segments.append(np.array([start, start + np.array([*vector, 0.0])]))
+        states.append(shown)
+    return np.array(segments).reshape(-1, 2, 3), tuple(states)
+
+
+def ground_residuals_m(
+    state: DeskState, oriented: Block, keys: Iterable[Key] | None = None
+) -> dict[Key, tuple[float, float]]:
+    """Residuals (all, or those of some keys) as displacements on the ground (east, north), metres.
+
+    A residual (computed minus measured, pixels) is turned into metres by the photo's own mapping
+    of the ground about the point.
+    """
+    by_photo: dict[str, list[Key]] = {}
+    for key in state.block.measurements if keys is None else keys:
+        residual = state.residual_px(key)
+        known = key[0] in state.block.surveyed and key[1] in oriented.photos
+        if known and residual is not None and np.all(np.isfinite(residual)):
+            by_photo.setdefault(key[1], []).append(key)
+    found: dict[Key, tuple[float, float]] = {}
+    for photo_id, within in by_photo.items():
+        positions = np.array([state.block.surveyed[point_id].position for point_id, _ in within])
+        steps = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        around = (positions[:, None, :] + steps).reshape(-1, 3)
+        photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)
+        pixels = photo.pixel_from_object(around, camera).reshape(-1, 3, 2)
+        matrices = np.swapaxes(pixels[:, 1:] - pixels[:, :1], 1, 2)
+        sound = np.isfinite(matrices).all(axis=(1, 2)) & (abs(np.linalg.det(matrices)) > 1e-9)
+        residuals = np.array([state.residual_px(key) for key in within])
+        matrices[~sound] = np.eye(2)
+        vectors = np.linalg.solve(matrices, residuals[:, :, None])[:, :, 0]
+        pairs = zip(within, vectors, sound, strict=True)
+        found |= {key: (float(v[0]), float(v[1])) for key, v, good in pairs if good}
+    return found
+
+
+def _positions(block: Block, names: list[str]) -> Points:
+    points = np.array([block.surveyed[name].position for name in names]).reshape(-1, 3)
+    return local_from_object(points, block.origin)
+
+
+def _frustum(block: Block, photo_id: str, stale: bool) -> FrustumPicture:
+    photo, camera = block.photos[photo_id], block.camera_of(photo_id)
+    width, height = camera.frame_mm
+    return FrustumPicture(
+        photo_id=photo_id,
+        centre=photo.exterior.centre - block.origin,
+        object_from_image=photo.exterior.object_from_image,
+        vertical_fov=2 * float(np.arctan(height / 2 / camera.principal_distance_mm)),
+        aspect=width / height,
+        oriented=photo.oriented,
+        stale=stale,
+    )
+
+
+def _footprints(block: Block, dem: HeightSource) -> Segments:
+    """Outline of every photo where it meets the ground, local frame."""
+    outlines: list[np.ndarray] = []
+    for name, photo in block.photos.items():
+        camera = block.camera_of(name)
+        corners = photo.interior.pixel_from_film(camera.frame_corners_mm)
+        share = np.arange(EDGE_PARTS)[:, None] / EDGE_PARTS
+        edges = [
+            corners[i] + share * (corners[(i + 1) % 4] - corners[i]) for i in range(len(corners))
+        ]
+        ground = ground_from_pixel(
+            np.vstack(edges), DrawnPhoto(photo, camera, 0), dem, photo.ground_height_m
+        )
+        ground = ground - block.origin
+        outlines.append(np.stack([ground, np.roll(ground, -1, axis=0)], axis=1))
+    return np.concatenate(outlines) if outlines else np.zeros((0, 2, 3))

@@ -1,0 +1,142 @@
+"""What the desk knows at one moment, and what each seat at it looks at: frozen values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block, Measurement
+from ui.review.palette import ShownState
+
+Key = tuple[str, str]
+"""Point and photo: what names a measurement."""
+SortColumn = Literal["gain", "doubt", "residual", "photo", "point", "score"]
+SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "residual", "photo", "point", "score")
+StateFilter = Literal["all", "open", "accepted", "rejected", "dubious", "unused"]
+STATE_FILTERS: tuple[StateFilter, ...] = (
+    "all", "open", "dubious", "accepted", "rejected", "unused",
+)  # fmt: skip
+LAYERS: tuple[str, ...] = (
+    "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "labels",
+)  # fmt: skip
+"""Layers of the 3D scene that can be switched."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sorting:
+    """How a queue is ordered."""
+
+    column: SortColumn = "gain"
+    """What by."""
+    descending: bool = True
+    """Largest first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sieve:
+    """What a queue lets through."""
+
+    state: StateFilter = "all"
+    """One state, or all; `open` is what no human has looked at."""
+    photo_id: str = ""
+    """One photo, or all when empty."""
+    role: str = ""
+    """`control`, `check`, or both when empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneOptions:
+    """What one seat sees of the 3D scene."""
+
+    hidden: frozenset[str] = frozenset({"ties", "labels"})
+    """Layers that are switched off."""
+    vector_scale: float = 20.0
+    """Residual vectors on screen are this many times as long as on the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """One browser at the desk: who sits there, and where in the queue."""
+
+    seat_id: str
+    """Random name kept by the browser, so that a reload finds its seat again."""
+    operator: str
+    """Who sits there."""
+    current: Key | None = None
+    """The measurement being looked at."""
+    sorting: Sorting = Sorting()
+    """Order of the queue."""
+    sieve: Sieve = Sieve()
+    """Filter of the queue."""
+    order: tuple[Key, ...] = ()
+    """Queue in the order it had when it was last sorted: decisions do not shuffle it underfoot."""
+    explaining: Key | None = None
+    """The measurement just rejected, whose reason a digit may still give."""
+    scene: SceneOptions = SceneOptions()
+    """What of the 3D scene is shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remaking:
+    """How far the making of orthos is."""
+
+    done: float = 0.0
+    """Share done, of `total`."""
+    total: float = 1.0
+    """Whole."""
+    what: str = ""
+    """What is being made."""
+    seconds_left: float | None = None
+    """Estimate, seconds."""
+    cancelling: bool = False
+    """True once it was asked to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """One message to a seat, in words of `wording`."""
+
+    text: str
+    """Key of the sentence in `wording`."""
+    values: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What stands in its places."""
+    grave: bool = False
+    """True when something went wrong."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeskState:
+    """The block, its adjustment, and what is going on."""
+
+    block: Block
+    """The engine's block with the standing decisions laid over it."""
+    report: AdjustmentReport
+    """The newest adjustment."""
+    made: Block
+    """The orientations and cameras the orthos on disk were made with."""
+    before: AdjustmentReport | None = None
+    """The adjustment before the newest, for the old numbers; None until something moved."""
+    decided: int = 0
+    """Number of standing decisions, all of them on disk."""
+    adjusting: bool = False
+    """True while the numbers shown are older than the decisions."""
+    remaking: Remaking | None = None
+    """Set while orthos are being made."""
+
+    @property
+    def oriented(self) -> Block:
+        """The block with the newest orientations and camera constants, to project with."""
+        adjusted = self.report.block
+        photos = {**self.block.photos, **adjusted.photos}
+        return replace(
+            self.block, photos=photos, cameras={**self.block.cameras, **adjusted.cameras}
+        )
+
+    def shown_state(self, measurement: Measurement) -> ShownState:
+        """The state on screen: what the adjustment left out by itself shows as unused."""
+        left_out = measurement.status == "auto" and measurement.key in self.report.rejected
+        return "unused" if left_out else measurement.status
+
+    def residual_px(self, key: Key) -> tuple[float, float] | None:
+        """Residual (column, row) of one measurement, pixels; None before it was adjusted."""
+        return self.report.residuals_px.get(key)

@@ -1,0 +1,241 @@
+"""Square tiles of the reference ortho and of the scans, warped to the ground or raw.
+
+Ground tiles lie on one lattice: level 0 has the finest pixel, each level above it double, and
+tile (0, 0) begins in the north-west corner. The scan is warped by projecting a lattice of ground
+nodes through DEM and orientation, interpolating between them, and one resampling of a window of
+the raw scan.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8
+
+from core.arrays import Raster
+from core.frames import HALF_PIXEL
+from core.geometry.grid import Grid
+from ui.review.compare import DrawnPhoto, HeightSource
+
+TILE = 256
+"""Width and height of a tile, pixels."""
+NODES = 17
+"""Nodes along a tile's side that are projected; pixels between them are interpolated."""
+OUTSIDE = 20
+"""Grey of what no picture covers: nearly the ground of the page."""
+WALLIS_RADIUS = 40
+"""Half window of the local contrast, pixels."""
+Grey = UInt8[np.ndarray, "rows columns"]
+Colour = UInt8[np.ndarray, "rows columns 3"]
+ScanWindow = Callable[[str, int, int, int, int, int], Raster]
+"""(scan, column, row, columns, rows, reduction) -> grey values of a window of a raw scan."""
+
+
+class OrthoSource(Protocol):
+    """What the desk asks of the reference ortho."""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east, north, metres."""
+        ...
+
+    @property
+    def ground_sample_distance_m(self) -> float:
+        """Finest pixel, metres."""
+        ...
+
+    def read_colour(self, grid: Grid) -> Colour:
+        """Colours on a grid."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Grey values shown as black and as white."""
+
+    black: float
+    white: float
+
+    def applied(self, values: Raster) -> Float32[np.ndarray, "rows columns"]:
+        """Values from 0 to 255."""
+        span = max(self.white - self.black, 1e-6)
+        scaled = (np.asarray(values, dtype=np.float32) - self.black) * (255.0 / span)
+        return np.clip(scaled, 0.0, 255.0).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Lattice:
+    """Where ground tiles lie."""
+
+    west: float
+    """Easting of the first tile's left edge, metres."""
+    north: float
+    """Northing of the first tile's top edge, metres."""
+    pixel_m: float
+    """Pixel of level 0, metres."""
+    levels: int
+    """Number of levels."""
+
+    @staticmethod
+    def over(bounds: tuple[float, float, float, float], pixel_m: float) -> "Lattice":
+        """A lattice that covers bounds (west, south, east, north), the top level in few tiles."""
+        west, south, east, north = bounds
+        extent = max(east - west, north - south) / pixel_m
+        levels = 1 + max(0, int(np.ceil(np.log2(max(extent / (2 * TILE), 1.0)))))
+        return Lattice(float(np.floor(west)), float(np.ceil(north)), pixel_m, levels)
+
+    def tile(self, level: int, column: int, row: int) -> Grid:
+        """The grid of one tile."""
+        pixel = self.pixel_m * 2**level
+        west = self.west + column * TILE * pixel
+        return Grid(west, self.north - row * TILE * pixel, pixel, TILE, TILE)
+
+
+def ortho_tile(ortho: OrthoSource, grid: Grid) -> Colour:
+    """The reference ortho on a grid, dark where it has nothing."""
+    west, south, east, north = ortho.bounds
+    left, bottom, right, top = grid.bounds
+    if left >= east or right <= west or bottom >= north or top <= south:
+        return np.full((grid.rows, grid.columns, 3), OUTSIDE, dtype=np.uint8)
+    return ortho.read_colour(grid)
+
+
+def warped_tile(
+    drawn: DrawnPhoto, dem: HeightSource, read: ScanWindow, stretch: Stretch, grid: Grid
+) -> Grey:
+    """The scan on a ground grid, dark outside the scan."""
+    pixels = scan_map(drawn, dem, grid)
+    columns, rows = drawn.photo.size_px
+    inside = (
+        (pixels[..., 0] > 0) & (pixels[..., 0] < columns)
+        & (pixels[..., 1] > 0) & (pixels[..., 1] < rows)
+    )  # fmt: skip
+    empty = np.full((grid.rows, grid.columns), OUTSIDE, dtype=np.uint8)
+    if not inside.any():
+        return empty
+    near = np.where(np.isfinite(pixels), pixels, 0.0)
+    reduction = _reduction(near)
+    window = _window_around(near[inside], (columns, rows), reduction)
+    values = stretch.applied(read(drawn.photo.scan, *window, reduction))
+    there = (near - np.array(window[:2])) / reduction - HALF_PIXEL
+    warped = cv2.remap(
+        values,
+        there[..., 0].astype(np.float32),
+        there[..., 1].astype(np.float32),
+        cv2.INTER_CUBIC if reduction == 1 else cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    shown = np.clip(np.rint(cast(Raster, warped)), 0, 255).astype(np.uint8)
+    return np.where(inside, shown, empty)
+
+
+def raw_tile(
+    drawn: DrawnPhoto, read: ScanWindow, stretch: Stretch, place: tuple[int, int, int]
+) -> Grey:
+    """A tile (level, column, row) of the scan as it is, dark outside."""
+    level, column, row = place
+    reduction = 2**level
+    side = TILE * reduction
+    columns, rows = drawn.photo.size_px
+    tile = np.full((TILE, TILE), OUTSIDE, dtype=np.uint8)
+    left, top = column * side, row * side
+    width = min(side, columns - left) // reduction * reduction
+    height = min(side, rows - top) // reduction * reduction
+    if left < 0 or top < 0 or width <= 0 or height <= 0:
+        return tile
+    values = stretch.applied(read(drawn.photo.scan, left, top, width, height, reduction))
+    tile[: values.shape[0], : values.shape[1]] = np.rint(values)
+    return tile
+
+
+def scan_map(
+    drawn: DrawnPhoto, dem: HeightSource, grid: Grid
+) -> Float64[np.ndarray, "rows columns 2"]:
+    """Scan pixel of every pixel centre of a grid: nodes projected, the rest interpolated."""
+    across = np.linspace(0, grid.columns, NODES)
+    down = np.linspace(0, grid.rows, NODES)
+    node_columns, node_rows = np.meshgrid(across, down)
+    plane = grid.object_from_grid(np.column_stack([node_columns.ravel(), node_rows.ravel()]))
+    heights = dem.heights(plane)
+    heights = np.where(np.isfinite(heights), heights, drawn.photo.ground_height_m)
+    nodes = drawn.photo.pixel_from_object(np.column_stack([plane, heights]), drawn.camera)
+    nodes = nodes.reshape(NODES, NODES, 2)
+    by_row, by_column = _between(grid.rows, down), _between(grid.columns, across)
+    return np.einsum("rn,nmc,km->rkc", by_row, nodes, by_column, optimize=True)
+
+
+def frame_picture(drawn: DrawnPhoto, read: ScanWindow, width: int = 224) -> Colour:
+    """The picture area of a scan, small, upright in the film frame: for the frustums."""
+    photo, camera = drawn.photo, drawn.camera
+    frame_width, frame_height = camera.frame_mm
+    height = max(1, round(width * frame_height / frame_width))
+    across = (np.arange(width) + HALF_PIXEL) / width * frame_width - frame_width / 2
+    down = frame_height / 2 - (np.arange(height) + HALF_PIXEL) / height * frame_height
+    film = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    pixels = photo.interior.pixel_from_film(film).reshape(height, width, 2)
+    columns, rows = photo.size_px
+    reduction = max(1, 2 ** int(np.log2(max(max(columns, rows) / (1.5 * width), 1.0))))
+    size = (columns // reduction * reduction, rows // reduction * reduction)
+    sample = read(photo.scan, 0, 0, *size, reduction)
+    values = fit_stretch(sample).applied(sample)
+    there = (pixels / reduction - HALF_PIXEL).astype(np.float32)
+    small = cv2.remap(
+        values,
+        np.ascontiguousarray(there[..., 0]),
+        np.ascontiguousarray(there[..., 1]),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=float(OUTSIDE),
+    )
+    grey = np.clip(np.rint(cast(Raster, small)), 0, 255).astype(np.uint8)
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def local_contrast(grey: Grey) -> Grey:
+    """Wallis filter: local mean and contrast brought to those of a well exposed picture."""
+    values = grey.astype(np.float32)
+    side = (2 * WALLIS_RADIUS + 1, 2 * WALLIS_RADIUS + 1)
+    mean = cast(Raster, cv2.boxFilter(values, -1, side))
+    square = cast(Raster, cv2.boxFilter(values * values, -1, side))
+    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0))
+    gain = 45.0 / (0.75 * deviation + 0.25 * 45.0)
+    result = (values - mean) * gain + 0.6 * 120.0 + 0.4 * mean
+    return np.clip(np.rint(result), 0, 255).astype(np.uint8)
+
+
+def fit_stretch(sample: Raster) -> Stretch:
+    """Black and white of a scan from a small picture of it: half a per cent at either end."""
+    values = np.asarray(sample, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return Stretch(0.0, 255.0)
+    low, high = np.percentile(values, [0.5, 99.5])
+    return Stretch(float(low), float(max(high, low + 1.0)))
+
+
+def _between(pixels: int, nodes: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "pixels n"]:
+    """Weights that interpolate pixel centres linearly between nodes."""
+    centres = np.arange(pixels) + HALF_PIXEL
+    identity = np.eye(len(nodes))
+    return np.column_stack([np.interp(centres, nodes, column) for column in identity])
+
+
+def _reduction(pixels: Float64[np.ndarray, "rows columns 2"]) -> int:
+    """Power of two by which the scan may be reduced before it is resampled."""
+    middle = pixels[pixels.shape[0] // 2, :, :]
+    step = float(np.median(np.linalg.norm(np.diff(middle, axis=0), axis=1)))
+    return 2 ** int(np.floor(np.log2(step))) if step >= 2 else 1
+
+
+def _window_around(
+    pixels: Float64[np.ndarray, "n 2"], size_px: tuple[int, int], reduction: int
+) -> tuple[int, int, int, int]:
+    """Column, row, columns, rows of the window that holds some pixels, with a margin."""
+    margin = 3 * reduction
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - margin, 0)
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + margin, np.array(size_px))
+    low = low // reduction * reduction
+    extent = np.maximum((high - low) // reduction, 1) * reduction
+    return int(low[0]), int(low[1]), int(extent[0]), int(extent[1])

@@ -1,0 +1,224 @@
+"""The block in 3D as one browser sees it: frustums, drape, points by state, residual vectors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+from viser import transforms
+
+from core.arrays import Position
+from ui.review import palette
+from ui.review.palette import LOOKS, ShownState, rgb
+from ui.review.scene import FrustumPicture, Points, ScenePicture, Segments
+from ui.review.state import SceneOptions
+from ui.review.tiles import Colour
+from ui.views import names
+
+IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
+"""Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
+NOWHERE = np.zeros((1, 3))
+FIELD_OF_VIEW = float(np.radians(45))
+FROM_SOUTH = np.array([0.0, -0.66, 1.0])
+"""Where the eye is at first, seen from the middle of the block."""
+RING_PARTS = 28
+LIFT = 0.006
+"""Points and lines float this share of the block's extent above the drape, to stay visible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """What does not change while the desk is open."""
+
+    terrain: bytes
+    """The drape as GLB."""
+    thumbnails: Mapping[str, Colour]
+    """Small pictures of the photos, in the film frame."""
+    extent_m: float
+    """Longer side of the block on the ground, metres."""
+    middle: Position
+    """Middle of the block on the ground, local frame, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pointed:
+    """What is current, in the local frame."""
+
+    position: Position
+    """The surveyed point."""
+    centre: Position
+    """Perspective centre of the photo it is looked at in."""
+
+
+class BlockView:
+    """The nodes of one browser's scene; built once, then only what changed is sent."""
+
+    def __init__(self, client: viser.ClientHandle, stage: Stage, picture: ScenePicture) -> None:
+        self._client = client
+        self._scene = client.scene
+        self._stage = stage
+        self._lift = np.array([0.0, 0.0, LIFT * stage.extent_m])
+        self._point_m = 0.0062 * stage.extent_m
+        self._frustums: dict[str, viser.CameraFrustumHandle] = {}
+        self._clouds: dict[str, viser.PointCloudHandle] = {}
+        self._lines: dict[str, viser.LineSegmentsHandle] = {}
+        self._labels: dict[str, viser.LabelHandle] = {}
+        self._sent: dict[str, object] = {}
+        self._terrain = self._scene.add_glb(names.TERRAIN, stage.terrain, cast_shadow=False)
+        self._build(picture)
+        self.fit(None)
+
+    def show(self, picture: ScenePicture, options: SceneOptions, pointed: Pointed | None) -> None:
+        """Bring the scene up to date with a picture and a seat's switches."""
+        hidden = options.hidden
+        self._terrain.visible = "terrain" not in hidden
+        for frustum in picture.frustums:
+            self._show_frustum(frustum, picture.depth_m, "photos" not in hidden)
+        for state, points in picture.points.items():
+            self._show_cloud(names.points_node(state), points, "points" not in hidden)
+        self._show_cloud(names.CHECKS, picture.checks, "checks" not in hidden)
+        self._show_cloud(names.TIES, picture.ties, "ties" not in hidden)
+        self._show_lines(names.FOOTPRINTS, picture.footprints, "footprints" not in hidden)
+        self._show_vectors(picture, options)
+        self._show_labels(picture.labels, "labels" not in hidden)
+        self._show_current(pointed)
+
+    def fit(self, pointed: Pointed | None) -> None:
+        """Look at the whole block from the south, or at what is current."""
+        reach = self._stage.extent_m
+        target = self._stage.middle if pointed is None else pointed.position
+        camera = self._client.camera
+        narrower = np.tan(FIELD_OF_VIEW / 2) * min(camera.aspect, 1.0)
+        distance = 0.56 * reach / narrower * (1.0 if pointed is None else 0.25)
+        away = FROM_SOUTH / np.linalg.norm(FROM_SOUTH) * distance
+        with self._client.atomic():
+            camera.max_orbit_distance = 30 * reach
+            camera.up_direction = (0.0, 0.0, 1.0)
+            camera.near, camera.far = reach * 1e-3, reach * 40
+            camera.fov = FIELD_OF_VIEW
+            camera.position = target + away
+            camera.look_at = target
+
+    def _build(self, picture: ScenePicture) -> None:
+        for state, look in LOOKS.items():
+            size = self._point_m * look.cloud_size
+            self._add_cloud(names.points_node(state), look.colour, look.cloud_shape, size)
+        self._add_cloud(names.CHECKS, "#d9c2ff", "square", self._point_m * 1.1)
+        self._add_cloud(names.TIES, palette.TIE, "square", self._point_m * 0.3)
+        for name, colour, thickness in (
+            (names.FOOTPRINTS, palette.FOOTPRINT, 1.4),
+            (names.VECTORS, palette.CURRENT, 2.4),
+            (names.CURRENT, palette.CURRENT, 3.0),
+            (names.CURRENT_RAY, palette.CURRENT, 1.4),
+        ):
+            self._lines[name] = self._scene.add_line_segments(
+                name,
+                np.zeros((1, 2, 3)),
+                rgb(colour),
+                thickness=thickness,
+                thickness_units="screen",
+            )
+        for frustum in picture.frustums:
+            self._add_frustum(frustum, picture.depth_m)
+
+    def _add_cloud(self, name: str, colour: str, shape: palette.CloudShape, size: float) -> None:
+        self._clouds[name] = self._scene.add_point_cloud(
+            name, NOWHERE, rgb(colour), point_size=size, point_shape=shape,
+            precision="float32", point_shading="flat", visible=False,
+        )  # fmt: skip
+
+    def _add_frustum(self, frustum: FrustumPicture, depth_m: float) -> None:
+        half = np.tan(frustum.vertical_fov / 2)
+        # Viser divides by this so that its volume is that of a unit pyramid.
+        by_volume = float(np.cbrt(half * frustum.aspect * half / 3))
+        self._frustums[frustum.photo_id] = self._scene.add_camera_frustum(
+            names.photo_node(frustum.photo_id),
+            fov=frustum.vertical_fov,
+            aspect=frustum.aspect,
+            scale=depth_m * by_volume,
+            thickness=1.6,
+            thickness_units="screen",
+            color=rgb(palette.PHOTO),
+            image=self._stage.thumbnails.get(frustum.photo_id),
+            jpeg_quality=80,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _show_frustum(self, frustum: FrustumPicture, depth_m: float, visible: bool) -> None:
+        if frustum.photo_id not in self._frustums:
+            self._add_frustum(frustum, depth_m)
+        handle = self._frustums[frustum.photo_id]
+        rotation = frustum.object_from_image @ IMAGE_FROM_OPENCV
+        colour = palette.STALE if frustum.stale else palette.PHOTO
+        shown = (*frustum.centre.tolist(), *rotation.ravel().tolist(), colour)
+        if self._is_new(names.photo_node(frustum.photo_id), shown):
+            handle.wxyz = transforms.SO3.from_matrix(rotation).wxyz
+            handle.position = frustum.centre
+            handle.color = rgb(colour)
+        handle.visible = visible
+
+    def _show_cloud(self, name: str, points: Points, visible: bool) -> None:
+        handle = self._clouds[name]
+        if len(points) and self._is_new(name, points.tobytes()):
+            handle.points = (points + self._lift).astype(np.float32)
+        handle.visible = visible and len(points) > 0
+
+    def _show_lines(self, name: str, segments: Segments, visible: bool) -> None:
+        handle = self._lines[name]
+        if len(segments) and self._is_new(name, segments.tobytes()):
+            handle.points = (segments + self._lift).astype(np.float32)
+        handle.visible = visible and len(segments) > 0
+
+    def _show_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
+        """Residuals lengthened; each in the colour of its measurement's state."""
+        handle, segments = self._lines[names.VECTORS], picture.vectors
+        shown = (segments.tobytes(), picture.vector_states, options.vector_scale)
+        if len(segments) and self._is_new(names.VECTORS, shown):
+            start, end = segments[:, 0], segments[:, 1]
+            longer = start + (end - start) * options.vector_scale
+            points = np.stack([start, longer], axis=1) + 1.2 * self._lift
+            colours = _state_colours(picture.vector_states)
+            if len(handle.points) == len(points):
+                handle.points, handle.colors = points.astype(np.float32), colours
+            else:
+                handle.remove()
+                handle = self._lines[names.VECTORS] = self._scene.add_line_segments(
+                    names.VECTORS, points, colours, thickness=2.4, thickness_units="screen"
+                )
+        handle.visible = "vectors" not in options.hidden and len(segments) > 0
+
+    def _show_labels(self, labels: Mapping[str, Position], visible: bool) -> None:
+        """Names are made when they are first asked for: they are the slowest of all nodes."""
+        if visible:
+            for point_id, position in labels.items():
+                if point_id not in self._labels:
+                    self._labels[point_id] = self._scene.add_label(
+                        names.label_node(point_id), point_id, position=position + 2 * self._lift
+                    )
+        for handle in self._labels.values():
+            handle.visible = visible
+
+    def _show_current(self, pointed: Pointed | None) -> None:
+        """A ring about the current point, and its ray to the photo it is looked at in."""
+        if pointed is not None:
+            turn = np.linspace(0, 2 * np.pi, RING_PARTS + 1)
+            around = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
+            ring = pointed.position + around * 1.7 * self._point_m
+            self._show_lines(names.CURRENT, np.stack([ring[:-1], ring[1:]], axis=1), True)
+            ray = np.stack([pointed.position, pointed.centre - self._lift])[None]
+            self._show_lines(names.CURRENT_RAY, ray, True)
+        else:
+            self._lines[names.CURRENT].visible = self._lines[names.CURRENT_RAY].visible = False
+
+    def _is_new(self, name: str, shown: object) -> bool:
+        """True when a node must be sent: what it last showed is remembered."""
+        if self._sent.get(name) == shown:
+            return False
+        self._sent[name] = shown
+        return True
+
+
+def _state_colours(states: tuple[ShownState, ...]) -> np.ndarray:
+    colours = np.array([rgb(LOOKS[state].colour) for state in states], dtype=np.uint8)
+    return np.repeat(colours[:, None, :], 2, axis=1)

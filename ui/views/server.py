@@ -1,0 +1,169 @@
+"""Viser on a port of its own that only our front can use, and the views of every browser."""
+
+import hmac
+import io
+import logging
+import secrets
+from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Any, cast
+
+import viser
+import websockets.asyncio.server as websockets_server
+from viser import _messages as viser_messages  # pyright: ignore[reportPrivateUsage]
+from websockets.datastructures import Headers
+from websockets.http11 import Response
+
+from ui.review.gestures import Gesture, RayPicked
+from ui.review.scene import ScenePicture
+from ui.review.state import SceneOptions
+from ui.views.block_view import BlockView, Pointed, Stage
+
+logger = logging.getLogger(__name__)
+SECRET_HEADER = "X-Gruber-Scene"
+"""Only the front knows its value, so that no page in a browser can reach viser directly."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What one seat's scene shows."""
+
+    picture: ScenePicture
+    """The block."""
+    options: SceneOptions
+    """The seat's switches."""
+    pointed: Pointed | None
+    """What is current."""
+
+
+class SceneServer:
+    """Viser, closed to strangers; one `BlockView` per browser, changed in one thread in order."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        seat_header: str,
+        hand_up: Callable[[Gesture], None],
+        opened: Callable[[str], None],
+    ) -> None:
+        self.secret = secrets.token_urlsafe(24)
+        self._stage, self._seat_header = stage, seat_header
+        self._hand_up, self._opened = hand_up, opened
+        self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
+        self._views: dict[int, BlockView] = {}
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
+        # Viser prints an address that nobody can open; ours is printed by the caller.
+        with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
+            self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        self._infrastructure: Any = getattr(self._server, "_websock_server")  # noqa: B009
+        # Any client could otherwise open a public tunnel to the desk.
+        self._infrastructure.unregister_handler(viser_messages.ShareUrlRequest)
+        self._prepare()
+
+    @property
+    def port(self) -> int:
+        """Where viser listens on 127.0.0.1."""
+        return self._server.get_port()
+
+    @property
+    def infrastructure(self) -> Any:
+        """Viser's websocket server, for tests of what it answers to."""
+        return self._infrastructure
+
+    def show(self, seat_id: str, shown: Shown) -> None:
+        """Bring every scene of a seat up to date, in the scene thread."""
+        self._thread.submit(self._told, self._show, seat_id, shown)
+
+    def fit(self, seat_id: str, pointed: Pointed | None) -> None:
+        """Move a seat's eye to the whole block, or to what is current."""
+        self._thread.submit(self._told, self._fit, seat_id, pointed)
+
+    def close(self) -> None:
+        """End viser."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+        with redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def _prepare(self) -> None:
+        server = self._server
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        server.scene.set_up_direction("+z")
+        server.scene.configure_default_lights(False)
+        server.scene.configure_environment_map(None)
+        reach, middle = self._stage.extent_m, self._stage.middle
+        server.initial_camera.position = (middle[0], middle[1] - 0.62 * reach, middle[2] + reach)
+        server.initial_camera.look_at = (middle[0], middle[1], middle[2])
+        server.initial_camera.near = reach * 1e-3
+        server.initial_camera.far = reach * 40
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:  # pyright: ignore[reportUnusedFunction]
+            self._welcome(client)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:  # pyright: ignore[reportUnusedFunction]
+            self._clients.pop(client.client_id, None)
+            self._views.pop(client.client_id, None)
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        connection = getattr(self._infrastructure, "_live_connections").get(client.client_id)  # noqa: B009
+        if connection is None:
+            return
+        seat_id = connection.request.headers.get(self._seat_header, "")
+        self._clients[client.client_id] = seat_id, client
+
+        async def clicked(event: viser.SceneClickEvent) -> None:
+            self._hand_up(RayPicked(seat_id, event.ray_origin, event.ray_direction))
+
+        # Typed for plain functions only, but coroutines are what keeps clicks in order.
+        client.scene.on_click()(cast(Any, clicked))
+
+        self._opened(seat_id)
+
+    def _show(self, seat_id: str, shown: Shown) -> None:
+        for client_id, (sitting, client) in list(self._clients.items()):
+            if sitting != seat_id:
+                continue
+            view = self._views.get(client_id)
+            if view is None:
+                view = self._views[client_id] = BlockView(client, self._stage, shown.picture)
+            with client.atomic():
+                view.show(shown.picture, shown.options, shown.pointed)
+
+    def _fit(self, seat_id: str, pointed: Pointed | None) -> None:
+        for client_id, (sitting, _) in list(self._clients.items()):
+            if sitting == seat_id and client_id in self._views:
+                self._views[client_id].fit(pointed)
+
+    def _told(self, function: Callable[..., None], *arguments: Any) -> None:
+        """Run and log: a browser that went away must not stop the scenes of the others."""
+        try:
+            function(*arguments)
+        except Exception:
+            logger.exception("The 3D scene could not be shown.")
+
+
+@contextmanager
+def closed_to_strangers(header: str, secret: str) -> Generator[None]:
+    """While inside, websocket servers that are made answer only requests with a secret header.
+
+    Viser has no hook for this: it calls `websockets.asyncio.server.serve` once, when it is made.
+    """
+    serve = websockets_server.serve
+
+    def guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
+        def checked(connection: Any, request: Any) -> Any:
+            if not hmac.compare_digest(request.headers.get(header, "").encode(), secret.encode()):
+                return Response(HTTPStatus.FORBIDDEN.value, "Forbidden", Headers(), b"")
+            return process_request(connection, request)
+
+        return serve(*arguments, process_request=checked, **options)
+
+    websockets_server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        yield
+    finally:
+        websockets_server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]

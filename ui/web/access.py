@@ -1,0 +1,85 @@
+"""Who may come in: an access token kept in a cookie, and a guard on Host and Origin."""
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+from aiohttp import web
+from aiohttp.typedefs import Handler, Middleware
+
+LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
+ANYWHERE = frozenset({"0.0.0.0", "::", ""})
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """The lock of one desk."""
+
+    host: str
+    """Address the port listens on."""
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    """Secret in the address the operator opens; a cookie afterwards."""
+    cookie: str = field(default_factory=lambda: f"gruber_{secrets.token_hex(4)}")
+    """Name of the cookie, its own for every desk: cookies do not know ports."""
+
+    def guard(self) -> Middleware:
+        """The middleware that every request passes first."""
+
+        @web.middleware
+        async def guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
+            if not self.host_is_ours(request.host):
+                raise web.HTTPMisdirectedRequest(text="This desk does not answer to that name.")
+            if not self.origin_is_ours(request.headers.get("Origin"), request.host):
+                raise web.HTTPForbidden(text="Requests from other sites are refused.")
+            entering = request.query.get("token")
+            if entering is not None and request.path == "/":
+                return self._let_in(entering)
+            if not self._same(request.cookies.get(self.cookie, "")):
+                raise web.HTTPUnauthorized(text="Open the desk with the address it printed.")
+            response = await handler(request)
+            if not response.prepared:
+                response.headers.update(HEADERS)
+            return response
+
+        return guarded
+
+    def host_is_ours(self, host: str) -> bool:
+        """True for names this desk is reached by: a rebound DNS name is none of them."""
+        name = (urlsplit(f"//{host}").hostname or "").lower()
+        if name in LOOPBACK or name == self.host.lower():
+            return True
+        return self.host in ANYWHERE and (name == socket.gethostname().lower() or _is_address(name))
+
+    def origin_is_ours(self, origin: str | None, host: str) -> bool:
+        """True when a request comes from our own page, or from no page at all."""
+        return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+
+    def _let_in(self, entering: str) -> web.StreamResponse:
+        """Keep the token in a cookie and take it out of the address bar."""
+        if not self._same(entering):
+            raise web.HTTPUnauthorized(text="That is not this desk's token.")
+        response = web.HTTPSeeOther("/")
+        response.set_cookie(self.cookie, self.token, httponly=True, samesite="Lax", path="/")
+        return response
+
+    def _same(self, offered: str) -> bool:
+        return hmac.compare_digest(offered.encode(), self.token.encode())
+
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "SAMEORIGIN",
+    "Referrer-Policy": "no-referrer",
+}
+"""On every answer."""
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

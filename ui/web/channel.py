@@ -1,0 +1,104 @@
+"""The wire between the loop and the pages: gestures in, the parts of a picture that changed out."""
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from ui.review.gestures import Gesture, gesture_from_message
+
+Parts = Mapping[str, str]
+"""Parts of a page by name, each as JSON text."""
+MESSAGE_BYTES = 64 * 1024
+"""A gesture is never longer."""
+
+
+class Channel:
+    """All open pages, by seat; what each has been sent; lives on the front's event loop."""
+
+    def __init__(
+        self, hand_in: Callable[[Gesture], None], seat_taken: Callable[[str], None]
+    ) -> None:
+        self._hand_in = hand_in
+        self._seat_taken = seat_taken
+        self._pages: dict[web.WebSocketResponse, str] = {}
+        self._sent: dict[web.WebSocketResponse, dict[str, str]] = {}
+        self._wakes: dict[web.WebSocketResponse, asyncio.Event] = {}
+        self._latest: dict[str, dict[str, str]] = {}
+        self._notices: dict[web.WebSocketResponse, list[str]] = {}
+
+    def show(self, seat_id: str, parts: Parts) -> None:
+        """Bring every page of a seat up to date; a slow page gets only the newest."""
+        self._latest.setdefault(seat_id, {}).update(parts)
+        for page, sitting in self._pages.items():
+            if sitting == seat_id:
+                self._wakes[page].set()
+
+    def tell(self, seat_id: str, notice: str) -> None:
+        """A message that is shown once, as JSON text; to all seats when `seat_id` is empty."""
+        for page, sitting in self._pages.items():
+            if seat_id in ("", sitting):
+                self._notices[page].append(notice)
+                self._wakes[page].set()
+
+    def taken(self, seat_id: str) -> bool:
+        """True when some page sits there now."""
+        return seat_id in self._pages.values()
+
+    async def serve(self, request: web.Request) -> web.WebSocketResponse:
+        """One page, from opening to closing."""
+        page = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=20, compress=True)
+        await page.prepare(request)
+        seat_id = request.match_info["seat"]
+        self._pages[page] = seat_id
+        self._sent[page], self._notices[page] = {}, []
+        self._wakes[page] = asyncio.Event()
+        sender = asyncio.create_task(self._send(page, seat_id))
+        self._seat_taken(seat_id)
+        try:
+            async for message in page:
+                if message.type == WSMsgType.TEXT:
+                    self._receive(seat_id, message.data)
+        finally:
+            sender.cancel()
+            for table in (self._pages, self._sent, self._notices, self._wakes):
+                table.pop(page, None)
+        return page
+
+    async def close(self) -> None:
+        """Say goodbye to every page."""
+        for page in list(self._pages):
+            await page.close()
+
+    def _receive(self, seat_id: str, text: str) -> None:
+        try:
+            message: Any = json.loads(text)
+        except ValueError:
+            return
+        if not isinstance(message, dict):
+            return
+        gesture = gesture_from_message(seat_id, message)
+        if gesture is not None:
+            self._hand_in(gesture)
+
+    async def _send(self, page: web.WebSocketResponse, seat_id: str) -> None:
+        """Send what changed since the last time, whenever there is something."""
+        wake = self._wakes[page]
+        wake.set()
+        while True:
+            await wake.wait()
+            wake.clear()
+            sent, latest = self._sent[page], self._latest.get(seat_id, {})
+            changed = {name: text for name, text in latest.items() if sent.get(name) != text}
+            notices, self._notices[page] = self._notices[page], []
+            sent.update(changed)
+            fields = [f"{json.dumps(name)}:{text}" for name, text in changed.items()]
+            if notices:
+                fields.append('"notices":[' + ",".join(notices) + "]")
+            if fields:
+                try:
+                    await page.send_str("{" + ",".join(fields) + "}")
+                except ConnectionError:
+                    return

@@ -1,0 +1,229 @@
+"""The one public port: own pages, tiles, the wire to the loop, and a proxy to viser."""
+
+import asyncio
+import json
+import re
+import secrets
+import threading
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+from aiohttp import WSMsgType, web
+
+from ui.web.access import Access
+from ui.web.channel import Channel
+from ui.web.tiles import TileStore, tile_routes
+
+PAGES = Path(__file__).parent / "pages"
+SCENE_PATH = "/scene"
+"""Where viser is reached, with the seat behind it: `/scene/SEAT/`."""
+SEAT_HEADER = "X-Gruber-Seat"
+"""Tells viser's side which seat a connection belongs to."""
+SEAT_NAME = re.compile(r"[A-Za-z0-9_-]{6,40}")
+SEAT = f"{{seat:{SEAT_NAME.pattern}}}"
+CONTENT = {
+    ".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
+}  # fmt: skip
+PAGE_POLICY = (
+    "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
+    "connect-src 'self' ws: wss:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+)
+INTO_SCENE = (
+    '<link rel="stylesheet" href="/pages/scene.css"><script src="/pages/scene.js"></script></head>'
+)
+"""Put into viser's page: hides its panel and hands our keys up to the desk."""
+Serve = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True, slots=True)
+class Upstream:
+    """Where viser listens, closed to everyone who does not know the secret."""
+
+    port: int
+    """On 127.0.0.1."""
+    header: str
+    """Name of the secret header."""
+    secret: str
+    """Its value."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrontInputs:
+    """What the front serves."""
+
+    access: Access
+    """The lock."""
+    channel: Channel
+    """The wire to the loop."""
+    tiles: TileStore
+    """Pictures."""
+    upstream: Upstream
+    """Viser."""
+    start: dict[str, Any]
+    """What a page needs once: words, palette, lattice, photos."""
+
+
+class Front:
+    """An aiohttp server in a thread of its own."""
+
+    def __init__(self, inputs: FrontInputs, host: str, port: int) -> None:
+        self._inputs = inputs
+        self._host, self._wanted_port = host, port
+        self._loop = asyncio.new_event_loop()
+        self._ready = threading.Event()
+        self._stop = asyncio.Event()
+        self._failure: OSError | None = None
+        self._scene_page = ""
+        self._client: aiohttp.ClientSession | None = None
+        self.port = 0
+        self._thread = threading.Thread(target=self._run, name="front", daemon=True)
+
+    def start(self) -> None:
+        """Begin to listen; raises OSError when the port cannot be had."""
+        self._thread.start()
+        self._ready.wait()
+        if self._failure is not None:
+            raise self._failure
+
+    def call(self, function: Callable[..., None], *arguments: Any) -> None:
+        """Run a function on the front's event loop, from any thread."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function, *arguments)
+
+    def close(self) -> None:
+        """Stop listening and end the thread."""
+        self.call(self._stop.set)
+        self._thread.join(timeout=5)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        except OSError as error:
+            self._failure = error
+        finally:
+            self._ready.set()
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=1)
+        await runner.setup()
+        try:
+            site = web.TCPSite(runner, self._host, self._wanted_port)
+            await site.start()
+            self.port = runner.addresses[0][1]
+            self._ready.set()
+            await self._stop.wait()
+            await self._inputs.channel.close()
+        finally:
+            if self._client is not None:
+                await self._client.close()
+            await runner.cleanup()
+
+    def _application(self) -> web.Application:
+        application = web.Application(middlewares=[self._inputs.access.guard()])
+        application.add_routes(
+            [
+                web.get("/", self._page("desk.html")),
+                web.get("/pages/{name}", self._file),
+                web.get("/start", self._start),
+                web.get(f"/desk/{SEAT}", self._inputs.channel.serve),
+                web.get(f"{SCENE_PATH}/{SEAT}/", self._scene),
+                web.get(f"{SCENE_PATH}/{SEAT}", self._scene),
+                *tile_routes(self._inputs.tiles),
+            ]
+        )
+        return application
+
+    def _page(self, name: str) -> Serve:
+        async def serve(request: web.Request) -> web.StreamResponse:
+            return _own_file(name)
+
+        return serve
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        return _own_file(request.match_info["name"])
+
+    async def _start(self, request: web.Request) -> web.StreamResponse:
+        """What a page needs once, with a seat: the wanted one if it is its own or free."""
+        wanted = request.query.get("seat", "")
+        own = request.query.get("own") == "1" or not self._inputs.channel.taken(wanted)
+        seat = wanted if SEAT_NAME.fullmatch(wanted) and own else secrets.token_urlsafe(9)
+        return web.json_response({**self._inputs.start, "seat": seat})
+
+    async def _scene(self, request: web.Request) -> web.StreamResponse:
+        """Viser's page, or its websocket."""
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return await self._scene_socket(request)
+        if not self._scene_page:
+            upstream = self._inputs.upstream
+            address = f"http://127.0.0.1:{upstream.port}/"
+            headers = {upstream.header: upstream.secret, "Accept-Encoding": "identity"}
+            async with self._session().get(address, headers=headers) as answer:
+                page = await answer.text()
+            place = page.index("</head>")
+            self._scene_page = page[:place] + INTO_SCENE + page[place + len("</head>") :]
+        response = web.Response(text=self._scene_page, content_type="text/html")
+        response.enable_compression()
+        return response
+
+    async def _scene_socket(self, request: web.Request) -> web.StreamResponse:
+        """Pass messages both ways until either side closes."""
+        upstream = self._inputs.upstream
+        offered = request.headers.get("Sec-WebSocket-Protocol", "")
+        protocols = [name.strip() for name in offered.split(",") if name.strip()]
+        headers = {upstream.header: upstream.secret, SEAT_HEADER: request.match_info["seat"]}
+        inner = await self._session().ws_connect(
+            f"ws://127.0.0.1:{upstream.port}/",
+            headers=headers, protocols=protocols, max_msg_size=0, autoping=True,
+        )  # fmt: skip
+        outer = web.WebSocketResponse(protocols=protocols, max_msg_size=0, compress=False)
+        await outer.prepare(request)
+        passing: list[Coroutine[Any, Any, None]] = [_pass(inner, outer), _pass(outer, inner)]
+        tasks = [asyncio.create_task(one) for one in passing]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await inner.close()
+            await outer.close()
+        return outer
+
+    def _session(self) -> aiohttp.ClientSession:
+        if self._client is None:
+            self._client = aiohttp.ClientSession(auto_decompress=True)
+        return self._client
+
+
+def _own_file(name: str) -> web.Response:
+    """One of our own pages; only plain names of files that are there."""
+    path = PAGES / name
+    if "/" in name or "\\" in name or path.suffix not in CONTENT or not path.is_file():
+        raise web.HTTPNotFound
+    response = web.Response(
+        text=path.read_text(encoding="utf-8"), content_type=CONTENT[path.suffix]
+    )
+    response.headers["Cache-Control"] = "no-cache"
+    if path.suffix == ".html":
+        response.headers["Content-Security-Policy"] = PAGE_POLICY
+    return response
+
+
+async def _pass(
+    source: aiohttp.ClientWebSocketResponse | web.WebSocketResponse,
+    target: aiohttp.ClientWebSocketResponse | web.WebSocketResponse,
+) -> None:
+    async for message in source:
+        if message.type == WSMsgType.BINARY:
+            await target.send_bytes(message.data)
+        elif message.type == WSMsgType.TEXT:
+            await target.send_str(message.data)
+
+
+def as_json(value: Any) -> str:
+    """JSON text as the wire carries it."""
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)

@@ -1,0 +1,216 @@
+"""Tiles over HTTP: drawn in two threads, encoded, and kept while memory lasts."""
+
+import asyncio
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+import numpy as np
+from aiohttp import web
+
+from core.errors import PhotogrammetryError
+from core.geometry.grid import Grid
+from ui.review.compare import Drawn, DrawnPhoto, HeightSource
+from ui.review.tiles import (
+    Colour,
+    Grey,
+    Lattice,
+    OrthoSource,
+    ScanWindow,
+    Stretch,
+    fit_stretch,
+    local_contrast,
+    ortho_tile,
+    raw_tile,
+    warped_tile,
+)
+
+CACHE_BYTES = 192 * 2**20
+"""Encoded tiles kept in memory."""
+JPEG_QUALITY = 90
+THUMBNAIL = 96
+"""Width and height of the small pictures of a point in its other scans, pixels."""
+SAMPLE = 700
+"""Longest side of the small picture a scan's grey range is taken from, pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Where tiles come from."""
+
+    ortho: OrthoSource
+    """Reference ortho."""
+    dem: HeightSource
+    """Heights."""
+    read: ScanWindow
+    """Windows of raw scans."""
+    lattice: Lattice
+    """Where ground tiles lie."""
+
+
+class TileStore:
+    """Draws tiles on request and keeps the encoded ones; asked from any thread."""
+
+    def __init__(self, sources: Sources) -> None:
+        self.sources = sources
+        self._drawn: dict[tuple[str, int], DrawnPhoto] = {}
+        self._stretches: dict[str, Stretch] = {}
+        self._kept: OrderedDict[str, bytes] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+        self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="tiles")
+
+    def publish(self, drawn: Drawn) -> None:
+        """Tell which orientations the addresses of tiles now mean; older ones stay drawable."""
+        for name, photo in drawn.items():
+            self._drawn[name, photo.version] = photo
+            self._drawn.pop((name, photo.version - 4), None)
+
+    def close(self) -> None:
+        """Stop drawing."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    async def tile(self, address: str, draw: Callable[[], Grey | Colour]) -> bytes:
+        """The encoded tile of an address, drawn when it is not kept."""
+        kept = self._kept.get(address)
+        if kept is not None:
+            return kept
+        loop = asyncio.get_running_loop()
+        encoded = await loop.run_in_executor(self._pool, lambda: encoded_tile(draw()))
+        with self._lock:
+            if address not in self._kept:
+                self._kept[address] = encoded
+                self._bytes += len(encoded)
+            while self._bytes > CACHE_BYTES:
+                self._bytes -= len(self._kept.popitem(last=False)[1])
+        return encoded
+
+    def ortho(self, place: tuple[int, int, int], wallis: bool) -> Colour:
+        """A tile of the reference ortho."""
+        picture = ortho_tile(self.sources.ortho, self.sources.lattice.tile(*place))
+        return _evened(picture) if wallis else picture
+
+    def scan(self, photo: DrawnPhoto, grid: Grid, wallis: bool) -> Grey:
+        """A part of a scan warped to a ground grid."""
+        stretch = self._stretch(photo)
+        picture = warped_tile(photo, self.sources.dem, self.sources.read, stretch, grid)
+        return local_contrast(picture) if wallis else picture
+
+    def raw(self, photo: DrawnPhoto, place: tuple[int, int, int], wallis: bool) -> Grey:
+        """A tile of a scan as it is."""
+        picture = raw_tile(photo, self.sources.read, self._stretch(photo), place)
+        return local_contrast(picture) if wallis else picture
+
+    def photo(self, photo_id: str, version: int) -> DrawnPhoto:
+        """The orientation a tile's address means."""
+        found = self._drawn.get((photo_id, version))
+        if found is None:
+            raise web.HTTPNotFound(text="No such photo or version.")
+        return found
+
+    def overview(self, photo: DrawnPhoto) -> Grey:
+        """The whole scan, small: for frustums and for the grey range."""
+        stretch, sample = self._sampled(photo)
+        return np.rint(stretch.applied(sample)).astype(np.uint8)
+
+    def _stretch(self, photo: DrawnPhoto) -> Stretch:
+        kept = self._stretches.get(photo.photo.scan)
+        return kept if kept is not None else self._sampled(photo)[0]
+
+    def _sampled(self, photo: DrawnPhoto) -> tuple[Stretch, np.ndarray]:
+        columns, rows = photo.photo.size_px
+        reduction = max(1, 2 ** int(np.ceil(np.log2(max(columns, rows) / SAMPLE))))
+        width, height = (side // reduction * reduction for side in (columns, rows))
+        sample = self.sources.read(photo.photo.scan, 0, 0, width, height, reduction)
+        stretch = fit_stretch(sample)
+        self._stretches[photo.photo.scan] = stretch
+        return stretch, sample
+
+
+def tile_routes(store: TileStore) -> list[web.RouteDef]:
+    """Addresses of tiles; a version in the address lets the browser keep them for good."""
+
+    async def ortho(request: web.Request) -> web.StreamResponse:
+        place, wallis = _place(request), _wallis(request)
+        return await _answer(store, request, lambda: store.ortho(place, wallis))
+
+    async def scan(request: web.Request) -> web.StreamResponse:
+        place, wallis, photo = _place(request), _wallis(request), _photo(store, request)
+        grid = store.sources.lattice.tile(*place)
+        return await _answer(store, request, lambda: store.scan(photo, grid, wallis))
+
+    async def raw(request: web.Request) -> web.StreamResponse:
+        place, wallis, photo = _place(request), _wallis(request), _photo(store, request)
+        return await _answer(store, request, lambda: store.raw(photo, place, wallis))
+
+    async def thumbnail(request: web.Request) -> web.StreamResponse:
+        photo, grid = _photo(store, request), _grid_about(request)
+        return await _answer(store, request, lambda: store.scan(photo, grid, False))
+
+    place = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
+    photo = r"/{photo}/{version:\d+}"
+    return [
+        web.get("/tiles/ortho" + place, ortho),
+        web.get("/tiles/scan" + photo + place, scan),
+        web.get("/tiles/raw" + photo + place, raw),
+        web.get("/tiles/point" + photo + "/{east}/{north}/{pixel}", thumbnail),
+    ]
+
+
+def encoded_tile(picture: Grey | Colour) -> bytes:
+    """JPEG of a picture, grey or red-green-blue."""
+    ordered = picture if picture.ndim == 2 else picture[:, :, ::-1]
+    done, data = cv2.imencode(".jpg", ordered, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert done
+    return cast(np.ndarray, data).tobytes()
+
+
+async def _answer(
+    store: TileStore, request: web.Request, draw: Callable[[], Grey | Colour]
+) -> web.StreamResponse:
+    try:
+        data = await store.tile(request.path_qs, draw)
+    except PhotogrammetryError as error:
+        raise web.HTTPNotFound(text=str(error)) from error
+    headers = {"Cache-Control": "private, max-age=86400, immutable"}
+    return web.Response(body=data, content_type="image/jpeg", headers=headers)
+
+
+def _place(request: web.Request) -> tuple[int, int, int]:
+    level, column, row = (int(request.match_info[name]) for name in ("level", "column", "row"))
+    if level > 20 or max(abs(column), abs(row)) > 10**6:
+        raise web.HTTPNotFound
+    return level, column, row
+
+
+def _photo(store: TileStore, request: web.Request) -> DrawnPhoto:
+    return store.photo(request.match_info["photo"], int(request.match_info["version"]))
+
+
+def _wallis(request: web.Request) -> bool:
+    return request.query.get("wallis") == "1"
+
+
+def _grid_about(request: web.Request) -> Grid:
+    """A small grid about a place on the ground."""
+    try:
+        east, north, pixel = (
+            float(request.match_info[name]) for name in ("east", "north", "pixel")
+        )
+    except ValueError as error:
+        raise web.HTTPNotFound from error
+    if not 1e-3 < pixel < 1e3:
+        raise web.HTTPNotFound
+    half = THUMBNAIL / 2 * pixel
+    return Grid(east - half, north + half, pixel, THUMBNAIL, THUMBNAIL)
+
+
+def _evened(picture: Colour) -> Colour:
+    """Local contrast of a colour picture, by its luminance."""
+    grey = cast(Grey, cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+    gain = (local_contrast(grey).astype(np.float32) + 1) / (grey.astype(np.float32) + 1)
+    return np.clip(picture * gain[..., None], 0, 255).astype(np.uint8)
