@@ -1,7 +1,7 @@
 """The middle of a mark to a fraction of a pixel, in two independent ways.
 
-Matching compares the scan with the drawn mark; symmetry compares the scan with itself turned by half
-a circle and knows nothing of the mark's kind. Both solve for a shift by least squares with the
+Matching compares the scan with the drawn mark; symmetry compares the scan with itself turned by
+half a circle and knows nothing of the mark's kind. Both solve for a shift by least squares with the
 influence of dirt and scratches bounded.
 """
 
@@ -18,7 +18,7 @@ Weights = Float64[np.ndarray, "side side"]
 Shift = Float64[np.ndarray, "2"]
 STEPS = 20
 CONVERGED_PX = 1e-3
-NOISE_SHARE = 1.0
+NOISE_SHARE = 0.2
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
 
 
@@ -81,7 +81,8 @@ def centre_by_symmetry(
     for _ in range(STEPS):
         patch = sample_about(window, place, weights.shape[0])
         turned = patch[::-1, ::-1]
-        # With the middle at d: patch = f(u - d), turned = f(u + d), difference = d times both slopes.
+        # With the middle at d: patch = f(u - d), turned = f(u + d), their difference d times
+        # the sum of their slopes.
         slope_c = np.gradient(patch, axis=1) + np.gradient(turned, axis=1)
         slope_r = np.gradient(patch, axis=0) + np.gradient(turned, axis=0)
         step, sigma = _solve(

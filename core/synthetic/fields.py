@@ -132,7 +132,7 @@ def _tract(
     across /= np.linalg.norm(across)
     offset = float(shape.uniform(0.0, PROFILE_LENGTH * PROFILE_STEP_M))
     lot = float(shape.random())
-    cover: Cover = "arable" if lot < 0.78 else "meadow" if lot < 0.92 else "orchard"
+    cover: Cover = "arable" if lot < 0.77 else "meadow" if lot < 0.94 else "orchard"
     cover = "garden" if garden else cover
     kind = {"arable": STRIPS if small else BROAD, "garden": GARDENS}.get(cover, PLAIN)
     tone, contrast, mottle, tint = _look(cover, past, small, crops)
@@ -181,9 +181,8 @@ def make_profiles(seed: int, texture_m: float) -> Float32[np.ndarray, "profiles 
                 row += _strips(*widths[kind], shape, crops)
             if kind == BROAD:
                 row += _tramlines(crops)
-            rows.append(
-                ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M, mode="wrap")
-            )
+            rows.append(ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M,
+                                                  mode="wrap"))
     return np.array(rows, dtype=np.float32)
 
 
@@ -208,9 +207,8 @@ def _furrows(rng: np.random.Generator, past: bool, kind: int) -> np.ndarray:
     row = 5.0 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
     ridges = rng.standard_normal(PROFILE_LENGTH)
     row += (5.0 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
-    slow = 3.0 * _unit(
-        ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0, mode="wrap")
-    )
+    slow = 3.0 * _unit(ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0,
+                                                 mode="wrap"))
     return (row + slow) * (0.35 if kind == PLAIN else 1.0)
 
 

@@ -13,7 +13,7 @@ from core.synthetic.options import SyntheticOptions, seeded
 from core.synthetic.settlement import House, Trees, make_houses, make_trees
 from core.synthetic.terrain import Bounds, Terrain
 
-Field = Float32[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
 COARSE = 4
 """Slow fields (shade, woods, mottle) are kept at every fourth pixel of the painted ground."""
 HALO = 8
@@ -218,3 +218,4 @@ def _wood(landscape: Landscape, past: bool, grid: Grid) -> Field:
     woodness -= (2.2 + 0.5 * edge) * smooth_step(near, wide, grid)
     limit = np.quantile(woodness[::16, ::16], 0.86 if past else 0.82)
     return np.clip((woodness - limit) * 60.0 / gsd + 0.5, 0.0, 1.0).astype(np.float32)
+
