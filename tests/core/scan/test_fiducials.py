@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.scan.film_area import detect_film_area
 from core.scan.fiducials import measure_fiducials
+from core.scan.film_area import detect_film_area
 from core.scan.orientation import ScanOrientation, orient_scan
 from core.scan.raster import open_scan, read_overview
 from tests.core.scan.film_maker import FIDUCIALS, Film, make_film, write_gray
