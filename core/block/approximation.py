@@ -20,7 +20,7 @@ from core.formats.footprints import Footprint
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile
 from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, check_range, read_crs, transformer_over
+from core.geometry.crs import Bounds, check_range, operation_between, read_crs
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.geometry.transforms import (
@@ -46,7 +46,8 @@ class PriorOptions:
     tilt_deg: float = 3.0
     """omega and phi, degrees."""
     world_file_m: float = 100.0
-    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off."""
+    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off. That of a
+    tilted photo's perspective centre is less sure, by the height times its tilt."""
     world_file_kappa_deg: float = 5.0
     """kappa from a world file, degrees."""
     height_share: float = 0.04
@@ -344,7 +345,7 @@ def _in_block(plane: PlanePoints, crs: str, block_crs: str, file: Path) -> Plane
     if not crs or read_crs(crs, file) == read_crs(block_crs, file):
         return plane
     check_range(read_crs(crs, file), plane, file)
-    return np.column_stack(transformer_over(crs, block_crs, plane).transform(*plane.T))
+    return operation_between(crs, block_crs, plane, file).forward(plane)
 
 
 def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]:
