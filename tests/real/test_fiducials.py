@@ -84,3 +84,28 @@ def test_eight_wild_marks_are_found__real(shared_data: Path) -> None:
         assert not mask[int(mark.row / 16), int(mark.column / 16)]
     assert 0.75 < mask.mean() < 0.95
     assert gray.shape == mask.shape
+
+
+CANBERRA = ["1985_r02_f100", "1985_r12_f30", "1985_r13_f44", "1985_r14_f100"]
+
+
+@pytest.mark.parametrize("name", CANBERRA)
+def test_coarse_prints_of_wild_film__real(shared_data: Path, name: str) -> None:
+    """Prints at 127 um, stretched by up to 0.7 per cent: the middle is found, not the ring's rays.
+
+    No calibration is known; that both ways of centring agree to 0.05 pixel is what can be judged.
+    """
+    corners = {
+        "1": (-106.0, 106.0),
+        "2": (106.0, 106.0),
+        "3": (106.0, -106.0),
+        "4": (-106.0, -106.0),
+    }
+    camera = Camera("wild", 152.4, (230.0, 230.0), fiducials_mm=corners)
+    oriented = orient_scan(
+        shared_data / "act-canberra-film" / "frames" / f"{name}.jpg", camera, 127.0
+    )
+    assert len(oriented.fiducials) == 4
+    assert all(mark.kind.startswith("ring") for mark in oriented.fiducials)
+    assert max(mark.disagreement_px for mark in oriented.fiducials) < 0.05
+    assert oriented.interior.rms_um < 127
