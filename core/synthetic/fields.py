@@ -181,8 +181,9 @@ def make_profiles(seed: int, texture_m: float) -> Float32[np.ndarray, "profiles 
                 row += _strips(*widths[kind], shape, crops)
             if kind == BROAD:
                 row += _tramlines(crops)
-            rows.append(ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M,
-                                                  mode="wrap"))
+            rows.append(
+                ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M, mode="wrap")
+            )
     return np.array(rows, dtype=np.float32)
 
 
@@ -207,8 +208,9 @@ def _furrows(rng: np.random.Generator, past: bool, kind: int) -> np.ndarray:
     row = 3.8 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
     ridges = rng.standard_normal(PROFILE_LENGTH)
     row += (3.8 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
-    slow = 3.0 * _unit(ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0,
-                                                 mode="wrap"))
+    slow = 3.0 * _unit(
+        ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0, mode="wrap")
+    )
     return (row + slow) * (0.35 if kind == PLAIN else 1.0)
 
 
