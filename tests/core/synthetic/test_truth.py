@@ -152,7 +152,8 @@ def test_truth_of_the_film_block_over_real_ground__real(shared_data):
     assert len(truth.photos) == 6
     assert truth.camera.principal_distance_mm == 151.92
     assert truth.archival_ortho.is_file()
-    # A white cross on a black disc: its centroid tells the pixel convention of the truth.
+    # White crosses on black discs were drawn at whole pixels.
+    errors = []
     for name, exposure in truth.photos.items():
         marks = np.array(list(truth.camera.fiducials_mm.values()))
         with rasterio.open(folder / "scans" / f"{name}.tif") as raster:
@@ -162,7 +163,9 @@ def test_truth_of_the_film_block_over_real_ground__real(shared_data):
                 weight = np.clip(window.astype(np.float64) - 120.0, 0.0, None)
                 x = (np.arange(left, left + 81) + 0.5) @ weight.sum(axis=0) / weight.sum()
                 y = (np.arange(top, top + 81) + 0.5) @ weight.sum(axis=1) / weight.sum()
-                assert np.hypot(x - column, y - row) < 0.25
+                errors.append((x - column, y - row))
+    # Scratches cross some of them, so the median; half a pixel would show plainly.
+    assert np.abs(np.median(errors, axis=0)).max() < 0.12
 
 
 def test_missing_and_broken_truth_say_so__truth(tmp_path):
