@@ -113,7 +113,7 @@ class Landscape:
     def scene(self, past: bool, grid: Grid) -> Scene:
         """The land of one epoch over the grid that shall be painted."""
         seed, options = self.options.seed, self.options
-        tracts = make_tracts(self.network, past, options.parcel_change, seed)
+        tracts = make_tracts(self.network, past, options.parcel_change, options.recency, seed)
         then, now = make_houses(self.network, seed, options.recency)
         order = {"track": 0, "street": 1, "main": 2}
         roads = sorted(

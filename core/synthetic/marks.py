@@ -79,7 +79,7 @@ def draw_margin(
     day = f"{int(rng.integers(1, 29))}.{('V', 'VI', 'VII', 'VIII')[int(rng.integers(4))]}.{year}"
     place = (float(rng.uniform(-60, 20)), half + 1.6)
     _write(scan, exposure, day, place, 2.8, float(rng.normal(0, 2.5)), 190, True)
-    place = (float(rng.uniform(-half + 9, -half + 20)), half - 7.5)
+    place = (float(rng.uniform(-half + 13, -half + 28)), half - 7.5)
     _write(scan, exposure, str(int(number)), place, 4.5, float(rng.normal(0, 5.0)), 235, True)
 
 

@@ -78,7 +78,10 @@ def test_most_parcels_of_1938_are_gone_and_few_of_1984__truth():
         options = SyntheticOptions(size="tiny", seed=5, epoch=epoch)
         flight = make_flight(options)
         network = make_landscape(options, flight.terrain, flight.bounds).network
-        then, now = (make_tracts(network, past, options.parcel_change, 5) for past in (True, False))
+        then, now = (
+            make_tracts(network, past, options.parcel_change, options.recency, 5)
+            for past in (True, False)
+        )
         outlines = {tract.outline.tobytes() for tract in now}
         kept[epoch] = np.mean([tract.outline.tobytes() in outlines for tract in then])
     assert kept[1938] < 0.25
