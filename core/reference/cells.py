@@ -11,10 +11,8 @@ import numpy as np
 import rasterio
 from jaxtyping import Bool, Float32, Shaped
 from rasterio.enums import Resampling
-from rasterio.errors import RasterioError
 
-from core.errors import ReferenceDataError
-from core.reference.sheets import Lattice, Sheet, open_raster
+from core.reference.sheets import Lattice, Sheet, damage_told, open_raster
 
 Content = Literal["gray", "colour", "heights"]
 RowsColumns = tuple[tuple[int, int], tuple[int, int]]
@@ -133,7 +131,7 @@ def _read_pixels(
     """A window (column, row, width, height) of a sheet in original pixels, and which are usable."""
     column, row, width, height = box
     window = ((row, row + height), (column, column + width))
-    with open_raster(sheet.path, OVERVIEW_LEVEL="NONE") as raster:
+    with open_raster(sheet.path, OVERVIEW_LEVEL="NONE") as raster, damage_told(sheet.path):
         raw = _read(raster, sheet, window=window)
         usable = np.ones((height, width), dtype=bool)
         if sheet.masked:
@@ -165,7 +163,7 @@ def _add_reduced(
     bottom = min(sheet.rows, place.row + below * n)
     window = ((top, bottom), (left, right))
     shape = (below - above, last - first)
-    with open_raster(sheet.path) as raster:
+    with open_raster(sheet.path) as raster, damage_told(sheet.path):
         raw = _read(raster, sheet, window=window, shape=shape)
         usable = np.isfinite(raw).all(axis=0)
         if sheet.masked:
@@ -205,17 +203,10 @@ def _read(
     window: RowsColumns,
     shape: tuple[int, int] | None = None,
 ) -> Shaped[np.ndarray, "bands rows columns"]:
-    """Read the sheet's bands; damaged data is told with the file's name."""
+    """The sheet's bands in a window, averaged to a shape where one is given."""
     reduced = {} if shape is None else {"resampling": Resampling.average}
     out = None if shape is None else (len(sheet.bands), *shape)
-    try:
-        return raster.read(list(sheet.bands), window=window, out_shape=out, **reduced)
-    except RasterioError as error:
-        raise ReferenceDataError(
-            sheet.path,
-            f"the file is damaged: GDAL cannot read its pixels ({error}).",
-            "Copy it again from its source.",
-        ) from error
+    return raster.read(list(sheet.bands), window=window, out_shape=out, **reduced)
 
 
 def _content(

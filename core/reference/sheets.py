@@ -5,7 +5,8 @@ resampling kernel that crosses a sheet edge finds the neighbour's pixels there.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -164,9 +165,22 @@ def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
         ) from error
 
 
+@contextmanager
+def damage_told(path: str | Path) -> Iterator[None]:
+    """Pixels that GDAL cannot read are told with the file's name."""
+    try:
+        yield
+    except RasterioError as error:
+        raise ReferenceDataError(
+            path,
+            f"the file is damaged or cut off: GDAL cannot read its pixels ({error}).",
+            "Copy it again from its source.",
+        ) from error
+
+
 def _open_sheet(path: Path, crs: CRS, what: str, collars: bool) -> Sheet:
     """Everything about one file that later reads need."""
-    with open_raster(path) as raster:
+    with open_raster(path) as raster, damage_told(path):
         if raster.transform.is_identity:
             raise ReferenceDataError(
                 path,
