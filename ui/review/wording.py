@@ -27,7 +27,7 @@ ENGLISH: dict[str, str] = {
     # queue
     "column.point": "Point",
     "column.photo": "Scan",
-    "column.residual": "Residual",
+    "column.residual": "Res. px",
     "column.score": "Score",
     "column.doubt": "Doubt",
     "sort.gain": "Expected gain",
@@ -117,7 +117,7 @@ ENGLISH: dict[str, str] = {
     "figure.ground": "On the ground",
     "figure.sigma": "Sigma a priori",
     "figure.score": "Score",
-    "figure.redundancy": "Redundancy number",
+    "figure.redundancy": "Redundancy",
     "figure.place": "Measured at",
     "figure.source": "Source",
     "figure.surveyed": "Surveyed",

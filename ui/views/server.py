@@ -1,11 +1,12 @@
 """Viser on a port of its own that only our front can use, and the views of every browser."""
 
 import hmac
+import io
 import logging
 import secrets
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, cast
@@ -53,8 +54,10 @@ class SceneServer:
         self._hand_up, self._opened = hand_up, opened
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
+        self._wanted: dict[str, Shown] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
-        with closed_to_strangers(SECRET_HEADER, self.secret):
+        # Viser prints an address that nobody can open; ours is printed by the caller.
+        with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self._infrastructure: Any = getattr(self._server, "_websock_server")  # noqa: B009
         # Any client could otherwise open a public tunnel to the desk.
@@ -73,7 +76,8 @@ class SceneServer:
 
     def show(self, seat_id: str, shown: Shown) -> None:
         """Bring every scene of a seat up to date, in the scene thread."""
-        self._thread.submit(self._told, self._show, seat_id, shown)
+        self._wanted[seat_id] = shown
+        self._thread.submit(self._told, self._show, seat_id)
 
     def fit(self, seat_id: str, pointed: Pointed | None) -> None:
         """Move a seat's eye to the whole block, or to what is current."""
@@ -82,7 +86,8 @@ class SceneServer:
     def close(self) -> None:
         """End viser."""
         self._thread.shutdown(wait=True, cancel_futures=True)
-        self._server.stop()
+        with redirect_stdout(io.StringIO()):
+            self._server.stop()
 
     def _prepare(self) -> None:
         server = self._server
@@ -120,7 +125,10 @@ class SceneServer:
 
         self._opened(seat_id)
 
-    def _show(self, seat_id: str, shown: Shown) -> None:
+    def _show(self, seat_id: str) -> None:
+        shown = self._wanted.pop(seat_id, None)
+        if shown is None:
+            return  # A newer picture has been shown already.
         for client_id, (sitting, client) in list(self._clients.items()):
             if sitting != seat_id:
                 continue
