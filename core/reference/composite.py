@@ -37,7 +37,9 @@ def read_onto(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
     coverage = np.zeros((grid.rows, grid.columns), dtype=np.float32)
     finest = sheets.lattices[0].ground_sample_distance_m
     reduction = grid.ground_sample_distance_m / finest
-    step = int(np.clip(TILE_CELLS / (reduction if reduction < options.exact_to else 1), 64, 2048))
+    # Exact reading holds original pixels, otherwise up to four cells to a pixel each way.
+    across = max(1.0, reduction) if reduction <= options.exact_to else 4.0
+    step = int(np.clip(TILE_CELLS / across, 64, 2048))
     for row in range(0, grid.rows, step):
         for column in range(0, grid.columns, step):
             part = grid.window(
@@ -91,7 +93,8 @@ def _read_north_up(
     window = _window(columns / size, rows / size, size, RADIUS[options.kernel] * max(1.0, *scale))
     if not sheets_under(lattice, window):
         return None
-    cells = read_cells(lattice, window, options.content, size < options.exact_to)
+    exact = bool(min(gsd / a, gsd / -e) <= options.exact_to)
+    cells = read_cells(lattice, window, options.content, exact)
     if not cells.weight.any():
         return None
     if abs(a + e) < 1e-9 * a and cells.weight.min() < 1:
@@ -133,12 +136,12 @@ def _read_slanted(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled
     columns, rows, scale = _lattice_places(lattice, grid)
     if not np.isfinite(columns).all():
         return None
-    size = _cell_size(scale)
+    size, exact = _cell_size(scale), scale <= options.exact_to
     columns, rows, scale = columns / size, rows / size, scale / size
     window = _window(columns, rows, size, RADIUS[options.kernel] * max(1.0, scale))
     if not sheets_under(lattice, window):
         return None
-    cells = read_cells(lattice, window, options.content, size < options.exact_to)
+    cells = read_cells(lattice, window, options.content, exact)
     if not cells.weight.any():
         return None
     across = (columns - window.column).astype(np.float32)

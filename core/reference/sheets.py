@@ -5,7 +5,7 @@ resampling kernel that crosses a sheet edge finds the neighbour's pixels there.
 """
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -166,7 +166,7 @@ def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
 
 
 @contextmanager
-def damage_told(path: str | Path) -> Iterator[None]:
+def damage_told(path: str | Path) -> Generator[None]:
     """Pixels that GDAL cannot read are told with the file's name."""
     try:
         yield

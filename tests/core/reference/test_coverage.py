@@ -42,5 +42,5 @@ def test_a_dem_with_nodata_under_the_block_is_told__truth(tmp_path, reference):
     heights = np.full((100, 100), -9999, np.float32)
     heights[:5] = 200
     dem = open_dem(write_raster(tmp_path / "e.tif", heights, place(4.0), nodata=-9999), CRS)
-    with pytest.raises(ReferenceDataError, match="nodata over 9[56] % of the block"):
+    with pytest.raises(ReferenceDataError, match=r"nodata over 9[56] % of the block"):
         check_coverage(dem, reference[1], (WEST, NORTH - 400, WEST + 400, NORTH))
