@@ -233,6 +233,8 @@ def _content(
             gray += np.multiply(band, share, dtype=np.float32)
         return gray[None]
     values = raw.astype(np.float32)
+    if content == "heights":
+        return values * np.float32(sheet.factor) + np.float32(sheet.addend)
     if content == "colour":
         values *= 255.0 / sheet.white
         return np.repeat(values, 3, axis=0) if len(values) == 1 else values

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import rasterio
 from scipy.interpolate import RegularGridInterpolator
 
 from core.errors import ReferenceDataError
@@ -165,3 +166,15 @@ def test_real_dems__real(shared_data):
     assert not lo25.notes
     assert lo25.ground_sample_distance_m == 24.0
     assert np.isfinite(lo25.on(lo25.grid)).all()
+
+
+def test_scaled_heights_are_metres_and_feet_are_refused__truth(tmp_path):
+    path = write_raster(tmp_path / "s.tif", np.full((20, 20), 2500, np.int16), place(2.0))
+    with rasterio.open(path, "r+") as file:
+        file.scales, file.offsets = (0.1,), (-10.0,)
+    dem = open_dem(path, CRS)
+    assert dem.heights(np.array([[WEST + 20, NORTH - 20]]))[0] == pytest.approx(240.0)
+    with rasterio.open(path, "r+") as file:
+        file.units = ("ft",)
+    with pytest.raises(ReferenceDataError, match="not in metres"):
+        open_dem(path, CRS)

