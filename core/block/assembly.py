@@ -183,7 +183,7 @@ def held_together(
         surveyed={name: surveyed[name] for name in {value.point_id for value in measured}},
         measurements={value.key: value for value in measured},
     )
-    report = adjust_block(first, replace(options.adjustment, estimate_cameras=False))
+    report = adjust_block(first, replace(options.adjustment, robust=False))
     return block.with_photos(report.block.photos) if report.converged else block
 
 
