@@ -8,33 +8,24 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from core.block.assembly import Assembly, AssemblyOptions, Site, assemble_block
-from core.block.block import Block, Photo, Source, TiePoints
-from core.block.georeference import Georeference, georeference_photo
+from core.block.assembly import AssemblyOptions
+from core.block.georeference import Georeference
 from core.block.orientation import (
     OrientationOptions,
-    OrientedPhoto,
-    ReferencePoints,
-    orient_photo,
 )
-from core.block.patches import OpenPhoto
-from core.block.reference_points import gather_reference_points
-from core.block.tie_points import TieOptions, match_ties
-from core.doubts import Doubt, Failure
-from core.errors import OrientationError, PhotogrammetryError
+from core.block.tie_points import TieOptions
+from core.doubts import Doubt
+from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
 from core.progress import Progress
 from core.reference.dem import open_dem
-from core.reference.junctions import Junction, find_junctions, planar_graph
 from core.reference.ortho import open_ortho
 from core.reference.reference import Reference
-from core.reference.roads import read_roads
 from core.scan.orientation import ScanOrientation, orient_scan
-from core.scan.raster import open_scan
 
 Mapper = Callable[..., Iterable[Any]]
 """Runs a function over items, such as `map` or the `map` of a pool of threads."""

@@ -3,7 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from core.arrays import ObjectPoints, PixelPoints, Position
+import numpy as np
+from jaxtyping import Float64
+
+from core.arrays import Position
 from core.block.block import Block
 
 
@@ -75,11 +78,11 @@ class AdjustmentReport:
     redundancy_numbers: Mapping[tuple[str, str], float]
     """Redundancy number (0 to 1, mean of column and row) of each used control measurement:
     below 0.1 the measurement cannot be checked by any other."""
-    tie_positions: ObjectPoints
+    tie_positions: Float64[np.ndarray, "points 3"]
     """Adjusted tie points, metres; NaN for those left out."""
-    tie_sigmas_m: ObjectPoints
+    tie_sigmas_m: Float64[np.ndarray, "points 3"]
     """Their standard deviations, metres."""
-    tie_residuals_px: PixelPoints
+    tie_residuals_px: Float64[np.ndarray, "rays 2"]
     """Residual of each ray of `block.ties`, pixels; NaN for rays left out."""
     checks: tuple[CheckResult, ...]
     """Check points."""

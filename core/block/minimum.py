@@ -58,7 +58,7 @@ def minimise(
     damping = 0.0
     fit = replace(fit, settled=False)
     for _ in range(steps):
-        progress.report(fit.steps, steps + fit.steps, "adjusting")
+        progress.report(float(fit.steps), float(fit.steps + steps), "adjustment")
         limit = _huber_limit(fit) if robust else np.inf
         fit = replace(fit, weights=_weights(fit.lin, fit.taking_part, limit))
         cost = _cost(fit.lin, fit.taking_part, limit)

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from core.arrays import Flags, PixelPoints, Scalars
+from core.geometry.projectivity import fit_projectivity, jacobians
 from core.scan.raster import ScanFile, read_window
 
 Patches = Float32[np.ndarray, "n side side"]
@@ -101,11 +102,9 @@ def local_affinities(
         second: The same in the second scan.
         neighbours: Matches that take part.
     """
-    plane, _ = cv2.findHomography(first, second, cv2.LMEDS)
-    projectivity = np.eye(3) if plane is None else np.asarray(plane, dtype=np.float64)
-    overall = _jacobians(projectivity, at)
+    overall = jacobians(fit_projectivity(first, second), at)
     count = min(neighbours, len(first))
-    distance, about = cKDTree(first).query(at, k=count)
+    distance, about = KDTree(first).query(at, k=count)
     distance, about = distance.reshape(len(at), count), about.reshape(len(at), count)
     source = first[about] - first[about].mean(axis=1, keepdims=True)
     target = second[about] - second[about].mean(axis=1, keepdims=True)
@@ -115,16 +114,6 @@ def local_affinities(
     normal = np.swapaxes(source, 1, 2) @ (source * weight) + np.eye(2) / 0.1**2
     right = np.swapaxes(source, 1, 2) @ (left * weight)
     return overall + np.swapaxes(np.linalg.solve(normal, right), 1, 2)
-
-
-def _jacobians(
-    projectivity: Float64[np.ndarray, "3 3"], at: PixelPoints
-) -> Float64[np.ndarray, "n 2 2"]:
-    """Derivatives of a projectivity at some points."""
-    moved = np.column_stack([at, np.ones(len(at))]) @ projectivity.T
-    plane, depth = moved[:, :2] / moved[:, 2:], moved[:, 2]
-    rows = projectivity[None, :2, :2] - plane[:, :, None] * projectivity[None, 2:, :2]
-    return rows / depth[:, None, None]
 
 
 def refine_rays(

@@ -208,22 +208,48 @@ def standardised_residuals(lin: Linearised, precision: Precision, weights: Weigh
     return np.where(checked, np.abs(lin.residuals) / scale, 0.0)
 
 
-def gross_errors(network: Network, standardised: RayPairs, taking_part: Chosen) -> Chosen:
+def gross_errors(
+    network: Network,
+    lin: Linearised,
+    precision: Precision,
+    standardised: RayPairs,
+    taking_part: Chosen,
+) -> Chosen:
     """Rays to leave out next: beyond the critical value, and the worst where errors spread.
 
-    Of one point only the worst ray goes, of the control in one photo those half as bad as the
-    worst and more: what they hide shows in the next round. What a human accepted never goes.
+    Of a tie point only the worst ray goes; of control those half as bad as the worst in their point
+    and photo, and more: what they hide shows in the next round. Where the rays of a control point
+    agree with each other but not with its coordinates, all of them go. What a human accepted stays.
     """
-    rays = network.rays
+    rays, control = network.rays, network.rays.measurement >= 0
     free = taking_part & ~network.by_operator
-    worst = np.where(free, _scaled(network, standardised, taking_part), 0.0)
+    by_ray = np.where(free, _scaled(network, standardised, taking_part), 0.0)
     of_point = np.zeros(network.points.count)
-    np.maximum.at(of_point, rays.point, worst)
-    control = rays.measurement >= 0
+    np.maximum.at(of_point, rays.point, by_ray)
+    ground = _ground_scores(network, lin, precision, taking_part)[rays.point]
+    misplaced = control & free & (ground >= of_point[rays.point])
+    score = np.where(misplaced, ground, by_ray)
     of_photo = np.zeros(len(network.photos))
-    np.maximum.at(of_photo, rays.photo[control], worst[control])
-    leading = ~control | (worst >= 0.5 * of_photo[rays.photo])
-    return (worst > CRITICAL) & (worst >= of_point[rays.point]) & leading
+    np.maximum.at(of_photo, rays.photo[control], score[control])
+    share = np.where(control, 0.5, 1.0)
+    leading = misplaced | (by_ray >= share * of_point[rays.point])
+    return (score > CRITICAL) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
+
+
+def _ground_scores(
+    network: Network, lin: Linearised, precision: Precision, taking_part: Chosen
+) -> Float64[np.ndarray, "points"]:
+    """Largest standardised residual of each point's known coordinates; 0 for points that keep."""
+    rays, count = network.rays, network.points.count
+    variance = 1 - precision.points * network.points.known_weight**2
+    checked = (variance > SMALLEST_REDUNDANCY) & (network.points.known_weight > 0)
+    scale = np.sqrt(np.where(checked, variance, 1.0))
+    scores = np.where(checked, np.abs(lin.ground) / scale, 0.0)
+    used = np.bincount(rays.point[taking_part], minlength=count) > 0
+    if checked.any():
+        scores /= max(1.0, robust_sigma(scores[checked & used[:, None]]))
+    accepted = np.bincount(rays.point[taking_part & network.by_operator], minlength=count) > 0
+    return np.where(used & ~accepted, scores.max(axis=1), 0.0)
 
 
 def cleared_rays(

@@ -35,7 +35,12 @@ class ThinningOptions:
         return replace(self, **more)
 
 
-def thin_ties(block: Block, ties: TiePoints, options: ThinningOptions | None = None) -> Flags:
+def thin_ties(
+    block: Block,
+    ties: TiePoints,
+    options: ThinningOptions | None = None,
+    reserve: Flags | None = None,
+) -> Flags:
     """Which tie points stay (one flag per point).
 
     First the 3 x 3 Gruber areas of every photo are served, then every pair of photos, then cells
@@ -45,7 +50,7 @@ def thin_ties(block: Block, ties: TiePoints, options: ThinningOptions | None = N
     options = options or ThinningOptions()
     if ties.count == 0:
         return np.zeros(0, dtype=np.bool_)
-    state = _State.of(block, ties, options)
+    state = _State.of(block, ties, options, reserve)
     areas = frame_cells(block, ties, GRUBER_SIDE) + ties.photo * GRUBER_SIDE**2
     for area in _grouped(areas, ties.point):
         state.serve(area, options.per_gruber_area)
@@ -91,12 +96,15 @@ class _State:
     in_cell: Indices
 
     @staticmethod
-    def of(block: Block, ties: TiePoints, options: ThinningOptions) -> "_State":
+    def of(
+        block: Block, ties: TiePoints, options: ThinningOptions, reserve: Flags | None
+    ) -> "_State":
         """Nothing kept yet."""
         rays = rays_per_point(ties)
         worst = np.zeros(ties.count)
         np.maximum.at(worst, ties.point, ties.sigma_px)
-        order = np.lexsort((worst, -rays))
+        last = np.zeros(ties.count, dtype=np.bool_) if reserve is None else reserve
+        order = np.lexsort((worst, -rays, last))
         rank = np.empty(ties.count, dtype=np.int64)
         rank[order] = np.arange(ties.count)
         per_photo, size = options.cells**2, len(ties.photo_ids)

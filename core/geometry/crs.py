@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Num
@@ -69,6 +70,12 @@ def parse_crs(text: str, where: str | Path) -> CRS:
     return crs
 
 
+def shared_bounds(one: Bounds, other: Bounds) -> Bounds:
+    """What two bounds share; west lies beyond east, or south beyond north, where nothing."""
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
 def read_crs(text: str, where: str | Path) -> CRS:
     """Any CRS PROJ knows; `CrsError` where there is none or it is unknown."""
     if not text.strip():
@@ -108,7 +115,7 @@ def transformer(source: str, target: str, area: Bounds | None = None) -> Transfo
         area: West, south, east, north in degrees; PROJ's best operation depends on it (for
             S-JTSK the one it prefers elsewhere is Slovak).
     """
-    interest = AreaOfInterest(*area) if area else None
+    interest: Any = AreaOfInterest(*area) if area else None
     return Transformer.from_crs(source, target, always_xy=True, area_of_interest=interest)
 
 

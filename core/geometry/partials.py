@@ -17,9 +17,9 @@ from core.geometry.exterior import ExteriorOrientation
 
 Offsets = Float64[np.ndarray, "3 rays"]
 """Object point minus perspective centre, metres, one column per ray."""
-Rotations = Float64[np.ndarray, "n 3 3"]
+Rotations = Float64[np.ndarray, "photos 3 3"]
 """A stack of rotation matrices, image space into object space."""
-Vectors = Float64[np.ndarray, "n 3"]
+Vectors = Float64[np.ndarray, "photos 3"]
 """A stack of vectors."""
 
 
@@ -80,8 +80,8 @@ def constants_of_air(atmosphere: Atmosphere) -> Float64[np.ndarray, "1 2"]:
 
 def ray_model(
     rotations: Rotations,
-    constants: Float64[np.ndarray, "n 6"],
-    atmospheres: Float64[np.ndarray, "n 2"],
+    constants: Float64[np.ndarray, "photos 6"],
+    atmospheres: Float64[np.ndarray, "photos 2"],
 ) -> RayModel:
     """Rows turned into columns."""
     return RayModel(

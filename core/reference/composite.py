@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 
 from core.geometry.crs import transformer_over
 from core.geometry.grid import Grid
@@ -68,9 +68,7 @@ def _read_part(sheets: SheetSet, grid: Grid, bands: int, options: ReadOptions) -
     return Sampled(values, coverage)
 
 
-def _read_lattice(
-    lattice: Lattice, crs: str, grid: Grid, options: ReadOptions
-) -> Sampled | None:
+def _read_lattice(lattice: Lattice, crs: str, grid: Grid, options: ReadOptions) -> Sampled | None:
     """One lattice on the grid; None where it has nothing there."""
     if lattice.north_up:
         return _read_north_up(lattice, grid, options)
@@ -96,9 +94,7 @@ def _read_north_up(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sample
     )
 
 
-def _read_slanted(
-    lattice: Lattice, crs: str, grid: Grid, options: ReadOptions
-) -> Sampled | None:
+def _read_slanted(lattice: Lattice, crs: str, grid: Grid, options: ReadOptions) -> Sampled | None:
     """Rotated sheets, south-up sheets, sheets in another CRS."""
     columns, rows, scale = _lattice_places(lattice, crs, grid)
     if not np.isfinite(columns).all():

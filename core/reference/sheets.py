@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -140,13 +141,14 @@ def block_corners(sheet: Sheet, crs: CRS) -> Float64[np.ndarray, "n 2"]:
     corners = sheet.corners()
     if not sheet.crs:
         return corners
-    share = np.linspace(0, 1, 9)[:-1, None, None]
-    outline = (corners + share * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 2)
-    east, north = transformer_over(sheet.crs, crs.to_wkt(), outline).transform(*outline.T)
+    share, side = np.linspace(0, 1, 9)[:-1, None], np.roll(corners, -1, axis=0) - corners
+    outline = (corners[:, None] + share * side[:, None]).reshape(-1, 2)
+    here = transformer_over(sheet.crs, crs.to_wkt(), outline)
+    east, north = here.transform(outline[:, 0], outline[:, 1], errcheck=False)
     return np.column_stack([east, north])
 
 
-def open_raster(path: str | Path, **options: str) -> rasterio.DatasetReader:
+def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
     """Open a raster of the reference, or say in one message why that cannot be done."""
     try:
         with warnings.catch_warnings():

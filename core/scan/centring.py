@@ -1,7 +1,7 @@
 """The middle of a mark to a fraction of a pixel, in two independent ways.
 
-Matching compares the scan with the drawn mark; symmetry compares the scan with itself turned by half
-a circle and knows nothing of the mark's kind. Both solve for a shift by least squares with the
+Matching compares the scan with the drawn mark; symmetry compares the scan with itself turned by
+half a circle and knows nothing of the mark's kind. Both solve for a shift by least squares with the
 influence of dirt and scratches bounded.
 """
 
@@ -18,7 +18,7 @@ Weights = Float64[np.ndarray, "side side"]
 Shift = Float64[np.ndarray, "2"]
 STEPS = 20
 CONVERGED_PX = 1e-3
-NOISE_SHARE = 1.0
+NOISE_SHARE = 0.2
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
 
 
@@ -81,7 +81,8 @@ def centre_by_symmetry(
     for _ in range(STEPS):
         patch = sample_about(window, place, weights.shape[0])
         turned = patch[::-1, ::-1]
-        # With the middle at d: patch = f(u - d), turned = f(u + d), difference = d times both slopes.
+        # With the middle at d: patch = f(u - d), turned = f(u + d), their difference d times
+        # the sum of their slopes.
         slope_c = np.gradient(patch, axis=1) + np.gradient(turned, axis=1)
         slope_r = np.gradient(patch, axis=0) + np.gradient(turned, axis=0)
         step, sigma = _solve(
@@ -104,9 +105,7 @@ def sample_about(window: Gray, place: Shift, side: int) -> Weights:
     columns = (np.arange(side) - half + place[0] - 0.5).astype(np.float32)
     rows = (np.arange(side) - half + place[1] - 0.5).astype(np.float32)
     map_c, map_r = np.meshgrid(columns, rows)
-    patch = cv2.remap(
-        window, map_c, map_r, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
+    patch = cv2.remap(window, map_c, map_r, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return patch.astype(np.float64)
 
 
@@ -128,9 +127,7 @@ def _shift_and_gain(
     correlation = _correlation(patch, template, weights)
     # A mark that lies further right than assumed makes the patch look shifted right:
     # patch(u) = gain * template(u - step), hence minus the slope.
-    columns = np.stack(
-        [-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1
-    )
+    columns = np.stack([-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1)
     solution, sigma = _solve(columns, wanted - gain * centred, weights, float(patch.std()))
     return gain, solution[:2], sigma, correlation
 

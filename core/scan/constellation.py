@@ -1,8 +1,9 @@
 """Which places in a scan are the camera's fiducials: candidates for each, and the set that fits.
 
-Every kind of mark in the library is correlated with windows about the expected places; of all peaks
-the set is taken that lies as the certificate says, turned by about none to three quarter circles and
-scaled by the scan pixel size. One peak alone proves nothing, four in the right shape do.
+Every kind of mark in the library is correlated with windows about the expected places; of all
+peaks the set is taken that lies as the certificate says, turned by about none to three quarter
+circles and scaled by the scan pixel size. One peak alone proves nothing, four in the right shape
+do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -178,7 +179,7 @@ def _windows(
     for quarter, places in expected.items():
         owners[quarter] = []
         for place in places:
-            near = [np.linalg.norm(place - other) for other in centres]
+            near = [float(np.linalg.norm(place - other)) for other in centres]
             if not near or min(near) > MERGE_MM / scan_pixel_mm:
                 centres.append(place)
                 near.append(0.0)
@@ -309,7 +310,7 @@ def _best_set(
     base = int(np.argmax(total))
     chosen = value[base].argmax(axis=1)
     found = np.nonzero(value[base].max(axis=1) > 0)[0]
-    at = places[found, chosen[found]]
+    at = np.asarray(places[found, chosen[found]])
     correlations = peaks.correlations[list(owner)][found, chosen[found]]
     predicted = {
         name: (float(place.real), float(-place.imag))
@@ -318,7 +319,7 @@ def _best_set(
     bonus = 1 + options.upright_bonus * (quarter == 0)
     return Constellation(
         tuple(names[int(i)] for i in found),
-        np.column_stack([at.real, -at.imag]),
+        np.column_stack([np.real(at), -np.imag(at)]),
         correlations,
         predicted,
         peaks.mark,
@@ -335,9 +336,9 @@ def _bases(
     scan_pixel_mm: float,
     options: ConstellationOptions,
 ) -> tuple[Complex128[np.ndarray, "bases"], Complex128[np.ndarray, "bases"]]:
-    """Similarities (pixel = start + factor * film) through two peaks, of the right scale and turn."""
-    starts: list[Complex128[np.ndarray, "k"]] = []
-    factors: list[Complex128[np.ndarray, "k"]] = []
+    """Similarities pixel = start + factor * film through two peaks, of the right scale and turn."""
+    starts: list[np.ndarray] = []
+    factors: list[np.ndarray] = []
     longest = np.abs(where[:, None] - where[None, :]).max()
     for i, j in combinations(range(len(where)), 2):
         apart = where[j] - where[i]

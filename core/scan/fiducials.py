@@ -1,7 +1,7 @@
 """Fiducials measured to a fraction of a pixel; one that is missing or in doubt says so."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float32
@@ -26,7 +26,7 @@ class FiducialOptions:
     """Correlation with the drawn mark below which a place is no mark."""
     sigma_floor_px: float = 0.03
     """No mark is believed better than this, pixels."""
-    search: ConstellationOptions = ConstellationOptions()
+    search: ConstellationOptions = field(default_factory=ConstellationOptions)
     """How the marks are looked for."""
 
 
@@ -237,9 +237,7 @@ def _nothing_found(photo_id: str, marks: int) -> Doubt:
     )
 
 
-def _doubtful(
-    photo_id: str, name: str, place: tuple[float, float], failure: Failure
-) -> Doubt:
+def _doubtful(photo_id: str, name: str, place: tuple[float, float], failure: Failure) -> Doubt:
     """The doubt of a mark that is missing or does not stand."""
     column, row = place
     return Doubt(

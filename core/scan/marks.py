@@ -1,4 +1,4 @@
-"""Kinds of fiducial marks, drawn at any scale: what is looked for when nobody says how they look."""
+"""Kinds of fiducial marks, drawn at any scale: what to look for when nobody says how they look."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
 """A scan as a file that is read by windows; what cannot be read says why and what to do."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,8 +83,8 @@ def check_fits_camera(scan: ScanFile, camera: Camera, scan_pixel_mm: float) -> N
     raise ScanError(
         scan.path,
         f"{scan.size_px[0]} x {scan.size_px[1]} pixels of {scan_pixel_mm * 1000:g} um are "
-        f"{sides[0]:.0f} x {sides[1]:.0f} mm, which does not fit the {frame[0]:g} x {frame[1]:g} mm "
-        f"frame of camera '{camera.name}'.",
+        f"{sides[0]:.0f} x {sides[1]:.0f} mm, which does not fit the {frame[0]:g} x "
+        f"{frame[1]:g} mm frame of camera '{camera.name}'.",
         f"Check scan_pixel_um in [scans] (a frame that fills the scan would need "
         f"{implied_um.min():.1f} um) and frame_mm of the camera, or give this scan its own camera "
         "in [[scans.override]].",
@@ -183,7 +183,7 @@ def _cells_inside(start: int, cells: int, reduction: int, size: int) -> tuple[in
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(path: Path) -> Generator[Any]:
     """The open dataset; what GDAL cannot open is a ScanError."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)

@@ -132,7 +132,7 @@ def _tract(
     across /= np.linalg.norm(across)
     offset = float(shape.uniform(0.0, PROFILE_LENGTH * PROFILE_STEP_M))
     lot = float(shape.random())
-    cover: Cover = "arable" if lot < 0.78 else "meadow" if lot < 0.92 else "orchard"
+    cover: Cover = "arable" if lot < 0.77 else "meadow" if lot < 0.94 else "orchard"
     cover = "garden" if garden else cover
     kind = {"arable": STRIPS if small else BROAD, "garden": GARDENS}.get(cover, PLAIN)
     tone, contrast, mottle, tint = _look(cover, past, small, crops)

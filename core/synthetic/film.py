@@ -9,14 +9,14 @@ from scipy.sparse import csr_matrix
 
 from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
-from core.synthetic.marks import draw_margin, draw_scars, mark_coverage
+from core.synthetic.marks import mark_coverage
 from core.synthetic.noise import fractal, stretched_band, white
 from core.synthetic.options import seeded
 from core.synthetic.painting import Ground
 from core.synthetic.terrain import Terrain
 
-Field = Float32[np.ndarray, "rows columns"]
-Picture = UInt8[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
 NODE_PX = 8
 """Distance of the nodes at which rays are followed to the ground; between them cubic."""
 BAND = 512
@@ -67,7 +67,7 @@ def make_scan(
     exposure: Exposure,
     camera: Camera,
     seed: int,
-    options: FilmOptions | None = None,
+    options: FilmOptions,
 ) -> Picture:
     """The scan of one exposure.
 
@@ -80,9 +80,8 @@ def make_scan(
         options: Lens and film.
 
     Returns:
-        The scan, 8 bit.
+        The scan, 8 bit, without notes and scars.
     """
-    options = options or FilmOptions()
     columns, rows = exposure.size_px
     maps = pixel_maps(ground, terrain, exposure, camera)
     scan = np.empty((rows, columns), dtype=np.uint8)
@@ -91,8 +90,6 @@ def make_scan(
         last = min(first + BAND, rows)
         light = expose_band(ground, maps, first - EDGE, last + EDGE)
         scan[first:last] = dark_room.develop(light, first - EDGE)[EDGE:-EDGE]
-    draw_margin(scan, exposure, camera, seeded(seed, "margin", exposure.photo_id))
-    draw_scars(scan, exposure, seeded(seed, "scars", exposure.photo_id))
     return scan
 
 

@@ -13,7 +13,7 @@ from core.synthetic.options import SyntheticOptions, seeded
 from core.synthetic.settlement import House, Trees, make_houses, make_trees
 from core.synthetic.terrain import Bounds, Terrain
 
-Field = Float32[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
 COARSE = 4
 """Slow fields (shade, woods, mottle) are kept at every fourth pixel of the painted ground."""
 HALO = 8

@@ -8,8 +8,8 @@ from core.arrays import FilmPoints
 from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
 
-Field = Float32[np.ndarray, "rows columns"]
-Picture = UInt8[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
 ARM_MM, HALF_WIDTH_MM = 2.4, 0.13
 """Length of an arm of a fiducial from its middle, and half the width of its line."""
 GAP_MM, DOT_MM = 0.6, 0.24
@@ -47,7 +47,7 @@ def mark_coverage(
         # Camera of the thirties: broken cross about a dot, on a tab from the side of the frame.
         arms *= 1.0 - _covered(middle - np.float32(GAP_MM), pixel_mm)
         arms = np.maximum(arms, _covered(middle - np.float32(DOT_MM), pixel_mm))
-        outward = np.sign(np.round(np.array(place) / camera.frame_mm[0]))
+        outward = np.sign(np.round(2.0 * np.array(place) / camera.frame_mm[0]))
         beyond = np.maximum(u * np.float32(outward[0]) + v * np.float32(outward[1]), 0)
         u = u - np.float32(outward[0]) * beyond
         v = v - np.float32(outward[1]) * beyond
@@ -128,7 +128,7 @@ def draw_scars(scan: Picture, exposure: Exposure, rng: np.random.Generator) -> N
         bend = np.array([0.0, rng.normal(0.0, 0.4)])
         share = np.linspace(0.0, 1.0, 12)[:, None]
         line = start + share * run + share * (1 - share) * 4 * bend
-        tone = int(rng.choice([20, 60, 215, 245]))
+        tone = int(rng.choice([45, 80, 190, 235]))
         _stroke(scan, exposure, line, tone, 1)
     for _ in range(int(rng.integers(3, 8))):
         steps = rng.normal(0.0, 0.5, (14, 2)).cumsum(axis=0) * 0.35

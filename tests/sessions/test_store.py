@@ -3,7 +3,6 @@
 import os
 import random
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
@@ -21,6 +20,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 RECORD_FOR_EVER = """
 import sys
+import time
 from pathlib import Path
 from sessions.decisions import Place
 from sessions.session import Session
@@ -31,6 +31,7 @@ while True:
     recorded = session.record(Place("P1", "A", float(number), 0.5))
     print(recorded.decision_id, number, flush=True)
     number += 1
+    time.sleep(float(sys.argv[3]))
 """
 
 
@@ -105,7 +106,7 @@ def test_no_decision_is_lost_when_the_process_is_killed__law(tmp_path: Path) -> 
     moments = random.Random(20)
     acknowledged: dict[int, int] = {}
     for _ in range(8):
-        process = python(RECORD_FOR_EVER, str(tmp_path), "ada")
+        process = python(RECORD_FOR_EVER, str(tmp_path), "ada", "0")
         assert process.stdout is not None
         first = process.stdout.readline()
         time.sleep(moments.uniform(0, 0.08))
@@ -123,14 +124,12 @@ def test_no_decision_is_lost_when_the_process_is_killed__law(tmp_path: Path) -> 
 
 
 def test_two_processes_append_at_once__law(tmp_path: Path) -> None:
-    processes = [python(RECORD_FOR_EVER, str(tmp_path), who) for who in ("ada", "bob")]
+    processes = [python(RECORD_FOR_EVER, str(tmp_path), who, "0.005") for who in ("ada", "bob")]
     told: set[int] = set()
     for process in processes:
         assert process.stdout is not None
         process.stdout.readline()
     time.sleep(0.3)
-    for process in processes:
-        process.send_signal(signal.SIGSTOP)
     for process in processes:
         process.kill()
         told |= set(acknowledged_by(process))

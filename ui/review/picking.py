@@ -56,7 +56,7 @@ def frustum_depth_m(block: Block) -> float:
     heights = [
         float(photo.exterior.centre[2]) - photo.ground_height_m for photo in block.photos.values()
     ]
-    return 0.22 * float(np.median(heights)) if heights else 100.0
+    return 0.17 * float(np.median(heights)) if heights else 100.0
 
 
 def _nearest_point(eye: Position, towards: Position, block: Block) -> str | None:

@@ -117,7 +117,7 @@ ENGLISH: dict[str, str] = {
     "figure.ground": "On the ground",
     "figure.sigma": "Sigma a priori",
     "figure.score": "Score",
-    "figure.redundancy": "Redundancy number",
+    "figure.redundancy": "Redundancy",
     "figure.place": "Measured at",
     "figure.source": "Source",
     "figure.surveyed": "Surveyed",

@@ -18,6 +18,10 @@ from ui.views import names
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
 NOWHERE = np.zeros((1, 3))
+FIELD_OF_VIEW = float(np.radians(45))
+FROM_SOUTH = np.array([0.0, -0.66, 1.0])
+"""Where the eye is at first, seen from the middle of the block."""
+RING_PARTS = 28
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
 
@@ -54,7 +58,7 @@ class BlockView:
         self._scene = client.scene
         self._stage = stage
         self._lift = np.array([0.0, 0.0, LIFT * stage.extent_m])
-        self._point_m = 0.011 * stage.extent_m
+        self._point_m = 0.0062 * stage.extent_m
         self._frustums: dict[str, viser.CameraFrustumHandle] = {}
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
@@ -83,13 +87,15 @@ class BlockView:
         """Look at the whole block from the south, or at what is current."""
         reach = self._stage.extent_m
         target = self._stage.middle if pointed is None else pointed.position
-        away = np.array([0.0, -0.62, 1.02]) * reach * (1.0 if pointed is None else 0.28)
         camera = self._client.camera
+        narrower = np.tan(FIELD_OF_VIEW / 2) * min(camera.aspect, 1.0)
+        distance = 0.56 * reach / narrower * (1.0 if pointed is None else 0.25)
+        away = FROM_SOUTH / np.linalg.norm(FROM_SOUTH) * distance
         with self._client.atomic():
             camera.max_orbit_distance = 30 * reach
             camera.up_direction = (0.0, 0.0, 1.0)
             camera.near, camera.far = reach * 1e-3, reach * 40
-            camera.fov = float(np.radians(45))
+            camera.fov = FIELD_OF_VIEW
             camera.position = target + away
             camera.look_at = target
 
@@ -99,11 +105,11 @@ class BlockView:
             self._add_cloud(names.points_node(state), look.colour, look.cloud_shape, size)
         self._add_cloud(names.CHECKS, "#d9c2ff", "square", self._point_m * 1.1)
         self._add_cloud(names.TIES, palette.TIE, "square", self._point_m * 0.3)
-        self._add_cloud(names.CURRENT, palette.CURRENT, "circle", self._point_m * 1.9)
         for name, colour, thickness in (
             (names.FOOTPRINTS, palette.FOOTPRINT, 1.4),
             (names.VECTORS, palette.CURRENT, 2.4),
-            (names.CURRENT_RAY, palette.CURRENT, 1.6),
+            (names.CURRENT, palette.CURRENT, 3.0),
+            (names.CURRENT_RAY, palette.CURRENT, 1.4),
         ):
             self._lines[name] = self._scene.add_line_segments(
                 name,
@@ -194,14 +200,16 @@ class BlockView:
             handle.visible = visible
 
     def _show_current(self, pointed: Pointed | None) -> None:
-        cloud, ray = self._clouds[names.CURRENT], self._lines[names.CURRENT_RAY]
-        if pointed is not None and self._is_new(
-            names.CURRENT, (pointed.position.tobytes(), pointed.centre.tobytes())
-        ):
-            place = (pointed.position + self._lift)[None, :]
-            cloud.points = place.astype(np.float32)
-            ray.points = np.stack([place, pointed.centre[None, :]], axis=1).astype(np.float32)
-        cloud.visible = ray.visible = pointed is not None
+        """A ring about the current point, and its ray to the photo it is looked at in."""
+        if pointed is not None:
+            turn = np.linspace(0, 2 * np.pi, RING_PARTS + 1)
+            around = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
+            ring = pointed.position + around * 1.7 * self._point_m
+            self._show_lines(names.CURRENT, np.stack([ring[:-1], ring[1:]], axis=1), True)
+            ray = np.stack([pointed.position, pointed.centre - self._lift])[None]
+            self._show_lines(names.CURRENT_RAY, ray, True)
+        else:
+            self._lines[names.CURRENT].visible = self._lines[names.CURRENT_RAY].visible = False
 
     def _is_new(self, name: str, shown: object) -> bool:
         """True when a node must be sent: what it last showed is remembered."""

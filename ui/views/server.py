@@ -1,11 +1,12 @@
 """Viser on a port of its own that only our front can use, and the views of every browser."""
 
 import hmac
+import io
 import logging
 import secrets
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, cast
@@ -54,7 +55,8 @@ class SceneServer:
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
-        with closed_to_strangers(SECRET_HEADER, self.secret):
+        # Viser prints an address that nobody can open; ours is printed by the caller.
+        with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self._infrastructure: Any = getattr(self._server, "_websock_server")  # noqa: B009
         # Any client could otherwise open a public tunnel to the desk.
@@ -82,7 +84,8 @@ class SceneServer:
     def close(self) -> None:
         """End viser."""
         self._thread.shutdown(wait=True, cancel_futures=True)
-        self._server.stop()
+        with redirect_stdout(io.StringIO()):
+            self._server.stop()
 
     def _prepare(self) -> None:
         server = self._server

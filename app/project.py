@@ -1,0 +1,330 @@
+"""`block.toml` as a frozen `Project`: what the block consists of, with every default filled in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import pyogrio
+from pyogrio.errors import DataLayerError, DataSourceError
+
+from app.block_crs import objection_to_crs, objection_to_heights
+from app.block_toml import FILE, METRES, MICROMETRES, MILLIMETRES, Document, Table
+from core.errors import ProjectError
+from core.geometry.camera import Camera
+
+Georeference = Literal["world-file", "points", "footprints", "none"]
+"""What the approximate exterior orientation begins from."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockSection:
+    """`[block]`."""
+
+    name: str
+    """Name of the block, for the report."""
+    crs: str
+    """Horizontal CRS: X east, Y north, metres."""
+    heights: str = ""
+    """Height system, in words or as a code."""
+
+
+@dataclass(frozen=True, slots=True)
+class ListedScan:
+    """One scan of the block with what holds for it."""
+
+    photo_id: str
+    """The file's name without folder and extension."""
+    path: Path
+    """The scan file."""
+    camera: str
+    """Name of its camera."""
+    scan_pixel_um: float
+    """Size of a scan pixel on the film, micrometres."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScansSection:
+    """`[scans]` with its overrides applied."""
+
+    listed: tuple[ListedScan, ...]
+    """The scans by name, those excluded left out."""
+    footprints: Path | None = None
+    """Vector file with a polygon for each scan."""
+    footprint_name: str = "scan"
+    """Attribute of the footprints that holds the scan's file name."""
+    exterior: Path | None = None
+    """List of known exterior orientations; goes before `georeference` where it names a scan."""
+    georeference: Georeference = "world-file"
+    """What to begin from."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceSection:
+    """`[reference]`."""
+
+    ortho: tuple[Path, ...]
+    """Sheets of today's orthophoto."""
+    dem: Path
+    """Terrain heights."""
+    roads: tuple[Path, ...] = ()
+    """Road layers; without any, salient points of the ortho serve as control."""
+    ortho_sigma_m: float = 0.25
+    """Standard deviation of a coordinate of the ortho, metres."""
+    dem_sigma_m: float = 0.5
+    """Standard deviation of a height of the DEM, metres."""
+    buildings: Path | None = None
+    """Polygons that seams keep away from."""
+    bridges: Path | None = None
+    """3D polygons that replace the DEM under them."""
+    mask: Path | None = None
+    """Polygons within which nothing is matched."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlSection:
+    """`[control]`."""
+
+    points: Path | None = None
+    """Surveyed points the user has."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrthoSection:
+    """`[ortho]`."""
+
+    gsd_m: float | None = None
+    """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
+    sheets: Path | None = None
+    """Polygons of the map sheets to cut, with the attribute `name`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Project:
+    """A block as its `block.toml` describes it; every path is there."""
+
+    file: Path
+    """The `block.toml`."""
+    block: BlockSection
+    """Name and CRS."""
+    cameras: Mapping[str, Camera]
+    """Cameras by name."""
+    scans: ScansSection
+    """Scans and what is known of their place."""
+    reference: ReferenceSection
+    """What is known of the ground."""
+    control: ControlSection = ControlSection()
+    """Surveyed points."""
+    ortho: OrthoSection = OrthoSection()
+    """What orthos and mosaic are to be."""
+
+    @property
+    def folder(self) -> Path:
+        """The block's folder."""
+        return self.file.parent
+
+
+SECTIONS = ("block", "camera", "scans", "reference", "control", "ortho")
+"""Tables of the file."""
+SCANS_KEYS = ("files", "camera", "scan_pixel_um", "footprints", "footprint_name", "exterior")
+"""Keys of `[scans]`, with `georeference` and `override`."""
+
+
+def read_project(path: Path) -> Project:
+    """Read a block's `block.toml`.
+
+    Args:
+        path: The file, or the folder that holds it.
+
+    Raises:
+        ProjectError: Something in it cannot be used; says in which line and what to do.
+    """
+    document = Document((path / FILE if path.is_dir() else path).resolve())
+    document.root(SECTIONS)  # a misspelt table is told like a misspelt key
+    cameras = _cameras(document)
+    return Project(
+        document.path,
+        _block(document),
+        cameras,
+        _scans(document, cameras),
+        _reference(document),
+        _control(document),
+        _ortho(document),
+    )
+
+
+def _block(document: Document) -> BlockSection:
+    table = document.table("block", keys=("name", "crs", "heights"), required=True)
+    section = BlockSection(table.text("name"), table.text("crs"), table.text("heights", ""))
+    for key, objection in (
+        ("crs", objection_to_crs(section.crs)),
+        ("heights", objection_to_heights(section.heights)),
+    ):
+        if objection is not None:
+            raise table.error(key, *objection)
+    return section
+
+
+def _cameras(document: Document) -> dict[str, Camera]:
+    names = document.values.get("camera", {})
+    if not isinstance(names, dict) or not names:
+        remedy = "Add a table [camera.NAME] with principal_distance_mm and frame_mm."
+        raise ProjectError(document.path, "describes no camera.", remedy)
+    return {name: _camera(document, name) for name in cast("dict[str, object]", names)}
+
+
+def _camera(document: Document, name: str) -> Camera:
+    keys = (
+        "principal_distance_mm",
+        "frame_mm",
+        "principal_point_mm",
+        "radial_distortion",
+        "fiducials_mm",
+    )
+    table = document.table("camera", name, keys=keys)
+    principal_distance_mm = table.number("principal_distance_mm", MILLIMETRES)
+    width, height = table.measures("frame_mm", 2, MILLIMETRES)
+    east, north = table.numbers("principal_point_mm", 2, (0.0, 0.0))
+    if abs(east) > width / 2 or abs(north) > height / 2:
+        remedy = "Write millimetres, counted from the fiducial centre (x right, y up)."
+        raise table.error("principal_point_mm", "lies outside the picture.", remedy)
+    return Camera(
+        name,
+        principal_distance_mm,
+        (width, height),
+        (east, north),
+        _radial_distortion(table),
+        _fiducials(table, max(width, height)),
+    )
+
+
+def _radial_distortion(table: Table) -> tuple[float, float, float]:
+    """k1, k2, k3; those left out are nought."""
+    given = table.values.get("radial_distortion", [])
+    count = min(len(given), 3) if isinstance(given, list) else 3
+    k1, k2, k3, *_ = (*table.numbers("radial_distortion", count, ()), 0.0, 0.0, 0.0)
+    return k1, k2, k3
+
+
+def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
+    key = "fiducials_mm"
+    given = table.values.get(key, {})
+    if not isinstance(given, dict):
+        raise table.error(key, "must name each mark.", "Write { 1 = [-84.5, 0.3], ... }.")
+    fiducials: dict[str, tuple[float, float]] = {}
+    for name, value in cast("dict[str, object]", given).items():
+        x, y = table.sequence(key, value, 2)
+        if max(abs(x), abs(y)) > side_mm:
+            remedy = "Write millimetres from the fiducial centre, x right, y up."
+            raise table.error(key, f"mark {name} lies far outside the picture.", remedy)
+        fiducials[name] = x, y
+    if len(fiducials) == 1:
+        remedy = "Give two or more, or leave them all out."
+        raise table.error(key, "one mark alone says nothing of scale and rotation.", remedy)
+    return fiducials
+
+
+def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
+    keys = (*SCANS_KEYS, "georeference", "override")
+    table = document.table("scans", keys=keys, required=True)
+    footprints, named = table.file("footprints"), table.text("footprint_name", "scan")
+    if footprints is not None:
+        _check_attribute(table, "footprints", footprints, "footprint_name", named)
+    georeference = table.choice("georeference", get_args(Georeference), "world-file")
+    if georeference == "footprints" and footprints is None:
+        remedy = 'Add footprints = "footprints.gpkg", or another georeference.'
+        raise table.error("georeference", "there are no footprints.", remedy)
+    return ScansSection(
+        _listed(document, table, cameras),
+        footprints,
+        named,
+        table.file("exterior"),
+        cast("Georeference", georeference),
+    )
+
+
+def _listed(
+    document: Document, table: Table, cameras: Mapping[str, Camera]
+) -> tuple[ListedScan, ...]:
+    """The scans with the overrides applied, in the order of their names."""
+    camera, pixel_um = (
+        table.choice("camera", tuple(cameras)),
+        table.number("scan_pixel_um", MICROMETRES),
+    )
+    listed: dict[str, ListedScan] = {}
+    for path in table.files("files", rasters=True, required=True):
+        if path.stem in listed:
+            cause = f"two scans are called {path.stem}: {listed[path.stem].path} and {path}."
+            raise table.error("files", cause, "Rename one; the name tells the photo.")
+        listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um)
+    for override in document.tables(
+        "scans.override", ("file", "camera", "scan_pixel_um", "exclude")
+    ):
+        _apply(override, listed, cameras)
+    if not listed:
+        raise table.error("files", "all scans are excluded.", "Leave at least one.")
+    return tuple(listed[name] for name in sorted(listed))
+
+
+def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str, Camera]) -> None:
+    pattern, folder = override.text("file"), override.document.path.parent
+    meant = [scan for scan in listed.values() if _is_meant(scan.path, pattern, folder)]
+    if not meant:
+        remedy = f"Correct it; the first scan is {next(iter(listed.values())).path.name}."
+        raise override.error("file", f'"{pattern}" matches none of the scans.', remedy)
+    for scan in meant:
+        if override.flag("exclude", False):
+            del listed[scan.photo_id]
+            continue
+        listed[scan.photo_id] = ListedScan(
+            scan.photo_id,
+            scan.path,
+            override.choice("camera", tuple(cameras), scan.camera),
+            override.number("scan_pixel_um", MICROMETRES, scan.scan_pixel_um),
+        )
+
+
+def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
+    """True when a glob names a scan by its name or by its path from `block.toml`."""
+    full = path.resolve().as_posix()
+    return fnmatch(path.name, pattern) or fnmatch(full, (folder / pattern).as_posix())
+
+
+def _reference(document: Document) -> ReferenceSection:
+    keys = ("ortho", "dem", "roads", "ortho_sigma_m", "dem_sigma_m", "buildings", "bridges", "mask")
+    table = document.table("reference", keys=keys, required=True)
+    return ReferenceSection(
+        table.files("ortho", rasters=True, required=True),
+        table.required_file("dem"),
+        table.files("roads"),
+        table.number("ortho_sigma_m", METRES, 0.25),
+        table.number("dem_sigma_m", METRES, 0.5),
+        table.file("buildings"),
+        table.file("bridges"),
+        table.file("mask"),
+    )
+
+
+def _control(document: Document) -> ControlSection:
+    return ControlSection(document.table("control", keys=("points",)).file("points"))
+
+
+def _ortho(document: Document) -> OrthoSection:
+    table = document.table("ortho", keys=("gsd_m", "sheets"))
+    sheets = table.file("sheets")
+    if sheets is not None:
+        _check_attribute(table, "sheets", sheets, "sheets", "name")
+    return OrthoSection(table.number("gsd_m", METRES) if table.has("gsd_m") else None, sheets)
+
+
+def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribute: str) -> None:
+    """Make sure that a vector file can be opened and has an attribute."""
+    try:
+        present = list(pyogrio.read_info(path)["fields"])
+    except (DataSourceError, DataLayerError) as error:
+        remedy = "Give a vector file that GDAL can open, such as a GeoPackage."
+        raise table.error(file_key, f"{path.name} cannot be opened ({error}).", remedy) from error
+    if attribute not in present:
+        cause = f'{path.name} has no attribute "{attribute}".'
+        raise table.error(key, cause, f"It has {', '.join(present) or 'none at all'}.")

@@ -1,0 +1,238 @@
+"""`block.toml`: read into a frozen value, or refused with line and remedy."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+
+from app.block_crs import objection_to_crs
+from app.project import Project, read_project
+from core.errors import ProjectError
+
+TOML = """
+[block]
+name = "kobyli-1938"
+crs = "EPSG:5514"
+heights = "Bpv"
+
+[camera.wide]
+principal_distance_mm = 211.59
+frame_mm = [180.0, 180]
+fiducials_mm = { 1 = [-84.5, 0.3], 2 = [84.5, -0.2] }
+
+[scans]
+files = "scans/*.tif"
+camera = "wide"
+scan_pixel_um = 15.0
+
+[reference]
+ortho = "ortho/*.tif"
+dem = "dem.tif"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("scans/b.tif", "scans/a.tif", "scans/.hidden.tif", "ortho/1.tif", "dem.tif"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def read(folder: Path, toml: str = TOML) -> Project:
+    (folder / "block.toml").write_text(toml)
+    return read_project(folder)
+
+
+def put(line: str, table: str = "scans") -> str:
+    """The file with one more line in a table."""
+    return TOML.replace(f"[{table}]\n", f"[{table}]\n{line}\n")
+
+
+def swap(key: str, value: str) -> str:
+    """The file with another value of a key."""
+    return re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", TOML)
+
+
+def test_defaults_are_those_of_the_manual__truth(folder: Path) -> None:
+    project = read(folder)
+    assert [scan.photo_id for scan in project.scans.listed] == ["a", "b"]
+    assert project.scans.listed[0].path == folder / "scans" / "a.tif"
+    assert (project.scans.georeference, project.scans.footprint_name) == ("world-file", "scan")
+    assert (project.reference.ortho_sigma_m, project.reference.dem_sigma_m) == (0.25, 0.5)
+    assert project.reference.roads == ()
+    assert project.ortho.gsd_m is None
+    camera = project.cameras["wide"]
+    assert camera.principal_point_mm == (0.0, 0.0)
+    assert camera.radial_distortion == (0.0, 0.0, 0.0)
+    assert camera.fiducials_mm["1"] == (-84.5, 0.3)
+    assert project.folder == folder
+
+
+def test_every_example_of_the_promise_is_read__paper(folder: Path) -> None:
+    """The example of the contract, section 2, with every key."""
+    shape = [shapely.to_wkb(shapely.box(0, 0, 1, 1))]
+    for name, attribute in (("footprints", "LMS_TIF_UP"), ("sm5", "name")):
+        pyogrio.raw.write(
+            folder / f"{name}.gpkg",
+            np.array(shape, object),
+            [np.array(["a"], object)],
+            [attribute],
+            geometry_type="Polygon",
+            crs="EPSG:5514",
+        )
+    for name in ("eo.csv", "r1.shp", "r2.shp", "buildings.gpkg", "bridges.gpkg", "mask.gpkg"):
+        (folder / name).touch()
+    (folder / "points.csv").touch()
+    text = put('footprints = "footprints.gpkg"\nfootprint_name = "LMS_TIF_UP"\nexterior = "eo.csv"')
+    text = text.replace("[camera.wide]\n", "[camera.wide]\nradial_distortion = [1e-8, 2e-13]\n")
+    text += 'roads = ["r1.shp", "r2.shp"]\nbuildings = "buildings.gpkg"\nmask = "mask.gpkg"\n'
+    text += 'bridges = "bridges.gpkg"\northo_sigma_m = 0.3\n[control]\npoints = "points.csv"\n'
+    text += '[ortho]\ngsd_m = 0.5\nsheets = "sm5.gpkg"\n'
+    project = read(folder, text)
+    assert project.cameras["wide"].radial_distortion == (1e-8, 2e-13, 0.0)
+    assert project.reference.roads == (folder / "r1.shp", folder / "r2.shp")
+    assert project.control.points == folder / "points.csv"
+    assert project.ortho.gsd_m == 0.5
+    assert project.scans.exterior == folder / "eo.csv"
+
+
+def test_file_or_folder_is_the_same__truth(folder: Path) -> None:
+    assert read(folder) == read_project(folder / "block.toml")
+
+
+def test_real_block_is_read__real(shared_data: Path) -> None:
+    project = read_project(shared_data / "vovcha-film")
+    assert len(project.scans.listed) == 6
+    assert len(project.reference.roads) == 2
+
+
+def test_overrides_change_and_exclude_single_scans__truth(folder: Path) -> None:
+    text = TOML.replace(
+        "[scans]", "[camera.other]\nprincipal_distance_mm=152\nframe_mm=[230,230]\n[scans]"
+    )
+    text += '[[scans.override]]\nfile = "a.tif"\ncamera = "other"\nscan_pixel_um = 20\n'
+    text += '[[scans.override]]\nfile = "scans/b*"\nexclude = true\n'
+    (only,) = read(folder, text).scans.listed
+    assert (only.photo_id, only.camera, only.scan_pixel_um) == ("a", "other", 20.0)
+
+
+MISTAKES = {
+    "unknown key": (
+        put('camra = "x"'),
+        r":13 \[scans\] camra: is no key .* Did you mean `camera`\?",
+    ),
+    "unknown table": (TOML + "[refrence]\n", r":20 refrence: is no key .* `reference`\?"),
+    "no table": (TOML.replace("[block]", "[control]"), r"has no \[block\]. Add it"),
+    "no camera": (re.sub(r"\[camera.wide\]\n(.+\n)+", "", TOML), "describes no camera"),
+    "missing key": (swap("frame_mm", "").replace("frame_mm = \n", ""), r"frame_mm: is missing"),
+    "not toml": (TOML + "x = [1,\n", r"not valid TOML: .*line"),
+    "metres": (swap("principal_distance_mm", "0.21159"), r":8 .*looks like metres: write 211.59"),
+    "micrometres": (swap("principal_distance_mm", "211590"), r"micrometres: write 211.59"),
+    "words": (swap("principal_distance_mm", '"211.59"'), r"must be a number, not '211.59'"),
+    "truth": (swap("scan_pixel_um", "true"), r"must be a number, not True"),
+    "millimetres": (swap("scan_pixel_um", "0.015"), r":15 .*looks like millimetres: write 15\."),
+    "dots per inch": (swap("scan_pixel_um", "1693.33"), r"looks like dots per inch: write 15"),
+    "nought": (swap("scan_pixel_um", "0"), r"Write it in micrometres, from 3 to 500"),
+    "one side": (
+        swap("frame_mm", "[180.0]"),
+        r"must be 2 numbers, not \[180.0\]. Write \[0.0, 0.0\]",
+    ),
+    "frame in m": (swap("frame_mm", "[0.18, 0.18]"), r"looks like metres: write 180"),
+    "far fiducial": (swap("fiducials_mm", "{ 1 = [-5633, 20], 2 = [1, 1] }"), "mark 1 lies far"),
+    "one fiducial": (swap("fiducials_mm", "{ 1 = [-84, 0] }"), "one mark alone"),
+    "far principal point": (put("principal_point_mm = [95, 0]", "camera.wide"), "lies outside"),
+    "five distortions": (put("radial_distortion = [1, 2, 3, 4, 5]", "camera.wide"), "3 numbers"),
+    "undefined camera": (swap("camera", '"wild"'), r'"wild" is not known. Did you mean `wide`'),
+    "georeference": (put('georeference = "worldfile"'), r"Did you mean `world-file`\?"),
+    "no footprints": (put('georeference = "footprints"'), "there are no footprints"),
+    "missing file": (
+        swap("dem", '"dmr.tif"'),
+        r'"dmr.tif" is not there. .* holds block.toml, dem.tif',
+    ),
+    "no match": (swap("files", '"scans/*.jpg"'), r"matches no file. .*scans holds a.tif, b.tif"),
+    "no folder": (swap("files", '"film/*.tif"'), r"There is no folder .*film"),
+    "two dems": (swap("dem", '"scans/*.tif"'), r"must be one file but matches 2: a.tif, b.tif"),
+    "path number": (swap("files", "3"), "must be a path or a list of paths, not 3"),
+    "footprint file": (put('footprints = "dem.tif"'), "dem.tif cannot be opened"),
+    "override": (TOML + '[[scans.override]]\nfile="c.tif"\n', r":21 .*matches none of the scans"),
+    "all out": (TOML + '[[scans.override]]\nfile="*"\nexclude=true\n', "all scans are excluded"),
+    "one bracket": (TOML + '[scans.override]\nfile="a.tif"\n', "Write \\[\\[scans.override\\]\\]"),
+    "exclude": (TOML + '[[scans.override]]\nfile="*"\nexclude="yes"\n', "must be true or false"),
+    "crs": (swap("crs", '"EPSG:55144"'), r":4 .*no coordinate reference system"),
+    "geographic": (swap("crs", '"EPSG:4326"'), r"geographic \(degrees\). Name the projected CRS"),
+    "positive krovak": (swap("crs", '"EPSG:5513"'), r"south and west, .*Use EPSG:5514"),
+    "feet": (swap("crs", '"EPSG:2263"'), "US survey foot, not in metres"),
+    "compound": (swap("crs", '"EPSG:5514+8357"'), 'crs = "EPSG:5514" and heights = "EPSG:8357"'),
+    "heights": (swap("heights", '"EPSG:5514"'), "is no height system"),
+}
+
+
+@pytest.mark.parametrize(("toml", "message"), MISTAKES.values(), ids=MISTAKES.keys())
+def test_each_mistake_names_the_line_and_the_remedy__truth(
+    folder: Path, toml: str, message: str
+) -> None:
+    with pytest.raises(ProjectError) as caught:
+        read(folder, toml)
+    told = str(caught.value)
+    assert re.search(message, told), told
+    assert told.startswith(str(folder / "block.toml"))
+    assert caught.value.remedy
+
+
+def test_missing_attribute_names_those_that_are_there__truth(folder: Path) -> None:
+    pyogrio.raw.write(
+        folder / "footprints.gpkg",
+        np.array([shapely.to_wkb(shapely.box(0, 0, 1, 1))], object),
+        [np.array(["a"], object)],
+        ["LMS_TIF_UP"],
+        geometry_type="Polygon",
+        crs="EPSG:5514",
+    )
+    with pytest.raises(ProjectError, match=r'no attribute "scan". It has LMS_TIF_UP'):
+        read(folder, put('footprints = "footprints.gpkg"'))
+
+
+def test_missing_block_points_to_gruber_new__truth(tmp_path: Path) -> None:
+    with pytest.raises(ProjectError, match=f"is not there. `gruber new {tmp_path}` writes one"):
+        read_project(tmp_path)
+
+
+def test_two_scans_of_one_name_are_told__truth(folder: Path) -> None:
+    (folder / "ortho" / "a.tif").touch()
+    with pytest.raises(ProjectError, match="two scans are called a"):
+        read(folder, swap("files", '["scans/*.tif", "ortho/*.tif"]'))
+
+
+@pytest.mark.parametrize(
+    "crs",
+    ["EPSG:5514", "EPSG:32633", "EPSG:26918", "EPSG:31467", "+proj=tmerc +lon_0=25 +datum=WGS84"],
+)
+def test_maps_in_metres_are_good__oracle(crs: str) -> None:
+    assert objection_to_crs(crs) is None
+
+
+def test_a_glob_character_in_the_folder_is_no_glob__truth(folder: Path) -> None:
+    odd = folder / "block [1938]"
+    odd.mkdir()
+    for name in ("scans", "ortho", "dem.tif"):
+        (folder / name).rename(odd / name)
+    assert len(read(odd).scans.listed) == 2
+
+
+def test_manual_describes_every_key_and_no_other__law(folder: Path) -> None:
+    """The keys a table admits are told when one is misspelt beyond recognition."""
+    manual = (Path(__file__).resolve().parents[2] / "docs" / "block-toml.md").read_text()
+    pages = re.split(r"(?m)^##+ \[+([a-zA-Z.]+)\]+$", manual)[1:]
+    described = dict(zip(pages[::2], pages[1::2], strict=True))
+    headers = {"camera.NAME": "[camera.wide]", "scans.override": "[[scans.override]]"}
+    for section, page in described.items():
+        header = headers.get(section, f"[{section}]")
+        text = TOML if header in TOML else f"{TOML}{header}\n"
+        with pytest.raises(ProjectError) as caught:
+            read(folder, text.replace(f"{header}\n", f"{header}\nqqqq = 1\n"))
+        admitted = caught.value.remedy.removeprefix("Use one of ").removesuffix(".").split(", ")
+        assert set(re.findall(r"(?m)^\| `(\w+)` \|", page)) == set(admitted) - {"override"}

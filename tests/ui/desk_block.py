@@ -1,0 +1,369 @@
+"""A tiny block in memory for the desk: six photos over a made-up landscape, with known blunders."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from app.wiring import DeskInputs
+from core.block.adjusted import AdjustmentOptions
+from core.block.adjustment import adjust_block
+from core.block.block import Block, ExteriorPrior, Measurement, Peak, Photo, SurveyedPoint, TiePoints
+from core.geometry.camera import Camera
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.grid import Grid
+from core.geometry.interior import InteriorOrientation
+from sessions.session import Session
+
+WEST, NORTH = -742000.0, -1040000.0
+EXTENT_M = (2400.0, 2000.0)
+ORTHO_M = 0.5
+DEM_M = 10.0
+FLYING_HEIGHT_M = 1650.0
+FRAME_MM = 180.0
+CAMERA = Camera("wide", 210.0, (FRAME_MM, FRAME_MM))
+NOISE_PX = 0.35
+
+
+@dataclass(frozen=True)
+class ArrayDem:
+    """Heights from an array."""
+
+    grid: Grid
+    values: np.ndarray
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        place = self.grid.grid_from_object(points) - 0.5
+        return map_coordinates(self.values, place.T[::-1], order=1, mode="nearest")
+
+    def on(self, grid: Grid) -> np.ndarray:
+        across, down = np.meshgrid(*grid.centres())
+        points = np.column_stack([across.ravel(), down.ravel()])
+        return self.heights(points).reshape(grid.rows, grid.columns)
+
+
+@dataclass(frozen=True)
+class ArrayOrtho:
+    """Colours from an array."""
+
+    grid: Grid
+    values: np.ndarray
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        return self.grid.bounds
+
+    @property
+    def ground_sample_distance_m(self) -> float:
+        return self.grid.ground_sample_distance_m
+
+    def read_colour(self, grid: Grid) -> np.ndarray:
+        return sampled(self.values, self.grid, grid)
+
+
+def sampled(values: np.ndarray, own: Grid, grid: Grid) -> np.ndarray:
+    """An array on another grid, smoothed first where that is coarser."""
+    ratio = grid.ground_sample_distance_m / own.ground_sample_distance_m
+    step = max(1, int(ratio))
+    source = _reduced(id(values), step) if step > 1 else values
+    across, down = np.meshgrid(*grid.centres())
+    place = own.grid_from_object(np.column_stack([across.ravel(), down.ravel()])) / step - 0.5
+    place = place.astype(np.float32).reshape(grid.rows, grid.columns, 2)
+    mode, outside = cv2.BORDER_CONSTANT, (20, 20, 20)
+    x, y = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
+    return cv2.remap(source, x, y, cv2.INTER_LINEAR, borderMode=mode, borderValue=outside)
+
+
+_KEPT: dict[int, np.ndarray] = {}
+
+
+@cache
+def _reduced(number: int, step: int) -> np.ndarray:
+    values = _KEPT[number]
+    size = (values.shape[1] // step, values.shape[0] // step)
+    return cv2.resize(values[: size[1] * step, : size[0] * step], size, interpolation=cv2.INTER_AREA)
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """Terrain, road nodes, and what it looked like today and then."""
+
+    dem: ArrayDem
+    today: ArrayOrtho
+    then: np.ndarray
+    nodes: np.ndarray
+
+
+@cache
+def landscape(seed: int = 3) -> Landscape:
+    """Rolling fields with a network of lanes; some parcels and houses differ between epochs."""
+    rng = np.random.default_rng(seed)
+    dem_grid = Grid(WEST - 400, NORTH + 400, DEM_M, 320, 280)
+    noise = sum(
+        cv2.resize(rng.normal(size=(n, n)), (320, 280), interpolation=cv2.INTER_CUBIC) * a
+        for n, a in ((4, 18), (8, 8), (20, 2))
+    )
+    dem = ArrayDem(dem_grid, 280 + noise)
+    grid = Grid(WEST, NORTH, ORTHO_M, int(EXTENT_M[0] / ORTHO_M), int(EXTENT_M[1] / ORTHO_M))
+    nodes = _nodes(rng)
+    today = _painted(rng, grid, nodes, np.random.default_rng(seed + 1), colour=True)
+    rng_then = np.random.default_rng(seed + 1)
+    then = _painted(np.random.default_rng(seed + 7), grid, nodes, rng_then, colour=False)
+    _KEPT[id(today)] = today
+    return Landscape(dem, ArrayOrtho(grid, today), then, nodes)
+
+
+def _nodes(rng: np.random.Generator) -> np.ndarray:
+    """Crossings of lanes, eastings and northings, (rows, columns, 2)."""
+    east = np.linspace(-90, EXTENT_M[0] + 90, 14)
+    north = np.linspace(-90, EXTENT_M[1] + 90, 12)
+    across, down = np.meshgrid(east, north)
+    nodes = np.stack([WEST + across, NORTH - down], axis=-1)
+    return nodes + rng.uniform(-45, 45, nodes.shape)
+
+
+def _painted(
+    rng: np.random.Generator,
+    grid: Grid,
+    nodes: np.ndarray,
+    parcels: np.random.Generator,
+    colour: bool,
+) -> np.ndarray:
+    """Parcels between lanes, trees and houses beside them, the lanes on top."""
+    picture = np.zeros((grid.rows, grid.columns, 3), dtype=np.uint8)
+    pixels = grid.grid_from_object(nodes.reshape(-1, 2)).reshape(nodes.shape)
+    for i in range(nodes.shape[0] - 1):
+        for j in range(nodes.shape[1] - 1):
+            corners = pixels[[i, i, i + 1, i + 1], [j, j + 1, j + 1, j]]
+            _parcel(picture, corners, parcels if rng.random() < 0.6 else rng)
+    for line in [*pixels, *pixels.swapaxes(0, 1)]:
+        cv2.polylines(picture, [np.rint(line * 8).astype(int)], False, (150, 146, 132), 17, cv2.LINE_AA, 3)
+        cv2.polylines(picture, [np.rint(line * 8).astype(int)], False, (214, 208, 196), 10, cv2.LINE_AA, 3)
+    _houses(picture, pixels, rng)
+    grain = rng.normal(0, 5, picture.shape[:2]).astype(np.float32)
+    coarse = cv2.resize(rng.normal(0, 9, (300, 360)).astype(np.float32), grain.shape[::-1])
+    shaded = picture.astype(np.float32) + (grain + coarse)[..., None]
+    shaded = np.clip(shaded, 0, 255).astype(np.uint8)
+    return shaded if colour else cv2.cvtColor(shaded, cv2.COLOR_RGB2GRAY)
+
+
+def _parcel(picture: np.ndarray, corners: np.ndarray, rng: np.random.Generator) -> None:
+    """Strips of fields between four crossings."""
+    strips = int(rng.integers(2, 7))
+    turned = corners if rng.random() < 0.5 else np.roll(corners, 1, axis=0)
+    for k in range(strips):
+        a, b = k / strips, (k + 1) / strips
+        quad = np.array([
+            turned[0] + a * (turned[1] - turned[0]), turned[0] + b * (turned[1] - turned[0]),
+            turned[3] + b * (turned[2] - turned[3]), turned[3] + a * (turned[2] - turned[3]),
+        ])  # fmt: skip
+        base = rng.choice([[104, 118, 72], [128, 132, 88], [146, 128, 92], [84, 104, 64], [160, 150, 112]])
+        shade = base + rng.normal(0, 7, 3)
+        cv2.fillPoly(picture, [np.rint(quad * 8).astype(int)], shade.tolist(), cv2.LINE_AA, 3)
+    if rng.random() < 0.16:
+        for _ in range(160):
+            u, v = rng.random(2)
+            place = (1 - u) * (1 - v) * corners[0] + u * (1 - v) * corners[1] + u * v * corners[2] + (1 - u) * v * corners[3]
+            dark = (np.array([52, 70, 44]) + rng.normal(0, 8, 3)).tolist()
+            cv2.circle(picture, np.rint(place).astype(int).tolist(), int(rng.integers(5, 12)), dark, -1, cv2.LINE_AA)
+
+
+def _houses(picture: np.ndarray, pixels: np.ndarray, rng: np.random.Generator) -> None:
+    for place in pixels.reshape(-1, 2):
+        for _ in range(int(rng.integers(0, 5))):
+            centre = place + rng.choice([-1, 1], 2) * rng.uniform(26, 70, 2)
+            box = cv2.boxPoints((tuple(centre), tuple(rng.uniform(16, 34, 2)), float(rng.uniform(0, 90))))
+            cv2.fillPoly(picture, [np.rint(box + 5).astype(int)], (60, 60, 58), cv2.LINE_AA)
+            roof = [[168, 92, 74], [176, 170, 164], [140, 84, 70]][int(rng.integers(3))]
+            cv2.fillPoly(picture, [np.rint(box).astype(int)], roof, cv2.LINE_AA)
+
+
+def true_photos(scan_px: int, dem: ArrayDem) -> dict[str, Photo]:
+    """Two strips of three, flown the other way round on the way back, as they really were."""
+    rng = np.random.default_rng(11)
+    pixel_mm = FRAME_MM / scan_px
+    photos: dict[str, Photo] = {}
+    for number in range(6):
+        strip, along = divmod(number, 3)
+        east = WEST + (700 + 500 * along if strip == 0 else 1700 - 500 * along)
+        north = NORTH - (680 if strip == 0 else 1320)
+        kappa = 0.02 if strip == 0 else np.pi + 0.03
+        centre = np.array([east, north, 280 + FLYING_HEIGHT_M]) + rng.normal(0, 15, 3)
+        angles = rng.normal(0, 0.012, 3)
+        exterior = ExteriorOrientation(centre, angles[0], angles[1], kappa + angles[2])
+        turn = rng.normal(0, 0.01)
+        c, s = np.cos(turn), np.sin(turn)
+        matrix = pixel_mm * np.array([[c, s], [s, -c]])
+        offset = -matrix @ np.array([scan_px / 2, scan_px / 2])
+        interior = InteriorOrientation(
+            "nominal", np.column_stack([matrix, offset]), (), np.zeros((0, 2)), np.zeros((0, 2)),
+            float("nan"),
+        )  # fmt: skip
+        name = f"1938_{strip + 1:02d}_{along + 14:03d}"
+        prior = ExteriorPrior(np.full(3, 150.0), np.full(3, 0.06))
+        photos[name] = Photo(
+            name, f"memory/{name}.tif", (scan_px, scan_px), "wide", interior, exterior, exterior,
+            prior, 280.0, True,
+        )  # fmt: skip
+    return photos
+
+
+class ArrayScans:
+    """Scans in memory: the old landscape seen by the true photos."""
+
+    def __init__(self, photos: dict[str, Photo], land: Landscape) -> None:
+        self._scans = {photo.scan: _exposed(photo, land) for photo in photos.values()}
+
+    def __call__(
+        self, scan: str, column: int, row: int, columns: int, rows: int, reduction: int
+    ) -> np.ndarray:
+        part = self._scans[scan][row : row + rows, column : column + columns]
+        size = (columns // reduction, rows // reduction)
+        return cv2.resize(part, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+
+
+def _exposed(photo: Photo, land: Landscape) -> np.ndarray:
+    """One scan: every pixel's ray down to the terrain, with a border and vignetting."""
+    columns, rows = photo.size_px
+    across, down = np.meshgrid(np.arange(0, columns, 8) + 4, np.arange(0, rows, 8) + 4)
+    pixels = np.column_stack([across.ravel(), down.ravel()]).astype(np.float64)
+    heights = np.full(len(pixels), 280.0)
+    for _ in range(4):
+        ground = photo.object_from_pixel(pixels, heights, CAMERA)
+        heights = land.dem.heights(ground[:, :2])
+    place = land.today.grid.grid_from_object(ground[:, :2]).reshape(*across.shape, 2)
+    place = cv2.resize(place, (columns, rows), interpolation=cv2.INTER_LINEAR) - 0.5
+    values = cv2.remap(
+        cv2.GaussianBlur(land.then, (0, 0), 0.7), place.astype(np.float32), None, cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REFLECT_101,
+    ).astype(np.float32)  # fmt: skip
+    radius = np.hypot(*np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows)))
+    values = values * (1.05 - 0.28 * radius**2)
+    values += np.random.default_rng(5).normal(0, 5, values.shape).astype(np.float32)
+    edge = max(4, columns // 90)
+    values[:edge], values[-edge:], values[:, :edge], values[:, -edge:] = 12, 12, 12, 12
+    return np.clip(values, 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class TinyBlock:
+    """The block as an engine would leave it, and what only we know of it."""
+
+    block: Block
+    blunders: frozenset[tuple[str, str]]
+    land: Landscape
+    scans: ArrayScans
+
+
+@cache
+def tiny_block(scan_px: int = 1200) -> TinyBlock:
+    """Measurements with noise; every fifteenth is wrong by many pixels, some check points."""
+    land = landscape()
+    rng = np.random.default_rng(17)
+    photos = true_photos(scan_px, land.dem)
+    surveyed, measurements, blunders = {}, {}, set()
+    places = land.nodes.reshape(-1, 2)
+    heights = land.dem.heights(places)
+    for number, (place, height) in enumerate(zip(places, heights, strict=True)):
+        point_id = f"J{number + 101}"
+        role = "check" if number % 9 == 4 else "control"
+        position = np.array([*(place + rng.normal(0, 0.1, 2)), height + rng.normal(0, 0.15)])
+        sigma = np.array([0.25, 0.25, 0.5])
+        surveyed[point_id] = SurveyedPoint(point_id, position, sigma, role, "junction")
+        for name, photo in photos.items():
+            pixel = photo.pixel_from_object(np.array([[*place, height]]), CAMERA)[0]
+            if not np.all((pixel > 40) & (pixel < scan_px - 40)) or rng.random() < 0.2:
+                continue
+            measured, wrong = _measured(rng, point_id, name, pixel, role)
+            measurements[measured.key] = measured
+            if wrong:
+                blunders.add(measured.key)
+    ties = _ties(rng, photos, land.dem, scan_px)
+    moved = {name: _blurred(rng, photo) for name, photo in photos.items()}
+    block = Block("EPSG:5514", {"wide": CAMERA}, moved, surveyed, measurements, ties)
+    return TinyBlock(block, frozenset(blunders), land, ArrayScans(photos, land))
+
+
+def _measured(
+    rng: np.random.Generator, point_id: str, photo_id: str, pixel: np.ndarray, role: str
+) -> tuple[Measurement, bool]:
+    truth = pixel + rng.normal(0, NOISE_PX, 2)
+    score = float(np.clip(rng.normal(0.72, 0.1), 0.25, 0.97))
+    wrong = role == "control" and rng.random() < 0.07
+    away = truth + rng.choice([-1, 1], 2) * rng.uniform(2.5, 14, 2)
+    best, second = (away, truth) if wrong else (truth, away)
+    peaks = [Peak(*best, 0.4, score, "ncc")]
+    if wrong or rng.random() < 0.3:
+        peaks.append(Peak(*second, 0.5, score * float(rng.uniform(0.72, 0.99)), "gradient"))
+    status = "unused" if rng.random() < 0.05 else "auto"
+    reason = "residual too large in resection" if status == "unused" else ""
+    measured = Measurement(
+        point_id, photo_id, *best, 0.4, score, status, reason, peaks=tuple(peaks)
+    )
+    return measured, wrong and status == "auto"
+
+
+def _blurred(rng: np.random.Generator, photo: Photo) -> Photo:
+    """The photo with the orientation an engine would begin from."""
+    exterior = photo.exterior
+    about = ExteriorOrientation(
+        exterior.centre + rng.normal(0, 6, 3),
+        exterior.omega + rng.normal(0, 0.004),
+        exterior.phi + rng.normal(0, 0.004),
+        exterior.kappa + rng.normal(0, 0.004),
+    )
+    return replace(photo, exterior=about, approximate=about)
+
+
+def _ties(
+    rng: np.random.Generator, photos: dict[str, Photo], dem: ArrayDem, scan_px: int
+) -> TiePoints:
+    places = np.array([WEST, NORTH - EXTENT_M[1]]) + rng.random((900, 2)) * EXTENT_M
+    ground = np.column_stack([places, dem.heights(places)])
+    point, photo, pixels = [], [], []
+    seen = np.stack([p.pixel_from_object(ground, CAMERA) for p in photos.values()])
+    inside = np.all((seen > 20) & (seen < scan_px - 20), axis=2)
+    number = 0
+    for i in np.flatnonzero(inside.sum(axis=0) >= 2):
+        for k in np.flatnonzero(inside[:, i]):
+            point.append(number)
+            photo.append(k)
+            pixels.append(seen[k, i] + rng.normal(0, 0.3, 2))
+        number += 1
+    return TiePoints(tuple(photos), point, photo, np.array(pixels), np.full(len(point), 0.35))
+
+
+OPTIONS = AdjustmentOptions(estimate_cameras=False, robust=False)
+"""Not robust: then a blunder moves sigma nought, and rejecting it moves it back."""
+
+
+def adjust(block: Block, progress=None):  # noqa: ANN001, ANN201
+    """The real adjustment, as the desk calls it."""
+    return adjust_block(block, OPTIONS) if progress is None else adjust_block(block, OPTIONS, progress)
+
+
+def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> DeskInputs:  # noqa: ANN001, ANN003
+    """Everything a desk needs, over the tiny block."""
+    tiny = tiny_block(scan_px)
+    report = _report(scan_px)
+    return DeskInputs(
+        name="kobyli-1938",
+        block=tiny.block,
+        report=report,
+        session=Session.open(folder, "anna"),
+        ortho=tiny.land.today,
+        dem=tiny.land.dem,
+        read_scan=tiny.scans,
+        adjust=adjust,
+        remake=remake or (lambda photo_ids, progress, report: None),
+        operator="anna",
+        **changes,
+    )
+
+
+@cache
+def _report(scan_px: int):  # noqa: ANN202
+    return adjust(tiny_block(scan_px).block)

@@ -1,0 +1,395 @@
+// Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
+import { byId, number, start, word } from "/pages/words.js";
+import { drawLayer, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
+
+const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, blink: false };
+let point = null;
+let view = null; // {east, north: middle; scale: css pixels per metre}
+let cursor = null; // {east, north, raw}
+let send = () => {};
+let nudged = null;
+let dragged = null;
+let asked = false;
+const panes = {};
+
+export function setUpCompare(sender) {
+  send = sender;
+  for (const name of ["left", "right"]) {
+    const room = document.querySelector(`.pane[data-pane=${name}]`);
+    panes[name] = { name, room, picture: room.querySelector(".picture"), marks: room.querySelector(".marks"), label: room.querySelector(".label"), where: room.querySelector(".where") };
+    listen(panes[name]);
+    new ResizeObserver(redraw).observe(room);
+  }
+  byId("swipe").addEventListener("input", (event) => { state.share = event.target.value / 100; redraw(); });
+  byId("contrast").addEventListener("input", (event) => { state.contrast = event.target.value / 100; redraw(); });
+  byId("contrast").addEventListener("dblclick", (event) => { event.target.value = 100; state.contrast = 1; redraw(); });
+  for (const button of byId("modes").children) {
+    button.textContent = word(`mode.${button.dataset.mode}`);
+    button.title = word("mode.tip");
+    button.addEventListener("click", () => setMode(button.dataset.mode));
+  }
+  byId("swipe").title = word("swipe.tip");
+  byId("contrast-label").title = word("contrast.tip");
+  onTile(redraw);
+  setMode("side");
+}
+
+export function comparePoint(fresh) {
+  const before = point?.key.join("|");
+  point = fresh;
+  nudged = null;
+  if (!point) return redraw();
+  if (before !== point.key.join("|")) {
+    const scale = view?.scale ?? defaultScale();
+    view = { east: point.marks.surveyed[0], north: point.marks.surveyed[1], scale };
+  }
+  redraw();
+}
+
+export function fitCompare() {
+  if (!point) return;
+  view = { east: point.marks.surveyed[0], north: point.marks.surveyed[1], scale: defaultScale() };
+  redraw();
+}
+
+export function switchCompare(what) {
+  state[what] = !state[what];
+  redraw();
+}
+
+export function blink(on) {
+  if (state.blink !== on) { state.blink = on; redraw(); }
+}
+
+export const compareState = () => ({ ...state, view, point });
+
+// A step is given in scan pixels, right and down on the picture that is shown.
+export function nudge(right, down) {
+  if (!point) return;
+  if (state.raw) {
+    const from = nudged ?? point.raw.measured;
+    nudged = [from[0] + right, from[1] + down];
+  } else {
+    const from = nudged ?? point.marks.measured;
+    nudged = [from[0] + right * point.scan.pixel, from[1] - down * point.scan.pixel];
+  }
+  clearTimeout(nudge.later);
+  const target = { key: point.key, place: nudged, frame: state.raw ? "scan" : "ground" };
+  nudge.later = setTimeout(() => send({ kind: "place", ...target }), 400);
+  redraw();
+}
+
+function setMode(mode) {
+  state.mode = mode;
+  byId("panes").dataset.mode = mode;
+  byId("swipe").disabled = mode === "side";
+  for (const button of byId("modes").children) button.classList.toggle("on", button.dataset.mode === mode);
+  redraw();
+}
+
+const defaultScale = () => 2.2 / Math.max(start.ortho_pixel, point?.scan.pixel ?? 0);
+
+function redraw() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => { asked = false; drawAll(); });
+}
+
+// What each pane holds now: blinking exchanges the two.
+function content(name) {
+  if (state.mode === "side") return (name === "left") !== state.blink ? "ortho" : "scan";
+  if (state.blink) return "scan";
+  return state.mode;
+}
+
+const showsRaw = (kind) => state.raw && kind === "scan";
+
+function drawAll() {
+  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=marks]")) {
+    button.classList.toggle("on", state[button.dataset.act]);
+  }
+  if (!point || !view) return;
+  for (const pane of Object.values(panes)) {
+    if (pane.room.offsetParent === null) continue;
+    pane.kind = content(pane.name);
+    drawPicture(pane);
+    drawMarks(pane);
+  }
+}
+
+function canvas(canvasElement) {
+  const ratio = window.devicePixelRatio || 1;
+  const [width, height] = [canvasElement.clientWidth, canvasElement.clientHeight];
+  if (canvasElement.width !== Math.round(width * ratio) || canvasElement.height !== Math.round(height * ratio)) {
+    canvasElement.width = Math.round(width * ratio);
+    canvasElement.height = Math.round(height * ratio);
+  }
+  const context = canvasElement.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return [context, width, height];
+}
+
+function drawPicture(pane) {
+  const [context, width, height] = canvas(pane.picture);
+  pane.picture.style.filter = state.contrast === 1 ? "" : `contrast(${state.contrast})`;
+  const [name, photo] = [pane.kind, point.key[1]];
+  if (showsRaw(name)) {
+    const frame = rawFrame(width, height);
+    drawLayer(context, rawLayer(photo, point.scan.version, point.scan.size, state.wallis), frame, width, height);
+    pane.label.textContent = word("pane.raw", { scan: photo });
+    return;
+  }
+  const frame = groundFrame(width, height);
+  if (name !== "scan") drawLayer(context, orthoLayer(state.wallis), frame, width, height);
+  if (name !== "ortho") {
+    context.save();
+    if (name === "swipe") {
+      context.beginPath();
+      context.rect(width * state.share, 0, width, height);
+      context.clip();
+    } else if (name === "blend") context.globalAlpha = state.share;
+    drawLayer(context, scanLayer(photo, point.scan.version, state.wallis), frame, width, height);
+    context.restore();
+  }
+  const both = name === "swipe" || name === "blend";
+  pane.label.textContent = both ? `${word("pane.ortho")} | ${word("pane.scan", { scan: photo })}` : name === "ortho" ? word("pane.ortho") : word("pane.scan", { scan: photo });
+}
+
+// Layer coordinates of ground tiles: metres east and south of the lattice's corner.
+function groundFrame(width, height) {
+  return { x: view.east - start.lattice.west - width / 2 / view.scale, y: start.lattice.north - view.north - height / 2 / view.scale, scale: view.scale };
+}
+
+// The raw scan about the point: an affine map of the ground, drawn with the scan's own axes.
+function rawFrame(width, height) {
+  const [column, row] = rawFromGround(view.east, view.north);
+  const scale = view.scale / rawPerMetre();
+  return { x: column - width / 2 / scale, y: row - height / 2 / scale, scale };
+}
+
+function rawPerMetre() {
+  const [[a, b], [c, d]] = point.raw.matrix;
+  return Math.sqrt(Math.abs(a * d - b * c)) || 1;
+}
+
+function rawFromGround(east, north) {
+  const [[a, b], [c, d]] = point.raw.matrix;
+  const [de, dn] = [east - point.marks.predicted[0], north - point.marks.predicted[1]];
+  return [point.raw.predicted[0] + a * de + b * dn, point.raw.predicted[1] + c * de + d * dn];
+}
+
+function groundFromRaw(column, row) {
+  const [[a, b], [c, d]] = point.raw.matrix;
+  const whole = a * d - b * c || 1;
+  const [dc, dr] = [column - point.raw.predicted[0], row - point.raw.predicted[1]];
+  return [point.marks.predicted[0] + (d * dc - b * dr) / whole, point.marks.predicted[1] + (a * dr - c * dc) / whole];
+}
+
+// Places on the screen of a pane, both ways.
+function toScreen(pane, ground, raw) {
+  const [width, height] = [pane.marks.clientWidth, pane.marks.clientHeight];
+  if (showsRaw(pane.kind)) {
+    const frame = rawFrame(width, height);
+    const [column, row] = raw ?? rawFromGround(...ground);
+    return [(column - frame.x) * frame.scale, (row - frame.y) * frame.scale];
+  }
+  return [(ground[0] - view.east) * view.scale + width / 2, (view.north - ground[1]) * view.scale + height / 2];
+}
+
+function fromScreen(pane, x, y) {
+  const [width, height] = [pane.marks.clientWidth, pane.marks.clientHeight];
+  if (showsRaw(pane.kind)) {
+    const frame = rawFrame(width, height);
+    const raw = [x / frame.scale + frame.x, y / frame.scale + frame.y];
+    const [east, north] = groundFromRaw(...raw);
+    return { east, north, raw };
+  }
+  return { east: view.east + (x - width / 2) / view.scale, north: view.north - (y - height / 2) / view.scale };
+}
+
+function measuredNow(pane) {
+  if (dragged) return toScreen(pane, [dragged.east, dragged.north], dragged.raw);
+  if (nudged) return state.raw ? toScreen(pane, groundFromRaw(...nudged), nudged) : toScreen(pane, nudged);
+  return toScreen(pane, point.marks.measured, point.raw.measured);
+}
+
+function drawMarks(pane) {
+  const [context, width, height] = canvas(pane.marks);
+  if (pane.kind === "swipe") line(context, width * state.share, 0, width * state.share, height, "#ffffffa0", 1);
+  if (state.marks) {
+    if (pane.kind !== "scan") surveyedMark(context, toScreen(pane, point.marks.surveyed));
+    if (pane.kind !== "ortho") scanMarks(context, pane);
+  }
+  if (cursor) crosshair(context, toScreen(pane, [cursor.east, cursor.north]), width, height);
+  scaleBar(context, width, height, pane);
+  pane.where.textContent = cursor ? describe(pane) : "";
+}
+
+function scanMarks(context, pane) {
+  const palette = start.palette;
+  point.marks.peaks.forEach((place, index) => {
+    if (point.peaks[index].away < 0.05) return;
+    const [x, y] = toScreen(pane, place, point.raw.peaks[index]);
+    halo(context, palette.peak, 1.3, () => context.rect(x - 5, y - 5, 10, 10));
+    text(context, `${index + 1}`, x + 8, y - 7, palette.peak);
+  });
+  const from = measuredNow(pane);
+  const to = toScreen(pane, point.marks.predicted, point.raw.predicted);
+  if (Math.hypot(to[0] - from[0], to[1] - from[1]) > 10) line(context, ...from, ...to, palette.predicted, 1.2);
+  context.setLineDash([4, 3]);
+  halo(context, palette.predicted, 1.6, () => context.arc(to[0], to[1], 9, 0, 7));
+  context.setLineDash([]);
+  measuredMark(context, from, palette.states[point.state].colour);
+}
+
+function halo(context, colour, width, path) {
+  for (const [ink, wide] of [["#000000b0", width + 2], [colour, width]]) {
+    context.beginPath();
+    path();
+    context.strokeStyle = ink;
+    context.lineWidth = wide;
+    context.stroke();
+  }
+}
+
+function measuredMark(context, [x, y], colour) {
+  halo(context, colour, 1.8, () => {
+    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      context.moveTo(x + dx * 4, y + dy * 4);
+      context.lineTo(x + dx * 15, y + dy * 15);
+    }
+  });
+  context.fillStyle = colour;
+  context.fillRect(x - 0.75, y - 0.75, 1.5, 1.5);
+}
+
+function surveyedMark(context, [x, y]) {
+  const colour = point.role === "check" ? "#d9c2ff" : start.palette.current;
+  halo(context, colour, 1.6, () => {
+    if (point.role === "check") context.rect(x - 8, y - 8, 16, 16);
+    else { context.moveTo(x, y - 10); context.lineTo(x + 9, y + 6); context.lineTo(x - 9, y + 6); context.closePath(); }
+  });
+  context.fillStyle = colour;
+  context.fillRect(x - 1, y - 1, 2, 2);
+}
+
+function crosshair(context, [x, y], width, height) {
+  const [cx, cy] = [Math.round(x) + 0.5, Math.round(y) + 0.5];
+  const gap = 7;
+  for (const [ink, wide] of [["#00000060", 3], ["#ffffffb8", 1]]) {
+    line(context, 0, cy, cx - gap, cy, ink, wide);
+    line(context, cx + gap, cy, width, cy, ink, wide);
+    line(context, cx, 0, cx, cy - gap, ink, wide);
+    line(context, cx, cy + gap, cx, height, ink, wide);
+  }
+}
+
+function line(context, x1, y1, x2, y2, colour, width) {
+  context.beginPath();
+  context.moveTo(x1, y1);
+  context.lineTo(x2, y2);
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.stroke();
+}
+
+function text(context, words, x, y, colour) {
+  context.font = "11px sans-serif";
+  context.lineWidth = 3;
+  context.strokeStyle = "#000000c0";
+  context.strokeText(words, x, y);
+  context.fillStyle = colour;
+  context.fillText(words, x, y);
+}
+
+function scaleBar(context, width, height, pane) {
+  const wanted = 80 / view.scale;
+  const power = 10 ** Math.floor(Math.log10(wanted));
+  const metres = [5, 2, 1].map((step) => step * power).find((step) => step <= wanted) ?? power;
+  const [right, bottom] = [width - 10.5, height - 10.5];
+  const left = right - metres * view.scale;
+  halo(context, "#ffffff", 1.2, () => {
+    context.moveTo(left, bottom - 4);
+    context.lineTo(left, bottom);
+    context.lineTo(right, bottom);
+    context.lineTo(right, bottom - 4);
+  });
+  const zoom = pane.kind === "ortho" ? start.ortho_pixel : point.scan.pixel;
+  const words = `${metres} m  \u00b7  ${number(view.scale * zoom, 1)}\u00d7`;
+  context.font = "11px sans-serif";
+  text(context, words, Math.min(left, right - context.measureText(words).width), bottom - 8, "#ffffff");
+}
+
+function describe(pane) {
+  if (showsRaw(pane.kind)) {
+    const [column, row] = cursor.raw ?? rawFromGround(cursor.east, cursor.north);
+    return `${number(column, 1)}, ${number(row, 1)} px`;
+  }
+  return `${number(cursor.east, 2)}  ${number(cursor.north, 2)}`;
+}
+
+function place(pane, at) {
+  const raw = showsRaw(pane.kind);
+  send({ kind: "place", key: point.key, frame: raw ? "scan" : "ground", place: raw ? at.raw : [at.east, at.north] });
+}
+
+const takesPlace = (pane, x) => pane.kind === "scan" || pane.kind === "blend" || (pane.kind === "swipe" && x > pane.room.clientWidth * state.share);
+
+function listen(pane) {
+  const { room } = pane;
+  let down = null;
+  const at = (event) => {
+    const box = room.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  room.addEventListener("pointerdown", (event) => {
+    if (!point || event.button > 1) return;
+    const [x, y] = at(event);
+    const mark = measuredNow(pane);
+    const grips = event.button === 0 && state.marks && takesPlace(pane, x) && Math.hypot(mark[0] - x, mark[1] - y) < 8;
+    down = { x, y, button: event.button, moved: false, grips };
+    room.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    byId("compare").focus({ preventScroll: true });
+  });
+  room.addEventListener("pointermove", (event) => {
+    if (!point || !view) return;
+    const [x, y] = at(event);
+    if (down && !down.moved && Math.hypot(x - down.x, y - down.y) > 4) { down.moved = true; down.px = x; down.py = y; }
+    if (down?.moved && down.grips) dragged = fromScreen(pane, x, y);
+    else if (down?.moved) {
+      room.classList.add("panning");
+      const [from, to] = [fromScreen(pane, down.px, down.py), fromScreen(pane, x, y)];
+      view.east += from.east - to.east;
+      view.north += from.north - to.north;
+      [down.px, down.py] = [x, y];
+    }
+    cursor = fromScreen(pane, x, y);
+    redraw();
+  });
+  room.addEventListener("pointerup", (event) => {
+    room.classList.remove("panning");
+    if (!down) return;
+    const [x, y] = at(event);
+    const wasClick = !down.moved && down.button === 0;
+    if (dragged) place(pane, dragged);
+    else if (wasClick && !down.grips && takesPlace(pane, x)) place(pane, fromScreen(pane, x, y));
+    dragged = null;
+    down = null;
+  });
+  room.addEventListener("pointercancel", () => { down = null; dragged = null; });
+  room.addEventListener("pointerleave", () => { if (!down) { cursor = null; redraw(); } });
+  room.addEventListener("wheel", (event) => {
+    if (!point) return;
+    event.preventDefault();
+    const [x, y] = at(event);
+    const fixed = fromScreen(pane, x, y);
+    const factor = Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015));
+    view.scale = Math.min(Math.max(view.scale * factor, 0.01), 400 / Math.max(start.ortho_pixel, 0.01));
+    const now = fromScreen(pane, x, y);
+    view.east += fixed.east - now.east;
+    view.north += fixed.north - now.north;
+    redraw();
+  }, { passive: false });
+}

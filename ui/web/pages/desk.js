@@ -1,0 +1,252 @@
+// The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
+import { byId, element, glyph, learnNames, number, start, stateGlyph, word } from "/pages/words.js";
+import { setUpQueue, showQueue } from "/pages/queue.js";
+import { setUpPoint, showPoint } from "/pages/point.js";
+import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare } from "/pages/compare.js";
+import { showStatus } from "/pages/status.js";
+
+const parts = {};
+let seat = "";
+let socket = null;
+let waiting = 250;
+let explained = 0;
+
+function send(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+const judge = (verdict) => parts.point && send({ kind: "judge", key: parts.point.key, verdict });
+
+// What every button and key does. `held` acts take part in key up as well.
+const ACTS = {
+  accept: () => judge("accept"),
+  reject: () => judge("reject"),
+  dubious: () => judge("dubious"),
+  invisible: () => judge("invisible"),
+  role: () => parts.point && send({ kind: "role", point: parts.point.key[0] }),
+  undo: () => send({ kind: "undo" }),
+  redo: () => send({ kind: "redo" }),
+  next: () => send({ kind: "step", step: 1 }),
+  previous: () => send({ kind: "step", step: -1 }),
+  wallis: () => switchCompare("wallis"),
+  raw: () => switchCompare("raw"),
+  marks: () => switchCompare("marks"),
+  fit: () => { fitCompare(); send({ kind: "fit", whole: true }); },
+  "fit-whole": () => send({ kind: "fit", whole: true }),
+  "fit-current": () => send({ kind: "fit", whole: false }),
+  remake: () => send({ kind: "remake" }),
+  cancel: () => send({ kind: "cancel" }),
+  help: () => toggleHelp(),
+};
+const KEYS = {
+  KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
+  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw",
+};
+const REPEATS = new Set(["next", "previous"]);
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+// Letters by what is printed on the key; by place only where another alphabet is set.
+const letterOf = (event) => (/^[a-z]$/i.test(event.key) ? `Key${event.key.toUpperCase()}` : event.code);
+
+// Also called by viser's page for keys pressed there; true when the key is ours.
+window.gruberKey = (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return false;
+  const inScene = event.view !== window;
+  if (event.key === " ") {
+    blink(event.type === "keydown");
+    return true;
+  }
+  if (event.key === "Escape" && byId("help").open) { if (event.type === "keydown") toggleHelp(); return true; }
+  if (ARROWS[event.key] && !inScene) {
+    if (event.type === "keydown") arrow(event);
+    return true;
+  }
+  if (/^[1-5]$/.test(event.key) && Date.now() < explained) {
+    if (event.type === "keydown" && !event.repeat) explain(Number(event.key));
+    return true;
+  }
+  const name = KEYS[letterOf(event)];
+  if (!name) return false;
+  if (event.type === "keydown" && (!event.repeat || REPEATS.has(name))) {
+    ACTS[name === "undo" && event.shiftKey ? "redo" : name]();
+  }
+  return true;
+};
+
+function arrow(event) {
+  const [right, down] = ARROWS[event.key];
+  if (byId("queue").contains(document.activeElement) || document.activeElement === byId("queue")) {
+    if (down) send({ kind: "step", step: down });
+    return;
+  }
+  const step = event.shiftKey ? 1 : 0.1;
+  nudge(right * step, down * step);
+}
+
+function explain(digit) {
+  explained = 0;
+  byId("reasons").hidden = true;
+  send({ kind: "explain", digit });
+}
+
+function listenToKeys() {
+  for (const type of ["keydown", "keyup"]) {
+    window.addEventListener(type, (event) => {
+      const target = event.target;
+      const writing = target.tagName === "TEXTAREA" || target.tagName === "SELECT" || (target.tagName === "INPUT" && target.type !== "range");
+      if (!writing && window.gruberKey(event)) event.preventDefault();
+    }, true);
+  }
+  window.addEventListener("blur", () => { if (document.activeElement !== byId("scene")) blink(false); });
+}
+
+function setUpButtons() {
+  const keyOf = Object.fromEntries(start.keys.map(([key, name]) => [name, key]));
+  const texts = { help: "act.help", wallis: "wallis", raw: "raw", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", "fit-whole": "fit.whole", "fit-current": "fit.current" };
+  const marks = { accept: "accepted", reject: "rejected", dubious: "dubious" };
+  for (const button of document.querySelectorAll("[data-act]")) {
+    const act = button.dataset.act;
+    const name = texts[act] ?? `act.${act}`;
+    const key = keyOf[name];
+    const tip = start.words[`${name}.tip`];
+    button.title = [tip ?? word(name), key ? `(${key})` : ""].join(" ").trim();
+    button.replaceChildren(...(marks[act] ? [stateGlyph(marks[act], 14)] : []), word(name));
+    if (key && !button.closest("#tools")) button.append(element("kbd", {}, key));
+    if (act === "blink") {
+      for (const [type, on] of [["pointerdown", true], ["pointerup", false], ["pointerleave", false]]) button.addEventListener(type, () => blink(on));
+    } else button.addEventListener("click", () => { ACTS[act](); button.blur(); });
+  }
+  for (const place of document.querySelectorAll("[data-word]")) place.textContent = word(place.dataset.word);
+}
+
+function setUpScene() {
+  for (const layer of ["terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "labels"]) {
+    const name = word(`layer.${layer}`);
+    byId("layers").append(element("button", { "data-layer": layer, title: word("layer.tip", { name }), onclick: () => send({ kind: "layer", layer, shown: !parts.scene.layers[layer] }) }, name));
+  }
+  const slider = document.querySelector("#vectors input");
+  // Twice as far for every six steps, so that one slider serves both tenths of metres and of pixels.
+  slider.addEventListener("input", () => send({ kind: "vectors", scale: slider.value === "0" ? 0 : Math.round(2 ** (slider.value / 6)) }));
+  slider.addEventListener("change", () => slider.blur());
+  byId("vectors").title = word("vectors.tip");
+  byId("scene").src = `/scene/${seat}/`;
+}
+
+function showScene(scene) {
+  for (const button of byId("layers").children) button.classList.toggle("on", scene.layers[button.dataset.layer]);
+  const slider = document.querySelector("#vectors input");
+  if (document.activeElement !== slider) slider.value = scene.scale ? Math.round(6 * Math.log2(scene.scale)) : 0;
+  document.querySelector("#vectors output").textContent = number(scene.scale, 0);
+}
+
+function showReasons(explaining) {
+  const room = byId("reasons");
+  const shown = JSON.stringify(explaining);
+  if (room.dataset.shown === shown) return;
+  room.dataset.shown = shown;
+  clearTimeout(showReasons.later);
+  room.hidden = !explaining;
+  explained = explaining ? Date.now() + 6000 : 0;
+  if (!explaining) return;
+  const choices = [1, 2, 3, 4, 5].map((digit) => element("button", { onclick: () => explain(digit) }, element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
+  room.replaceChildren(element("p", {}, stateGlyph("rejected", 13), word("reason.ask", { point: explaining.join(" \u00b7 ") })), element("div", {}, ...choices));
+  room.firstChild.style.cssText = "display:flex;gap:6px;align-items:center";
+  showReasons.later = setTimeout(() => { room.hidden = true; }, 6000);
+}
+
+function receive(message) {
+  const { notices, ...fresh } = message;
+  Object.assign(parts, fresh);
+  if (fresh.rows || fresh.queue) showQueue(fresh.rows, fresh.queue);
+  if (fresh.queue) showReasons(fresh.queue.explaining);
+  if (fresh.status) showStatus(fresh.status);
+  if (fresh.scene) showScene(fresh.scene);
+  if ("point" in fresh) { showPoint(parts.point); comparePoint(parts.point); }
+  for (const notice of notices ?? []) tell(notice);
+}
+
+function tell({ text, grave }) {
+  const box = element("div", { class: `notice${grave ? " grave" : ""}` }, text);
+  byId("notices").append(box);
+  setTimeout(() => box.remove(), grave ? 9000 : 3500);
+}
+
+function connect() {
+  socket = new WebSocket(`${location.origin.replace(/^http/, "ws")}/desk/${seat}`);
+  socket.onopen = () => { waiting = 250; showWire(true); };
+  socket.onmessage = (event) => receive(JSON.parse(event.data));
+  socket.onclose = () => {
+    showWire(false);
+    setTimeout(connect, waiting);
+    waiting = Math.min(waiting * 1.6, 5000);
+  };
+}
+
+function showWire(on) {
+  byId("wire").classList.toggle("lost", !on);
+  byId("wire").replaceChildren(element("span", { class: "dot" }), word(on ? "status.connected" : "status.lost"));
+}
+
+function toggleHelp() {
+  const dialog = byId("help");
+  if (dialog.open) { dialog.close(); return; }
+  const lines = start.keys.map(([key, name]) => element("tr", {}, element("td", {}, element("kbd", {}, key)), element("td", {}, word(name), element("span", {}, start.words[`${name}.tip`] ?? ""))));
+  const half = Math.ceil(lines.length / 2);
+  const palette = start.palette;
+  const looks = ["auto", "accepted", "dubious", "rejected", "unused"].map((state) => element("span", { title: word(`state.${state}.long`) }, stateGlyph(state, 15), word(`state.${state}`)));
+  dialog.replaceChildren(element("h2", {}, word("help.title")),
+    element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)), element("table", {}, ...lines.slice(half))),
+    element("div", { class: "marks-key" }, ...looks, element("span", {}, glyph("control", "#ffffff", 15), word("role.control")), element("span", {}, glyph("check", "#d9c2ff", 15), word("role.check")), element("span", {}, glyph("circle", palette.predicted, 15), word("mark.predicted")), element("span", {}, glyph("square", palette.peak, 15), word("mark.peak"))),
+    element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")));
+  dialog.showModal();
+}
+
+function setUpSplits() {
+  const root = document.documentElement.style;
+  for (const side of ["left", "right"]) {
+    const kept = Number(localStorage.getItem(`gruber.${side}`));
+    if (kept) root.setProperty(`--${side}`, `${kept}px`);
+    const split = document.querySelector(`.split[data-side=${side}]`);
+    split.addEventListener("pointerdown", (event) => { split.setPointerCapture(event.pointerId); split.classList.add("moving"); byId("scene").style.pointerEvents = "none"; });
+    split.addEventListener("pointermove", (event) => {
+      if (!split.hasPointerCapture(event.pointerId)) return;
+      const width = side === "left" ? event.clientX : window.innerWidth - event.clientX;
+      const fits = Math.min(Math.max(width, side === "left" ? 260 : 420), window.innerWidth * 0.6);
+      root.setProperty(`--${side}`, `${fits}px`);
+      localStorage.setItem(`gruber.${side}`, fits);
+    });
+    split.addEventListener("pointerup", () => { split.classList.remove("moving"); byId("scene").style.pointerEvents = ""; });
+    split.addEventListener("dblclick", () => { root.removeProperty(`--${side}`); localStorage.removeItem(`gruber.${side}`); });
+  }
+}
+
+// A reload keeps its own seat; a new tab takes the last one of this browser if nobody sits there.
+async function takeSeat() {
+  const own = sessionStorage.getItem("gruber.seat");
+  const wanted = own ?? localStorage.getItem("gruber.seat") ?? "";
+  const answer = await fetch(`/start?seat=${encodeURIComponent(wanted)}&own=${own ? 1 : 0}`);
+  if (!answer.ok) throw new Error(await answer.text());
+  Object.assign(start, await answer.json());
+  seat = start.seat;
+  sessionStorage.setItem("gruber.seat", seat);
+  localStorage.setItem("gruber.seat", seat);
+}
+
+async function open() {
+  await takeSeat();
+  document.title = `${start.name} \u00b7 ${word("title")}`;
+  document.documentElement.lang = start.language;
+  byId("name").textContent = start.name;
+  learnNames(start.photos);
+  setUpSplits();
+  setUpButtons();
+  setUpQueue(send);
+  setUpPoint(send);
+  setUpCompare(send);
+  setUpScene();
+  listenToKeys();
+  showWire(false);
+  connect();
+  window.gruber = { parts, compareState };
+}
+
+open().catch((error) => { document.body.textContent = String(error); });

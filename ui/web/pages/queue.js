@@ -1,0 +1,123 @@
+// The queue: a virtual table; only the rows in sight exist.
+import { byId, element, number, roleGlyph, shortName, start, stateGlyph, word } from "/pages/words.js";
+
+const ROW = 25;
+const STATES = ["all", "open", "dubious", "accepted", "rejected", "unused"];
+const COLUMNS = [["point", "point", ""], ["photo", "photo", ""], ["residual", "residual", "right"], ["score", "score", "right"], ["doubt", "doubt", ""]];
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, RESIDUAL, SCORE] = [0, 1, 2, 3, 4, 5, 6, 7];
+
+let rows = [];
+let queue = null;
+let send = () => {};
+const drawn = new Map();
+
+export function setUpQueue(sender) {
+  send = sender;
+  for (const state of STATES) {
+    const mark = state === "all" ? null : stateGlyph(state === "open" ? "auto" : state, 13);
+    byId("chips").append(element("button", { class: "chip", "data-state": state, onclick: () => sieve({ state }) }, mark, word(`state.${state}`), element("b")));
+  }
+  fill("sieve-photo", [["", word("photo.all")], ...start.photos.map((name) => [name, shortName(name)])], (photo) => sieve({ photo }));
+  fill("sieve-role", [["", word("role.both")], ["control", word("role.control")], ["check", word("role.check")]], (role) => sieve({ role }));
+  fill("sort-column", ["gain", "doubt", "residual", "score", "photo", "point"].map((name) => [name, word(`sort.${name}`)]), (column) => sort(column, !["photo", "point", "score"].includes(column)));
+  byId("sort-column").title = word("sort.by");
+  byId("sort-turn").title = word("sort.turn");
+  byId("sort-turn").addEventListener("click", () => sort(queue.sort.column, !queue.sort.descending));
+  byId("columns").append(element("span"), element("span"));
+  for (const [column, name, side] of COLUMNS) {
+    const heading = element("span", { class: side, "data-column": column, title: `${word("sort.by")}: ${word(`sort.${column}`)}` }, word(`column.${name}`));
+    heading.addEventListener("click", () => {
+      const same = queue.sort.column === column;
+      sort(column, same ? !queue.sort.descending : !["photo", "point", "score"].includes(column));
+    });
+    byId("columns").append(heading);
+  }
+  byId("table").addEventListener("scroll", draw, { passive: true });
+  new ResizeObserver(draw).observe(byId("table"));
+}
+
+function fill(name, options, chosen) {
+  const select = byId(name);
+  for (const [value, text] of options) select.append(element("option", { value }, text));
+  select.addEventListener("change", () => { chosen(select.value); select.blur(); });
+}
+
+const sieve = (change) => send({ kind: "filter", ...queue.filter, ...change });
+const sort = (column, descending) => send({ kind: "sort", column, descending });
+
+export function showQueue(newRows, newQueue) {
+  if (newRows) rows = newRows;
+  const before = queue?.current;
+  const shownBefore = queue?.shown.length;
+  if (newQueue) queue = newQueue;
+  if (!queue) return;
+  for (const chip of byId("chips").children) {
+    chip.classList.toggle("on", chip.dataset.state === queue.filter.state);
+    chip.querySelector("b").textContent = queue.counts[chip.dataset.state];
+  }
+  byId("sieve-photo").value = queue.filter.photo;
+  byId("sieve-role").value = queue.filter.role;
+  byId("sort-column").value = queue.sort.column;
+  byId("sort-turn").textContent = queue.sort.descending ? "\u2193" : "\u2191";
+  for (const heading of byId("columns").children) heading.classList.toggle("by", heading.dataset.column === queue.sort.column);
+  const place = queue.shown.indexOf(queue.current);
+  byId("queue-place").textContent = word("queue.place", { here: place < 0 ? "\u2013" : place + 1, all: queue.shown.length });
+  byId("queue-empty").hidden = queue.shown.length > 0;
+  byId("rows").style.height = `${queue.shown.length * ROW}px`;
+  if (before !== queue.current || shownBefore !== queue.shown.length) intoSight(place);
+  for (const line of drawn.values()) line.dataset.stale = "1";
+  draw();
+}
+
+function intoSight(place) {
+  const table = byId("table");
+  if (place < 0) return;
+  const top = place * ROW;
+  if (top < table.scrollTop + ROW || top > table.scrollTop + table.clientHeight - 3 * ROW) {
+    table.scrollTop = Math.max(0, top - table.clientHeight * 0.4);
+  }
+}
+
+function draw() {
+  if (!queue) return;
+  const table = byId("table");
+  const first = Math.max(0, Math.floor(table.scrollTop / ROW) - 4);
+  const last = Math.min(queue.shown.length, Math.ceil((table.scrollTop + table.clientHeight) / ROW) + 4);
+  for (const [place, line] of drawn) {
+    if (place < first || place >= last) { line.remove(); drawn.delete(place); }
+  }
+  for (let place = first; place < last; place += 1) {
+    let line = drawn.get(place);
+    if (!line) {
+      line = element("div", { class: "row" });
+      line.style.top = `${place * ROW}px`;
+      drawn.set(place, line);
+      byId("rows").append(line);
+    } else if (!line.dataset.stale) continue;
+    delete line.dataset.stale;
+    write(line, queue.shown[place]);
+  }
+}
+
+function write(line, index) {
+  const row = rows[index];
+  const shape = JSON.stringify([row, index === queue.current]);
+  if (line.dataset.shape === shape) return;
+  line.dataset.shape = shape;
+  line.className = `row${index === queue.current ? " current" : ""}${row[HUMAN] ? " human" : ""}`;
+  line.dataset.key = `${row[POINT]}|${row[PHOTO]}`;
+  line.dataset.state = row[STATE];
+  line.title = `${row[POINT]} \u00b7 ${row[PHOTO]} \u00b7 ${word(`role.${row[ROLE]}`)} \u00b7 ${word(`state.${row[STATE]}.long`)}`;
+  line.onclick = () => send({ kind: "select", key: [row[POINT], row[PHOTO]] });
+  const bar = element("i");
+  bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;
+  line.replaceChildren(
+    stateGlyph(row[STATE]),
+    roleGlyph(row[ROLE], 12),
+    element("span", { class: "name" }, row[POINT]),
+    element("span", { class: "scan" }, shortName(row[PHOTO])),
+    element("span", { class: `right${row[RESIDUAL] > 3 ? " large" : ""}` }, number(row[RESIDUAL], row[RESIDUAL] >= 100 ? 0 : 2)),
+    element("span", { class: "right" }, number(row[SCORE], 2)),
+    element("span", { class: "doubt" }, bar),
+  );
+}

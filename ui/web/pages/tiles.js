@@ -1,0 +1,83 @@
+// Tiles: fetched when first needed, kept while they fit, drawn with the best that is there already.
+import { start } from "/pages/words.js";
+
+const SIDE = 256;
+const KEPT = 600;
+const images = new Map();
+let redraw = () => {};
+export function onTile(callback) { redraw = callback; }
+
+function image(address) {
+  let found = images.get(address);
+  if (found) {
+    images.delete(address);
+    images.set(address, found);
+    return found;
+  }
+  found = new Image();
+  found.decoding = "async";
+  found.onload = () => { found.ready = true; redraw(); };
+  found.onerror = () => { found.failed = true; };
+  found.src = address;
+  images.set(address, found);
+  while (images.size > KEPT) images.delete(images.keys().next().value);
+  return found;
+}
+
+// A layer is {address(level, column, row), levels, pixel, limits?}; its own frame counts x right and
+// y down in units of `pixel` at level 0. `view` gives the layer coordinates of the canvas' corner and
+// css pixels per unit.
+export function drawLayer(context, layer, view, width, height) {
+  const perPixel = view.scale * layer.pixel * (window.devicePixelRatio || 1);
+  const level = Math.min(layer.levels - 1, Math.max(0, Math.floor(Math.log2(1 / perPixel) + 0.35)));
+  const size = SIDE * layer.pixel * 2 ** level;
+  const first = [Math.floor(view.x / size), Math.floor(view.y / size)];
+  const last = [Math.floor((view.x + width / view.scale) / size), Math.floor((view.y + height / view.scale) / size)];
+  context.imageSmoothingEnabled = true;
+  context.imageSmoothingQuality = "high";
+  const at = (value, corner) => Math.round((value - corner) * view.scale);
+  for (let row = first[1]; row <= last[1]; row += 1) {
+    for (let column = first[0]; column <= last[0]; column += 1) {
+      const left = at(column * size, view.x);
+      const top = at(row * size, view.y);
+      const box = [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
+      drawTile(context, layer, level, column, row, box);
+    }
+  }
+}
+
+function drawTile(context, layer, level, column, row, box) {
+  const tile = image(layer.address(level, column, row));
+  if (tile.ready) {
+    context.drawImage(tile, ...box);
+    return;
+  }
+  for (let up = 1; up <= 4 && level + up < layer.levels; up += 1) {
+    const part = 2 ** up;
+    const [over, down] = [Math.floor(column / part), Math.floor(row / part)];
+    const address = layer.address(level + up, over, down);
+    const coarse = images.get(address);
+    if (coarse?.ready) {
+      const side = SIDE / part;
+      context.drawImage(coarse, (column - over * part) * side, (row - down * part) * side, side, side, ...box);
+      return;
+    }
+  }
+}
+
+export function orthoLayer(wallis) {
+  const { pixel, levels } = start.lattice;
+  return { pixel, levels, address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${wallis ? "?wallis=1" : ""}` };
+}
+
+export function scanLayer(photo, version, wallis) {
+  const { pixel, levels } = start.lattice;
+  const name = encodeURIComponent(photo);
+  return { pixel, levels, address: (l, c, r) => `/tiles/scan/${name}/${version}/${l}/${c}/${r}${wallis ? "?wallis=1" : ""}` };
+}
+
+export function rawLayer(photo, version, size, wallis) {
+  const levels = 1 + Math.max(0, Math.ceil(Math.log2(Math.max(...size) / 512)));
+  const name = encodeURIComponent(photo);
+  return { pixel: 1, levels, address: (l, c, r) => `/tiles/raw/${name}/${version}/${l}/${c}/${r}${wallis ? "?wallis=1" : ""}` };
+}
