@@ -240,7 +240,7 @@ def _quota(size_px: tuple[int, int], usable: Usable | None, options: FeatureOpti
     return int(np.ceil(options.max_features / max(int(open_cells.sum()), 1)))
 
 
-def strongest_per_cell(cells: Indices, strengths: Scalars, quota: int) -> Indices:
+def strongest_per_cell(cells: Indices, strengths: Scalars, quota: int) -> np.ndarray:
     """Indices, ascending, of at most `quota` of the strongest in each cell."""
     order = np.lexsort((-strengths, cells))
     first = np.searchsorted(cells[order], cells[order], side="left")

@@ -76,7 +76,7 @@ class VerifiedMatches:
     pair: OrientedPair
     """The relative orientation and its evidence, over all candidate matches."""
 
-    def in_whole(self, first: Indices, second: Indices) -> "VerifiedMatches":
+    def in_whole(self, first: np.ndarray, second: np.ndarray) -> "VerifiedMatches":
         """The same when the features were only the given ones of a whole scan."""
         found = self.matches
         whole = Matches(first[found.first], second[found.second], found.ratio)

@@ -17,6 +17,8 @@ from core.scan.raster import ScanFile, read_window
 
 Patches = Float32[np.ndarray, "n side side"]
 """Square pieces of scans."""
+Wider = Float32[np.ndarray, "n wide wide"]
+"""Larger square pieces, in which is searched."""
 Affinities = Float64[np.ndarray, "n 2 3"]
 """Plane affinities, offset in the last column."""
 
@@ -89,8 +91,11 @@ def patch_centres(pixels: PixelPoints) -> PixelPoints:
 
 
 def local_affinities(
-    at: PixelPoints, first: PixelPoints, second: PixelPoints, neighbours: int = 16
-) -> Float64[np.ndarray, "n 2 2"]:
+    at: Float64[np.ndarray, "places 2"],
+    first: PixelPoints,
+    second: PixelPoints,
+    neighbours: int = 16,
+) -> Float64[np.ndarray, "places 2 2"]:
     """How the second scan is turned, scaled and sheared against the first about some points.
 
     Fitted to the matches about each point, drawn to the projectivity of all matches where they
@@ -118,7 +123,7 @@ def local_affinities(
 
 def refine_rays(
     fixed: Patches,
-    searched: Patches,
+    searched: Wider,
     start: Affinities,
     max_shift_px: float,
     options: RefinementOptions,
@@ -152,7 +157,7 @@ def refine_rays(
 
 def _refine_batch(
     fixed: Patches,
-    searched: Patches,
+    searched: Wider,
     start: Affinities,
     max_shift_px: float,
     options: RefinementOptions,
@@ -255,7 +260,7 @@ def _composed(bent: Affinities, change: Float64[np.ndarray, "n 6"]) -> Affinitie
 
 
 def _sampled(
-    patches: Patches, bent: Affinities, grid: Float64[np.ndarray, "p 2"]
+    patches: Wider, bent: Affinities, grid: Float64[np.ndarray, "p 2"]
 ) -> Float32[np.ndarray, "n p"]:
     """Grey values of patches at bent grids, by cubic convolution; the edge is held outside."""
     side = patches.shape[1]

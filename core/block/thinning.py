@@ -92,8 +92,8 @@ class _State:
     cells: np.ndarray
     """(points, rays) cells of each point, numbered through all photos."""
     kept: Flags
-    in_photo: Indices
-    in_cell: Indices
+    in_photo: np.ndarray
+    in_cell: np.ndarray
 
     @staticmethod
     def of(
@@ -169,7 +169,7 @@ def _without(values: Indices, padding: int) -> list[int]:
     return [value for value in values.tolist() if value != padding]
 
 
-def _padded(point: Indices, values: Indices, rays: Indices, padding: int) -> np.ndarray:
+def _padded(point: Indices, values: Indices, rays: np.ndarray, padding: int) -> np.ndarray:
     """(points, most rays) values of each point's rays."""
     order = np.argsort(point, kind="stable")
     starts = np.cumsum(rays) - rays
@@ -178,14 +178,14 @@ def _padded(point: Indices, values: Indices, rays: Indices, padding: int) -> np.
     return table
 
 
-def _grouped(groups: Indices, points: Indices) -> list[Indices]:
+def _grouped(groups: Indices, points: Indices) -> list[np.ndarray]:
     """Points of each group, in the order of the groups."""
     order = np.lexsort((points, groups))
     _, starts = np.unique(groups[order], return_index=True)
     return np.split(points[order], starts[1:])
 
 
-def _pairs_of(ties: TiePoints) -> list[Indices]:
+def _pairs_of(ties: TiePoints) -> list[np.ndarray]:
     """Points of each pair of photos, in the order of the pairs."""
     shown = [common_rays(ties, *pair)[0] for pair in combinations(range(len(ties.photo_ids)), 2)]
     return [ties.point[rays] for rays in shown if len(rays)]

@@ -111,7 +111,7 @@ def _match_to_fixed(
     fine.fixed[fixed] = fixed
     fine.pixels[fixed] = patch_centres(ties.pixels[fixed])
     work = _work(ties, fixed, pairs)
-    cut: dict[int, Patches] = {}
+    cut: dict[int, np.ndarray] = {}
     for done, (photo, other, ours, theirs) in enumerate(work):
         progress.report(done, len(work), f"measuring tie points of {ties.photo_ids[photo]}")
         for number in (photo, other):
@@ -176,7 +176,7 @@ def _match_group(
     fine: _Fine,
     rays: tuple[Indices, Indices],
     photos: tuple[int, int],
-    cut: Mapping[int, Patches],
+    cut: Mapping[int, np.ndarray],
     pairs: Mapping[PairKey, PairGeometry],
     reductions: Mapping[str, int],
     options: RefinementOptions,

@@ -134,6 +134,8 @@ def orient_relative(
     for start in starts:
         found = adjust_relative(first, second, pixel_angles, start, options.tolerance_px)
         residual = parallax(first, second, found, pixel_angles)
+        # Flat ground allows a second orientation, which sees half of it behind the photos.
+        residual[~in_front(first, second, found)] = np.inf
         cost = float(np.minimum(residual**2, options.tolerance_px**2).sum())
         if cost < best_cost:
             best, best_cost = found, cost
