@@ -97,7 +97,7 @@ def thumbnail(path: Path) -> str:
 
 def _figure(value: float | None, places: int = 2) -> str:
     """A number with fixed places; a dash where there is none."""
-    return "–" if value is None else f"{value:,.{places}f}".replace(",", " ")
+    return "–" if value is None else f"{value:,.{places}f}".replace(",", "\u202f").replace("-", "−")
 
 
 def _signed(value: float | None, places: int = 2) -> str:
