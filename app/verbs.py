@@ -31,8 +31,11 @@ def walked(block: Path, voice: Voice, options: RunOptions) -> Run:
 
 def new(given: argparse.Namespace, voice: Voice) -> None:
     """Write the `block.toml` of a folder."""
-    voice.say(str(recognise(given.folder)))
-    write_block_toml(given.folder, recognise(given.folder))
+    found = recognise(given.folder)
+    path = write_block_toml(found)
+    voice.say(f"{path} written.")
+    for sentence in (*found.found, *found.gaps, *found.notes):
+        voice.say(str(sentence))
 
 
 def review(given: argparse.Namespace, voice: Voice) -> None:

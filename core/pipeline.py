@@ -71,8 +71,8 @@ class BlockInput:
     """Where the photos are placed by at first."""
     ortho: tuple[Path, ...]
     """Sheets of the reference ortho."""
-    dem: Path
-    """Reference heights."""
+    dem: tuple[Path, ...]
+    """Files of the reference heights."""
     roads: tuple[Path, ...] = ()
     """Road layers."""
     mask: Path | None = None

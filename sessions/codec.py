@@ -40,6 +40,8 @@ from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
 from core.ground.mosaic import MosaicProduct
 from core.ground.ortho import OrthoProduct
+from core.ground.radiometry import Balance
+from core.ground.seams import Seam
 from core.pipeline import Georeferenced, ScanSet, Tied
 from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import FilmArea
@@ -83,6 +85,8 @@ REGISTERED: tuple[type, ...] = (
     ScanFile,
     ScanOrientation,
     ScanSet,
+    Balance,
+    Seam,
     SurveyedPoint,
     Tied,
     TiePoints,
