@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool
+from scipy.optimize import nnls
 
 from core.arrays import Flags, Indices, PixelPoints, Scalars
 from core.block.block import Block, TiePoints
@@ -48,8 +50,20 @@ class MeasurementOptions:
     """A ray goes when its y-parallax exceeds this many of its own standard deviations ..."""
     max_parallax_px: float = 2.0
     """... or this many pixels of the reduced scan."""
-    floor_px: float = 0.02
+    floor_px: float = 0.005
     """No ray is believed better than this, scan pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredTies:
+    """Tie points after fine measurement."""
+
+    ties: TiePoints
+    """All rays, with new pixels and standard deviations."""
+    good: Bool[np.ndarray, "rays"]
+    """Rays that may stay."""
+    coarse: Bool[np.ndarray, "points"]
+    """Points whose fine measurement failed: they rest on their features alone."""
 
 
 @dataclass(slots=True)
@@ -70,17 +84,13 @@ def measure_ties(
     reductions: Mapping[str, int],
     options: MeasurementOptions,
     progress: Progress,
-) -> tuple[TiePoints, Flags, Flags]:
+) -> MeasuredTies:
     """Measure every ray finely and say how well.
 
     In each point one ray is fixed and the others are matched to it. A match's variance is
     a multiple of the formal one plus a constant; both are found from the y-parallaxes of all
     pairs, so that lens and film errors that no stage has modelled yet are in the figure too. It is
     shared equally between the two rays of the match.
-
-    Returns:
-        The rays with new pixels and standard deviations; a flag for each that may stay; and a
-        flag for each point whose matching failed, so that it rests on its features alone.
     """
     fine = _match_to_fixed(block, ties, pairs, reductions, options.refinement, progress)
     measured = replace(ties, pixels=fine.pixels)
@@ -89,12 +99,12 @@ def measure_ties(
         for pair, known in pairs.items()
     }
     squares, formal, coarse = _observed_variances(block, measured, orientations, fine)
-    sigma = _sigmas(ties, fine, _variance_law(squares, formal, options), coarse)
+    sigma = _sigmas(ties, fine, _variance_law(squares, formal), coarse, options)
     measured = replace(measured, sigma_px=sigma)
     failed = np.bincount(ties.point[fine.fixed >= 0], minlength=ties.count) < 2
     # Where matching worked for some rays of a point, those it failed for are not worth keeping.
     good = _bearable(block, measured, orientations, reductions, fine, options)
-    return measured, good & ((fine.fixed >= 0) | failed[ties.point]), failed
+    return MeasuredTies(measured, good & ((fine.fixed >= 0) | failed[ties.point]), failed)
 
 
 def _match_to_fixed(
@@ -113,14 +123,16 @@ def _match_to_fixed(
     work = _work(ties, fixed, pairs)
     cut: dict[int, np.ndarray] = {}
     for done, (photo, other, ours, theirs) in enumerate(work):
-        progress.report(done, len(work), f"measuring tie points of {ties.photo_ids[photo]}")
+        progress.report(
+            float(done), float(len(work)), f"measuring tie points of {ties.photo_ids[photo]}"
+        )
         for number in (photo, other):
             if number not in cut:
                 cut[number] = _cut(block, ties, number, options)
         _match_group(ties, fine, (ours, theirs), (photo, other), cut, pairs, reductions, options)
         needed = {number for entry in work[done + 1 :] for number in entry[:2]}
         cut = {number: patches for number, patches in cut.items() if number in needed}
-    progress.report(len(work), len(work), "measuring tie points")
+    progress.report(float(len(work)), float(len(work)), "measuring tie points")
     return fine
 
 
@@ -147,11 +159,11 @@ def _fixed_rays(block: Block, ties: TiePoints, pairs: Mapping[PairKey, PairGeome
 
 def _work(
     ties: TiePoints, fixed: Indices, pairs: Mapping[PairKey, PairGeometry]
-) -> list[tuple[int, int, Indices, Indices]]:
+) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
     """Photo of the fixed rays, photo of the others, and their rays, for each ordered pair."""
     is_fixed = np.zeros(len(ties.point), dtype=np.bool_)
     is_fixed[fixed] = True
-    found: list[tuple[int, int, Indices, Indices]] = []
+    found: list[tuple[int, int, np.ndarray, np.ndarray]] = []
     for first, second in sorted(pairs):
         numbers = ties.photo_ids.index(first), ties.photo_ids.index(second)
         ours, theirs = common_rays(ties, *numbers)
@@ -269,31 +281,33 @@ def _observed_variances(
     return np.concatenate(squares), np.concatenate(formal), sigma
 
 
-def _variance_law(
-    squares: Scalars, formal: Scalars, options: MeasurementOptions
-) -> tuple[float, float]:
-    """Factor and constant of variance = factor * formal + constant, from medians of ten classes."""
-    floor = 2 * options.floor_px**2
-    if len(squares) < 60:
-        typical = float(np.median(squares)) * ROBUST**2 if len(squares) else 0.0
-        ratio = typical / max(float(np.median(formal)), 1e-12) if len(squares) else 1.0
-        return max(1.0, ratio), floor
-    classes = np.array_split(np.argsort(formal, kind="stable"), 10)
+def _variance_law(squares: Scalars, formal: Scalars) -> tuple[float, float]:
+    """Factor and constant, neither negative, of variance = factor * formal + constant.
+
+    Fitted to the medians of ten classes, so that a few wrong matches do not count.
+    """
+    if len(squares) == 0:
+        return 1.0, 0.0
+    classes = np.array_split(np.argsort(formal, kind="stable"), 10 if len(squares) >= 200 else 1)
     seen = np.array([np.median(squares[members]) * ROBUST**2 for members in classes])
     given = np.array([np.mean(formal[members]) for members in classes])
-    design = np.column_stack([given, np.ones(10)]) / seen[:, None]
-    factor, constant = np.linalg.lstsq(design, np.ones(10), rcond=None)[0]
-    if factor < 0:
-        return 0.0, float(np.median(seen))
-    if constant < floor:
-        return float(1.0 / np.mean(given / seen)), floor
+    seen = np.maximum(seen, 1e-12)
+    if len(classes) == 1:
+        return float(seen[0] / max(given[0], 1e-12)), 0.0
+    factor, constant = nnls(np.column_stack([given / seen, 1.0 / seen]), np.ones(len(classes)))[0]
     return float(factor), float(constant)
 
 
-def _sigmas(ties: TiePoints, fine: _Fine, law: tuple[float, float], coarse: float) -> Scalars:
+def _sigmas(
+    ties: TiePoints,
+    fine: _Fine,
+    law: tuple[float, float],
+    coarse: float,
+    options: MeasurementOptions,
+) -> Scalars:
     """Standard deviation of every ray: half of a match's variance belongs to each of its rays."""
     matched = (fine.fixed >= 0) & (fine.formal > 0)
-    variance = law[0] * fine.formal**2 + law[1]
+    variance = np.maximum(law[0] * fine.formal**2 + law[1], 2 * options.floor_px**2)
     sigma = np.full(len(ties.point), coarse) if np.isfinite(coarse) else ties.sigma_px.copy()
     least = np.full(len(ties.point), np.inf)
     np.minimum.at(least, fine.fixed[matched], variance[matched] / 2)

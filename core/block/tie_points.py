@@ -222,12 +222,10 @@ def _measured(
         for (first, second), found in verified.items()
     }
     reductions = {name: found.reduction for name, found in features.items()}
-    measured, good, failed = measure_ties(
-        block, ties, pairs, reductions, options.measurement, progress
-    )
-    enough = np.bincount(ties.point[good], minlength=ties.count) >= 2
-    ties = with_rays(measured, good)
-    kept = thin_ties(block, ties, options.thinning, reserve=failed[enough])
+    measured = measure_ties(block, ties, pairs, reductions, options.measurement, progress)
+    enough = np.bincount(ties.point[measured.good], minlength=ties.count) >= 2
+    ties = with_rays(measured.ties, measured.good)
+    kept = thin_ties(block, ties, options.thinning, reserve=measured.coarse[enough])
     return with_rays(ties, kept[ties.point])
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.relative import (
