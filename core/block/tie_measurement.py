@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
-from scipy.optimize import nnls
 
 from core.arrays import Flags, Indices, PixelPoints, Scalars
 from core.block.block import Block, TiePoints
@@ -26,6 +25,8 @@ from core.scan.raster import open_scan
 
 ROBUST = 1.4826
 """Standard deviation over median deviation, normal distribution."""
+TRIMMED = 0.7588
+"""Mean square of the smaller 95 % of a normal distribution, over its variance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +39,8 @@ class PairGeometry:
     """All matches of the pair, scan pixels of the first photo."""
     second: PixelPoints
     """The same in the second photo."""
+    parallax_rms_px: float
+    """RMS y-parallax of these matches, scan pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +90,10 @@ def measure_ties(
 ) -> MeasuredTies:
     """Measure every ray finely and say how well.
 
-    In each point one ray is fixed and the others are matched to it. A match's variance is
-    a multiple of the formal one plus a constant; both are found from the y-parallaxes of all
-    pairs, so that lens and film errors that no stage has modelled yet are in the figure too. It is
-    shared equally between the two rays of the match.
+    In each point one ray is fixed and the others are matched to it. A match's variance is a
+    power of the formal one times a factor; both are found from the y-parallaxes of all pairs, so
+    that lens and film errors that no stage has modelled yet are in the figure too. It is shared
+    equally between the two rays of the match.
     """
     fine = _match_to_fixed(block, ties, pairs, reductions, options.refinement, progress)
     measured = replace(ties, pixels=fine.pixels)
@@ -99,6 +102,11 @@ def measure_ties(
         for pair, known in pairs.items()
     }
     squares, formal, coarse = _observed_variances(block, measured, orientations, fine)
+    if not np.isfinite(coarse):
+        # Places that could not be measured finely are worse than features commonly are.
+        coarse = 2.0 * float(
+            np.median([known.parallax_rms_px for known in pairs.values()] or [0.5])
+        )
     sigma = _sigmas(ties, fine, _variance_law(squares, formal), coarse, options)
     measured = replace(measured, sigma_px=sigma)
     failed = np.bincount(ties.point[fine.fixed >= 0], minlength=ties.count) < 2
@@ -282,20 +290,27 @@ def _observed_variances(
 
 
 def _variance_law(squares: Scalars, formal: Scalars) -> tuple[float, float]:
-    """Factor and constant, neither negative, of variance = factor * formal + constant.
+    """Factor and exponent of variance = factor * formal ** exponent, exponent between 0 and 2.
 
-    Fitted to the medians of ten classes, so that a few wrong matches do not count.
+    Fitted to ten classes; the largest twentieth of each is left out, for it holds wrong matches.
     """
     if len(squares) == 0:
-        return 1.0, 0.0
+        return 1.0, 1.0
     classes = np.array_split(np.argsort(formal, kind="stable"), 10 if len(squares) >= 200 else 1)
-    seen = np.array([np.median(squares[members]) * ROBUST**2 for members in classes])
-    given = np.array([np.mean(formal[members]) for members in classes])
-    seen = np.maximum(seen, 1e-12)
-    if len(classes) == 1:
-        return float(seen[0] / max(given[0], 1e-12)), 0.0
-    factor, constant = nnls(np.column_stack([given / seen, 1.0 / seen]), np.ones(len(classes)))[0]
-    return float(factor), float(constant)
+    seen = np.log([max(_trimmed_variance(squares[members]), 1e-12) for members in classes])
+    given = np.log([max(float(np.mean(formal[members])), 1e-12) for members in classes])
+    exponent = 1.0
+    if len(classes) > 1:
+        spread = given - given.mean()
+        slope = float(spread @ (seen - seen.mean())) / max(float(spread @ spread), 1e-9)
+        exponent = float(np.clip(slope, 0.0, 2.0))
+    return float(np.exp(seen.mean() - exponent * given.mean())), exponent
+
+
+def _trimmed_variance(squares: Scalars) -> float:
+    """Mean square without the largest twentieth, set right for what a normal law would lose."""
+    kept = np.sort(squares)[: max(1, int(np.ceil(0.95 * len(squares))))]
+    return float(np.mean(kept)) / TRIMMED
 
 
 def _sigmas(
@@ -307,8 +322,8 @@ def _sigmas(
 ) -> Scalars:
     """Standard deviation of every ray: half of a match's variance belongs to each of its rays."""
     matched = (fine.fixed >= 0) & (fine.formal > 0)
-    variance = np.maximum(law[0] * fine.formal**2 + law[1], 2 * options.floor_px**2)
-    sigma = np.full(len(ties.point), coarse) if np.isfinite(coarse) else ties.sigma_px.copy()
+    variance = np.maximum(law[0] * fine.formal ** (2 * law[1]), 2 * options.floor_px**2)
+    sigma = np.full(len(ties.point), coarse)
     least = np.full(len(ties.point), np.inf)
     np.minimum.at(least, fine.fixed[matched], variance[matched] / 2)
     fixed = np.isfinite(least)
