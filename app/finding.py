@@ -17,6 +17,7 @@ from pyproj.exceptions import CRSError
 from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
 
 from app.block_toml import RASTERS
+from core.geometry.crs import horizontal
 
 Kind = Literal["scan", "ortho", "dem", "other"]
 """What a raster probably is."""
@@ -78,11 +79,6 @@ class FoundRaster:
     def is_preview(self) -> bool:
         """True for a small copy of a scan."""
         return self.kind == "scan" and min(self.size_px) < SMALLEST_SIDE_PX
-
-    @property
-    def area(self) -> float:
-        """Ground it covers, square metres, where it is placed."""
-        return self.size_px[0] * self.size_px[1] * self.pixel_size_m**2
 
     def _named(self, words: tuple[str, ...]) -> bool:
         name = f"{self.path.parent.name}/{self.path.name}".lower()
@@ -190,7 +186,7 @@ def _raster(path: Path) -> FoundRaster:
                 (raster.width, raster.height),
                 raster.count,
                 np.dtype(raster.dtypes[0]),
-                _horizontal(raster.crs),
+                _map_part(raster.crs),
                 placed,
                 placed and not turned and transform.a > 0 > transform.e,
                 float(abs(transform.determinant)) ** 0.5 if placed else 0.0,
@@ -225,7 +221,7 @@ def _layer(path: Path, name: str) -> FoundLayer:
     kinds = {"line": "line", "polygon": "polygon", "point": "point"}
     kind = next((kind for word, kind in kinds.items() if word in geometry), "other")
     fields = tuple(str(field) for field in info["fields"])
-    return FoundLayer(path, name, cast("Any", kind), _horizontal(info["crs"]), fields)
+    return FoundLayer(path, name, cast("Any", kind), _map_part(info["crs"]), fields)
 
 
 def _header(path: Path) -> tuple[Path, tuple[str, ...]]:
@@ -235,12 +231,9 @@ def _header(path: Path) -> tuple[Path, tuple[str, ...]]:
     return path, tuple(name.strip() for name in first)
 
 
-def _horizontal(crs: Any) -> CRS | None:
+def _map_part(crs: Any) -> CRS | None:
     """The map part of a CRS as GDAL tells it."""
-    if not crs:
-        return None
     try:
-        known = CRS(crs)
+        return horizontal(CRS(crs)) if crs else None
     except CRSError:
         return None
-    return known.sub_crs_list[0] if known.is_compound else known

@@ -10,11 +10,11 @@ from typing import Any, cast
 import numpy as np
 from pyproj import CRS
 
-from app.block_crs import objection_to_crs
 from app.block_toml import FILE
 from app.finding import Findings, FoundLayer, FoundRaster, Kind, find
 from app.project import Georeference
-from core.errors import ProjectError
+from core.errors import CrsError, ProjectError
+from core.geometry.crs import parse_crs, short_name
 from sessions.products import whole_file
 
 FRAMES_MM = (90.0, 120.0, 180.0, 230.0, 300.0)
@@ -62,8 +62,8 @@ class Recognition:
     """List of exterior orientations."""
     ortho: tuple[str, ...]
     """Paths or globs of the ortho sheets."""
-    dem: str | None
-    """Terrain heights."""
+    dem: tuple[str, ...]
+    """Paths or globs of terrain heights."""
     roads: tuple[str, ...]
     """Road layers."""
     buildings: str | None
@@ -86,7 +86,7 @@ class Recognition:
             ("footprints", self.footprints[0] if self.footprints else ""),
             ("exterior orientations", self.exterior or ""),
             ("ortho", ", ".join(self.ortho)),
-            ("terrain", self.dem or ""),
+            ("terrain", ", ".join(self.dem)),
             ("roads", ", ".join(self.roads)),
             ("buildings", self.buildings or ""),
             ("bridges", self.bridges or ""),
@@ -105,7 +105,7 @@ class Recognition:
             (True, "the principal distance: it stands in the camera certificate", NOTHING),
             (not self.scans, "scans: put them into a folder `scans`", NOTHING),
             (not self.ortho, "an orthophoto with its CRS: put its sheets into `ortho`", NOTHING),
-            (self.dem is None, "a terrain model: one raster of heights", NOTHING),
+            (not self.dem, "a terrain model: rasters of heights", NOTHING),
             (self.crs is None, "the CRS: no file tells it", NOTHING),
             (self.scan_pixel_um is None, "the scan pixel: the scans do not tell it", NOTHING),
             (self.frame_mm is None, "the picture area of the camera", NOTHING),
@@ -134,7 +134,6 @@ def recognise(folder: Path) -> Recognition:
     crs = _crs_of(orthos, dems, findings.layers)
     footprints = _footprints(findings.layers, scans)
     pixel_um = _common(scan.scan_pixel_um for scan in scans)
-    dem = max(dems, key=lambda raster: raster.area, default=None)
     layers = [layer for layer in findings.layers if footprints is None or layer != footprints[0]]
     return Recognition(
         folder,
@@ -147,7 +146,7 @@ def recognise(folder: Path) -> Recognition:
         None if footprints is None else (_relative(folder, footprints[0].path), footprints[1]),
         _table(folder, findings, EXTERIOR_HEADER),
         _patterns(folder, orthos, findings.rasters),
-        None if dem is None else _relative(folder, dem.path),
+        _patterns(folder, dems, findings.rasters),
         tuple(dict.fromkeys(_relative(folder, layer.path) for layer in layers if _is_road(layer))),
         _polygons(folder, layers, "building", "budov", "house", "gebaeude"),
         _polygons(folder, layers, "bridge", "most"),
@@ -155,7 +154,7 @@ def recognise(folder: Path) -> Recognition:
         _polygons(
             folder, [item for item in layers if "name" in item.fields], "sheet", "klad", "sm5"
         ),
-        tuple(_notes(folder, findings, crs, dems)),
+        tuple(_notes(folder, findings, crs)),
     )
 
 
@@ -193,7 +192,7 @@ def toml_of(found: Recognition) -> str:
     )
     reference = (
         _or_comment("ortho", found.ortho, "sheets of today's orthophoto"),
-        _or_comment("dem", found.dem, "terrain heights, one file"),
+        _or_comment("dem", found.dem, "terrain heights"),
         *_lines(roads=found.roads, buildings=found.buildings, bridges=found.bridges),
         "ortho_sigma_m = 0.25  # accuracy of the orthophoto: check",
         "dem_sigma_m = 0.5  # accuracy of the terrain model: check",
@@ -334,24 +333,23 @@ def _table(folder: Path, findings: Findings, header: tuple[str, ...]) -> str | N
     return next((_relative(folder, path) for path in found), None)
 
 
-def _notes(
-    folder: Path, findings: Findings, crs: CRS | None, dems: Sequence[FoundRaster]
-) -> Iterable[str]:
+def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[str]:
     for path in findings.unreadable:
         yield f"{_relative(folder, path)} cannot be opened and is left out."
-    objection = None if crs is None else objection_to_crs(_code(crs) or "")
-    if objection is not None:
-        yield " ".join(objection)
+    try:
+        if crs is not None:
+            parse_crs(crs.to_wkt(), "The CRS of the reference")
+    except CrsError as error:
+        yield str(error)
     for item in (*findings.rasters, *findings.layers):
         if isinstance(item, FoundRaster) and item.kind in ("scan", "other"):
             continue
         name = _relative(folder, item.path)
         if item.crs is None:
-            yield f"{name} tells no CRS; give it one with `gdal_edit.py -a_srs` or in QGIS."
+            yield f"{name} tells no CRS and is taken to lie in the block's where its numbers fit."
         elif crs is not None and not _is_same_map(item.crs, crs):
-            yield f"{name} is in {item.crs.name}, not in {crs.name}; bring it into that CRS."
-    if len(dems) > 1:
-        yield f"Of {len(dems)} height rasters the largest was taken; gdalbuildvrt joins tiles."
+            known = f"{short_name(item.crs)}, not in {short_name(crs)}"
+            yield f"{name} is in {known}, and is transformed while it is read."
     for layer in findings.layers:
         if layer.geometry == "line" and not _is_road(layer):
             yield f"{_relative(folder, layer.path)} holds lines that are probably no roads."

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from app.worker import Adjusted, Outcome, RemakeEnded, Remaker, RemakeStep, Worker
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
@@ -24,7 +26,7 @@ from ui.review.compare import (
 from ui.review.gestures import Gesture
 from ui.review.picture import Part, point_part, queue_part, rows_part, scene_part, status_part
 from ui.review.queue import Row, queue_rows
-from ui.review.scene import ScenePicture, scene_picture
+from ui.review.scene import ScenePicture, Segments, footprints, scene_picture
 from ui.review.state import DeskState, Key, Notice, Remaking, Seat
 from ui.review.tools import Desk, Meaning, kept_up, meaning, seated
 
@@ -34,6 +36,13 @@ logger = logging.getLogger(__name__)
 @dataclass(frozen=True, slots=True)
 class SeatTaken:
     """A page opened at a seat."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SeatLeft:
+    """The last page at a seat closed; the seat waits for its return."""
 
     seat_id: str
 
@@ -50,7 +59,7 @@ class _Closed:
     """The desk closes."""
 
 
-Event = Gesture | Outcome | SeatTaken | SceneOpened | _Closed
+Event = Gesture | Outcome | SeatTaken | SeatLeft | SceneOpened | _Closed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,11 +106,13 @@ class ReviewLoop:
         self._session = inputs.session
         self._inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._seats: dict[str, Seat] = {}
+        self._present: set[str] = set()
         self._scenes: set[str] = set()
         self._state = inputs.state
         self._drawn: Drawn = drawn_from_block(inputs.state.oriented)
         self._rows: dict[Key, Row] = {}
         self._stale: tuple[str, ...] = ()
+        self._outlines: Segments = np.zeros((0, 2, 3))
         self._job = 0
         self._last: Recorded | None = None
         self._scene: ScenePicture | None = None
@@ -113,6 +124,7 @@ class ReviewLoop:
         """Begin: lay earlier decisions over the block, and adjust if there are any."""
         self._worker, self._remaker = worker, remaker
         self._screen.publish(self._drawn)
+        self._reorient()
         self._replay()
         if self._state.decided:
             self._adjust()
@@ -141,7 +153,10 @@ class ReviewLoop:
     def _handle(self, event: Event) -> None:
         match event:
             case SeatTaken(seat_id=seat_id):
+                self._present.add(seat_id)
                 self._show_seat(self._seat(seat_id))
+            case SeatLeft(seat_id=seat_id):
+                self._present.discard(seat_id)
             case SceneOpened(seat_id=seat_id):
                 self._scenes.add(seat_id)
                 self._show_scene(self._seat(seat_id))
@@ -258,6 +273,7 @@ class ReviewLoop:
         self._drawn = redrawn(self._drawn, self._state.oriented)
         self._screen.publish(self._drawn)
         self._inputs.adopted(event.result)
+        self._reorient()
         self._recount()
         self._show_all()
 
@@ -287,14 +303,19 @@ class ReviewLoop:
             made = replace(self._state, report=event.made_with).oriented
             self._state = with_made(self._state, event.photo_ids, made)
             notice = Notice("notice.remade")
-        self._recount()
+        self._reorient()
+        self._scene = None
         self._screen.tell("", notice)
         self._show_all()
 
-    def _recount(self) -> None:
-        """Everything that follows from the state alone."""
-        self._rows = {row.key: row for row in queue_rows(self._state)}
+    def _reorient(self) -> None:
+        """What follows from the orientations."""
         self._stale = stale_photos(self._state, self._inputs.stale_m)
+        self._outlines = footprints(self._state.oriented, self._inputs.dem)
+
+    def _recount(self) -> None:
+        """What follows from the measurements."""
+        self._rows = {row.key: row for row in queue_rows(self._state)}
         self._scene = None
         self._seats = {name: kept_up(seat, self._rows) for name, seat in self._seats.items()}
 
@@ -303,14 +324,17 @@ class ReviewLoop:
             self._seats[seat_id] = seated(Seat(seat_id, self._inputs.operator), self._rows)
         return self._seats[seat_id]
 
+    def _present_seats(self) -> list[Seat]:
+        return [seat for seat_id, seat in self._seats.items() if seat_id in self._present]
+
     def _desk(self) -> Desk:
         return Desk(self._state, self._rows, self._drawn, self._inputs.dem)
 
     def _show_all(self) -> None:
         rows = rows_part(self._rows)
-        for seat in self._seats.values():
+        for seat in self._present_seats():
             self._show_seat(seat, rows)
-        for seat in self._seats.values():
+        for seat in self._present_seats():
             self._show_scene(seat)
 
     def _show_seat(self, seat: Seat, rows: Part = None) -> None:
@@ -324,7 +348,7 @@ class ReviewLoop:
         self._screen.show(seat.seat_id, parts)
 
     def _show_status(self) -> None:
-        for seat in self._seats.values():
+        for seat in self._present_seats():
             self._screen.show(seat.seat_id, {"status": self._status(seat)})
 
     def _status(self, seat: Seat) -> Part:
@@ -334,7 +358,7 @@ class ReviewLoop:
         if seat.seat_id not in self._scenes:
             return
         if self._scene is None:
-            self._scene = scene_picture(self._state, self._stale, self._inputs.dem)
+            self._scene = scene_picture(self._state, self._stale, self._outlines)
         self._screen.scene(seat.seat_id, self._scene, seat, self._state.oriented)
 
 

@@ -9,10 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float64
 
-from app.review_loop import LoopInputs, ReviewLoop, SceneOpened, Screen, SeatTaken
+from app.review_loop import LoopInputs, ReviewLoop, SceneOpened, Screen, SeatLeft, SeatTaken
 from app.worker import Adjust, Remake, Remaker, Worker
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
+from core.errors import PhotogrammetryError
 from sessions.session import Session
 from ui.review.compare import DrawnPhoto, HeightSource, PlanePoints, ground_pixel_m
 from ui.review.palette import page_palette
@@ -70,7 +71,7 @@ class DeskInputs:
     """Address to listen on."""
     port: int = 0
     """Port to listen on; 0 takes any that is free."""
-    stale_m: float = 0.05
+    stale_m: float = 0.1
     """An ortho is stale once its photo moved by more than this on the ground, metres."""
     language: str = "en"
     """Of the words on the pages."""
@@ -133,7 +134,7 @@ def open_desk(desk: DeskInputs) -> Desk:
     """Open the review desk of a block.
 
     Raises:
-        OSError: The port is taken.
+        PhotogrammetryError: The port cannot be had.
     """
     state = DeskState(desk.block, desk.report, made=desk.report.block)
     state = replace(state, made=desk.made or state.oriented)
@@ -141,10 +142,8 @@ def open_desk(desk: DeskInputs) -> Desk:
     tiles = TileStore(Sources(desk.ortho, desk.dem, desk.read_scan, lattice))
     joints = _Joints()
     access = Access(desk.host)
-    scene = SceneServer(
-        _stage(desk, state), SEAT_HEADER, joints.hand_in, lambda seat: joints.scene_opened(seat)
-    )
-    channel = Channel(joints.hand_in, lambda seat: joints.seat_taken(seat))
+    scene = SceneServer(_stage(desk, state), SEAT_HEADER, joints.hand_in, joints.scene_opened)
+    channel = Channel(joints.hand_in, joints.seat_taken, joints.seat_left)
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
     front = Front(FrontInputs(access, channel, tiles, upstream, start), desk.host, desk.port)
@@ -159,9 +158,13 @@ def open_desk(desk: DeskInputs) -> Desk:
     opened = Desk(front, access, desk.host, [front, remaker, worker, loop, scene, tiles])
     try:
         front.start()
-    except OSError:
+    except OSError as error:
         opened.close()
-        raise
+        raise PhotogrammetryError(
+            f"{desk.host}:{desk.port}",
+            f"cannot be listened on ({error.strerror or error}).",
+            "Choose another port with --port, or close the desk that is open there.",
+        ) from error
     return opened
 
 
@@ -176,6 +179,9 @@ class _Joints:
 
     def seat_taken(self, seat_id: str) -> None:
         self.hand_in(SeatTaken(seat_id))
+
+    def seat_left(self, seat_id: str) -> None:
+        self.hand_in(SeatLeft(seat_id))
 
     def scene_opened(self, seat_id: str) -> None:
         self.hand_in(SceneOpened(seat_id))

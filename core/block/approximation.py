@@ -20,7 +20,7 @@ from core.formats.footprints import Footprint
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile
 from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, check_range, read_crs, transformer_over
+from core.geometry.crs import Bounds, check_range, operation_between, read_crs
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.geometry.transforms import (
@@ -344,7 +344,7 @@ def _in_block(plane: PlanePoints, crs: str, block_crs: str, file: Path) -> Plane
     if not crs or read_crs(crs, file) == read_crs(block_crs, file):
         return plane
     check_range(read_crs(crs, file), plane, file)
-    return np.column_stack(transformer_over(crs, block_crs, plane).transform(*plane.T))
+    return operation_between(crs, block_crs, plane, file).forward(plane)
 
 
 def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]:

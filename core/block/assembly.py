@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +22,6 @@ from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.progress import Progress, Silent
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
-
-A = TypeVar("A")
-B = TypeVar("B")
-Mapper = Callable[[Callable[[A], B], Iterable[A]], Iterable[B]]
 
 MIN_TIES = 8
 GROSS = 3.5
@@ -81,7 +77,7 @@ def assemble_block(
     oriented: Mapping[str, OrientedPhoto | Failure],
     options: AssemblyOptions,
     rng: np.random.Generator,
-    mapper: Callable[..., Iterable[tuple[Measurement, ...]]] = map,
+    mapper: Callable[..., Iterable[Any]] = map,
     progress: Progress | None = None,
 ) -> Assembly:
     """Bring the photos together and propose control anew until the block agrees with itself.
@@ -187,7 +183,7 @@ def held_together(
         surveyed={name: surveyed[name] for name in {value.point_id for value in measured}},
         measurements={value.key: value for value in measured},
     )
-    report = adjust_block(first, replace(options.adjustment, estimate_cameras=False))
+    report = adjust_block(first, replace(options.adjustment, robust=False))
     return block.with_photos(report.block.photos) if report.converged else block
 
 
@@ -258,7 +254,7 @@ def proposals(
     block: Block,
     site: Site,
     options: AssemblyOptions,
-    mapper: Callable[..., Iterable[tuple[Measurement, ...]]],
+    mapper: Callable[..., Iterable[Any]],
 ) -> tuple[Measurement, ...]:
     """Search the reference points in every oriented photo."""
 

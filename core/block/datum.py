@@ -7,6 +7,7 @@ reference point of every photo has a voice in them.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def lay_on_reference(
     orientation: OrientationOptions,
     options: DatumOptions,
     rng: np.random.Generator,
-    mapper: Callable[..., Iterable[Ballot | None]] = map,
+    mapper: Callable[..., Iterable[Any]] = map,
 ) -> Block | Failure:
     """Shift, turn and scale all oriented photos as one body to where most candidates agree.
 

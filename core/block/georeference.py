@@ -25,7 +25,7 @@ from core.formats.footprints import Footprint, Footprints, read_footprints
 from core.formats.qgis_points import find_qgis_points, read_qgis_points
 from core.formats.world_file import read_georeference
 from core.geometry.camera import Camera
-from core.geometry.crs import check_range, infer_crs, read_crs, transformer_over
+from core.geometry.crs import check_range, infer_crs, operation_between, read_crs
 from core.reference.dem import Dem
 from core.scan.orientation import ScanOrientation
 
@@ -138,13 +138,10 @@ def footprints_in_block(footprints: Footprints, crs: str) -> Mapping[str, Footpr
     check_range(own, vertices, path)
     if own == block:
         return footprints.by_photo
-    operation = transformer_over(own.to_wkt(), crs, vertices)
-
-    def moved(points: np.ndarray) -> np.ndarray:
-        return np.column_stack(operation.transform(points[:, 0], points[:, 1]))
+    operation = operation_between(own.to_wkt(), crs, vertices, path)
 
     return {
-        name: replace(footprint, polygon=shapely.transform(footprint.polygon, moved))
+        name: replace(footprint, polygon=shapely.transform(footprint.polygon, operation.forward))
         for name, footprint in footprints.by_photo.items()
     }
 

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Float64, Int
 
-from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Scalars
+from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
 from core.block.adjusted import AdjustmentOptions
 from core.block.block import Block, Measurement, Photo
 from core.geometry.camera import Camera
-from core.geometry.collinearity import VACUUM, ideal_from_film
-from core.geometry.intersection import SMALLEST_ANGLE, closest_points
 from core.geometry.partials import (
     Rotations,
     angles_from_rotations,
@@ -24,6 +22,10 @@ SMALLEST_SIGMA_M = 1e-4
 """Ground coordinates are never held more firmly than this, metres."""
 SMALLEST_SIGMA_PX = 1e-3
 """Measurements are never weighted as if better than this, pixels."""
+SMALLEST_SIGMA_RAD = 1e-8
+"""Angles are never held more firmly than this, radians."""
+SMALLEST_SIGMA_MM = 1e-6
+"""Camera constants are never held more firmly than this, millimetres at the frame's corner."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,113 +281,19 @@ def _priors(
     )
     return Priors(
         centres=np.array([known.centre for known in approximate]).reshape(-1, 3),
-        centre_weights=1 / np.array([p.prior.sigma_centre_m for p in photos]).reshape(-1, 3),
+        centre_weights=_weights([p.prior.sigma_centre_m for p in photos], SMALLEST_SIGMA_M),
         angles=angles_from_rotations(rotations),
-        angle_weights=1 / np.array([p.prior.sigma_angles for p in photos]).reshape(-1, 3),
+        angle_weights=_weights([p.prior.sigma_angles for p in photos], SMALLEST_SIGMA_RAD),
         constants=np.array([constants_of(c.certificate) for c in cameras]).reshape(-1, 6),
-        constant_weights=np.tile(1 / sigmas, (len(cameras), 1)),
+        constant_weights=np.tile(1 / np.maximum(sigmas, SMALLEST_SIGMA_MM), (len(cameras), 1)),
     )
+
+
+def _weights(sigmas: Sequence[Position], smallest: float) -> Float64[np.ndarray, "photos 3"]:
+    """Roots of weights of three values a photo."""
+    return 1 / np.maximum(np.array(sigmas).reshape(-1, 3), smallest)
 
 
 def constants_of_atmospheres(network: Network) -> Float64[np.ndarray, "photos 2"]:
     """Refraction and curvature of each photo."""
     return np.concatenate([constants_of_air(photo.atmosphere) for photo in network.photos])
-
-
-def initial_state(network: Network) -> tuple[State, Flags]:
-    """Present orientations, points where their rays meet, and the rays whose points do so."""
-    state, origins, directions = _oriented(network)
-    points, placed = _met_points(network, origins, directions)
-    return replace(state, points=points), placed[network.rays.point]
-
-
-def on_the_ground(network: Network, softness: float) -> tuple[Network, State]:
-    """Where rough orientations are improved from: tie points laid on the ground, nearly held there.
-
-    Rays of rough orientations meet anywhere; the heights of the ground are known far better.
-
-    Args:
-        network: The network as it is.
-        softness: Standard deviation of the ground's height, as a share of the flying height.
-
-    Returns:
-        The network with the ground's heights as observations, and the state to begin from.
-    """
-    state, origins, directions = _oriented(network)
-    laid = _laid_points(network, origins, directions)
-    ties = len(network.points.tie)
-    above = origins[:, 2] - _ground_of_rays(network)
-    known, weight = network.points.known.copy(), network.points.known_weight.copy()
-    known[:ties, 2] = laid[:ties, 2]
-    weight[:ties, 2] = 1 / (softness * float(np.median(above)))
-    points = replace(network.points, known=known, known_weight=weight)
-    return replace(network, points=points), replace(state, points=laid)
-
-
-def at_state(network: Network, state: State) -> tuple[State, Flags]:
-    """The state with its points where their rays now meet, as in `initial_state`."""
-    directions = _directions(network, state.rotations)
-    points, placed = _met_points(network, state.centres[network.rays.photo], directions)
-    return replace(state, points=points), placed[network.rays.point]
-
-
-def _oriented(network: Network) -> tuple[State, ObjectPoints, ObjectPoints]:
-    """Present orientations (points still at nought), origins and directions of the rays."""
-    photos = network.photos
-    state = State(
-        centres=np.array([photo.exterior.centre for photo in photos]),
-        rotations=np.array([photo.exterior.object_from_image for photo in photos]),
-        constants=np.array([constants_of(camera) for camera in network.cameras]),
-        points=np.zeros((network.points.count, 3)),
-    )
-    directions = _directions(network, state.rotations)
-    return state, state.centres[network.rays.photo], directions
-
-
-def _directions(network: Network, rotations: Rotations) -> ObjectPoints:
-    """Unit vectors along the rays; refraction is left to the adjustment."""
-    image = np.empty((len(network.rays.photo), 3))
-    camera_of_ray = network.camera[network.rays.photo]
-    for index, camera in enumerate(network.cameras):
-        rows = np.flatnonzero(camera_of_ray == index)
-        image[rows, :2] = ideal_from_film(network.rays.film[rows], camera, VACUUM)
-        image[rows, 2] = -camera.principal_distance_mm
-    turned = np.einsum("nij,nj->ni", rotations[network.rays.photo], image)
-    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
-
-
-def _ground_of_rays(network: Network) -> Scalars:
-    """Mean height of the ground under the photo of each ray, metres."""
-    return np.array([photo.ground_height_m for photo in network.photos])[network.rays.photo]
-
-
-def _laid_points(
-    network: Network, origins: ObjectPoints, directions: ObjectPoints
-) -> Float64[np.ndarray, "points 3"]:
-    """Control points where they are known to be, tie points where their rays reach the ground."""
-    point, count = network.rays.point, network.points.count
-    above = origins[:, 2] - _ground_of_rays(network)
-    downwards = np.where(directions[:, 2] < 0, directions[:, 2], np.nan)
-    hits = origins - directions * (above / downwards)[:, None]
-    laid = np.stack([np.bincount(point, hits[:, k], count) for k in range(3)], axis=1)
-    laid /= np.maximum(np.bincount(point, minlength=count), 1)[:, None]
-    ties = len(network.points.tie)
-    laid[ties:] = network.points.known[ties:]
-    return np.where(np.isfinite(laid), laid, 0.0)
-
-
-def _met_points(
-    network: Network, origins: ObjectPoints, directions: ObjectPoints
-) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
-    """Tie points where their rays meet (far off the ground: laid on it), and whether they do."""
-    point, count = network.rays.point, network.points.count
-    met, angles = closest_points(origins, directions, point, count)
-    ground = _ground_of_rays(network)
-    near_ground = np.abs(met[point, 2] - ground) < 0.5 * (origins[:, 2] - ground)
-    astray = np.bincount(point, ~near_ground, count) > 0
-    laid = _laid_points(network, origins, directions)
-    ties = len(network.points.tie)
-    astray[ties:] = True
-    placed = angles >= SMALLEST_ANGLE
-    placed[ties:] = True
-    return np.where(astray[:, None], laid, met), placed

@@ -2,19 +2,19 @@
 
 import json
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rasterio
-from jaxtyping import UInt8
 from rasterio.errors import NotGeoreferencedWarning
 
 from core.geometry.grid import Grid
 from core.progress import Progress, Silent
 from core.synthetic.approximations import write_approximations
 from core.synthetic.film import FilmOptions, make_scan
-from core.synthetic.flight import Flight, make_flight
+from core.synthetic.flight import Exposure, Flight, make_flight
 from core.synthetic.landscape import Landscape, make_landscape
 from core.synthetic.marks import draw_margin, draw_scars
 from core.synthetic.options import SCALES, Scale, Size, SyntheticOptions, seeded
@@ -26,7 +26,7 @@ from core.synthetic.orthos import (
     write_terrain,
     write_truth_ortho,
 )
-from core.synthetic.painting import Ground, paint
+from core.synthetic.painting import Ground, Picture, paint
 from core.synthetic.roads import write_roads
 
 PRESENT_YEAR = 2022
@@ -83,21 +83,26 @@ def _write_scans(
     folder: Path, flight: Flight, ground: Ground, options: SyntheticOptions, progress: Progress
 ) -> None:
     (folder / "scans").mkdir(exist_ok=True)
-    for number, exposure in enumerate(flight.exposures):
-        progress.report(60.0 + 6.0 * number, 100.0, f"scan {exposure.photo_id}")
-        scan = make_scan(
-            ground, flight.terrain, exposure, flight.camera, options.seed, FILM[options.size]
-        )
+    seed, film = options.seed, FILM[options.size]
+
+    def finished(exposure: Exposure) -> Picture:
+        scan = make_scan(ground, flight.terrain, exposure, flight.camera, seed, film)
         # The margin states the principal distance that everybody knows, not the true one.
-        margin = seeded(options.seed, "margin", exposure.photo_id)
+        margin = seeded(seed, "margin", exposure.photo_id)
         draw_margin(scan, exposure, flight.nominal, margin)
-        draw_scars(scan, exposure, seeded(options.seed, "scars", exposure.photo_id))
-        path = folder / "scans" / f"{exposure.photo_id}.tif"
-        _write_scan(path, scan, SCALES[options.size].scan_pixel_um, tiled=number % 2 == 0)
+        draw_scars(scan, exposure, seeded(seed, "scars", exposure.photo_id))
+        return scan
+
+    with ThreadPoolExecutor(2) as pool:
+        for number, scan in enumerate(pool.map(finished, flight.exposures)):
+            name = flight.exposures[number].photo_id
+            pixel_um = SCALES[options.size].scan_pixel_um
+            _write_scan(folder / "scans" / f"{name}.tif", scan, pixel_um, tiled=number % 2 == 0)
+            progress.report(60.0 + 6.0 * (number + 1), 100.0, f"scan {name}")
 
 
 def _write_scan(
-    path: Path, scan: UInt8[np.ndarray, "_ _"], pixel_um: float, tiled: bool
+    path: Path, scan: Picture, pixel_um: float, tiled: bool
 ) -> None:
     """8-bit gray TIFF; an archive has tiled and stripped ones side by side."""
     options: dict[str, Any] = {"tiled": True, "blockxsize": 256, "blockysize": 256}

@@ -153,7 +153,7 @@ def _look(
     cover: Cover, past: bool, small: bool, rng: np.random.Generator
 ) -> tuple[float, float, float, tuple[float, float, float]]:
     """Tone, contrast of the strips, mottle and tint of a tract."""
-    green, soil, straw = (0.86, 1.1, 0.72), (1.16, 0.97, 0.78), (1.12, 1.03, 0.66)
+    green, soil, straw = (0.93, 1.06, 0.82), (1.1, 0.98, 0.84), (1.08, 1.02, 0.76)
     if cover == "arable":
         tone = rng.normal(132.0, 16.0 if small else 27.0)
         tint = (green, soil, straw)[int(rng.integers(3))]
@@ -194,9 +194,9 @@ def _strips(
     at = 0
     while at < PROFILE_LENGTH:
         width = int(np.exp(shape.uniform(np.log(least_m), np.log(most_m))) / PROFILE_STEP_M)
-        row[at : at + width] = np.clip(crops.normal(0.0, 24.0), -52.0, 55.0)
+        row[at : at + width] = np.clip(crops.normal(0.0, 19.0), -48.0, 48.0)
         balk = int(shape.uniform(0.4, 1.1) / PROFILE_STEP_M)
-        row[at : at + balk] = crops.uniform(-28.0, 22.0)
+        row[at : at + balk] = crops.uniform(-20.0, 14.0)
         at += width
     return row
 
@@ -204,9 +204,9 @@ def _strips(
 def _furrows(rng: np.random.Generator, past: bool, kind: int) -> np.ndarray:
     """Lines of sowing and ploughing: chance smoothed at two widths."""
     fine = rng.standard_normal(PROFILE_LENGTH)
-    row = 5.0 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
+    row = 3.8 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
     ridges = rng.standard_normal(PROFILE_LENGTH)
-    row += (5.0 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
+    row += (3.8 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
     slow = 3.0 * _unit(ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0,
                                                  mode="wrap"))
     return (row + slow) * (0.35 if kind == PLAIN else 1.0)

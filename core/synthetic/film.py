@@ -169,13 +169,13 @@ class _DarkRoom:
         inside = self._frame(x, y)
         gray = self._density(light, x, y, first)
         gray = self.fog + inside * (gray - self.fog)
-        beyond = np.maximum(np.abs(x), np.abs(y)) > np.float32(FILM_MM / 2)
-        gray[beyond] = self.bed
         for place in self.camera.fiducials_mm.values():
             top, left, dark, mark = mark_coverage(x, y, place, self.pixel_mm, self.camera)
             window = gray[top : top + dark.shape[0], left : left + dark.shape[1]]
             window += dark * (self.fog - window)
             window += mark * (228.0 - window)
+        beyond = np.maximum(np.abs(x), np.abs(y)) > np.float32(FILM_MM / 2)
+        gray[beyond] = self.bed
         soft = np.asarray(cv2.GaussianBlur(gray, (0, 0), 0.45), dtype=np.float32)
         return np.clip(soft + self._grain(soft, first), 0.0, 255.0)
 

@@ -172,18 +172,18 @@ def _tint(scene: Scene, grid: Grid) -> tuple[UInt8[np.ndarray, "_ _ 3"], Grid]:
     """Colour of the ground at every fourth pixel: 128 times red, green, blue of mean luminance 1."""
     gsd = grid.ground_sample_distance_m * COARSE
     coarse = Grid(grid.west, grid.north, gsd, -(-grid.columns // COARSE), -(-grid.rows // COARSE))
-    picture = np.full((coarse.rows, coarse.columns, 3), _coded((0.92, 1.08, 0.75)), dtype=np.uint8)
+    picture = np.full((coarse.rows, coarse.columns, 3), _coded((0.95, 1.05, 0.83)), dtype=np.uint8)
     for tract in scene.tracts:
         _fill(picture, tract, coarse)
     wood = smooth_step(scene.fields.wood, scene.fields.grid, coarse) > 0.5
-    picture[wood] = _coded((0.84, 1.1, 0.8))
+    picture[wood] = _coded((0.92, 1.06, 0.86))
     thick = max(1, round(6.0 / gsd))
     for road, look in scene.roads:
         gray = _coded((1.03, 0.99, 0.95) if look.tone > 130 else (0.98, 1.0, 1.04))
         line = fixed_pixels(road.line(scene.past), coarse)
         cv2.polylines(picture, [line], False, gray, thick, cv2.LINE_8, 8)
     for house in scene.houses:
-        roof = _coded((1.5, 0.82, 0.68) if house.red else (1.0, 1.0, 1.03))
+        roof = _coded((1.3, 0.9, 0.8) if house.red else (1.0, 1.0, 1.03))
         cv2.fillConvexPoly(picture, fixed_pixels(house.corners, coarse), roof, cv2.LINE_8, 8)
     return picture, coarse
 

@@ -165,7 +165,7 @@ class _Brush:
         if near:
             gsd = part.ground_sample_distance_m
             wear = _filtered(fine, 0.8 / gsd) + 2.2 * _filtered(fine, 4.0 / gsd)
-            wear *= 11.0 / max(float(wear.std()), 1e-6)
+            wear *= 8.0 / max(float(wear.std()), 1e-6)
             uneven = picture + wear * (worn / np.float32(255.0))
             np.copyto(picture, np.clip(uneven, 0, 255).astype(np.uint8))
 

@@ -65,7 +65,7 @@ def test_a_usual_folder_is_recognised__truth(folder: Path) -> None:
     found = recognise(folder)
     assert (found.scans, found.scan_count) == (("scans/*.tif",), 2)
     assert found.ortho == ("ortho/*.tif",)
-    assert (found.dem, found.roads) == ("dmr5g.tif", ("roads/Ulice.shp",))
+    assert (found.dem, found.roads) == (("dmr5g.tif",), ("roads/Ulice.shp",))
     assert found.footprints == ("footprints.gpkg", "LMS_TIF_UP")
     assert (found.georeference, found.crs) == ("world-file", "EPSG:5514")
     assert found.notes == ()
@@ -141,7 +141,7 @@ def test_lines_that_are_no_roads_and_other_systems_are_noted__truth(folder: Path
     (folder / "scans" / "broken.tif").write_bytes(b"II*\0 not a raster")
     notes = " ".join(recognise(folder).notes)
     assert "vrstevnice.gpkg holds lines that are probably no roads" in notes
-    assert "roads/gps.gpkg is in WGS 84, not in S-JTSK" in notes
+    assert "roads/gps.gpkg is in EPSG:4326, not in EPSG:5514" in notes
     assert "scans/broken.tif cannot be opened" in notes
 
 
@@ -149,7 +149,7 @@ def test_scans_among_other_files_are_named_one_by_one__truth(folder: Path) -> No
     shutil.copy(folder / "dmr5g.tif", folder / "scans" / "dmr.tif")
     found = recognise(folder)
     assert found.scans == ("scans/dpi_150.tif", "scans/dpi_151.tif")
-    assert "2 height rasters" in " ".join(found.notes)
+    assert set(found.dem) == {"dmr5g.tif", "scans/dmr.tif"}
 
 
 def test_turned_georeference_with_crs_is_a_scan_and_a_named_sheet_without_is_none__truth(
@@ -176,12 +176,12 @@ def test_real_block_is_recognised_as_its_own_file_says__real(shared_data: Path) 
     )
     assert found.crs == project.block.crs
     assert found.scan_count == len(project.scans.listed)
-    assert found.dem == "dem.tif"
+    assert found.dem == ("dem.tif",)
     assert found.footprints == ("footprints.gpkg", project.scans.footprint_name)
     assert {found.folder / path for path in found.roads} == set(project.reference.roads)
 
 
 def test_real_frames_with_a_small_terrain_model__real(shared_data: Path) -> None:
     found = recognise(shared_data / "ngi-baviaanskloof")
-    assert (found.scan_count, found.dem) == (4, "frames/dem.tif")
+    assert (found.scan_count, found.dem) == (4, ("frames/dem.tif",))
     assert "reference/sentinel2_b432_byte.tif" in found.ortho

@@ -1,9 +1,8 @@
 """The queue: one row per measurement, how doubtful each is and why, sorted and sieved."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-
-import numpy as np
 
 from core.block.block import Measurement
 from ui.review.palette import ShownState
@@ -64,7 +63,7 @@ def ordered(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
     def place(row: Row) -> tuple[bool, float | tuple[str, str]]:
         figure = _figure(row, sorting)
         if isinstance(figure, float):
-            missing = bool(np.isnan(figure))
+            missing = math.isnan(figure)
             return missing, 0.0 if missing else (-figure if sorting.descending else figure)
         return False, figure
 
@@ -115,7 +114,7 @@ def counts(rows: Iterable[Row], sieve: Sieve) -> dict[str, int]:
 def _row(state: DeskState, measurement: Measurement) -> Row:
     shown = state.shown_state(measurement)
     grounds = _grounds(state, measurement)
-    doubt = 1 - float(np.prod([1 - ground.weight for ground in grounds])) if grounds else 0.0
+    doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
     human = measurement.status in ("accepted", "rejected", "dubious")
     residual = state.residual_px(measurement.key)
     influence = 1 - state.report.redundancy_numbers.get(measurement.key, 0.8)
@@ -127,7 +126,7 @@ def _row(state: DeskState, measurement: Measurement) -> Row:
         human=human,
         doubt=doubt,
         gain=gain * (0.3 if shown == "unused" else 1.0),
-        residual_px=float(np.hypot(*residual)) if residual else float("nan"),
+        residual_px=math.hypot(*residual) if residual else math.nan,
         score=measurement.score,
         grounds=grounds,
     )
@@ -147,12 +146,12 @@ def _grounds(state: DeskState, measurement: Measurement) -> tuple[Ground, ...]:
 def _ground_of_residual(state: DeskState, measurement: Measurement) -> Ground | None:
     """Residual against its standard deviation: normal up to 1.5, certain trouble from 4."""
     residual = state.residual_px(measurement.key)
-    if residual is None or not np.all(np.isfinite(residual)):
+    if residual is None or not math.isfinite(residual[0] + residual[1]):
         return None
     redundancy = max(state.report.redundancy_numbers.get(measurement.key, 1.0), 0.05)
-    sigma = measurement.sigma_px * max(state.report.sigma_nought, 0.5) * np.sqrt(redundancy)
-    ratio = float(np.hypot(*residual) / np.sqrt(2) / sigma)
-    return Ground("doubt.residual", ratio, float(np.clip((ratio - 1.5) / 2.5, 0, 1)))
+    sigma = measurement.sigma_px * max(state.report.sigma_nought, 0.5) * math.sqrt(redundancy)
+    ratio = math.hypot(*residual) / math.sqrt(2) / sigma
+    return Ground("doubt.residual", ratio, _share((ratio - 1.5) / 2.5))
 
 
 def _ground_of_peaks(measurement: Measurement) -> Ground | None:
@@ -160,11 +159,11 @@ def _ground_of_peaks(measurement: Measurement) -> Ground | None:
     if len(measurement.peaks) < 2 or measurement.peaks[0].score <= 0:
         return None
     ratio = float(measurement.peaks[1].score / measurement.peaks[0].score)
-    return Ground("doubt.peaks", 100 * ratio, float(np.clip((ratio - 0.7) / 0.3, 0, 1)) * 0.9)
+    return Ground("doubt.peaks", 100 * ratio, 0.9 * _share((ratio - 0.7) / 0.3))
 
 
 def _ground_of_score(measurement: Measurement) -> Ground:
-    weight = float(np.clip((0.6 - measurement.score) / 0.5, 0, 1)) * 0.8
+    weight = 0.8 * _share((0.6 - measurement.score) / 0.5)
     return Ground("doubt.score", measurement.score, weight)
 
 
@@ -173,7 +172,11 @@ def _ground_of_redundancy(state: DeskState, measurement: Measurement) -> Ground 
     number = state.report.redundancy_numbers.get(measurement.key)
     if number is None:
         return None
-    return Ground("doubt.redundancy", number, float(np.clip((0.3 - number) / 0.3, 0, 1)) * 0.6)
+    return Ground("doubt.redundancy", number, 0.6 * _share((0.3 - number) / 0.3))
+
+
+def _share(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
 
 
 def _figure(row: Row, sorting: Sorting) -> float | tuple[str, str]:

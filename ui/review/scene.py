@@ -68,8 +68,8 @@ class ScenePicture:
     """Names of the surveyed points."""
 
 
-def scene_picture(state: DeskState, stale: tuple[str, ...], dem: HeightSource) -> ScenePicture:
-    """The scene of a state; footprints lie on the DEM."""
+def scene_picture(state: DeskState, stale: tuple[str, ...], outlines: Segments) -> ScenePicture:
+    """The scene of a state; the photos' outlines come from `footprints`."""
     oriented, origin = state.oriented, state.block.origin
     states = point_states(state)
     vectors, vector_states = residual_vectors(state, ground_residuals_m(state, oriented))
@@ -79,7 +79,7 @@ def scene_picture(state: DeskState, stale: tuple[str, ...], dem: HeightSource) -
     return ScenePicture(
         depth_m=frustum_depth_m(oriented),
         frustums=tuple(_frustum(oriented, name, name in stale) for name in oriented.photos),
-        footprints=_footprints(oriented, dem),
+        footprints=outlines,
         points={
             name: _positions(state.block, [key for key, value in states.items() if value == name])
             for name in LOOKS
@@ -92,6 +92,24 @@ def scene_picture(state: DeskState, stale: tuple[str, ...], dem: HeightSource) -
         ties=local_from_object(ties, origin),
         labels={name: point.position - origin for name, point in surveyed.items()},
     )
+
+
+def footprints(block: Block, dem: HeightSource) -> Segments:
+    """Outline of every photo where it meets the ground, local frame."""
+    outlines: list[np.ndarray] = []
+    for name, photo in block.photos.items():
+        camera = block.camera_of(name)
+        corners = photo.interior.pixel_from_film(camera.frame_corners_mm)
+        share = np.arange(EDGE_PARTS)[:, None] / EDGE_PARTS
+        edges = [
+            corners[i] + share * (corners[(i + 1) % 4] - corners[i]) for i in range(len(corners))
+        ]
+        ground = ground_from_pixel(
+            np.vstack(edges), DrawnPhoto(photo, camera, 0), dem, photo.ground_height_m
+        )
+        ground = ground - block.origin
+        outlines.append(np.stack([ground, np.roll(ground, -1, axis=0)], axis=1))
+    return np.concatenate(outlines) if outlines else np.zeros((0, 2, 3))
 
 
 def point_states(state: DeskState) -> dict[str, ShownState]:
@@ -171,21 +189,3 @@ def _frustum(block: Block, photo_id: str, stale: bool) -> FrustumPicture:
         oriented=photo.oriented,
         stale=stale,
     )
-
-
-def _footprints(block: Block, dem: HeightSource) -> Segments:
-    """Outline of every photo where it meets the ground, local frame."""
-    outlines: list[np.ndarray] = []
-    for name, photo in block.photos.items():
-        camera = block.camera_of(name)
-        corners = photo.interior.pixel_from_film(camera.frame_corners_mm)
-        share = np.arange(EDGE_PARTS)[:, None] / EDGE_PARTS
-        edges = [
-            corners[i] + share * (corners[(i + 1) % 4] - corners[i]) for i in range(len(corners))
-        ]
-        ground = ground_from_pixel(
-            np.vstack(edges), DrawnPhoto(photo, camera, 0), dem, photo.ground_height_m
-        )
-        ground = ground - block.origin
-        outlines.append(np.stack([ground, np.roll(ground, -1, axis=0)], axis=1))
-    return np.concatenate(outlines) if outlines else np.zeros((0, 2, 3))

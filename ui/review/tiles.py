@@ -132,21 +132,26 @@ def warped_tile(
 
 
 def raw_tile(
-    drawn: DrawnPhoto, read: ScanWindow, stretch: Stretch, place: tuple[int, int, int]
+    drawn: DrawnPhoto,
+    read: ScanWindow,
+    stretch: Stretch,
+    place: tuple[int, int, int],
+    margin: int = 0,
 ) -> Grey:
-    """A tile (level, column, row) of the scan as it is, dark outside."""
+    """A tile (level, column, row) of the scan as it is, with a margin, dark outside."""
     level, column, row = place
     reduction = 2**level
-    side = TILE * reduction
-    columns, rows = drawn.photo.size_px
-    tile = np.full((TILE, TILE), OUTSIDE, dtype=np.uint8)
-    left, top = column * side, row * side
-    width = min(side, columns - left) // reduction * reduction
-    height = min(side, rows - top) // reduction * reduction
-    if left < 0 or top < 0 or width <= 0 or height <= 0:
+    side = TILE + 2 * margin
+    tile = np.full((side, side), OUTSIDE, dtype=np.uint8)
+    first = np.array([column, row]) * TILE - margin
+    limits = np.array(drawn.photo.size_px) // reduction
+    low, high = np.clip(first, 0, limits), np.clip(first + side, 0, limits)
+    if np.any(high <= low):
         return tile
+    left, top, width, height = (int(v) * reduction for v in (*low, *(high - low)))
     values = stretch.applied(read(drawn.photo.scan, left, top, width, height, reduction))
-    tile[: values.shape[0], : values.shape[1]] = np.rint(values)
+    (x, y), (columns, rows) = low - first, high - low
+    tile[y : y + rows, x : x + columns] = np.rint(values)
     return tile
 
 

@@ -27,7 +27,7 @@ ENGLISH: dict[str, str] = {
     # queue
     "column.point": "Point",
     "column.photo": "Scan",
-    "column.residual": "Residual",
+    "column.residual": "Res. px",
     "column.score": "Score",
     "column.doubt": "Doubt",
     "sort.gain": "Expected gain",

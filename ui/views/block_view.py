@@ -87,6 +87,9 @@ class BlockView:
         """Look at the whole block from the south, or at what is current."""
         reach = self._stage.extent_m
         target = self._stage.middle if pointed is None else pointed.position
+        if pointed is None:
+            # Between ground and photos, so that both are in sight.
+            target = target + np.array([0.0, 0.0, 0.14 * reach])
         camera = self._client.camera
         narrower = np.tan(FIELD_OF_VIEW / 2) * min(camera.aspect, 1.0)
         distance = 0.56 * reach / narrower * (1.0 if pointed is None else 0.25)

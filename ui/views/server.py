@@ -54,6 +54,7 @@ class SceneServer:
         self._hand_up, self._opened = hand_up, opened
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
+        self._wanted: dict[str, Shown] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
         # Viser prints an address that nobody can open; ours is printed by the caller.
         with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
@@ -75,7 +76,8 @@ class SceneServer:
 
     def show(self, seat_id: str, shown: Shown) -> None:
         """Bring every scene of a seat up to date, in the scene thread."""
-        self._thread.submit(self._told, self._show, seat_id, shown)
+        self._wanted[seat_id] = shown
+        self._thread.submit(self._told, self._show, seat_id)
 
     def fit(self, seat_id: str, pointed: Pointed | None) -> None:
         """Move a seat's eye to the whole block, or to what is current."""
@@ -123,7 +125,10 @@ class SceneServer:
 
         self._opened(seat_id)
 
-    def _show(self, seat_id: str, shown: Shown) -> None:
+    def _show(self, seat_id: str) -> None:
+        shown = self._wanted.pop(seat_id, None)
+        if shown is None:
+            return  # A newer picture has been shown already.
         for client_id, (sitting, client) in list(self._clients.items()):
             if sitting != seat_id:
                 continue

@@ -19,10 +19,13 @@ class Channel:
     """All open pages, by seat; what each has been sent; lives on the front's event loop."""
 
     def __init__(
-        self, hand_in: Callable[[Gesture], None], seat_taken: Callable[[str], None]
+        self,
+        hand_in: Callable[[Gesture], None],
+        seat_taken: Callable[[str], None],
+        seat_left: Callable[[str], None],
     ) -> None:
         self._hand_in = hand_in
-        self._seat_taken = seat_taken
+        self._seat_taken, self._seat_left = seat_taken, seat_left
         self._pages: dict[web.WebSocketResponse, str] = {}
         self._sent: dict[web.WebSocketResponse, dict[str, str]] = {}
         self._wakes: dict[web.WebSocketResponse, asyncio.Event] = {}
@@ -65,6 +68,9 @@ class Channel:
             sender.cancel()
             for table in (self._pages, self._sent, self._notices, self._wakes):
                 table.pop(page, None)
+            if not self.taken(seat_id):
+                self._latest.pop(seat_id, None)
+                self._seat_left(seat_id)
         return page
 
     async def close(self) -> None:

@@ -16,6 +16,7 @@ from core.errors import PhotogrammetryError
 from core.geometry.grid import Grid
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource
 from ui.review.tiles import (
+    WALLIS_RADIUS,
     Colour,
     Grey,
     Lattice,
@@ -91,19 +92,25 @@ class TileStore:
 
     def ortho(self, place: tuple[int, int, int], wallis: bool) -> Colour:
         """A tile of the reference ortho."""
-        picture = ortho_tile(self.sources.ortho, self.sources.lattice.tile(*place))
-        return _evened(picture) if wallis else picture
+        grid = self.sources.lattice.tile(*place)
+        if not wallis:
+            return ortho_tile(self.sources.ortho, grid)
+        return _inner(_evened(ortho_tile(self.sources.ortho, _wider(grid))))
 
     def scan(self, photo: DrawnPhoto, grid: Grid, wallis: bool) -> Grey:
         """A part of a scan warped to a ground grid."""
-        stretch = self._stretch(photo)
-        picture = warped_tile(photo, self.sources.dem, self.sources.read, stretch, grid)
-        return local_contrast(picture) if wallis else picture
+        stretch, sources = self._stretch(photo), self.sources
+        if not wallis:
+            return warped_tile(photo, sources.dem, sources.read, stretch, grid)
+        wider = warped_tile(photo, sources.dem, sources.read, stretch, _wider(grid))
+        return _inner(local_contrast(wider))
 
     def raw(self, photo: DrawnPhoto, place: tuple[int, int, int], wallis: bool) -> Grey:
         """A tile of a scan as it is."""
-        picture = raw_tile(photo, self.sources.read, self._stretch(photo), place)
-        return local_contrast(picture) if wallis else picture
+        read, stretch = self.sources.read, self._stretch(photo)
+        if not wallis:
+            return raw_tile(photo, read, stretch, place)
+        return _inner(local_contrast(raw_tile(photo, read, stretch, place, WALLIS_RADIUS)))
 
     def photo(self, photo_id: str, version: int) -> DrawnPhoto:
         """The orientation a tile's address means."""
@@ -207,6 +214,22 @@ def _grid_about(request: web.Request) -> Grid:
         raise web.HTTPNotFound
     half = THUMBNAIL / 2 * pixel
     return Grid(east - half, north + half, pixel, THUMBNAIL, THUMBNAIL)
+
+
+def _wider(grid: Grid) -> Grid:
+    """A grid with the margin that local contrast looks at, so that tiles fit together."""
+    return grid.window(
+        -WALLIS_RADIUS,
+        -WALLIS_RADIUS,
+        grid.columns + 2 * WALLIS_RADIUS,
+        grid.rows + 2 * WALLIS_RADIUS,
+    )
+
+
+def _inner(picture: np.ndarray) -> np.ndarray:
+    """A picture without that margin."""
+    margin = WALLIS_RADIUS
+    return np.ascontiguousarray(picture[margin:-margin, margin:-margin])
 
 
 def _evened(picture: Colour) -> Colour:

@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
-from core.block.block import Block, TiePoints
+from core.block.block import TiePoints
 from core.errors import Cancelled
-from core.geometry.collinearity import film_from_object
 from core.geometry.exterior import ExteriorOrientation
 from tests.flights import FlightPlan, fly
 
-PLAN = FlightPlan()
+PLAN = FlightPlan(ties=700)
 PLAIN = AdjustmentOptions(robust=False)
 SEEDS = range(30)
 
@@ -49,11 +47,11 @@ def centres(report):
 
 
 def test_sigma_nought_is_one__truth(reports):
-    # Redundancy is near 430: sigma nought scatters by 0.034, 0.1 is three of these.
+    # Redundancy is near 900: sigma nought scatters by 0.024, 0.1 is four of these.
     sigmas = np.array([report.sigma_nought for report in reports])
     assert all(report.converged for report in reports)
     assert ((sigmas > 0.9) & (sigmas < 1.1)).all()
-    assert np.mean(sigmas) == pytest.approx(1.0, abs=3 * 0.034 / np.sqrt(len(sigmas)) + 0.005)
+    assert np.mean(sigmas) == pytest.approx(1.0, abs=3 * 0.024 / np.sqrt(len(sigmas)))
 
 
 def test_exterior_errors_are_as_large_as_their_sigmas__truth(flights, reports):
@@ -109,7 +107,7 @@ def test_check_points_are_near_their_truth__truth(flights, reports):
     # plus 1 px = 0.22 m of the check measurement itself.
     assert np.sqrt(np.mean(differences[:, :2] ** 2)) < 0.5
     assert len(reports[0].checks) > 5
-    assert set(check.point_id[:5] for check in reports[0].checks) == {"check"}
+    assert {check.point_id[:5] for check in reports[0].checks} == {"check"}
 
 
 def test_control_sigmas_cover_control__truth(flights, reports):
@@ -124,121 +122,6 @@ def test_control_sigmas_cover_control__truth(flights, reports):
 def test_redundancy_numbers_are_shares__law(reports):
     numbers = np.array(list(reports[0].redundancy_numbers.values()))
     assert ((numbers > 0) & (numbers < 1)).all()
-
-
-# ------------------------------------------------------------------ an independent program
-
-
-SMALL = FlightPlan(strips=1, photos_per_strip=3, ties=25, control=6, check=0)
-
-
-def test_scipy_finds_the_same_optimum__oracle():
-    flight = fly(SMALL, np.random.default_rng(2))
-    block = flight.block
-    report = adjust_block(block, replace(PLAIN, max_iterations=30))
-    problem = _Problem(block)
-    start = problem.parameters(report)
-    # From a place some sigmas away.
-    away = start + np.random.default_rng(1).normal(size=len(start)) * problem.scale * 20
-    found = least_squares(
-        problem.residuals, away, x_scale=problem.scale, ftol=1e-15, xtol=1e-15, gtol=1e-15
-    )
-    ours = float(np.sum(problem.residuals(start) ** 2))
-    assert ours <= 2 * found.cost * (1 + 1e-9)
-    # 1/1000 of a metre-sized sigma.
-    for index, photo in enumerate(block.photos):
-        theirs = found.x[6 * index : 6 * index + 3]
-        np.testing.assert_allclose(
-            report.block.photos[photo].exterior.centre, theirs, rtol=0, atol=2e-3
-        )
-
-
-class _Problem:
-    """The same least squares problem through `film_from_object` and omega, phi, kappa."""
-
-    def __init__(self, block: Block) -> None:
-        self.block, self.names = block, list(block.photos)
-        counts = np.bincount(block.ties.point, minlength=block.ties.count)
-        self.ties = np.flatnonzero(counts >= 2)
-        self.control = sorted({key[0] for key in block.measurements})
-        points = len(self.ties) + len(self.control)
-        photos = np.tile([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4], len(self.names))
-        camera = [0.05, 0.1, 0.1, 3e-8, 2e-12]
-        self.scale = np.concatenate([photos, camera, np.ones(3 * points)])
-
-    def parameters(self, report):
-        rows = []
-        for name in self.names:
-            exterior = report.block.photos[name].exterior
-            rows += [*exterior.centre, exterior.omega, exterior.phi, exterior.kappa]
-        camera = report.block.cameras["wide"]
-        rows += [camera.principal_distance_mm, *camera.principal_point_mm]
-        rows += camera.radial_distortion[:2]
-        rows += report.tie_positions[self.ties].ravel().tolist()
-        for name in self.control:
-            rows += report.surveyed_positions[name].tolist()
-        return np.array(rows)
-
-    def residuals(self, values):
-        block, photos = self.block, len(self.names)
-        known = block.cameras["wide"]
-        c, x0, y0, k1, k2 = (float(value) for value in values[6 * photos : 6 * photos + 5])
-        camera = replace(
-            known,
-            principal_distance_mm=c,
-            principal_point_mm=(x0, y0),
-            radial_distortion=(k1, k2, 0.0),
-        )
-        points = values[6 * photos + 5 :].reshape(-1, 3)
-        exteriors = {
-            name: ExteriorOrientation(row[:3], *(float(angle) for angle in row[3:]))
-            for name, row in zip(self.names, values[: 6 * photos].reshape(-1, 6), strict=True)
-        }
-        out = [self._priors(exteriors, camera, known)]
-        for name, exterior in exteriors.items():
-            photo = block.photos[name]
-            pixels, sigma, which = self._measured(name)
-            film = film_from_object(points[which], exterior, camera, photo.atmosphere)
-            off = film - photo.interior.film_from_pixel(pixels)
-            out.append((off / (sigma[:, None] * photo.interior.pixel_size_mm)).ravel())
-        first = len(self.ties)
-        for index, name in enumerate(self.control):
-            survey = block.surveyed[name]
-            out.append((points[first + index] - survey.position) / survey.sigma_m)
-        return np.concatenate(out)
-
-    def _priors(self, exteriors, camera, known):
-        corner = 90 * np.sqrt(2)
-        out = [
-            (camera.principal_distance_mm - known.principal_distance_mm) / 0.05,
-            *((np.array(camera.principal_point_mm) - known.principal_point_mm) / 0.1),
-            (camera.radial_distortion[0] - known.radial_distortion[0]) * corner**3 / 0.05,
-            (camera.radial_distortion[1] - known.radial_distortion[1]) * corner**5 / 0.05,
-        ]
-        for name, exterior in exteriors.items():
-            photo = self.block.photos[name]
-            first = photo.approximate
-            out += list((exterior.centre - first.centre) / photo.prior.sigma_centre_m)
-            for axis, angle in enumerate(("omega", "phi", "kappa")):
-                turn = getattr(exterior, angle) - getattr(first, angle)
-                turn = np.remainder(turn + np.pi, 2 * np.pi) - np.pi
-                out.append(turn / photo.prior.sigma_angles[axis])
-        return np.array(out)
-
-    def _measured(self, name):
-        ties, index = self.block.ties, self.names.index(name)
-        rows = np.flatnonzero((ties.photo == index) & np.isin(ties.point, self.ties))
-        control = [m for m in self.block.measurements.values() if m.photo_id == name]
-        pixels = np.concatenate(
-            [ties.pixels[rows], np.array([(m.column, m.row) for m in control]).reshape(-1, 2)]
-        )
-        sigma = np.append(ties.sigma_px[rows], [m.sigma_px for m in control])
-        first = len(self.ties)
-        which = np.append(
-            np.searchsorted(self.ties, ties.point[rows]),
-            [first + self.control.index(m.point_id) for m in control],
-        )
-        return pixels, sigma, which.astype(np.int64)
 
 
 # ------------------------------------------------------------------ gross errors and check points
@@ -279,13 +162,13 @@ def test_accepted_measurements_stay_in__law(flights):
 def test_misplaced_control_point_is_left_out_in_all_photos__law(flights):
     """All photos agree on a place that is 12 m from the point's coordinates."""
     block = flights[1].block
-    counts = {name: 0 for name in block.surveyed}
+    counts = dict.fromkeys(block.surveyed, 0)
     for name, _ in block.measurements:
         counts[name] += name.startswith("control")
     name = max(counts, key=lambda name: counts[name])
     assert counts[name] >= 3
     point = block.surveyed[name]
-    moved = replace(point, position=point.position + [12.0, 0.0, 0.0])
+    moved = replace(point, position=point.position + np.array([12.0, 0.0, 0.0]))
     report = adjust_block(replace(block, surveyed={**block.surveyed, name: moved}))
     keys = {key for key in block.measurements if key[0] == name}
     assert set(report.rejected) == keys
@@ -411,15 +294,33 @@ def test_control_alone_and_ties_alone__law(flights):
     assert all(check.used_scans == 1 and check.difference_m[2] == 0 for check in alone.checks)
 
 
-def test_hopeless_start_keeps_the_block__law(flights):
-    """Photos turned over see nothing: the block comes back as it was, and says so."""
+def test_too_few_steps_keep_the_last_sound_state__law(flights):
+    block = flights[10].block
+    report = adjust_block(block, replace(PLAIN, max_iterations=1))
+    assert not report.converged
+    assert report.iterations == 1
+    full = adjust_block(block, PLAIN)
+    assert full.converged
+    assert full.iterations <= PLAIN.max_iterations
+    # One step is better than none, and not the end.
+    start = np.array([photo.exterior.centre for photo in block.photos.values()])
+    left = np.abs(centres(report) - centres(full)).max()
+    assert 0 < left < np.abs(start - centres(full)).max()
+
+
+def test_photos_that_look_upwards_keep_their_orientation__law(flights):
     block = flights[10].block
     photos = {}
     for name, photo in block.photos.items():
         over = ExteriorOrientation(photo.exterior.centre, np.pi, 0.0, 0.0)
-        photos[name] = replace(photo, exterior=over)
-    report = adjust_block(block.with_photos(photos), replace(PLAIN, max_iterations=3))
-    assert not report.converged or np.isfinite(centres(report)).all()
+        prior = replace(photo.prior, sigma_angles=np.full(3, 1e-4))
+        photos[name] = replace(photo, exterior=over, approximate=over, prior=prior)
+    before = block.with_photos(photos)
+    report = adjust_block(before)
+    assert report.tie_positions.shape == (block.ties.count, 3)
+    assert np.isnan(report.tie_residuals_px).all()
+    for name, photo in before.photos.items():
+        np.testing.assert_allclose(report.block.photos[name].exterior.centre, photo.exterior.centre)
 
 
 def test_cancelling_stops_it__law(flights):
@@ -444,4 +345,7 @@ def test_bad_start_converges__truth():
         report = adjust_block(flight.block)
         assert report.converged
         assert 0.9 < report.sigma_nought < 1.1
-        assert len(report.rejected) <= 1
+        # The way there leaves nothing behind: the block adjusted again is the same.
+        again = adjust_block(report.block)
+        assert again.rejected.keys() == report.rejected.keys()
+        np.testing.assert_allclose(centres(again), centres(report), rtol=0, atol=1e-3)

@@ -1,13 +1,16 @@
 """Reduced normal equations against the full ones, written down row by row."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from core.block.adjusted import AdjustmentOptions
 from core.block.linearised import linearise
-from core.block.network import initial_state, network_of
+from core.block.network import network_of
 from core.block.reliability import precision_of
 from core.block.solver import normals_of, pattern_of, solve
+from core.block.start import initial_state
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(strips=2, photos_per_strip=3, ties=40, control=8, check=0)
@@ -101,8 +104,6 @@ def test_cofactors_are_those_of_the_full_inverse__law(estimate_cameras):
 
 def test_two_cameras_share_one_border__law():
     """Photos of two cameras: the corner holds both, and the gradient vanishes at the solution."""
-    from dataclasses import replace
-
     block = fly(PLAN, np.random.default_rng(5)).block
     second = replace(block.cameras["wide"], name="second")
     photos = {

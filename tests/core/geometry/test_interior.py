@@ -7,11 +7,15 @@ from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, fit_interior, nominal_interior
 
-FILM = np.array([[-106.0, 106], [106, 106], [106, -106], [-106, -106], [0, 110], [110, 0], [0, -110], [-110, 0]])
+FILM = np.array(
+    [[-106.0, 106], [106, 106], [106, -106], [-106, -106], [0, 110], [110, 0], [0, -110], [-110, 0]]
+)
 NAMES = [str(i) for i in range(1, 9)]
 
 
-def scanned(film: np.ndarray, pixel_mm: float = 0.015, turn_deg: float = 1.0, shear: float = 0.0) -> np.ndarray:
+def scanned(
+    film: np.ndarray, pixel_mm: float = 0.015, turn_deg: float = 1.0, shear: float = 0.0
+) -> np.ndarray:
     turn = np.radians(turn_deg)
     x, y = film.T
     x = x * 1.0004 + shear * y

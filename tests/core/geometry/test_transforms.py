@@ -32,7 +32,9 @@ def test_similarity_comes_back__truth(angle: float, scale: float, mirrored: bool
     matrix = similar(angle, scale, mirrored)
     fit = fit_similarity(FIELD, apply_affine(matrix, FIELD), mirrored)
     assert isinstance(fit, PlaneTransform)
-    np.testing.assert_allclose(apply_affine(fit.matrix, FIELD), apply_affine(matrix, FIELD), atol=1e-6)
+    np.testing.assert_allclose(
+        apply_affine(fit.matrix, FIELD), apply_affine(matrix, FIELD), atol=1e-6
+    )
     found, size = rotation_and_scale(fit.matrix, mirrored)
     assert size == pytest.approx(scale, rel=1e-6)
     assert np.cos(found - angle) == pytest.approx(1.0)

@@ -1,5 +1,6 @@
 """Little scans with marks whose places are known, drawn independently of the code under test."""
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +17,7 @@ class Film:
     """How the little film is exposed and scanned."""
 
     kind: str = "cross"
-    pixel_mm: float = 0.03
+    pixel_mm: float = 0.04
     turn_deg: float = 0.7
     quarter: int = 0
     shrinkage: tuple[float, float] = (0.9995, 0.9997)
@@ -45,7 +46,9 @@ def inside(kind: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.abs(r - 0.5) < 0.08
     if kind == "saltire":
         u, v = (x + y) / np.sqrt(2), (x - y) / np.sqrt(2)
-        return ((np.abs(u) < 0.075) | (np.abs(v) < 0.075)) & (np.maximum(np.abs(u), np.abs(v)) < 1.2)
+        return ((np.abs(u) < 0.075) | (np.abs(v) < 0.075)) & (
+            np.maximum(np.abs(u), np.abs(v)) < 1.2
+        )
     raise AssertionError(kind)
 
 
@@ -64,12 +67,11 @@ def make_film(path: Path, film: Film, seed: int = 0) -> dict[str, tuple[float, f
     size = round((2 * film.half_mm + 5.0) / film.pixel_mm)
     matrix = film_from_pixel(film, size)
     rng = np.random.default_rng(seed)
-    axis = np.arange(size) + 0.5
+    axis = np.arange(size, dtype=np.float32) + 0.5
     column, row = np.meshgrid(axis, axis)
     x = matrix[0, 0] * column + matrix[0, 1] * row + matrix[0, 2]
     y = matrix[1, 0] * column + matrix[1, 1] * row + matrix[1, 2]
-    scene = cv2.GaussianBlur(rng.normal(0, 1, (size, size)).astype(np.float32), (0, 0), 12)
-    scene += 0.3 * cv2.GaussianBlur(rng.normal(0, 1, (size, size)).astype(np.float32), (0, 0), 2)
+    scene = 6 * _texture(rng, size, 16) + 0.3 * _texture(rng, size, 3)
     gray = 120 + 40 * scene / scene.std()
     gray = np.where(np.maximum(np.abs(x), np.abs(y)) < film.half_mm, gray, film.margin)
     truth: dict[str, tuple[float, float]] = {}
@@ -79,9 +81,16 @@ def make_film(path: Path, film: Film, seed: int = 0) -> dict[str, tuple[float, f
         if name not in film.missing:
             _expose_mark(gray, film, matrix, np.array(place), at)
     gray = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 0.6)
-    gray += rng.normal(0, film.noise, gray.shape)
+    gray += film.noise * rng.standard_normal(gray.shape, dtype=np.float32)
     write_gray(path, np.clip(gray, 0, 255).astype(np.uint8))
     return truth
+
+
+def _texture(rng: np.random.Generator, size: int, coarse: int) -> np.ndarray:
+    """Smooth noise of one coarseness, pixels."""
+    count = size // coarse + 2
+    noise = rng.normal(0, 1, (count, count)).astype(np.float32)
+    return cv2.resize(noise, (size, size), interpolation=cv2.INTER_CUBIC)
 
 
 def _expose_mark(
@@ -106,8 +115,6 @@ def _expose_mark(
 def write_gray(path: Path, values: np.ndarray, **profile: object) -> None:
     """An 8 or 16 bit scan without georeference."""
     bands = values[None] if values.ndim == 2 else values
-    import warnings
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         with rasterio.open(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,14 +11,16 @@ from core.geometry.camera import Camera
 from core.scan.film_area import detect_film_area
 from core.scan.fiducials import measure_fiducials
 from core.scan.orientation import ScanOrientation, orient_scan
-from core.scan.raster import open_scan
-from tests.core.scan.film_maker import FIDUCIALS, Film, make_film
+from core.scan.raster import open_scan, read_overview
+from tests.core.scan.film_maker import FIDUCIALS, Film, make_film, write_gray
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
 GOAL_PX = 0.1
 
 
-def oriented(folder: Path, film: Film, camera: Camera = CAMERA, seed: int = 1) -> tuple[ScanOrientation, dict]:
+def oriented(
+    folder: Path, film: Film, camera: Camera = CAMERA, seed: int = 1
+) -> tuple[ScanOrientation, dict]:
     path = folder / "film.tif"
     truth = make_film(path, film, seed)
     return orient_scan(path, camera, film.pixel_mm * 1000), truth
@@ -81,11 +84,6 @@ def test_without_certificate_the_frame_is_used__truth(tmp_path: Path) -> None:
 
 
 def test_scratch_across_a_mark_moves_it_little__truth(tmp_path: Path) -> None:
-    import cv2
-
-    from core.scan.raster import read_overview
-    from tests.core.scan.film_maker import write_gray
-
     path = tmp_path / "film.tif"
     film = Film()
     truth = make_film(path, film, 5)
@@ -94,7 +92,7 @@ def test_scratch_across_a_mark_moves_it_little__truth(tmp_path: Path) -> None:
     start, end = (int(column) + 12, int(row) - 60), (int(column) + 20, int(row) + 60)
     cv2.line(gray, start, end, 255.0, 2)
     write_gray(path, gray.astype(np.uint8))
-    result = orient_scan(path, CAMERA, 30.0)
+    result = orient_scan(path, CAMERA, 40.0)
     worst = errors(result, truth).max()
     assert worst < 0.3
 
@@ -105,7 +103,7 @@ def test_measured_sigmas_are_honest__truth(tmp_path: Path) -> None:
         path = tmp_path / f"{seed}.tif"
         truth = make_film(path, Film(noise=25.0, turn_deg=seed - 1.5), seed)
         scan = open_scan(path)
-        marks, _ = measure_fiducials(scan, CAMERA, 0.03, detect_film_area(scan, CAMERA, 0.03))
+        marks, _ = measure_fiducials(scan, CAMERA, 0.04, detect_film_area(scan, CAMERA, 0.04))
         assert len(marks) == 4
         for mark in marks:
             off += [mark.column - truth[mark.name][0], mark.row - truth[mark.name][1]]
