@@ -12,7 +12,6 @@ from core.block.block import Block, TiePoints
 from core.block.chains import PairKey, common_rays, pair_parallax
 from core.block.matches import pixel_angle, rays_of
 from core.block.refinement import (
-    Patches,
     RefinementOptions,
     local_affinities,
     patch_centres,
@@ -95,7 +94,8 @@ def measure_ties(
     that lens and film errors that no stage has modelled yet are in the figure too. It is shared
     equally between the two rays of the match.
     """
-    fine = _match_to_fixed(block, ties, pairs, reductions, options.refinement, progress)
+    refinement = options.refinement.at_reduction(max(reductions.values(), default=1))
+    fine = _match_to_fixed(block, ties, pairs, reductions, refinement, progress)
     measured = replace(ties, pixels=fine.pixels)
     orientations = {
         pair: _adjusted(block, measured, pair, known.orientation, fine)
@@ -185,10 +185,11 @@ def _work(
     return sorted(found, key=lambda entry: entry[:2])
 
 
-def _cut(block: Block, ties: TiePoints, number: int, options: RefinementOptions) -> Patches:
-    """The patches about all rays of one photo, in the order of the rays."""
+def _cut(block: Block, ties: TiePoints, number: int, options: RefinementOptions) -> np.ndarray:
+    """The patches about all rays of one photo, in the order of the rays, as small as the scan's."""
     scan = open_scan(Path(block.photos[ties.photo_ids[number]].scan))
-    return read_patches(scan, ties.pixels[ties.photo == number], options.searched_radius_px)
+    patches = read_patches(scan, ties.pixels[ties.photo == number], options.searched_radius_px)
+    return np.rint(patches).astype(scan.dtype)
 
 
 def _match_group(
@@ -209,11 +210,12 @@ def _match_group(
     moved = fine.pixels[ours] - ties.pixels[ours]
     middle = patch_centres(ties.pixels[theirs])
     offset = ties.pixels[theirs] - middle + (linear @ moved[:, :, None])[:, :, 0]
-    fixed_patches = cut[photos[0]][_place(ties, photos[0], ours)]
+    fixed = cut[photos[0]][_place(ties, photos[0], ours)].astype(np.float32)
+    searched = cut[photos[1]][_place(ties, photos[1], theirs)].astype(np.float32)
     margin = options.searched_radius_px - options.radius_px
     found = refine_rays(
-        fixed_patches[:, margin:-margin, margin:-margin],
-        cut[photos[1]][_place(ties, photos[1], theirs)],
+        fixed[:, margin:-margin, margin:-margin],
+        searched,
         np.concatenate([linear, offset[:, :, None]], axis=2),
         options.max_shift * max(reductions[here], reductions[there]),
         options,
