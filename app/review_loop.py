@@ -127,6 +127,7 @@ class ReviewLoop:
         self._reorient()
         self._replay()
         if self._state.decided:
+            self._state = replace(self._state, adjusting=True)
             self._adjust()
         self._thread.start()
 
@@ -239,6 +240,7 @@ class ReviewLoop:
     def _decided(self) -> None:
         """Something new is on disk: lay it over the block, show it, and adjust."""
         self._replay()
+        self._state = replace(self._state, adjusting=True)
         self._show_all()
         self._adjust()
 
@@ -254,9 +256,7 @@ class ReviewLoop:
         if self._worker is None:
             return
         self._job += 1
-        self._state = replace(self._state, adjusting=True)
         self._worker.submit(self._job, self._state.block)
-        self._show_status()
 
     def _take_adjustment(self, event: Adjusted) -> None:
         if event.number != self._job:
