@@ -189,11 +189,9 @@ class Table:
 
     def file(self, key: str) -> Path | None:
         """One file, None when the key is left out."""
-        return self.required_file(key) if self.has(key) else None
-
-    def required_file(self, key: str) -> Path:
-        """One file."""
-        found = self.files(key, required=True)
+        if not self.has(key):
+            return None
+        found = self.files(key)
         if len(found) != 1:
             names = ", ".join(path.name for path in found[:4])
             raise self.error(key, f"must be one file but matches {len(found)}: {names}.", _ONE_FILE)
@@ -247,7 +245,7 @@ class Table:
         return float(value)
 
 
-_ONE_FILE = "Name one; tiles are joined into one by `gdalbuildvrt all.vrt tiles/*.tif`."
+_ONE_FILE = "Name the one that is meant."
 _IN_QUOTES = "Write each path in double quotes."
 
 

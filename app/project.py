@@ -1,5 +1,6 @@
 """`block.toml` as a frozen `Project`: what the block consists of, with every default filled in."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -9,10 +10,10 @@ from typing import Literal, cast, get_args
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from app.block_crs import objection_to_crs, objection_to_heights
 from app.block_toml import FILE, METRES, MICROMETRES, MILLIMETRES, Document, Table
-from core.errors import ProjectError
+from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
+from core.geometry.crs import parse_crs, read_crs
 
 Georeference = Literal["world-file", "points", "footprints", "none"]
 """What the approximate exterior orientation begins from."""
@@ -52,7 +53,7 @@ class ScansSection:
     """The scans by name, those excluded left out."""
     footprints: Path | None = None
     """Vector file with a polygon for each scan."""
-    footprint_name: str = "scan"
+    footprint_name: str = "LMS_TIF_UP"
     """Attribute of the footprints that holds the scan's file name."""
     exterior: Path | None = None
     """List of known exterior orientations; goes before `georeference` where it names a scan."""
@@ -66,8 +67,8 @@ class ReferenceSection:
 
     ortho: tuple[Path, ...]
     """Sheets of today's orthophoto."""
-    dem: Path
-    """Terrain heights."""
+    dem: tuple[Path, ...]
+    """Files of terrain heights."""
     roads: tuple[Path, ...] = ()
     """Road layers; without any, salient points of the ortho serve as control."""
     ortho_sigma_m: float = 0.25
@@ -139,6 +140,7 @@ def read_project(path: Path) -> Project:
 
     Raises:
         ProjectError: Something in it cannot be used; says in which line and what to do.
+        CrsError: The same, for the CRS.
     """
     document = Document((path / FILE if path.is_dir() else path).resolve())
     document.root(SECTIONS)  # a misspelt table is told like a misspelt key
@@ -156,22 +158,23 @@ def read_project(path: Path) -> Project:
 
 def _block(document: Document) -> BlockSection:
     table = document.table("block", keys=("name", "crs", "heights"), required=True)
-    section = BlockSection(table.text("name"), table.text("crs"), table.text("heights", ""))
-    for key, objection in (
-        ("crs", objection_to_crs(section.crs)),
-        ("heights", objection_to_heights(section.heights)),
-    ):
-        if objection is not None:
-            raise table.error(key, *objection)
-    return section
+    crs, heights = table.text("crs"), table.text("heights", "")
+    parse_crs(crs, document.place("block", "crs"))
+    if heights.upper().startswith("EPSG:"):
+        place = document.place("block", "heights")
+        if not read_crs(heights, place).is_vertical:
+            remedy = 'Name one, such as "EPSG:8357", or write words: "Bpv".'
+            raise CrsError(place, f"{heights} is no height system.", remedy)
+    return BlockSection(table.text("name"), crs, heights)
 
 
 def _cameras(document: Document) -> dict[str, Camera]:
-    names = document.values.get("camera", {})
-    if not isinstance(names, dict) or not names:
+    found = document.values.get("camera", {})
+    names = cast("dict[str, object]", found) if isinstance(found, dict) else {}
+    if not names or not all(isinstance(table, dict) for table in names.values()):
         remedy = "Add a table [camera.NAME] with principal_distance_mm and frame_mm."
         raise ProjectError(document.path, "describes no camera.", remedy)
-    return {name: _camera(document, name) for name in cast("dict[str, object]", names)}
+    return {name: _camera(document, name) for name in names}
 
 
 def _camera(document: Document, name: str) -> Camera:
@@ -183,6 +186,7 @@ def _camera(document: Document, name: str) -> Camera:
         "fiducials_mm",
     )
     table = document.table("camera", name, keys=keys)
+    principal_distance_mm = table.number("principal_distance_mm", MILLIMETRES)
     width, height = table.measures("frame_mm", 2, MILLIMETRES)
     east, north = table.numbers("principal_point_mm", 2, (0.0, 0.0))
     if abs(east) > width / 2 or abs(north) > height / 2:
@@ -190,7 +194,7 @@ def _camera(document: Document, name: str) -> Camera:
         raise table.error("principal_point_mm", "lies outside the picture.", remedy)
     return Camera(
         name,
-        table.number("principal_distance_mm", MILLIMETRES),
+        principal_distance_mm,
         (width, height),
         (east, north),
         _radial_distortion(table),
@@ -227,7 +231,7 @@ def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
 def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
     keys = (*SCANS_KEYS, "georeference", "override")
     table = document.table("scans", keys=keys, required=True)
-    footprints, named = table.file("footprints"), table.text("footprint_name", "scan")
+    footprints, named = table.file("footprints"), table.text("footprint_name", "LMS_TIF_UP")
     if footprints is not None:
         _check_attribute(table, "footprints", footprints, "footprint_name", named)
     georeference = table.choice("georeference", get_args(Georeference), "world-file")
@@ -270,7 +274,8 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
     pattern, folder = override.text("file"), override.document.path.parent
     meant = [scan for scan in listed.values() if _is_meant(scan.path, pattern, folder)]
     if not meant:
-        remedy = f"Correct it; the first scan is {next(iter(listed.values())).path.name}."
+        names = ", ".join(scan.path.name for scan in list(listed.values())[:3])
+        remedy = f"Correct it; the scans are {names}, ..." if names else "All are excluded already."
         raise override.error("file", f'"{pattern}" matches none of the scans.', remedy)
     for scan in meant:
         if override.flag("exclude", False):
@@ -286,8 +291,8 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
 
 def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
     """True when a glob names a scan by its name or by its path from `block.toml`."""
-    full = path.resolve().as_posix()
-    return fnmatch(path.name, pattern) or fnmatch(full, (folder / pattern).as_posix())
+    relative = Path(os.path.relpath(path, folder)).as_posix()
+    return fnmatch(path.name, pattern) or fnmatch(relative, pattern)
 
 
 def _reference(document: Document) -> ReferenceSection:
@@ -295,7 +300,7 @@ def _reference(document: Document) -> ReferenceSection:
     table = document.table("reference", keys=keys, required=True)
     return ReferenceSection(
         table.files("ortho", rasters=True, required=True),
-        table.required_file("dem"),
+        table.files("dem", rasters=True, required=True),
         table.files("roads"),
         table.number("ortho_sigma_m", METRES, 0.25),
         table.number("dem_sigma_m", METRES, 0.5),

@@ -85,8 +85,15 @@ class JsonLines:
         now = time.monotonic()
         if now - self.last >= 1.0:
             self.last = now
-            self.write({"event": "progress", "stage": self.current, "done": done,
-                        "total": total, "what": what})
+            self.write(
+                {
+                    "event": "progress",
+                    "stage": self.current,
+                    "done": done,
+                    "total": total,
+                    "what": what,
+                }
+            )
 
     def ended(self, name: str, title: str, seconds: float, said: str) -> None:
         """End a stage."""

@@ -1,6 +1,6 @@
 """The stages in their order: the table of contents of the engine.
 
-Each stage takes what the block was described as and what earlier stages made, and returns a
+Each stage takes the block as its owner describes it and what earlier stages made, and returns a
 value. Nothing here knows of folders, sessions or screens; `app.run` walks this list.
 """
 
@@ -8,36 +8,39 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from core.block.approximation import Approximation
 from core.block.assembly import Assembly, AssemblyOptions, Site, assemble_block
-from core.block.block import Block, Photo, Source, TiePoints
-from core.block.georeference import Georeference, georeference_photo
-from core.block.orientation import (
-    OrientationOptions,
-    OrientedPhoto,
-    ReferencePoints,
-    orient_photo,
-)
+from core.block.block import Block, Photo, SurveyedPoint, TiePoints
+from core.block.features import usable_from_mask
+from core.block.georeference import Georeference, georeference_photo, open_archive
+from core.block.orientation import OrientationOptions, OrientedPhoto, orient_photo
+from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
-from core.block.reference_points import gather_reference_points
+from core.block.reference_points import ReferenceFeatures, gather_reference_points
 from core.block.tie_points import TieOptions, match_ties
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera
+from core.geometry.crs import Bounds, read_crs
 from core.progress import Progress
+from core.reference.coverage import check_coverage
 from core.reference.dem import open_dem
-from core.reference.junctions import Junction, find_junctions, planar_graph
+from core.reference.junctions import JunctionOptions, find_junctions
 from core.reference.ortho import open_ortho
+from core.reference.planar import planar_graph
 from core.reference.reference import Reference
 from core.reference.roads import read_roads
+from core.reference.vectors import read_mask_polygons
 from core.scan.orientation import ScanOrientation, orient_scan
-from core.scan.raster import open_scan
 
 Mapper = Callable[..., Iterable[Any]]
 """Runs a function over items, such as `map` or the `map` of a pool of threads."""
+Made = Mapping[str, Any]
+"""What earlier stages made, by name of the stage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,19 +60,37 @@ class BlockInput:
     """A block as its owner describes it."""
 
     name: str
+    """What it is called."""
     crs: str
+    """Its CRS."""
     cameras: Mapping[str, Camera]
+    """Cameras by name."""
     scans: tuple[ScanInput, ...]
+    """All scans."""
     georeference: Georeference
+    """Where the photos are placed by at first."""
     ortho: tuple[Path, ...]
+    """Sheets of the reference ortho."""
     dem: tuple[Path, ...]
+    """Files of the reference heights."""
     roads: tuple[Path, ...] = ()
+    """Road layers."""
     mask: Path | None = None
+    """Polygons in which nothing may be matched."""
+    bridges: Path | None = None
+    """Polygons of bridges."""
+    surveyed: tuple[SurveyedPoint, ...] = ()
+    """Points the user already has."""
     ortho_sigma_m: float = 0.25
+    """Accuracy of the ortho per axis, metres."""
     dem_sigma_m: float = 0.5
+    """Accuracy of a height, metres."""
     orientation: OrientationOptions = field(default_factory=OrientationOptions)
+    """How single photos are oriented."""
     assembly: AssemblyOptions = field(default_factory=AssemblyOptions)
+    """How the block is brought together."""
     ties: TieOptions = field(default_factory=TieOptions)
+    """How tie points are found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +105,30 @@ class ScanSet:
     """What is doubtful about them."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Georeferenced:
+    """Photos with approximate orientations."""
+
+    block: Block
+    """The photos; nothing is measured yet."""
+    approximations: Mapping[str, Approximation]
+    """By photo, with every hypothesis."""
+    set_aside: Mapping[str, str]
+    """Reason by photo, for those nothing is known of."""
+    doubts: tuple[Doubt, ...]
+    """What is doubtful about the sources and the reference's coverage."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tied:
+    """The tie points of the block."""
+
+    ties: TiePoints
+    """All rays."""
+    doubts: tuple[Doubt, ...]
+    """Photos and pairs that tie badly."""
+
+
 @dataclass(frozen=True, slots=True)
 class Work:
     """How a stage is to run."""
@@ -94,23 +139,42 @@ class Work:
     """Runs independent pieces side by side."""
 
 
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One entry of the table of contents."""
+
+    name: str
+    """Word used on the command line and in the names of products."""
+    title: str
+    """What the operator reads while it runs."""
+    needs: tuple[str, ...]
+    """Stages whose values it takes."""
+    inputs: Callable[[BlockInput], tuple[Any, ...]]
+    """The parts of the description that its value depends on."""
+    run: Callable[[BlockInput, Made, Work], Any]
+    """The work."""
+    version: int = 1
+    """Counted up when the same inputs give another value than before."""
+
+
 def random_for(*names: str) -> np.random.Generator:
     """A generator that depends on names alone, so that the same run gives the same result."""
     digest = sha256("/".join(names).encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:8], "big"))
 
 
-def open_reference(given: BlockInput) -> Reference:
-    """The reference of a block, its files opened."""
+def open_reference(given: BlockInput, bounds: Bounds | None = None) -> Reference:
+    """The reference of a block, its files opened; heights within bounds held in memory."""
+    dem = open_dem(given.dem, given.crs)
     return Reference(
         open_ortho(given.ortho, given.crs),
-        open_dem(given.dem, given.crs),
+        dem if bounds is None else dem.cropped(bounds),
         given.ortho_sigma_m,
         given.dem_sigma_m,
     )
 
 
-def orient_scans(given: BlockInput, made: Mapping[str, Any], work: Work) -> ScanSet:
+def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
     """Read every scan, find picture area and fiducials, fit its interior orientation.
 
     A scan that cannot be used is set aside with its reason; the rest goes on.
@@ -127,9 +191,8 @@ def orient_scans(given: BlockInput, made: Mapping[str, Any], work: Work) -> Scan
 
     oriented: dict[str, ScanOrientation] = {}
     failed: dict[str, PhotogrammetryError] = {}
-    for done, (scan, result) in enumerate(
-        zip(given.scans, work.mapper(one, given.scans), strict=True)
-    ):
+    results = zip(given.scans, work.mapper(one, given.scans), strict=True)
+    for done, (scan, result) in enumerate(results):
         work.progress.report(done + 1, len(given.scans), scan.path.name)
         if isinstance(result, PhotogrammetryError):
             failed[scan.path.stem] = result
@@ -141,3 +204,243 @@ def orient_scans(given: BlockInput, made: Mapping[str, Any], work: Work) -> Scan
     doubts += [Doubt("scan-set-aside", name, str(error), 0.8) for name, error in failed.items()]
     reasons = {name: str(error) for name, error in failed.items()}
     return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts))
+
+
+def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferenced:
+    """Give every photo its approximate exterior orientation.
+
+    Raises:
+        OrientationError: Nothing is known of any photo.
+        PhotogrammetryError: The reference misses the block, or the CRS does not fit.
+    """
+    scans: ScanSet = made["scans"]
+    reference = open_reference(given)
+    archive = open_archive(given.georeference, given.crs, scans.oriented)
+    cameras = {scan.path.stem: scan.camera for scan in given.scans}
+    found: dict[str, Approximation] = {}
+    set_aside: dict[str, str] = {}
+    photos: dict[str, Photo] = {}
+    for done, (name, scan) in enumerate(scans.oriented.items()):
+        work.progress.report(done, len(scans.oriented), name)
+        result = georeference_photo(scan, given.cameras[cameras[name]], archive, reference.dem)
+        if isinstance(result, Failure):
+            set_aside[name] = result.reason
+        else:
+            found[name] = result
+            photos[name] = approximate_photo(scan, cameras[name], result, reference)
+    if not photos:
+        raise OrientationError(
+            "block.toml",
+            next(iter(set_aside.values())),
+            "Give world files, footprints, QGIS .points or an EO list under [scans].",
+        )
+    block = Block(given.crs, given.cameras, dict(sorted(photos.items())))
+    coverage = check_coverage(reference.dem, reference.ortho, block_bounds(block))
+    doubts = [doubt for result in found.values() for doubt in result.doubts]
+    doubts += [Doubt("scan-set-aside", name, why, 0.8) for name, why in set_aside.items()]
+    doubts += [*coverage, *reference.ortho.notes, *reference.dem.notes]
+    return Georeferenced(block, found, set_aside, tuple(doubts))
+
+
+def approximate_photo(
+    scan: ScanOrientation, camera: str, found: Approximation, reference: Reference
+) -> Photo:
+    """A photo at its approximate orientation, with the mean height of the ground under it."""
+    centre = found.exterior.centre
+    reach = 1500.0
+    under = (centre[0] - reach, centre[1] - reach, centre[0] + reach, centre[1] + reach)
+    height = reference.dem.mean_height(tuple(float(side) for side in under))  # type: ignore[arg-type]
+    if np.isnan(height):
+        height = reference.dem.mean_height()
+    return Photo(
+        scan.photo_id,
+        str(scan.scan.path),
+        scan.size_px,
+        camera,
+        scan.interior,
+        found.exterior,
+        found.exterior,
+        found.prior,
+        float(height),
+    )
+
+
+def block_bounds(block: Block) -> Bounds:
+    """West, south, east, north of all footprints, metres."""
+    areas = [
+        footprint(photo, block.cameras[photo.camera]).bounds for photo in block.photos.values()
+    ]
+    low, high = np.min(areas, axis=0), np.max(areas, axis=0)
+    return float(low[0]), float(low[1]), float(high[2]), float(high[3])
+
+
+def search_bounds(block: Block) -> Bounds:
+    """The block's bounds with room for what its approximate orientations may be off."""
+    west, south, east, north = block_bounds(block)
+    room = max(
+        3 * float(np.max(photo.prior.sigma_centre_m[:2]))
+        + float(photo.approximate.centre[2] - photo.ground_height_m)
+        * float(np.tan(min(3 * np.max(photo.prior.sigma_angles[:2]), 0.3)))
+        for photo in block.photos.values()
+    )
+    return west - room, south - room, east + room, north + room
+
+
+def find_reference_points(given: BlockInput, made: Made, work: Work) -> ReferenceFeatures:
+    """Junctions of the roads, and salient points of the ortho where those are few."""
+    placed: Georeferenced = made["georeference"]
+    block, bounds = placed.block, search_bounds(placed.block)
+    reference = open_reference(given, bounds)
+    crs = read_crs(given.crs, "block.toml")
+    mask = read_mask_polygons(given.mask, crs, bounds) if given.mask else None
+    bridges = read_mask_polygons(given.bridges, crs, bounds) if given.bridges else None
+    options = JunctionOptions(ortho_sigma_m=given.ortho_sigma_m, dem_sigma_m=given.dem_sigma_m)
+    graph = planar_graph(read_roads(given.roads, given.crs, bounds))
+    junctions = find_junctions(graph, reference.dem, options, bounds, mask, bridges)
+    sizes = [
+        (opened.width_m, opened.ground_pixel_m)
+        for photo in block.photos.values()
+        for opened in [OpenPhoto(photo, block.cameras[photo.camera], scan_of(made, photo))]
+    ]
+    width, pixel = np.median(np.array(sizes), axis=0)
+    return gather_reference_points(
+        reference, junctions, bounds, float(width), float(pixel), mask, work.progress
+    )
+
+
+def scan_of(made: Made, photo: Photo) -> Any:
+    """The scan of a photo, as the first stage opened it."""
+    return made["scans"].oriented[photo.photo_id].scan
+
+
+def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
+    """Tie points between all photos that may overlap."""
+    placed: Georeferenced = made["georeference"]
+    scans: ScanSet = made["scans"]
+    usable = {
+        name: usable_from_mask(scans.oriented[name].usable(), scans.oriented[name].size_px)
+        for name in placed.block.photos
+    }
+    rng = random_for(given.name, "ties")
+    ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable)
+    return Tied(ties, doubts)
+
+
+def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, OrientedPhoto | Failure]:
+    """Orient every photo on the reference by itself, each of its hypotheses tried."""
+    placed: Georeferenced = made["georeference"]
+    features: ReferenceFeatures = made["reference"]
+    block = placed.block
+    reference = open_reference(given, search_bounds(block))
+
+    def one(photo: Photo) -> OrientedPhoto | Failure:
+        camera = block.cameras[photo.camera]
+        best: OrientedPhoto | Failure = Failure("it was not tried")
+        for number, start in enumerate(placed.approximations[photo.photo_id].hypotheses):
+            opened = OpenPhoto(photo, camera, scan_of(made, photo)).at(start)
+            rng = random_for(given.name, photo.photo_id, str(number))
+            found = orient_photo(opened, reference, features.points, given.orientation, rng)
+            best = likelier(best, found)
+        return best
+
+    photos = list(block.photos.values())
+    oriented: dict[str, OrientedPhoto | Failure] = {}
+    for photo, found in zip(photos, work.mapper(one, photos), strict=True):
+        oriented[photo.photo_id] = found
+        work.progress.report(len(oriented), len(photos), photo.photo_id)
+    return oriented
+
+
+def likelier(
+    one: OrientedPhoto | Failure, other: OrientedPhoto | Failure
+) -> OrientedPhoto | Failure:
+    """The one of two results that is less likely chance; the later of two failures."""
+    if isinstance(one, Failure):
+        return other
+    if isinstance(other, Failure):
+        return one
+    return min(one, other, key=lambda found: found.log10_nfa)
+
+
+def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
+    """Bring the block together and propose control until it agrees with itself."""
+    placed: Georeferenced = made["georeference"]
+    features: ReferenceFeatures = made["reference"]
+    tied: Tied = made["ties"]
+    block = Block(
+        given.crs,
+        given.cameras,
+        placed.block.photos,
+        {point.point_id: point for point in given.surveyed},
+        {},
+        tied.ties,
+    )
+    site = Site(
+        open_reference(given, search_bounds(placed.block)),
+        {name: scan_of(made, photo) for name, photo in block.photos.items()},
+        features.points,
+        features.sources,
+    )
+    return assemble_block(
+        block,
+        site,
+        made["orientation"],
+        given.assembly,
+        random_for(given.name, "assembly"),
+        work.mapper,
+        work.progress,
+    )
+
+
+STAGES: tuple[Stage, ...] = (
+    Stage(
+        "scans",
+        "Interior orientation of the scans",
+        (),
+        lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
+        orient_scans,
+    ),
+    Stage(
+        "georeference",
+        "Approximate exterior orientation",
+        ("scans",),
+        lambda given: (given.crs, given.georeference, given.ortho, given.dem),
+        georeference_photos,
+    ),
+    Stage(
+        "reference",
+        "Junctions and salient points",
+        ("georeference",),
+        lambda given: (
+            given.roads,
+            given.mask,
+            given.bridges,
+            given.ortho_sigma_m,
+            given.dem_sigma_m,
+        ),
+        find_reference_points,
+    ),
+    Stage(
+        "ties",
+        "Tie points between the scans",
+        ("georeference",),
+        lambda given: (given.ties,),
+        tie_photos,
+    ),
+    Stage(
+        "orientation",
+        "Single photos on the reference",
+        ("reference",),
+        lambda given: (given.orientation,),
+        orient_photos,
+    ),
+    Stage(
+        "control",
+        "Control points and the block",
+        ("orientation", "ties"),
+        lambda given: (given.assembly, given.surveyed),
+        find_control,
+    ),
+)
+"""What is computed before any decision; the adjustment with decisions, the orthos and the mosaic
+follow in `app.run`, because they depend on the session."""

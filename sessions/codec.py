@@ -18,6 +18,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, CheckResult, ExteriorSigmas
+from core.block.approximation import Approximation
+from core.block.assembly import Assembly
 from core.block.block import (
     Block,
     ExteriorPrior,
@@ -27,12 +29,24 @@ from core.block.block import (
     SurveyedPoint,
     TiePoints,
 )
+from core.block.matching import Found
+from core.block.orientation import OrientedPhoto, ReferencePoints
+from core.block.reference_points import ReferenceFeatures
 from core.doubts import Doubt, Failure
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
+from core.ground.mosaic import MosaicProduct
+from core.ground.ortho import OrthoProduct
+from core.ground.radiometry import Balance
+from core.ground.seams import Seam
+from core.pipeline import Georeferenced, ScanSet, Tied
+from core.scan.fiducials import FiducialMeasurement
+from core.scan.film_area import FilmArea
+from core.scan.orientation import ScanOrientation
+from core.scan.raster import ScanFile
 from sessions.decisions import DECISIONS, Recorded
 
 FORMAT = 1
@@ -42,6 +56,8 @@ REGISTERED: tuple[type, ...] = (
     *DECISIONS,
     AdjustmentOptions,
     AdjustmentReport,
+    Approximation,
+    Assembly,
     Atmosphere,
     Block,
     Camera,
@@ -51,13 +67,28 @@ REGISTERED: tuple[type, ...] = (
     ExteriorPrior,
     ExteriorSigmas,
     Failure,
+    FiducialMeasurement,
+    FilmArea,
+    Found,
+    Georeferenced,
     Grid,
     InteriorOrientation,
     Measurement,
+    MosaicProduct,
+    OrientedPhoto,
+    OrthoProduct,
     Peak,
     Photo,
     Recorded,
+    ReferenceFeatures,
+    ReferencePoints,
+    ScanFile,
+    ScanOrientation,
+    ScanSet,
+    Balance,
+    Seam,
     SurveyedPoint,
+    Tied,
     TiePoints,
 )
 """Every dataclass that may be stored; a new one is added here and nowhere else."""

@@ -155,16 +155,10 @@ def last_to_undo(decisions: Sequence[Recorded], operator: str) -> Recorded | Non
 def last_to_redo(decisions: Sequence[Recorded], operator: str) -> Recorded | None:
     """The operator's last undo that stands; None once something new was decided after it."""
     plain = {item.decision_id for item in decisions if not isinstance(item.decision, Withdraw)}
-    own_last = max(
-        (
-            item.decision_id
-            for item in decisions
-            if item.who == operator and item.decision_id in plain
-        ),
-        default=0,
-    )
+    own = [item.decision_id for item in decisions if item.who == operator]
+    last_decided = max(plain.intersection(own), default=0)
     for item in reversed(standing(decisions)):
         undoes = isinstance(item.decision, Withdraw) and item.decision.decision_id in plain
-        if item.who == operator and undoes and item.decision_id > own_last:
+        if item.who == operator and undoes and item.decision_id > last_decided:
             return item
     return None

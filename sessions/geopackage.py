@@ -7,11 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 import shapely
-from pyproj import CRS
 from pyproj.exceptions import CRSError
 from shapely.geometry.base import BaseGeometry
 
-from core.errors import CrsError
+from core.geometry.crs import read_crs
 from sessions.store import Transaction
 
 CUSTOM_SRS_ID = 100_000
@@ -97,10 +96,7 @@ def register_crs(transaction: Transaction, crs: str) -> int:
     Returns:
         Its `srs_id`.
     """
-    try:
-        known = CRS(crs)
-    except CRSError as error:
-        raise CrsError(crs, f"is no coordinate reference system ({error}).", _CRS_REMEDY) from error
+    known = read_crs(crs, "block.toml [block] crs")
     epsg = known.to_epsg(min_confidence=100)
     organization, code = ("NONE", CUSTOM_SRS_ID) if epsg is None else ("EPSG", epsg)
     try:
@@ -112,9 +108,6 @@ def register_crs(transaction: Transaction, crs: str) -> int:
         (known.name, code, organization, code, definition),
     )
     return code
-
-
-_CRS_REMEDY = "Write the block's CRS into block.toml, such as EPSG:5514."
 
 
 def _drop(transaction: Transaction, name: str) -> None:

@@ -106,7 +106,7 @@ class Products:
     def _prune(self, kept: Path) -> None:
         """Remove the products beside a new one; what is still being read stays until closed."""
         for path in kept.parent.iterdir():
-            if path == kept or not _DIGEST_NAME.match(path.name):
+            if path.stem == kept.stem or not _DIGEST_NAME.match(path.name):
                 continue
             # A product that cannot be removed only takes up room.
             with suppress(OSError):
@@ -155,8 +155,8 @@ def _sizes(folder: Path) -> dict[str, int]:
 
 def _stamps(path: Path) -> Any:
     """What stands for a path in a digest."""
-    beside = (path.with_suffix(suffix) for suffix in COMPANIONS) if path.suffix else ()
-    stamps = [_stamp(file) for file in (path, *beside)]
+    beside = [path.with_suffix(suffix) for suffix in COMPANIONS] if path.suffix else []
+    stamps = [_stamp(file) for file in (path, path.with_name(f"{path.name}.points"), *beside)]
     return {"@path": str(path), "@stamps": [stamp for stamp in stamps if stamp is not None]}
 
 

@@ -34,9 +34,13 @@ class Transaction:
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
 
-    def execute(self, sql: str, values: Sequence[Any] = ()) -> None:
-        """Run one statement."""
-        self._connection.execute(sql, values)
+    def execute(self, sql: str, values: Sequence[Any] = ()) -> int:
+        """Run one statement.
+
+        Returns:
+            Number of the row that an insertion made.
+        """
+        return self._connection.execute(sql, values).lastrowid or 0
 
     def execute_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
         """Run one statement for each row."""
@@ -85,12 +89,10 @@ class Store:
             Its number.
         """
         with self.writing() as transaction:
-            found = transaction.query(
-                "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)"
-                " RETURNING decision_id",
+            return transaction.execute(
+                "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)",
                 (recorded, who, kind, decision),
             )
-        return int(found[0][0])
 
     def rows(self, after: int = 0) -> list[Row]:
         """The decisions recorded after a given one, in order."""

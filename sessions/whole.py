@@ -35,10 +35,14 @@ def whole_file(path: Path) -> Generator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
     with _temporary(path) as temporary:
         yield temporary
+        assert temporary.exists(), f"nothing was written to {temporary}"
         with told(path):
-            for part in sorted(_parts(temporary), key=lambda part: part == temporary):
+            name = temporary.name.removesuffix(path.suffix)
+            for part in sorted(
+                _parts(temporary.with_name(name)), key=lambda part: part == temporary
+            ):
                 _sync(part)
-                os.replace(part, path.with_name(path.stem + part.name[len(temporary.stem) :]))
+                os.replace(part, path.with_name(path.stem + part.name.removeprefix(name)))
             _sync(path.parent)
 
 
@@ -80,7 +84,8 @@ def clean_leftovers(folder: Path) -> tuple[Path, ...]:
 def _temporary(path: Path) -> Generator[Path]:
     """A free name beside `path`; whatever bears it afterwards is removed."""
     token = uuid.uuid4().hex[:12]
-    temporary = path.with_name(f".{path.stem}.part-{this_process()}-{token}{path.suffix}")
+    name = path.with_name(f".{path.stem}.part-{this_process()}-{token}")
+    temporary = name.with_name(name.name + path.suffix)
     _in_work.add(token)
     try:
         yield temporary
@@ -89,17 +94,15 @@ def _temporary(path: Path) -> Generator[Path]:
             raise storage_error(path, error) from error
         raise
     finally:
-        for part in _parts(temporary):
+        for part in _parts(name):
             with suppress(OSError):
                 _remove(part)
         _in_work.discard(token)
 
 
-def _parts(temporary: Path) -> list[Path]:
-    """The temporary and what was written beside it under its name."""
-    return [
-        part for part in temporary.parent.glob(".*.part-*") if part.name.startswith(temporary.stem)
-    ]
+def _parts(name: Path) -> list[Path]:
+    """Everything whose name begins like this one: a temporary and its companions."""
+    return [part for part in name.parent.glob(".*.part-*") if part.name.startswith(name.name)]
 
 
 def _is_left_over(path: Path) -> bool:

@@ -92,11 +92,8 @@ def _photos(plan, rng):
     for strip in range(plan.strips):
         for row in range(plan.photos_per_strip):
             name = f"{strip:02d}_{row:03d}"
-            centre = ORIGIN + [
-                row * side_m * (1 - plan.forward),
-                strip * side_m * (1 - plan.side),
-                plan.flying_height_m + 300.0,
-            ]
+            along, across = row * side_m * (1 - plan.forward), strip * side_m * (1 - plan.side)
+            centre = ORIGIN + np.array([along, across, plan.flying_height_m + 300.0])
             centre = centre + rng.normal(size=3) * [20, 20, 10]
             kappa = np.pi * (strip % 2)
             true = ExteriorOrientation(centre, *(rng.normal(size=3) * 0.02 + [0.0, 0.0, kappa]))

@@ -24,7 +24,7 @@ class AdjustmentOptions:
     """Prior of each radial term's displacement at the corner of the frame, micrometres."""
     robust: bool = True
     """Reweight large residuals (Huber, then data snooping of tie points and automatic control)."""
-    max_iterations: int = 20
+    max_iterations: int = 50
     """Gauss-Newton steps at most."""
 
 

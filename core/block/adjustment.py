@@ -1,6 +1,5 @@
 """Bundle adjustment of a block: all rays, known coordinates and priors in one least squares fit."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -18,7 +17,7 @@ from core.block.accuracy import (
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ExteriorSigmas
 from core.block.block import Block
 from core.block.minimum import Fit, begin, minimise
-from core.block.network import Network, initial_state, network_of
+from core.block.network import Network, network_of
 from core.block.reliability import (
     Chosen,
     Precision,
@@ -29,9 +28,11 @@ from core.block.reliability import (
     standardised_residuals,
 )
 from core.block.solver import Pattern, normals_of, pattern_of
+from core.block.start import at_state, initial_state, on_the_ground
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.geometry.partials import angles_by_increments
+from core.geometry.robust import robust_sigma
 from core.progress import Progress, Silent
 
 DEFAULT = AdjustmentOptions()
@@ -42,6 +43,12 @@ ROUNDS = 8
 """Rounds of leaving out gross errors at most."""
 FINAL_STEPS = 2
 """A round begins only while at least this many steps are left for it."""
+ROUGH = 500.0
+"""Residuals at the start (in sigmas, their median) from which orientations count as rough."""
+APPROACH_STEPS = 8
+"""Steps at most with points held on the ground."""
+GROUND_SOFTNESS = 0.05
+"""How firmly they are held there, as a share of the flying height."""
 TINY_DAMPING = 1e-10
 """Makes a datum defect invertible for the standard deviations."""
 
@@ -80,15 +87,32 @@ def _threads() -> ThreadpoolController:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Judged:
+    """A fit, how sure it is, and how its residuals stand to that."""
+
+    fit: Fit
+    precision: Precision
+    standardised: RayPairs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
     """An adjusted network."""
 
     network: Network
-    fit: Fit
-    precision: Precision
-    standardised: RayPairs
-    rejected: Mapping[int, float]
-    """Standardised residual of each ray of a control point that was left out."""
+    judged: _Judged
+    candidates: Chosen
+    """Rays that took part at first."""
+
+    @property
+    def fit(self) -> Fit:
+        """The last state."""
+        return self.judged.fit
+
+    @property
+    def precision(self) -> Precision:
+        """Its cofactors."""
+        return self.judged.precision
 
     @property
     def redundancy(self) -> float:
@@ -117,38 +141,49 @@ class _Solution:
 
 def _adjust(network: Network, options: AdjustmentOptions, progress: Progress) -> _Solution:
     """Robust first, then plain least squares without the gross errors."""
-    pattern = pattern_of(network)
-    start = begin(network, *initial_state(network))
-    fit, left = start, options.max_iterations
+    pattern, left = pattern_of(network), options.max_iterations
+    start = _start(network, pattern, left, progress)
+    fit = start
     if options.robust:
-        fit = minimise(network, pattern, fit, True, max(left - 3 * FINAL_STEPS, 1), progress)
-        fit = _without_gross(network, pattern, fit, start.taking_part)
+        steps = max(left - 3 * FINAL_STEPS - fit.steps, 1)
+        fit = minimise(network, pattern, fit, True, steps, progress)
+        judged = _judge(network, pattern, fit)
+        fit = _with_rays(network, fit, _kept(network, judged, start.taking_part))
     fit = minimise(network, pattern, fit, False, left - fit.steps, progress)
+    judged = _judge(network, pattern, fit)
     if options.robust:
-        fit = _snoop(network, pattern, fit, start.taking_part, options, progress)
-    precision = _precision(network, pattern, fit)
-    standardised = standardised_residuals(fit.lin, precision, fit.weights)
-    lost = np.flatnonzero(start.taking_part & ~fit.taking_part & (network.rays.measurement >= 0))
-    rejected = {int(ray): float(standardised[:, ray].max()) for ray in lost}
-    return _Solution(network, fit, precision, standardised, rejected)
+        judged = _snoop(network, pattern, judged, start.taking_part, options, progress)
+    return _Solution(network, judged, start.taking_part)
 
 
-def _precision(network: Network, pattern: Pattern, fit: Fit) -> Precision:
-    """Cofactors at the fit's state."""
+def _start(network: Network, pattern: Pattern, steps: int, progress: Progress) -> Fit:
+    """The present orientations; where they are rough, improved with points held on the ground."""
+    start = begin(network, *initial_state(network))
+    if robust_sigma(start.lin.residuals[:, start.taking_part].ravel()) < ROUGH:
+        return start
+    soft, state = on_the_ground(network, GROUND_SOFTNESS)
+    laid = begin(soft, state, np.ones(len(network.rays.photo), dtype=np.bool_))
+    better = minimise(soft, pattern, laid, True, min(APPROACH_STEPS, steps // 2), progress)
+    again = begin(network, *at_state(network, better.state))
+    return replace(again, steps=better.steps)
+
+
+def _judge(network: Network, pattern: Pattern, fit: Fit) -> _Judged:
+    """Cofactors and standardised residuals at the fit's state."""
     try:
         normals = normals_of(network, pattern, fit.lin, fit.weights, 0.0)
     except np.linalg.LinAlgError:
         normals = normals_of(network, pattern, fit.lin, fit.weights, TINY_DAMPING)
-    return precision_of(network, pattern, fit.lin, normals)
+    precision = precision_of(network, pattern, fit.lin, normals)
+    return _Judged(fit, precision, standardised_residuals(fit.lin, precision, fit.weights))
 
 
-def _without_gross(network: Network, pattern: Pattern, fit: Fit, candidates: Chosen) -> Fit:
-    """Leave out what the others contradict, take back what they no longer do."""
-    precision = _precision(network, pattern, fit)
-    standardised = standardised_residuals(fit.lin, precision, fit.weights)
-    gross = gross_errors(network, fit.lin, precision, standardised, fit.taking_part)
+def _kept(network: Network, judged: _Judged, candidates: Chosen) -> Chosen:
+    """Rays without those the others contradict, with those they no longer do."""
+    fit, standardised = judged.fit, judged.standardised
+    gross = gross_errors(network, fit.lin, judged.precision, standardised, fit.taking_part)
     back = cleared_rays(network, standardised, fit.taking_part, candidates)
-    return _with_rays(network, fit, (fit.taking_part & ~gross) | back)
+    return (fit.taking_part & ~gross) | back
 
 
 def _with_rays(network: Network, fit: Fit, taking_part: Chosen) -> Fit:
@@ -162,20 +197,22 @@ def _with_rays(network: Network, fit: Fit, taking_part: Chosen) -> Fit:
 def _snoop(
     network: Network,
     pattern: Pattern,
-    fit: Fit,
+    judged: _Judged,
     candidates: Chosen,
     options: AdjustmentOptions,
     progress: Progress,
-) -> Fit:
+) -> _Judged:
     """Data snooping: leave out the worst, adjust, look again; a ray comes back once at most."""
     for _ in range(ROUNDS):
-        changed = _without_gross(network, pattern, fit, candidates)
+        fit = judged.fit
+        changed = _with_rays(network, fit, _kept(network, judged, candidates))
         left = options.max_iterations - fit.steps
         if np.array_equal(changed.taking_part, fit.taking_part) or left < FINAL_STEPS:
-            return fit
+            return judged
         candidates = candidates & ~(changed.taking_part & ~fit.taking_part)
         fit = minimise(network, pattern, changed, False, left, progress)
-    return fit
+        judged = _judge(network, pattern, fit)
+    return judged
 
 
 def _report(block: Block, solution: _Solution) -> AdjustmentReport:
@@ -262,13 +299,15 @@ def _rejected(
     solution: _Solution, rays_px: Float64[np.ndarray, "rays 2"]
 ) -> dict[tuple[str, str], str]:
     """Control measurements that were left out, with the reason in words."""
-    network = solution.network
+    network, fit = solution.network, solution.fit
+    lost = solution.candidates & ~fit.taking_part & (network.rays.measurement >= 0)
+    times = solution.judged.standardised.max(axis=0)
     return {
         network.measurements[network.rays.measurement[ray]].key: (
             f"Gross error: {np.hypot(*rays_px[ray]):.1f} px off, "
-            f"{times:.1f} times its standard deviation."
+            f"{times[ray]:.1f} times its standard deviation."
         )
-        for ray, times in solution.rejected.items()
+        for ray in np.flatnonzero(lost)
     }
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -10,26 +10,18 @@ from core.arrays import locked
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import adjust_block
 from core.block.block import Block, Measurement, Photo, Source
-from core.block.control import ControlOptions, measurements_of, with_proposals
+from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
+from core.block.datum import DatumOptions, lay_on_reference
 from core.block.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
 from core.block.patches import OpenPhoto, object_on_ground
 from core.block.placement import prior_covariance
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError
-from core.geometry.resection import (
-    Candidates,
-    PhotoModel,
-    Resection,
-    ResectionOptions,
-    resect_photo,
-)
+from core.geometry.consensus import Candidates, ConsensusOptions
+from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.progress import Progress, Silent
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
-
-A = TypeVar("A")
-B = TypeVar("B")
-Mapper = Callable[[Callable[[A], B], Iterable[A]], Iterable[B]]
 
 MIN_TIES = 8
 GROSS = 3.5
@@ -40,10 +32,15 @@ GROSS = 3.5
 class AssemblyOptions:
     """Rounds of searching and adjusting."""
 
-    rounds: int = 2
-    """How often control is searched again from the adjusted block."""
+    rounds: int = 3
+    """How often control is searched from the adjusted block."""
+    first_control_m: float = 6.0
+    """Standard deviation of the single photos' own control while the ties bring them together:
+    it may be wrong together, and must not bend the block."""
     orientation: OrientationOptions = field(default_factory=OrientationOptions)
     """Sizes of the templates."""
+    datum: DatumOptions = field(default_factory=DatumOptions)
+    """How the whole block is laid on the reference."""
     control: ControlOptions = field(default_factory=ControlOptions)
     """Limits of proposals."""
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
@@ -80,7 +77,7 @@ def assemble_block(
     oriented: Mapping[str, OrientedPhoto | Failure],
     options: AssemblyOptions,
     rng: np.random.Generator,
-    mapper: Callable[..., Iterable[tuple[Measurement, ...]]] = map,
+    mapper: Callable[..., Iterable[Any]] = map,
     progress: Progress | None = None,
 ) -> Assembly:
     """Bring the photos together and propose control anew until the block agrees with itself.
@@ -99,9 +96,26 @@ def assemble_block(
     """
     watch = progress or Silent()
     standing, doubts = stood_up(block, site, oriented, rng)
+    watch.report(0, options.rounds + 2, "ties")
+    standing = held_together(standing, site, oriented, options)
+    watch.report(1, options.rounds + 2, "datum")
+    laid = lay_on_reference(
+        standing,
+        site.scans,
+        site.reference,
+        site.points,
+        options.orientation,
+        options.datum,
+        rng,
+        mapper,
+    )
+    if isinstance(laid, Failure):
+        doubts = (*doubts, Doubt("datum", "block", laid.reason, 0.9, laid.evidence))
+    else:
+        standing = laid
     report = None
-    for turn in range(options.rounds + 1):
-        watch.report(turn, options.rounds + 1, "control")
+    for turn in range(options.rounds):
+        watch.report(turn + 2, options.rounds + 2, "control")
         proposed = proposals(standing, site, options, mapper)
         standing = with_proposals(standing, site.points, site.sources, proposed)
         report = adjusted_without_gross(standing, options.adjustment)
@@ -144,6 +158,44 @@ def stood_up(
     return block.with_photos(photos), tuple(doubts)
 
 
+def held_together(
+    block: Block,
+    site: Site,
+    oriented: Mapping[str, OrientedPhoto | Failure],
+    options: AssemblyOptions,
+) -> Block:
+    """Adjust by the ties, with what the single photos agreed on as very weak control.
+
+    Without ties, or where the adjustment does not converge, the photos stay as they are.
+    """
+    if block.ties.count < MIN_TIES:
+        return block
+    weak = replace(site.points, sigma_m=np.full_like(site.points.sigma_m, options.first_control_m))
+    surveyed = surveyed_of(weak, site.sources)
+    measured = [
+        agreed_measurement(photo_id, site.points, found, int(point))
+        for photo_id, found in oriented.items()
+        if isinstance(found, OrientedPhoto) and block.photos[photo_id].oriented
+        for point in found.agreeing
+    ]
+    first = replace(
+        block,
+        surveyed={name: surveyed[name] for name in {value.point_id for value in measured}},
+        measurements={value.key: value for value in measured},
+    )
+    report = adjust_block(first, replace(options.adjustment, robust=False))
+    return block.with_photos(report.block.photos) if report.converged else block
+
+
+def agreed_measurement(
+    photo_id: str, points: ReferencePoints, found: OrientedPhoto, point: int
+) -> Measurement:
+    """The best candidate of a point on which a single photo agreed."""
+    match = next(match for match in found.found if match.point == point)
+    peak = match.peaks[0]
+    return Measurement(points.ids[point], photo_id, peak.column, peak.row, 2 * peak.sigma_px)
+
+
 def carried_by_ties(
     block: Block, photo_id: str, site: Site, rng: np.random.Generator
 ) -> Photo | Failure:
@@ -176,7 +228,7 @@ def carried_by_ties(
         prior_covariance(photo),
         points[seen],
         candidates,
-        ResectionOptions(gate=4.0),
+        ConsensusOptions(gate=4.0),
         rng,
     )
     if isinstance(result, Resection):
@@ -202,7 +254,7 @@ def proposals(
     block: Block,
     site: Site,
     options: AssemblyOptions,
-    mapper: Callable[..., Iterable[tuple[Measurement, ...]]],
+    mapper: Callable[..., Iterable[Any]],
 ) -> tuple[Measurement, ...]:
     """Search the reference points in every oriented photo."""
 

@@ -24,7 +24,7 @@ class _Places:
     photo: Indices
     pixels: PixelPoints
     sigma_px: Scalars
-    of_feature: Mapping[str, Indices]
+    of_feature: Mapping[str, np.ndarray]
     """Place of each feature of a photo."""
 
 

@@ -18,6 +18,8 @@ from core.block.patches import OpenPhoto
 from core.progress import Progress
 from core.reference.reference import Reference
 
+CLEAR = 4.0
+"""Robust standard deviations above other places at which a peak is as likely right as wrong."""
 MATCH_FLOOR_PX = 0.35
 """No match is better than this, in pixels of the pass."""
 
@@ -28,9 +30,9 @@ class ControlOptions:
 
     search_m: float = 5.0
     """Half-width of the search about the block's prediction, metres."""
-    gate: float = 3.0
+    gate: float = 2.2
     """The best peak must lie within this many standard deviations of the prediction."""
-    min_score: float = 0.35
+    min_score: float = 0.2
     """Likeness below this is no evidence."""
 
 
@@ -111,7 +113,7 @@ def judged(
 
 def likeness(peak: Peak) -> float:
     """0 to 1: how far a peak stands above other places, halved where only grey values agree."""
-    clear = 1.0 - float(np.exp(-((peak.score / 8.0) ** 2)))
+    clear = 1.0 / (1.0 + float(np.exp(CLEAR - peak.score)))
     return clear * (0.5 if peak.operator == "ncc" else 1.0)
 
 

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float32, UInt8
 
-from core.arrays import Flags, Mask, PixelPoints, Scalars, locked
+from core.arrays import Flags, Indices, Mask, PixelPoints, Scalars, locked
 from core.block.block import Photo
 from core.frames import pixel_from_opencv
 from core.geometry.camera import Camera
@@ -101,17 +101,25 @@ def detect_features(
     may = usable_from_mask(usable, scan.size_px) if isinstance(usable, np.ndarray) else usable
     reduction = max(1, int(np.ceil(max(scan.size_px) / options.longest_side_px)))
     even = evened(read_reduced(scan, reduction), reduction, may, options)
+    reduced = _Reduced(even, scan.size_px, reduction, may, _quota(scan.size_px, may, options))
     tiles = list(_tiles(even.shape[0], even.shape[1], options))
     with ThreadPoolExecutor(options.threads) as pool:
-        found = list(pool.map(partial(_detect_in_tile, even, options), tiles))
-    parts = [part for part in found if len(part[0])]
-    if not parts:
-        return _features(scan.size_px, reduction, np.zeros((0, 4)), _no_descriptors())
-    keypoints = np.vstack([part[0] for part in parts])
-    descriptors = np.vstack([part[1] for part in parts])
-    everything = _features(scan.size_px, reduction, keypoints, descriptors)
-    kept = everything if may is None else everything.chosen(may(everything.pixels))
-    return kept.chosen(_spread(kept, options))
+        found = list(pool.map(partial(_detect_in_tile, reduced, options), tiles))
+    parts = [_no_features(scan.size_px, reduction), *found]
+    together = Features(
+        scan.size_px,
+        reduction,
+        np.vstack([part.pixels for part in parts]),
+        np.concatenate([part.radii_px for part in parts]),
+        np.concatenate([part.strengths for part in parts]),
+        np.vstack([part.descriptors for part in parts]),
+    )
+    # Tiles cut through cells: only here is it known which features are a cell's strongest.
+    return together.chosen(
+        strongest_per_cell(
+            reduced.cells_of(together.pixels, options), together.strengths, reduced.quota
+        )
+    )
 
 
 def usable_from_mask(mask: Mask, size_px: tuple[int, int]) -> Usable:
@@ -177,10 +185,11 @@ def evened(
     gain = 40.0 / np.maximum(deviation, max(floor, 1e-3))
     grain = options.grain_px * (2.0 if reduction == 1 else 1.0)
     smooth = cv2.GaussianBlur(gray, (0, 0), grain) if grain > 0 else gray
-    full = {"dsize": (columns, rows), "interpolation": cv2.INTER_LINEAR}
-    smooth = (smooth - cv2.resize(mean, **full)) * cv2.resize(gain, **full)
-    smooth *= cv2.resize(weight, **full)
-    return np.clip(np.rint(smooth + 128.0), 0, 255).astype(np.uint8)
+    smooth -= cv2.resize(mean, (columns, rows))
+    smooth *= cv2.resize(gain * weight, (columns, rows))
+    smooth += 128.0
+    # Rounds, and clips to 0 to 255.
+    return np.asarray(cv2.convertScaleAbs(np.maximum(smooth, 0.0)), dtype=np.uint8)
 
 
 def _weight(
@@ -203,27 +212,77 @@ def _tiles(rows: int, columns: int, options: FeatureOptions) -> Iterator[tuple[i
             yield column, row, width, min(options.tile_px, rows - row)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reduced:
+    """A reduced scan, ready for detection."""
+
+    even: UInt8[np.ndarray, "rows columns"]
+    size_px: tuple[int, int]
+    reduction: int
+    usable: Usable | None
+    quota: int
+    """Features that one cell may keep."""
+
+    def cells_of(self, pixels: PixelPoints, options: FeatureOptions) -> Indices:
+        """Number of the cell of scan pixels."""
+        cell = np.floor(pixels * options.cells / np.array(self.size_px)).astype(np.int64)
+        return cell[:, 1] * options.cells + cell[:, 0]
+
+
+def _quota(size_px: tuple[int, int], usable: Usable | None, options: FeatureOptions) -> int:
+    """Features per cell such that all cells that may be used together hold the wanted number."""
+    fine = 4 * options.cells
+    line = (np.arange(fine) + 0.5) / fine
+    grid = np.stack(np.meshgrid(line * size_px[0], line * size_px[1]), axis=-1).reshape(-1, 2)
+    if usable is None:
+        return int(np.ceil(options.max_features / options.cells**2))
+    open_cells = usable(grid).reshape(options.cells, 4, options.cells, 4).any(axis=(1, 3))
+    return int(np.ceil(options.max_features / max(int(open_cells.sum()), 1)))
+
+
+def strongest_per_cell(cells: Indices, strengths: Scalars, quota: int) -> np.ndarray:
+    """Indices, ascending, of at most `quota` of the strongest in each cell."""
+    order = np.lexsort((-strengths, cells))
+    first = np.searchsorted(cells[order], cells[order], side="left")
+    return np.sort(order[np.arange(len(order)) - first < quota])
+
+
 def _detect_in_tile(
-    even: UInt8[np.ndarray, "rows columns"],
-    options: FeatureOptions,
-    tile: tuple[int, int, int, int],
-) -> tuple[Float64[np.ndarray, "n 4"], Descriptors]:
-    """Column, row (reduced, corner origin), radius and strength of a tile's own features."""
+    reduced: _Reduced, options: FeatureOptions, tile: tuple[int, int, int, int]
+) -> Features:
+    """The strongest features in a tile's own part; only they are described."""
     column, row, width, height = tile
     left, top = max(0, column - options.margin_px), max(0, row - options.margin_px)
     right, bottom = column + width + options.margin_px, row + height + options.margin_px
+    gray = reduced.even[top:bottom, left:right]
     # Without the precise upscale every place is a quarter of a pixel too far right and down.
-    sift = cv2.SIFT_create(
+    sift = cast(Any, cv2).SIFT_create(
         contrastThreshold=options.contrast_threshold, enable_precise_upscale=True
     )
-    found, descriptors = sift.detectAndCompute(even[top:bottom, left:right], None)
-    if not found:
-        return np.zeros((0, 4)), _no_descriptors()
-    raw = np.array([(*key.pt, key.size / 2, key.response) for key in found], dtype=np.float64)
-    raw[:, :2] = pixel_from_opencv(raw[:, :2]) + [left, top]
-    own = (raw[:, 0] >= column) & (raw[:, 0] < column + width)
-    own &= (raw[:, 1] >= row) & (raw[:, 1] < row + height)
-    return raw[own], _root(np.asarray(descriptors, dtype=np.float32)[own])
+    found = sift.detect(gray, None)
+    raw = np.array([(*key.pt, key.response) for key in found], dtype=np.float64).reshape(-1, 3)
+    place = pixel_from_opencv(raw[:, :2]) + np.array([left, top])
+    own = (place[:, 0] >= column) & (place[:, 0] < column + width)
+    own &= (place[:, 1] >= row) & (place[:, 1] < row + height)
+    pixels = place * reduced.reduction
+    if reduced.usable is not None:
+        own &= reduced.usable(pixels)
+    kept = np.flatnonzero(own)
+    cells = reduced.cells_of(pixels[kept], options)
+    kept = kept[strongest_per_cell(cells, raw[kept, 2], reduced.quota)]
+    if len(kept) == 0:
+        return _no_features(reduced.size_px, reduced.reduction)
+    keys, descriptors = sift.compute(gray, [found[index] for index in kept.tolist()])
+    # Keys that cannot be described are left out, hence places once more from what came back.
+    raw = np.array([(*key.pt, key.response, key.size / 2) for key in keys], dtype=np.float64)
+    return Features(
+        reduced.size_px,
+        reduced.reduction,
+        (pixel_from_opencv(raw[:, :2]) + np.array([left, top])) * reduced.reduction,
+        raw[:, 3] * reduced.reduction,
+        raw[:, 2],
+        _root(np.asarray(descriptors, dtype=np.float32)),
+    )
 
 
 def _root(descriptors: Float32[np.ndarray, "n 128"]) -> Descriptors:
@@ -233,35 +292,8 @@ def _root(descriptors: Float32[np.ndarray, "n 128"]) -> Descriptors:
     return np.clip(np.rint(root), 0, 255).astype(np.uint8)
 
 
-def _spread(features: Features, options: FeatureOptions) -> np.ndarray:
-    """Indices of the strongest features of every cell, in a fixed order."""
-    if len(features.pixels) <= options.max_features:
-        return np.arange(len(features.pixels))
-    cell = np.floor(features.pixels * options.cells / np.array(features.size_px)).astype(np.int64)
-    number = cell[:, 1] * options.cells + cell[:, 0]
-    quota = int(np.ceil(options.max_features / len(np.unique(number))))
-    order = np.lexsort((-features.strengths, number))
-    first = np.searchsorted(number[order], number[order], side="left")
-    return np.sort(order[np.arange(len(order)) - first < quota])
-
-
-def _features(
-    size_px: tuple[int, int],
-    reduction: int,
-    keypoints: Float64[np.ndarray, "n 4"],
-    descriptors: Descriptors,
-) -> Features:
-    """Keypoints of the reduced scan as features of the scan."""
-    return Features(
-        size_px,
-        reduction,
-        keypoints[:, :2] * reduction,
-        keypoints[:, 2] * reduction,
-        keypoints[:, 3],
-        descriptors,
-    )
-
-
-def _no_descriptors() -> Descriptors:
+def _no_features(size_px: tuple[int, int], reduction: int) -> Features:
     """None at all."""
-    return np.zeros((0, DESCRIPTOR_LENGTH), dtype=np.uint8)
+    none = np.zeros(0)
+    descriptors = np.zeros((0, DESCRIPTOR_LENGTH), dtype=np.uint8)
+    return Features(size_px, reduction, np.zeros((0, 2)), none, none, descriptors)

@@ -1,356 +1,221 @@
-"""Where a photo roughly is: approximate exterior orientation from what the archive knows.
+"""Where each photo roughly is: the archive's sources opened once, and asked photo by photo."""
 
-World files, points clicked in QGIS, footprints and EO lists each give one, with a prior that says
-honestly how far it may be trusted, and further hypotheses where the rotation is not known.
-"""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pyproj import Transformer
+import shapely
 
-from core.arrays import Affine2, Position
-from core.block.block import ExteriorPrior
-from core.doubts import Doubt
-from core.errors import ProjectError, ScanError
-from core.formats.coordinates import check_coordinates, check_within_reach, crs_from_text
-from core.formats.eo_list import EoRecord
-from core.formats.footprints import Footprint
-from core.formats.qgis_points import QgisPoints
-from core.formats.world_file import WorldFile
-from core.geometry.camera import Camera
-from core.geometry.exterior import ExteriorOrientation
-from core.geometry.interior import InteriorOrientation
-from core.geometry.transforms import (
-    PlanePoints,
-    PlaneTransform,
-    apply_affine,
-    compose_affine,
-    fit_similarity,
-    invert_affine,
-    rotation_and_scale,
+from core.block.approximation import (
+    Approximation,
+    Ground,
+    PriorOptions,
+    approximate_from_eo,
+    approximate_from_footprint,
+    approximate_from_points,
+    approximate_from_world_file,
+    flight_directions,
+    world_file_centre,
 )
+from core.doubts import Doubt, Failure
+from core.formats.eo_list import EoRecord, read_eo_list
+from core.formats.footprints import Footprint, Footprints, read_footprints
+from core.formats.qgis_points import find_qgis_points, read_qgis_points
+from core.formats.world_file import read_georeference
+from core.geometry.camera import Camera
+from core.geometry.crs import check_range, infer_crs, operation_between, read_crs
+from core.reference.dem import Dem
+from core.scan.orientation import ScanOrientation
 
-GeoreferenceSource = Literal["world-file", "points", "footprints", "exterior"]
-QUARTERS = np.arange(4) * np.pi / 2
-
-
-@dataclass(frozen=True, slots=True)
-class PriorOptions:
-    """A-priori standard deviations; near-vertical photos throughout."""
-
-    tilt_deg: float = 3.0
-    """omega and phi, degrees."""
-    world_file_m: float = 100.0
-    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off."""
-    world_file_kappa_deg: float = 5.0
-    """kappa from a world file, degrees."""
-    height_share: float = 0.04
-    """Height over ground from a scale, as a share of it."""
-    points_m: float = 20.0
-    """Place from points clicked by hand, metres; twice their residuals if that is more."""
-    points_kappa_deg: float = 2.0
-    """kappa from points clicked by hand, degrees."""
-    footprint_m: float = 300.0
-    """Place from a footprint, metres."""
-    footprint_kappa_deg: float = 10.0
-    """kappa of each hypothesis from a footprint, degrees."""
-    footprint_height_share: float = 0.1
-    """Height over ground from the size of a footprint, as a share of it."""
-    list_m: float = 5.0
-    """Place from an EO list without sigma columns, metres."""
-    list_deg: float = 0.5
-    """Angles from an EO list without sigma columns, degrees."""
-    strip_kappa_deg: float = 20.0
-    """kappa of each hypothesis from the direction of flight, degrees."""
+GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
-    """What is known of the ground before any photo is placed on it."""
+class Georeference:
+    """What the photos of a block are placed by at first: keys of [scans] in `block.toml`."""
 
-    crs: str
-    """CRS of the block."""
-    height_m: float
-    """Mean height under the photo, metres."""
-    bounds: tuple[float, float, float, float] | None = None
-    """West, south, east, north of the DEM, metres; positions far outside are refused."""
+    source: GeoreferenceKind = "world-file"
+    """What to begin from; `exterior`, where a scan is in it, comes before."""
+    footprints: Path | None = None
+    """Vector file of footprints."""
+    footprint_name: str = "LMS_TIF_UP"
+    """Its attribute with the scan's file name."""
+    exterior: Path | None = None
+    """EO list."""
+    prior: PriorOptions = field(default_factory=PriorOptions)
+    """A-priori standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Approximation:
-    """An approximate exterior orientation and how far it may be trusted."""
+class Archive:
+    """The block-wide sources, read."""
 
-    exterior: ExteriorOrientation
-    """The likeliest one."""
-    prior: ExteriorPrior
-    """Standard deviations, the same for every hypothesis."""
-    source: GeoreferenceSource
-    """What it was derived from."""
-    hypotheses: tuple[ExteriorOrientation, ...]
-    """All that are possible, the likeliest first; one where the rotation is known."""
-    doubts: tuple[Doubt, ...] = ()
-    """What is odd about the source."""
+    georeference: Georeference
+    """Where they come from."""
+    crs: str
+    """CRS of the block."""
+    footprints: Mapping[str, Footprint]
+    """By photo, in the block's CRS."""
+    exterior: Mapping[str, EoRecord]
+    """Rows of the EO list by photo."""
+    directions: Mapping[str, float]
+    """Directions of flight by photo, radians from grid east, where positions give them."""
 
 
-def approximate_from_world_file(
-    world: WorldFile,
-    interior: InteriorOrientation,
-    camera: Camera,
-    ground: Ground,
-    options: PriorOptions | None = None,
-) -> Approximation:
-    """The vertical photo that lies as the similarity part of a world file says.
+def open_archive(georeference: Georeference, crs: str, photo_ids: Iterable[str]) -> Archive:
+    """Read the EO list and the footprints of a block.
+
+    Raises:
+        ProjectError: One of the files is missing, unreadable, or lacks a column or attribute.
+        CrsError: The footprints name no CRS and do not give it away, or one they cannot be in.
+    """
+    footprints: Mapping[str, Footprint] = {}
+    if georeference.footprints is not None:
+        read = read_footprints(georeference.footprints, georeference.footprint_name, photo_ids)
+        footprints = footprints_in_block(read, crs)
+    records: dict[str, EoRecord] = {}
+    if georeference.exterior is not None:
+        listed = {
+            name.lower(): record for name, record in read_eo_list(georeference.exterior).items()
+        }
+        records = {name: listed[name.lower()] for name in photo_ids if name.lower() in listed}
+    centres = {name: np.array(record.centre) for name, record in records.items()}
+    return Archive(georeference, crs, footprints, records, flight_directions(centres))
+
+
+def georeference_photo(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | Failure:
+    """Approximate exterior orientation of one photo.
+
+    The EO list comes first where it has the scan, then the source that was asked for; where that
+    has nothing for this scan, any other that does, with a doubt.
 
     Args:
-        world: World file of the scan.
-        interior: Interior orientation of the scan.
-        camera: Camera.
-        ground: CRS and mean height.
-        options: Standard deviations.
+        oriented: The scan with its interior orientation.
+        camera: Its camera.
+        archive: The block-wide sources.
+        dem: Terrain, for the height of the ground.
 
     Raises:
-        ScanError: The world file is mirrored.
-        CrsError: Its coordinates cannot belong to the block's CRS.
+        PhotogrammetryError: A source of this scan is there and cannot be used.
     """
-    options = options or PriorOptions()
-    if world.mirrored:
-        raise ScanError(
-            world.path,
-            "The georeference is mirrored: the determinant of A, D, B, E is positive.",
-            "Turn the scan over, or write the lines in the order A, D, B, E, C, F.",
+    wanted = archive.georeference.source
+    order = [wanted, *(kind for kind in ("world-file", "points", "footprints") if kind != wanted)]
+    record = archive.exterior.get(oriented.photo_id)
+    if record is not None:
+        return _from_list(oriented.photo_id, record, archive, dem)
+    for kind in order:
+        found = _from_source(kind, oriented, camera, archive, dem)
+        if found is None:
+            continue
+        if kind == wanted:
+            return found
+        return replace(
+            found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))
         )
-    placed = compose_affine(world.object_from_pixel, invert_affine(interior.film_from_pixel_matrix))
-    _check_place(placed, camera, ground, world.path)
-    kappa, scale = rotation_and_scale(placed)
-    exterior = _vertical(placed, kappa, scale, camera, ground)
-    prior = _prior(
-        options.world_file_m, options.height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.world_file_kappa_deg,
-    )  # fmt: skip
-    doubts = _affine_doubt(world.path.stem, placed)
-    return Approximation(exterior, prior, "world-file", (exterior,), doubts)
+    return Failure(
+        f"Nothing says where {oriented.photo_id} was taken: no world file or points beside it, no "
+        "row in the EO list, no footprint.",
+        {"looked_for": order},
+    )
 
 
-def approximate_from_points(
-    points: QgisPoints,
-    interior: InteriorOrientation,
-    camera: Camera,
-    ground: Ground,
-    options: PriorOptions | None = None,
-) -> Approximation:
-    """The vertical photo that fits points clicked in QGIS, by a similarity from film to ground.
+def footprints_in_block(footprints: Footprints, crs: str) -> Mapping[str, Footprint]:
+    """Footprints in the block's CRS; a missing CRS is told by the coordinates (METHODS 10).
 
     Raises:
-        ScanError: Fewer than two distinct enabled points.
-        CrsError: Their coordinates cannot belong to the block's CRS.
+        CrsError: No CRS and none that fits, or coordinates that cannot be in theirs.
     """
-    options = options or PriorOptions()
-    plane = _in_block(points.plane[points.enabled], points.crs, ground.crs, points.path)
-    film = interior.film_from_pixel(points.pixels[points.enabled])
-    fit = fit_similarity(film, plane)
-    if not isinstance(fit, PlaneTransform):
-        raise ScanError(points.path, fit.reason, "Click two points or more, far apart, and save.")
-    _check_place(fit.matrix, camera, ground, points.path)
-    kappa, scale = rotation_and_scale(fit.matrix)
-    exterior = _vertical(fit.matrix, kappa, scale, camera, ground)
-    prior = _prior(
-        max(options.points_m, 2 * fit.rms),
-        options.height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.points_kappa_deg,
-    )  # fmt: skip
-    return Approximation(exterior, prior, "points", (exterior,))
+    if not footprints.by_photo:
+        return {}
+    path, block = footprints.path, read_crs(crs, footprints.path)
+    outlines = [footprint.polygon for footprint in footprints.by_photo.values()]
+    vertices = shapely.get_coordinates(outlines)
+    own = read_crs(footprints.crs, path) if footprints.crs else infer_crs(vertices, block, path)
+    check_range(own, vertices, path)
+    if own == block:
+        return footprints.by_photo
+    operation = operation_between(own.to_wkt(), crs, vertices, path)
+
+    return {
+        name: replace(footprint, polygon=shapely.transform(footprint.polygon, operation.forward))
+        for name, footprint in footprints.by_photo.items()
+    }
 
 
-def approximate_from_footprint(
-    footprint: Footprint,
-    camera: Camera,
-    ground: Ground,
-    options: PriorOptions | None = None,
-) -> Approximation:
-    """Vertical photos whose frame fills a footprint; its outline leaves kappa open by quarters.
-
-    A square frame gives four hypotheses, an oblong one the two that lie along the footprint.
-    """
-    options = options or PriorOptions()
-    corners = footprint.corners
-    sides = np.roll(corners, -1, axis=0) - corners
-    lengths = np.linalg.norm(sides, axis=1)
-    longest = sides[int(np.argmax(lengths))]
-    width, height = camera.frame_mm
-    along = float(np.arctan2(longest[1], longest[0]))
-    square = abs(width - height) < 0.05 * max(width, height)
-    if square:
-        # Which of the four is meant nobody knows: the one nearest to north up comes first.
-        first = float((along + np.pi / 4) % (np.pi / 2) - np.pi / 4)
-        kappas = first + QUARTERS[[0, 2, 1, 3]]
-    else:
-        kappas = along + (0.0 if width > height else -np.pi / 2) + QUARTERS[[0, 2]]
-    scale = float(np.sqrt(lengths[:2].prod() / (width * height)))
-    middle = corners.mean(axis=0)
-    check_coordinates(middle[None], ground.crs, footprint.path)
-    _check_reach(middle, ground, footprint.path)
-    hypotheses = tuple(_over(middle, float(kappa), scale, camera, ground) for kappa in kappas)
-    prior = _prior(
-        options.footprint_m,
-        options.footprint_height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.footprint_kappa_deg,
-    )  # fmt: skip
-    return Approximation(hypotheses[0], prior, "footprints", hypotheses)
+def _from_source(
+    kind: str, oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """What one kind of source says of a photo; None when it says nothing."""
+    if kind == "world-file":
+        return _from_world_file(oriented, camera, archive, dem)
+    if kind == "points":
+        return _from_points(oriented, camera, archive, dem)
+    footprint = archive.footprints.get(oriented.photo_id) if kind == "footprints" else None
+    if footprint is None:
+        return None
+    middle = footprint.polygon.centroid
+    ground = _ground(dem, archive.crs, middle.x, middle.y)
+    return approximate_from_footprint(footprint, camera, ground, archive.georeference.prior)
 
 
-def approximate_from_eo(
-    record: EoRecord,
-    file: Path,
-    ground: Ground,
-    direction: float | None = None,
-    options: PriorOptions | None = None,
-) -> Approximation:
-    """The row of an EO list; a row without angles is a vertical photo of unknown kappa.
+def _from_list(photo_id: str, record: EoRecord, archive: Archive, dem: Dem) -> Approximation:
+    """The row of the EO list."""
+    ground = _ground(dem, archive.crs, *record.centre[:2])
+    file = archive.georeference.exterior or Path()
+    direction = archive.directions.get(photo_id)
+    return approximate_from_eo(record, file, ground, direction, archive.georeference.prior)
 
-    Args:
-        record: The row.
-        file: The list, for messages.
-        ground: CRS and mean height.
-        direction: Direction of flight (radians from grid east, counter-clockwise) where it is
-            known, see `flight_directions`: kappa is then one of four quarters from it.
-        options: Standard deviations.
 
-    Raises:
-        CrsError: The position cannot belong to the block's CRS.
-        ProjectError: The camera would stand below the ground.
-    """
-    options = options or PriorOptions()
-    centre = np.array(record.centre)
-    check_coordinates(centre[None, :2], ground.crs, file)
-    _check_reach(centre[:2], ground, file)
-    if centre[2] <= ground.height_m:
-        raise ProjectError(
-            file,
-            f"Scan {record.scan} is said to be taken from {centre[2]:.0f} m, below the ground at "
-            f"{ground.height_m:.0f} m.",
-            "Check the column Z: it is the height of the perspective centre, not over ground.",
-        )
-    place = record.sigma_centre_m or (options.list_m,) * 3
-    if record.angles is not None:
-        exterior = ExteriorOrientation(centre, *record.angles)
-        sigma = record.sigma_angles or (np.radians(options.list_deg),) * 3
-        prior = ExteriorPrior(np.array(place), np.array(sigma))
-        return Approximation(exterior, prior, "exterior", (exterior,))
-    start = 0.0 if direction is None else direction
-    kappas = start + QUARTERS[[0, 2, 1, 3]]
-    hypotheses = tuple(ExteriorOrientation(centre, 0.0, 0.0, _wrapped(float(k))) for k in kappas)
-    spread = 45.0 if direction is None else options.strip_kappa_deg
-    angles = np.radians([options.tilt_deg, options.tilt_deg, spread])
-    return Approximation(
-        hypotheses[0], ExteriorPrior(np.array(place), angles), "exterior", hypotheses
+def _from_world_file(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """The world file beside the scan, or the georeference inside it."""
+    world = read_georeference(oriented.scan.path)
+    if world is None:
+        return None
+    ground = _ground(dem, archive.crs, *world_file_centre(world, oriented.interior, camera))
+    return approximate_from_world_file(
+        world, oriented.interior, camera, ground, archive.georeference.prior
     )
 
 
-def flight_directions(centres: Mapping[str, Position]) -> Mapping[str, float]:
-    """Direction from each photo to its nearest neighbour, radians from grid east.
-
-    Along a strip photos follow each other more closely than strips do (60 against 25 per cent
-    overlap), so the nearest neighbour lies along the flight line, fore or aft.
-    """
-    names = list(centres)
-    places = np.array([centres[name][:2] for name in names])
-    directions: dict[str, float] = {}
-    for i, name in enumerate(names):
-        away = places - places[i]
-        distance = np.linalg.norm(away, axis=1)
-        distance[i] = np.inf
-        nearest = int(np.argmin(distance))
-        if len(names) > 1 and distance[nearest] > 0:
-            directions[name] = float(np.arctan2(away[nearest, 1], away[nearest, 0]))
-    return directions
-
-
-def principal_point_on_ground(object_from_film: Affine2, camera: Camera) -> tuple[float, float]:
-    """Easting and northing under the principal point, by a plane transform from film."""
-    east, north = apply_affine(object_from_film, np.array([camera.principal_point_mm]))[0].tolist()
-    return east, north
-
-
-def world_file_centre(
-    world: WorldFile, interior: InteriorOrientation, camera: Camera
-) -> tuple[float, float]:
-    """Easting and northing under the principal point, to look up the ground's height there."""
-    film_to_object = compose_affine(
-        world.object_from_pixel, invert_affine(interior.film_from_pixel_matrix)
+def _from_points(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """The .points file beside the scan."""
+    path = find_qgis_points(oriented.scan.path)
+    if path is None:
+        return None
+    points = read_qgis_points(path)
+    # The points' own middle is near enough to look up the ground; it may be in another CRS.
+    first = approximate_from_points(
+        points, oriented.interior, camera, Ground(archive.crs, 0.0), archive.georeference.prior
     )
-    return principal_point_on_ground(film_to_object, camera)
-
-
-def _vertical(
-    object_from_film: Affine2, kappa: float, scale: float, camera: Camera, ground: Ground
-) -> ExteriorOrientation:
-    """The vertical photo over the ground of its principal point."""
-    middle = np.array(principal_point_on_ground(object_from_film, camera))
-    return _over(middle, kappa, scale, camera, ground)
-
-
-def _over(
-    middle: np.ndarray, kappa: float, scale: float, camera: Camera, ground: Ground
-) -> ExteriorOrientation:
-    """The vertical photo over a place; scale in metres of ground per millimetre of film."""
-    height = ground.height_m + scale * camera.principal_distance_mm
-    return ExteriorOrientation(np.array([middle[0], middle[1], height]), 0.0, 0.0, _wrapped(kappa))
-
-
-def _wrapped(angle: float) -> float:
-    """The same angle within -pi to pi."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _prior(place_m: float, height_m: float, tilt_deg: float, kappa_deg: float) -> ExteriorPrior:
-    """Standard deviations of a near-vertical photo."""
-    return ExteriorPrior(
-        np.array([place_m, place_m, height_m]), np.radians([tilt_deg, tilt_deg, kappa_deg])
+    ground = _ground(dem, archive.crs, *first.exterior.centre[:2].tolist())
+    return approximate_from_points(
+        points, oriented.interior, camera, ground, archive.georeference.prior
     )
 
 
-def _check_place(object_from_film: Affine2, camera: Camera, ground: Ground, file: Path) -> None:
-    """The place under the photo must belong to the CRS and lie within reach of the DEM."""
-    middle = np.array(principal_point_on_ground(object_from_film, camera))
-    check_coordinates(middle[None], ground.crs, file)
-    _check_reach(middle, ground, file)
+def _ground(dem: Dem, crs: str, east: float, north: float, reach_m: float = 1500.0) -> Ground:
+    """The ground about a place; where the DEM has none, the mean of all of it."""
+    box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
+    height = dem.mean_height(box)
+    if not np.isfinite(height):
+        height = dem.mean_height()
+    return Ground(crs, height if np.isfinite(height) else 0.0, dem.bounds)
 
 
-def _check_reach(middle: np.ndarray, ground: Ground, file: Path) -> None:
-    """Far outside the DEM is a mistake."""
-    if ground.bounds is not None:
-        check_within_reach(middle[None], ground.bounds, file)
-
-
-def _in_block(plane: PlanePoints, crs: str, block_crs: str, file: Path) -> PlanePoints:
-    """Points in the block's CRS."""
-    if not crs:
-        return plane
-    here, there = crs_from_text(crs, file), crs_from_text(block_crs, file)
-    if here.equals(there, ignore_axis_order=True):
-        return plane
-    check_coordinates(plane, crs, file)
-    transformer = Transformer.from_crs(here, there, always_xy=True)
-    return np.column_stack(transformer.transform(plane[:, 0], plane[:, 1]))
-
-
-def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]:
-    """A doubt when the world file stretches or shears the photo by more than five per cent."""
-    large, small = np.linalg.svd(object_from_film[:, :2], compute_uv=False)
-    stretch = float(large / small - 1)
-    if stretch < 0.05:
-        return ()
-    return (
-        Doubt(
-            "world-file-affine",
-            photo_id,
-            f"The world file stretches the photo by {stretch:.0%}, more than tilt or relief do: it "
-            "was fitted badly, or two of its lines are exchanged.",
-            0.4,
-            {"stretch": stretch},
-        ),
+def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:
+    """The doubt of a photo that had to be placed by something else."""
+    return Doubt(
+        "georeference-missing",
+        photo_id,
+        f"There is no {wanted} for this scan; it was placed by its {used} instead.",
+        0.3,
+        {"wanted": wanted, "used": used},
     )

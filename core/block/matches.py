@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from jaxtyping import Float32
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from core.arrays import Flags, Indices, PixelPoints, Scalars, locked
 from core.block.block import Photo
@@ -13,6 +12,7 @@ from core.block.features import Features
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.collinearity import ideal_from_film
+from core.geometry.projectivity import apply_projectivity, fit_projectivity
 from core.geometry.relative import (
     OrientedPair,
     Rays,
@@ -37,6 +37,9 @@ class MatchOptions:
     """It is dropped when off the median of its neighbours by more than this (reduced pixels) ..."""
     unlike_neighbours: float = 6.0
     """... and by more than this many median deviations."""
+    still_mm: float = 1.0
+    """A match that lies in the same place of both films is no ground: marks, notes, scratches of
+    the camera; three times as much where no fiducials tell where the film lies."""
     relative: RelativeOptions = field(default_factory=RelativeOptions)
     """The geometric check."""
 
@@ -73,7 +76,7 @@ class VerifiedMatches:
     pair: OrientedPair
     """The relative orientation and its evidence, over all candidate matches."""
 
-    def in_whole(self, first: Indices, second: Indices) -> "VerifiedMatches":
+    def in_whole(self, first: np.ndarray, second: np.ndarray) -> "VerifiedMatches":
         """The same when the features were only the given ones of a whole scan."""
         found = self.matches
         whole = Matches(first[found.first], second[found.second], found.ratio)
@@ -179,6 +182,7 @@ def verify_matches(
     rng: np.random.Generator,
 ) -> VerifiedMatches | Failure:
     """Keep the matches that agree with one relative orientation and with their neighbours."""
+    matches = matches.chosen(_moved(photos, features, matches, options))
     first = features[0].pixels[matches.first]
     second = features[1].pixels[matches.second]
     # Tolerances hold at the scale of matching; the larger reduction of the two decides.
@@ -214,20 +218,25 @@ def like_neighbours(first: PixelPoints, second: PixelPoints, options: MatchOptio
     """
     if len(first) <= options.neighbours:
         return np.ones(len(first), dtype=np.bool_)
-    left = second - _overall(first, second)
-    _, about = cKDTree(first).query(first, k=options.neighbours + 1)
-    off = np.linalg.norm(left - np.median(left[about[:, 1:]], axis=1), axis=1)
+    left: PixelPoints = second - apply_projectivity(fit_projectivity(first, second), first)
+    _, about = KDTree(first).query(first, k=options.neighbours + 1)
+    usual = np.median(left[np.asarray(about)[:, 1:]], axis=1)
+    off = np.linalg.norm(left - usual, axis=1)
     limit = max(options.unlike_neighbours_px, options.unlike_neighbours * float(np.median(off)))
     return off <= limit
 
 
-def _overall(first: PixelPoints, second: PixelPoints) -> PixelPoints:
-    """Where a robust projectivity over all matches puts the first photo's points."""
-    plane, _ = cv2.findHomography(first, second, cv2.LMEDS)
-    if plane is None:
-        return first + np.median(second - first, axis=0)
-    moved = np.column_stack([first, np.ones(len(first))]) @ np.asarray(plane).T
-    return moved[:, :2] / moved[:, 2:]
+def _moved(
+    photos: tuple[Photo, Photo],
+    features: tuple[Features, Features],
+    matches: Matches,
+    options: MatchOptions,
+) -> Flags:
+    """False for matches that stay in their place on the film."""
+    here = photos[0].interior.film_from_pixel(features[0].pixels[matches.first])
+    there = photos[1].interior.film_from_pixel(features[1].pixels[matches.second])
+    unsure = any(photo.interior.model == "nominal" for photo in photos)
+    return np.linalg.norm(here - there, axis=1) > options.still_mm * (3.0 if unsure else 1.0)
 
 
 def _window(pixels: PixelPoints, reduction: int) -> tuple[float, float]:

@@ -18,7 +18,8 @@ from core.block.similarity import (
     high_passed,
     ncc_surface,
 )
-from core.geometry.resection import Candidates, PhotoModel
+from core.geometry.consensus import Candidates
+from core.geometry.resection import PhotoModel
 from core.progress import Progress, Silent
 from core.reference.reference import Reference
 

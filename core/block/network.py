@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Float64, Int
 
-from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Scalars
+from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
 from core.block.adjusted import AdjustmentOptions
 from core.block.block import Block, Measurement, Photo
 from core.geometry.camera import Camera
-from core.geometry.collinearity import VACUUM, ideal_from_film
-from core.geometry.intersection import SMALLEST_ANGLE, closest_points
 from core.geometry.partials import (
     Rotations,
     angles_from_rotations,
@@ -24,6 +22,10 @@ SMALLEST_SIGMA_M = 1e-4
 """Ground coordinates are never held more firmly than this, metres."""
 SMALLEST_SIGMA_PX = 1e-3
 """Measurements are never weighted as if better than this, pixels."""
+SMALLEST_SIGMA_RAD = 1e-8
+"""Angles are never held more firmly than this, radians."""
+SMALLEST_SIGMA_MM = 1e-6
+"""Camera constants are never held more firmly than this, millimetres at the frame's corner."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,68 +281,19 @@ def _priors(
     )
     return Priors(
         centres=np.array([known.centre for known in approximate]).reshape(-1, 3),
-        centre_weights=1 / np.array([p.prior.sigma_centre_m for p in photos]).reshape(-1, 3),
+        centre_weights=_weights([p.prior.sigma_centre_m for p in photos], SMALLEST_SIGMA_M),
         angles=angles_from_rotations(rotations),
-        angle_weights=1 / np.array([p.prior.sigma_angles for p in photos]).reshape(-1, 3),
+        angle_weights=_weights([p.prior.sigma_angles for p in photos], SMALLEST_SIGMA_RAD),
         constants=np.array([constants_of(c.certificate) for c in cameras]).reshape(-1, 6),
-        constant_weights=np.tile(1 / sigmas, (len(cameras), 1)),
+        constant_weights=np.tile(1 / np.maximum(sigmas, SMALLEST_SIGMA_MM), (len(cameras), 1)),
     )
+
+
+def _weights(sigmas: Sequence[Position], smallest: float) -> Float64[np.ndarray, "photos 3"]:
+    """Roots of weights of three values a photo."""
+    return 1 / np.maximum(np.array(sigmas).reshape(-1, 3), smallest)
 
 
 def constants_of_atmospheres(network: Network) -> Float64[np.ndarray, "photos 2"]:
     """Refraction and curvature of each photo."""
     return np.concatenate([constants_of_air(photo.atmosphere) for photo in network.photos])
-
-
-def initial_state(network: Network) -> tuple[State, Flags]:
-    """Where the adjustment begins, and the rays whose points can be placed at all."""
-    rays, photos = network.rays, network.photos
-    rotations = np.array([photo.exterior.object_from_image for photo in photos])
-    directions = _directions(network, rotations)
-    centres = np.array([photo.exterior.centre for photo in photos])
-    points, placed = _initial_points(network, centres[rays.photo], directions)
-    state = State(
-        centres=centres,
-        rotations=rotations,
-        constants=np.array([constants_of(camera) for camera in network.cameras]),
-        points=points,
-    )
-    return state, placed[rays.point]
-
-
-def _directions(network: Network, rotations: Rotations) -> ObjectPoints:
-    """Unit vectors along the rays; refraction is left to the adjustment."""
-    image = np.empty((len(network.rays.photo), 3))
-    camera_of_ray = network.camera[network.rays.photo]
-    for index, camera in enumerate(network.cameras):
-        rows = np.flatnonzero(camera_of_ray == index)
-        image[rows, :2] = ideal_from_film(network.rays.film[rows], camera, VACUUM)
-        image[rows, 2] = -camera.principal_distance_mm
-    turned = np.einsum("nij,nj->ni", rotations[network.rays.photo], image)
-    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
-
-
-def _initial_points(
-    network: Network, origins: ObjectPoints, directions: ObjectPoints
-) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
-    """Control points where they are known to be, tie points where their rays meet.
-
-    Where the first orientations let rays meet far off the ground, the points begin on it.
-    """
-    point, count = network.rays.point, network.points.count
-    met, angles = closest_points(origins, directions, point, count)
-    ground = np.array([photo.ground_height_m for photo in network.photos])[network.rays.photo]
-    above = origins[:, 2] - ground
-    downwards = np.where(directions[:, 2] < 0, directions[:, 2], np.nan)
-    on_ground = origins - directions * (above / downwards)[:, None]
-    rays_of_point = np.maximum(np.bincount(point, minlength=count), 1)
-    laid = np.stack([np.bincount(point, on_ground[:, k], count) for k in range(3)], axis=1)
-    laid /= rays_of_point[:, None]
-    near_ground = np.abs(met[point, 2] - ground) < 0.5 * above
-    astray = np.bincount(point, ~near_ground, count) > 0
-    points = np.where(astray[:, None], laid, met)
-    ties = len(network.points.tie)
-    points[ties:] = network.points.known[ties:]
-    placed = np.isfinite(points).all(axis=1) & (angles >= SMALLEST_ANGLE)
-    placed[ties:] = True
-    return np.where(placed[:, None], points, 0.0), placed

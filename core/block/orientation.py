@@ -17,8 +17,9 @@ from core.block.matching import (
 from core.block.patches import OpenPhoto, object_on_ground
 from core.block.placement import Placement, PlacementOptions, place_photo
 from core.doubts import Failure
+from core.geometry.consensus import ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.resection import PhotoModel, Resection, ResectionOptions, resect_photo
+from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.progress import Progress
 from core.reference.reference import Reference
 
@@ -45,7 +46,7 @@ class OrientationOptions:
     """Finer detail than this is grain rather than ground."""
     placement: PlacementOptions = field(default_factory=PlacementOptions)
     """The search before the first pass."""
-    resection: ResectionOptions = field(default_factory=ResectionOptions)
+    resection: ConsensusOptions = field(default_factory=ConsensusOptions)
     """The judgement after every pass."""
 
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from shapely.geometry import Polygon
-from shapely.geometry.base import BaseGeometry
+from shapely import Polygon, contains_xy, prepare
 
 from core.arrays import Flags, ObjectPoints, PixelPoints
 from core.block.block import Block, Photo
@@ -84,16 +83,10 @@ def find_pairs(block: Block, options: PairOptions | None = None) -> tuple[Candid
     return tuple(found)
 
 
-def within(region: BaseGeometry, points: ObjectPoints) -> Flags:
-    """True for ground points inside a convex region."""
-    corners = np.asarray(region.convex_hull.exterior.coords, dtype=np.float64)
-    edges = np.diff(corners, axis=0)
-    good = np.ones(len(points), dtype=np.bool_)
-    sense = 1.0 if region.convex_hull.exterior.is_ccw else -1.0
-    for start, edge in zip(corners[:-1], edges, strict=True):
-        offset = points[:, :2] - start
-        good &= sense * (edge[0] * offset[:, 1] - edge[1] * offset[:, 0]) >= 0
-    return good
+def within(region: Polygon, points: ObjectPoints) -> Flags:
+    """True for ground points inside a region."""
+    prepare(region)
+    return np.asarray(contains_xy(region, points[:, 0], points[:, 1]), dtype=np.bool_)
 
 
 def position_sigma_m(photo: Photo) -> float:

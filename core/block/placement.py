@@ -8,6 +8,7 @@ hypotheses come out: which of them is right, or none, only the resection after i
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import cv2
 import numpy as np
@@ -158,8 +159,8 @@ class Level:
         field = complex_field(filled(patch.values, patch.mask)) * eroded(patch.mask)
         self.radius_px = round(radius / gsd_m)
         self.shape = tuple(fft.next_fast_len(side) for side in field.shape)
-        self.field = fft.fft2(field, self.shape)
-        self.energy = fft.fft2(np.abs(field) ** 2, self.shape)
+        self.field = forward(field, self.shape)
+        self.energy = forward(np.abs(field) ** 2, self.shape)
 
     def peaks(self, kappa: float, scale: float, count: int) -> list[Turn]:
         """Best shifts of one turn and scale."""
@@ -191,8 +192,8 @@ class Level:
     def similarity(self, template: Spectrum, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
-        common = inverse(self.field * np.conj(fft.fft2(template, self.shape)))
-        energy = inverse(self.energy * np.conj(fft.fft2(mask.astype(np.float32), self.shape)))
+        common = inverse(self.field * np.conj(forward(template, self.shape)))
+        energy = inverse(self.energy * np.conj(forward(mask.astype(np.float32), self.shape)))
         seen = np.maximum(energy[:reach, :reach], 0)
         own = float(np.sum(np.abs(template) ** 2))
         floor = 0.3 * float(np.max(seen)) + 1e-6
@@ -260,7 +261,12 @@ def turned(laid: Laid, kappa: float, scale: float) -> tuple[Image, Mask]:
     return np.asarray(image, np.float32), np.asarray(eroded(mask > 0.99))
 
 
-def inverse(spectrum: Spectrum) -> Float32[np.ndarray, "rows columns"]:
+def forward(values: np.ndarray, shape: Any) -> Any:
+    """Fourier transform, padded with noughts to a shape."""
+    return fft.fft2(values, shape)
+
+
+def inverse(spectrum: Any) -> Float32[np.ndarray, "rows columns"]:
     """Real part of the inverse Fourier transform."""
     return np.real(np.asarray(fft.ifft2(spectrum)))
 

@@ -9,13 +9,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from core.arrays import Flags, PixelPoints, Scalars
+from core.geometry.projectivity import fit_projectivity, jacobians
 from core.scan.raster import ScanFile, read_window
 
 Patches = Float32[np.ndarray, "n side side"]
 """Square pieces of scans."""
+Wider = Float32[np.ndarray, "n wide wide"]
+"""Larger square pieces, in which is searched."""
 Affinities = Float64[np.ndarray, "n 2 3"]
 """Plane affinities, offset in the last column."""
 
@@ -88,8 +91,11 @@ def patch_centres(pixels: PixelPoints) -> PixelPoints:
 
 
 def local_affinities(
-    at: PixelPoints, first: PixelPoints, second: PixelPoints, neighbours: int = 16
-) -> Float64[np.ndarray, "n 2 2"]:
+    at: Float64[np.ndarray, "places 2"],
+    first: PixelPoints,
+    second: PixelPoints,
+    neighbours: int = 16,
+) -> Float64[np.ndarray, "places 2 2"]:
     """How the second scan is turned, scaled and sheared against the first about some points.
 
     Fitted to the matches about each point, drawn to the projectivity of all matches where they
@@ -101,11 +107,9 @@ def local_affinities(
         second: The same in the second scan.
         neighbours: Matches that take part.
     """
-    plane, _ = cv2.findHomography(first, second, cv2.LMEDS)
-    projectivity = np.eye(3) if plane is None else np.asarray(plane, dtype=np.float64)
-    overall = _jacobians(projectivity, at)
+    overall = jacobians(fit_projectivity(first, second), at)
     count = min(neighbours, len(first))
-    distance, about = cKDTree(first).query(at, k=count)
+    distance, about = KDTree(first).query(at, k=count)
     distance, about = distance.reshape(len(at), count), about.reshape(len(at), count)
     source = first[about] - first[about].mean(axis=1, keepdims=True)
     target = second[about] - second[about].mean(axis=1, keepdims=True)
@@ -117,19 +121,9 @@ def local_affinities(
     return overall + np.swapaxes(np.linalg.solve(normal, right), 1, 2)
 
 
-def _jacobians(
-    projectivity: Float64[np.ndarray, "3 3"], at: PixelPoints
-) -> Float64[np.ndarray, "n 2 2"]:
-    """Derivatives of a projectivity at some points."""
-    moved = np.column_stack([at, np.ones(len(at))]) @ projectivity.T
-    plane, depth = moved[:, :2] / moved[:, 2:], moved[:, 2]
-    rows = projectivity[None, :2, :2] - plane[:, :, None] * projectivity[None, 2:, :2]
-    return rows / depth[:, None, None]
-
-
 def refine_rays(
     fixed: Patches,
-    searched: Patches,
+    searched: Wider,
     start: Affinities,
     max_shift_px: float,
     options: RefinementOptions,
@@ -163,7 +157,7 @@ def refine_rays(
 
 def _refine_batch(
     fixed: Patches,
-    searched: Patches,
+    searched: Wider,
     start: Affinities,
     max_shift_px: float,
     options: RefinementOptions,
@@ -266,7 +260,7 @@ def _composed(bent: Affinities, change: Float64[np.ndarray, "n 6"]) -> Affinitie
 
 
 def _sampled(
-    patches: Patches, bent: Affinities, grid: Float64[np.ndarray, "p 2"]
+    patches: Wider, bent: Affinities, grid: Float64[np.ndarray, "p 2"]
 ) -> Float32[np.ndarray, "n p"]:
     """Grey values of patches at bent grids, by cubic convolution; the edge is held outside."""
     side = patches.shape[1]

@@ -35,7 +35,12 @@ class ThinningOptions:
         return replace(self, **more)
 
 
-def thin_ties(block: Block, ties: TiePoints, options: ThinningOptions | None = None) -> Flags:
+def thin_ties(
+    block: Block,
+    ties: TiePoints,
+    options: ThinningOptions | None = None,
+    reserve: Flags | None = None,
+) -> Flags:
     """Which tie points stay (one flag per point).
 
     First the 3 x 3 Gruber areas of every photo are served, then every pair of photos, then cells
@@ -45,7 +50,7 @@ def thin_ties(block: Block, ties: TiePoints, options: ThinningOptions | None = N
     options = options or ThinningOptions()
     if ties.count == 0:
         return np.zeros(0, dtype=np.bool_)
-    state = _State.of(block, ties, options)
+    state = _State.of(block, ties, options, reserve)
     areas = frame_cells(block, ties, GRUBER_SIDE) + ties.photo * GRUBER_SIDE**2
     for area in _grouped(areas, ties.point):
         state.serve(area, options.per_gruber_area)
@@ -87,16 +92,19 @@ class _State:
     cells: np.ndarray
     """(points, rays) cells of each point, numbered through all photos."""
     kept: Flags
-    in_photo: Indices
-    in_cell: Indices
+    in_photo: np.ndarray
+    in_cell: np.ndarray
 
     @staticmethod
-    def of(block: Block, ties: TiePoints, options: ThinningOptions) -> "_State":
+    def of(
+        block: Block, ties: TiePoints, options: ThinningOptions, reserve: Flags | None
+    ) -> "_State":
         """Nothing kept yet."""
         rays = rays_per_point(ties)
         worst = np.zeros(ties.count)
         np.maximum.at(worst, ties.point, ties.sigma_px)
-        order = np.lexsort((worst, -rays))
+        last = np.zeros(ties.count, dtype=np.bool_) if reserve is None else reserve
+        order = np.lexsort((worst, -rays, last))
         rank = np.empty(ties.count, dtype=np.int64)
         rank[order] = np.arange(ties.count)
         per_photo, size = options.cells**2, len(ties.photo_ids)
@@ -161,7 +169,7 @@ def _without(values: Indices, padding: int) -> list[int]:
     return [value for value in values.tolist() if value != padding]
 
 
-def _padded(point: Indices, values: Indices, rays: Indices, padding: int) -> np.ndarray:
+def _padded(point: Indices, values: Indices, rays: np.ndarray, padding: int) -> np.ndarray:
     """(points, most rays) values of each point's rays."""
     order = np.argsort(point, kind="stable")
     starts = np.cumsum(rays) - rays
@@ -170,14 +178,14 @@ def _padded(point: Indices, values: Indices, rays: Indices, padding: int) -> np.
     return table
 
 
-def _grouped(groups: Indices, points: Indices) -> list[Indices]:
+def _grouped(groups: Indices, points: Indices) -> list[np.ndarray]:
     """Points of each group, in the order of the groups."""
     order = np.lexsort((points, groups))
     _, starts = np.unique(groups[order], return_index=True)
     return np.split(points[order], starts[1:])
 
 
-def _pairs_of(ties: TiePoints) -> list[Indices]:
+def _pairs_of(ties: TiePoints) -> list[np.ndarray]:
     """Points of each pair of photos, in the order of the pairs."""
     shown = [common_rays(ties, *pair)[0] for pair in combinations(range(len(ties.photo_ids)), 2)]
     return [ties.point[rays] for rays in shown if len(rays)]

@@ -1,4 +1,4 @@
-"""Tie points measured finely on the raw scans, with standard deviations the y-parallaxes confirm."""
+"""Tie points measured finely on the raw scans, with deviations that the y-parallaxes confirm."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -70,7 +70,7 @@ def measure_ties(
     reductions: Mapping[str, int],
     options: MeasurementOptions,
     progress: Progress,
-) -> tuple[TiePoints, Flags]:
+) -> tuple[TiePoints, Flags, Flags]:
     """Measure every ray finely and say how well.
 
     In each point one ray is fixed and the others are matched to it. A match's variance is
@@ -79,7 +79,8 @@ def measure_ties(
     shared equally between the two rays of the match.
 
     Returns:
-        The rays with new pixels and standard deviations, and a flag for each that may stay.
+        The rays with new pixels and standard deviations; a flag for each that may stay; and a
+        flag for each point whose matching failed, so that it rests on its features alone.
     """
     fine = _match_to_fixed(block, ties, pairs, reductions, options.refinement, progress)
     measured = replace(ties, pixels=fine.pixels)
@@ -90,7 +91,10 @@ def measure_ties(
     squares, formal, coarse = _observed_variances(block, measured, orientations, fine)
     sigma = _sigmas(ties, fine, _variance_law(squares, formal, options), coarse)
     measured = replace(measured, sigma_px=sigma)
-    return measured, _bearable(block, measured, orientations, reductions, fine, options)
+    failed = np.bincount(ties.point[fine.fixed >= 0], minlength=ties.count) < 2
+    # Where matching worked for some rays of a point, those it failed for are not worth keeping.
+    good = _bearable(block, measured, orientations, reductions, fine, options)
+    return measured, good & ((fine.fixed >= 0) | failed[ties.point]), failed
 
 
 def _match_to_fixed(
@@ -107,7 +111,7 @@ def _match_to_fixed(
     fine.fixed[fixed] = fixed
     fine.pixels[fixed] = patch_centres(ties.pixels[fixed])
     work = _work(ties, fixed, pairs)
-    cut: dict[int, Patches] = {}
+    cut: dict[int, np.ndarray] = {}
     for done, (photo, other, ours, theirs) in enumerate(work):
         progress.report(done, len(work), f"measuring tie points of {ties.photo_ids[photo]}")
         for number in (photo, other):
@@ -172,7 +176,7 @@ def _match_group(
     fine: _Fine,
     rays: tuple[Indices, Indices],
     photos: tuple[int, int],
-    cut: Mapping[int, Patches],
+    cut: Mapping[int, np.ndarray],
     pairs: Mapping[PairKey, PairGeometry],
     reductions: Mapping[str, int],
     options: RefinementOptions,
@@ -290,8 +294,7 @@ def _sigmas(ties: TiePoints, fine: _Fine, law: tuple[float, float], coarse: floa
     """Standard deviation of every ray: half of a match's variance belongs to each of its rays."""
     matched = (fine.fixed >= 0) & (fine.formal > 0)
     variance = law[0] * fine.formal**2 + law[1]
-    sigma = np.full(len(ties.point), coarse)
-    sigma[np.isnan(sigma)] = ties.sigma_px[np.isnan(sigma)]
+    sigma = np.full(len(ties.point), coarse) if np.isfinite(coarse) else ties.sigma_px.copy()
     least = np.full(len(ties.point), np.inf)
     np.minimum.at(least, fine.fixed[matched], variance[matched] / 2)
     fixed = np.isfinite(least)

@@ -1,4 +1,4 @@
-"""Tie points of a block: features, pairs, matches, chains, thinning and fine measurement in turn."""
+"""Tie points of a block: features, matches, chains, thinning and fine measurement in turn."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -60,7 +60,7 @@ class PairReport:
     log10_nfa: float
     """log10 of how many such agreements chance would give; nought when refused."""
     parallax_rms_px: float
-    """RMS y-parallax of the agreeing matches before fine measurement, scan pixels; NaN if refused."""
+    """RMS y-parallax of the agreeing matches before fine measurement, pixels; NaN if refused."""
     ties: int
     """Tie points kept between the two photos."""
     reason: str = ""
@@ -222,9 +222,13 @@ def _measured(
         for (first, second), found in verified.items()
     }
     reductions = {name: found.reduction for name, found in features.items()}
-    ties, good = measure_ties(block, ties, pairs, reductions, options.measurement, progress)
-    ties = with_rays(ties, good)
-    return with_rays(ties, thin_ties(block, ties, options.thinning)[ties.point])
+    measured, good, failed = measure_ties(
+        block, ties, pairs, reductions, options.measurement, progress
+    )
+    enough = np.bincount(ties.point[good], minlength=ties.count) >= 2
+    ties = with_rays(measured, good)
+    kept = thin_ties(block, ties, options.thinning, reserve=failed[enough])
+    return with_rays(ties, kept[ties.point])
 
 
 def _report(

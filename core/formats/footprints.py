@@ -3,19 +3,18 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyogrio
 import pyogrio.errors
+import pyogrio.raw
 import shapely
 from jaxtyping import Float64
-from pyproj import Transformer
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from core.errors import CrsError, ProjectError
-from core.formats.coordinates import check_coordinates, crs_by_range, crs_from_text
+from core.errors import ProjectError
 from core.formats.eo_list import scan_stem
 
 
@@ -28,45 +27,51 @@ class Footprint:
     photo_id: str
     """The photo."""
     polygon: Polygon
-    """Outline in the block's CRS, metres."""
+    """Outline."""
 
     @property
     def corners(self) -> Float64[np.ndarray, "4 2"]:
         """The four corners of the smallest rectangle about it, counter-clockwise."""
-        box = shapely.oriented_envelope(self.polygon)
-        return np.asarray(shapely.normalize(box).exterior.coords)[3::-1]
+        box = cast(Polygon, shapely.oriented_envelope(self.polygon))
+        ring = box.exterior.coords[:4]
+        return np.array(ring if box.exterior.is_ccw else ring[::-1], dtype=np.float64)
 
 
-def read_footprints(
-    path: Path, name_attribute: str, crs: str, photo_ids: Iterable[str]
-) -> Mapping[str, Footprint]:
-    """Footprints by photo, in the block's CRS; photos that have none are simply not there.
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprints:
+    """Footprints of a file, in the file's own CRS."""
+
+    path: Path
+    """The file."""
+    crs: str | None
+    """CRS as the file says, None where it says none."""
+    by_photo: Mapping[str, Footprint]
+    """Those of the photos that were asked for; photos may be missing."""
+
+
+def read_footprints(path: Path, name_attribute: str, photo_ids: Iterable[str]) -> Footprints:
+    """Footprints by photo; photos that have none are simply not there.
 
     Args:
         path: Any vector file that GDAL reads.
         name_attribute: Attribute that holds the scan's file name; matched with or without folder
             and extension, in any case.
-        crs: CRS of the block; footprints in another one are transformed.
         photo_ids: Photos that are asked for.
 
     Raises:
         ProjectError: Missing, unreadable, or without the attribute.
-        CrsError: No CRS, and none that could be told from the coordinates.
     """
     meta, geometries, names = _read(path, name_attribute)
     wanted = {photo_id.lower(): photo_id for photo_id in photo_ids}
-    polygons: dict[str, BaseGeometry] = {}
+    found: dict[str, Footprint] = {}
     for name, geometry in zip(names, geometries, strict=True):
         photo_id = _photo_of(str(name), wanted)
         if photo_id is None or geometry is None:
             continue
         part = _largest_polygon(shapely.from_wkb(geometry))
         if part is not None and not part.is_empty:
-            polygons.setdefault(photo_id, part)
-    if not polygons:
-        return {}
-    moved = _in_crs_of_block(path, polygons, meta.get("crs"), crs)
-    return {name: Footprint(path, name, polygon) for name, polygon in moved.items()}
+            found.setdefault(photo_id, Footprint(path, photo_id, part))
+    return Footprints(path, meta.get("crs"), found)
 
 
 def write_footprints(
@@ -116,33 +121,9 @@ def _photo_of(name: str, wanted: Mapping[str, str]) -> str | None:
     return wanted.get(scan_stem(plain)) or wanted.get(plain)
 
 
-def _largest_polygon(geometry: BaseGeometry) -> BaseGeometry | None:
+def _largest_polygon(geometry: BaseGeometry) -> Polygon | None:
     """The polygon itself, or the largest part of a multi-polygon; None for lines and points."""
-    if geometry.geom_type == "Polygon":
+    if isinstance(geometry, Polygon):
         return geometry
-    parts = [part for part in getattr(geometry, "geoms", ()) if part.geom_type == "Polygon"]
+    parts = [part for part in getattr(geometry, "geoms", ()) if isinstance(part, Polygon)]
     return max(parts, key=lambda part: part.area, default=None)
-
-
-def _in_crs_of_block(
-    path: Path, polygons: Mapping[str, BaseGeometry], given: str | None, crs: str
-) -> dict[str, Any]:
-    """The polygons in the block's CRS."""
-    vertices = shapely.get_coordinates(list(polygons.values()))
-    source = given or crs_by_range(vertices)
-    if source is None:
-        raise CrsError(
-            path,
-            "The footprints say no CRS, and their coordinates do not give it away.",
-            "Assign the CRS in QGIS (Layer CRS) and save the file.",
-        )
-    here, there = crs_from_text(source, path), crs_from_text(crs, path)
-    check_coordinates(vertices, source, path)
-    if here.equals(there, ignore_axis_order=True):
-        return dict(polygons)
-    transformer = Transformer.from_crs(here, there, always_xy=True)
-
-    def moved(points: np.ndarray) -> np.ndarray:
-        return np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
-
-    return {name: shapely.transform(polygon, moved) for name, polygon in polygons.items()}

@@ -5,8 +5,11 @@ All coordinates in the project are east before north, whatever order a CRS offic
 
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Num
@@ -69,6 +72,12 @@ def parse_crs(text: str, where: str | Path) -> CRS:
     return crs
 
 
+def shared_bounds(one: Bounds, other: Bounds) -> Bounds:
+    """What two bounds share; west lies beyond east, or south beyond north, where nothing."""
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
 def read_crs(text: str, where: str | Path) -> CRS:
     """Any CRS PROJ knows; `CrsError` where there is none or it is unknown."""
     if not text.strip():
@@ -93,50 +102,97 @@ def horizontal(crs: CRS) -> CRS:
 
 
 def short_name(crs: CRS) -> str:
-    """`EPSG:5514` where there is a code, the CRS's own name otherwise."""
+    """`EPSG:5514` where there is a code, the CRS's own name or its projection otherwise."""
     authority = crs.to_authority()
-    return ":".join(authority) if authority else crs.name
+    if authority:
+        return ":".join(authority)
+    if crs.name.lower() not in ("unnamed", "unknown", ""):
+        return crs.name
+    method = crs.coordinate_operation.method_name if crs.coordinate_operation else "geographic"
+    return f"an unnamed CRS ({method})"
 
 
-@lru_cache(maxsize=64)
-def transformer(source: str, target: str, area: Bounds | None = None) -> Transformer:
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One way PROJ goes from a CRS to another, chosen once and then used for every point."""
+
+    pipeline: str
+    """PROJ's own description of it."""
+    words: str
+    """Its name, for the operator."""
+    accuracy_m: float
+    """Its accuracy, metres; NaN where PROJ knows none."""
+    best: bool
+    """False where a better one needs a grid that is not installed."""
+
+    def forward(self, points: Num[np.ndarray, "n 2"]) -> PlanePoints:
+        """Points of the source CRS in the target CRS; not finite where there is no way."""
+        moved = _pipeline(self.pipeline).transform(points[:, 0], points[:, 1], errcheck=False)
+        return np.column_stack(moved)
+
+    def backward(self, points: Num[np.ndarray, "n 2"]) -> PlanePoints:
+        """Points of the target CRS in the source CRS; not finite where there is no way."""
+        moved = _pipeline(self.pipeline).transform(
+            points[:, 0], points[:, 1], errcheck=False, direction="INVERSE"
+        )
+        return np.column_stack(moved)
+
+
+def operation_between(
+    source: str, target: str, points: Num[np.ndarray, "n 2"], where: str | Path
+) -> Operation:
     """The best operation PROJ can do here from one CRS to another, east before north.
 
     Args:
-        source: CRS of the coordinates that are given.
-        target: CRS of the coordinates that are wanted.
-        area: West, south, east, north in degrees; PROJ's best operation depends on it (for
-            S-JTSK the one it prefers elsewhere is Slovak).
+        source: CRS of the points.
+        target: CRS they are wanted in.
+        points: Where it is needed. PROJ's choice depends on it: for S-JTSK the operation it
+            prefers elsewhere is Slovak, and one that is national is passed over where the area
+            reaches beyond the nation.
+        where: The file, for the message.
     """
-    interest = AreaOfInterest(*area) if area else None
-    return Transformer.from_crs(source, target, always_xy=True, area_of_interest=interest)
-
-
-def transformer_over(source: str, target: str, points: Num[np.ndarray, "n 2"]) -> Transformer:
-    """`transformer` for the neighbourhood of points that are given in the source CRS."""
-    try:
-        east, north = transformer(source, "EPSG:4326").transform(*points.T, errcheck=False)
-    except ProjError:
-        return transformer(source, target)
-    east, north = east[np.isfinite(east)], north[np.isfinite(north)]
-    if not len(east):
-        return transformer(source, target)
-    # Whole degrees, so that sheets of one block share one cached operation.
-    low = np.clip(np.floor([east.min(), north.min()]), [-180, -90], [180, 90])
-    high = np.clip(np.ceil([east.max(), north.max()]), [-180, -90], [180, 90])
-    return transformer(source, target, (*low.tolist(), *high.tolist()))
-
-
-def describe_operation(source: str, target: str) -> tuple[str, float, bool]:
-    """How PROJ goes from one CRS to another: words, accuracy in metres (NaN), best available?"""
+    west, south, east, north = _degrees_around(source, points)
+    area: Any = AreaOfInterest(west, south, east, north)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the missing grid is told by the third value
-        group = TransformerGroup(source, target, always_xy=True)
-    if not group.transformers:
-        return "no operation", float("nan"), False
-    first = group.transformers[0]
-    accuracy = float(first.accuracy) if first.accuracy >= 0 else float("nan")
-    return first.description, accuracy, group.best_available
+        warnings.simplefilter("ignore")  # that a grid is missing is told by `best`
+        group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
+    for found in group.transformers:
+        accuracy = float(found.accuracy) if found.accuracy >= 0 else float("nan")
+        best = group.best_available and found is group.transformers[0]
+        operation = Operation(found.definition, found.description, accuracy, best)
+        if np.isfinite(operation.forward(points)).all():
+            return operation
+    raise CrsError(
+        where,
+        f"PROJ cannot bring {short_name(CRS(source))} to {short_name(CRS(target))} at "
+        f"{_sample(points)}.",
+        "Check the CRS of the block and of this file; one of them is another one (or zone).",
+    )
+
+
+@lru_cache(maxsize=64)
+def _pipeline(text: str) -> Transformer:
+    """PROJ's operation by its description; ours are all given east before north."""
+    return Transformer.from_pipeline(text)
+
+
+@lru_cache(maxsize=64)
+def _transformer(source: str, target: str) -> Transformer:
+    """PROJ's own choice wherever a point lies: for judging coordinates, not for moving them."""
+    return Transformer.from_crs(source, target, always_xy=True)
+
+
+def _degrees_around(source: str, points: Num[np.ndarray, "n 2"]) -> Bounds:
+    """Longitudes and latitudes that points lie between; the whole Earth where nobody knows."""
+    places = np.zeros((0, 2))
+    with suppress(ProjError):
+        there = _transformer(source, "EPSG:4326")
+        places = np.column_stack(there.transform(points[:, 0], points[:, 1], errcheck=False))
+        places = places[np.isfinite(places).all(axis=1)]
+    if not len(places):
+        return -180.0, -90.0, 180.0, 90.0
+    low, high = places.min(axis=0), places.max(axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
 def same_coordinates(one: str, other: str, points: Num[np.ndarray, "n 2"]) -> bool:
@@ -144,7 +200,7 @@ def same_coordinates(one: str, other: str, points: Num[np.ndarray, "n 2"]) -> bo
     if one == other or CRS(one) == CRS(other):
         return True
     try:
-        moved = np.column_stack(transformer(one, other).transform(*points.T, errcheck=False))
+        moved = np.column_stack(_transformer(one, other).transform(*points.T, errcheck=False))
     except ProjError:
         return False
     return bool(np.all(np.abs(moved - points) < SAME_PLACE_M))
@@ -232,7 +288,7 @@ def _area_bounds(wkt: str) -> Bounds:
     if area is None:
         # A CRS written out by hand names no area: whatever fits on the Earth is taken.
         return -2.1e7, -2.1e7, 2.1e7, 2.1e7
-    to_plane = transformer(_geodetic(crs).to_wkt(), wkt)
+    to_plane = _transformer(_geodetic(crs).to_wkt(), wkt)
     return to_plane.transform_bounds(*area.bounds, densify_pts=21, errcheck=False)
 
 

@@ -134,6 +134,8 @@ def orient_relative(
     for start in starts:
         found = adjust_relative(first, second, pixel_angles, start, options.tolerance_px)
         residual = parallax(first, second, found, pixel_angles)
+        # Flat ground allows a second orientation, which sees half of it behind the photos.
+        residual[~in_front(first, second, found)] = np.inf
         cost = float(np.minimum(residual**2, options.tolerance_px**2).sum())
         if cost < best_cost:
             best, best_cost = found, cost
@@ -202,7 +204,7 @@ def model_depths(
 
 
 def _coplanarity(first: Rays, second: Rays, orientation: RelativeOrientation) -> Scalars:
-    """u . (b x R v) of every match."""
+    """The product u . (b x R v) of every match."""
     turned = second @ orientation.rotation.T
     return np.sum(np.cross(turned, first) * orientation.base, axis=1)
 
@@ -286,11 +288,11 @@ def _sampled(
     found: list[RelativeOrientation] = []
     eye, none = np.eye(3), np.zeros(5)
     essential, _ = cv2.findEssentialMat(ours, theirs, eye, eye, none, none, params)
-    if essential is not None and np.shape(essential) == (3, 3):
+    if np.shape(essential) == (3, 3):
         found += _decomposed(np.asarray(essential, dtype=np.float64), first, second)
     # A flat scene allows four times the scatter about its plane.
     plane, _ = cv2.findHomography(ours, theirs, params=_with_threshold(params, 4 * scale))
-    if plane is not None:
+    if np.shape(plane) == (3, 3):
         found += _from_plane(np.asarray(plane, dtype=np.float64), first, second)
     return found
 

@@ -1,24 +1,22 @@
 """Resection: the exterior orientation of one photo from known points, most of them perhaps wrong.
 
-Candidates are many per point and mostly wrong; hypotheses come from three points and the prior
-together, are scored by MSAC with one candidate a point, refined, and accepted only when so many
-agreeing candidates could not be chance (a-contrario, METHODS 5).
+The hypotheses and their judgement are those of `core.geometry.consensus`; the best of them are
+refined with the full model of collinearity.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln
 
 from core.arrays import Indices, Matrix, ObjectPoints, PixelPoints, Scalars
 from core.doubts import Failure
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.collinearity import film_from_object
+from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 
-SAMPLE = 3
 STEPS = np.array([0.1, 0.1, 0.1, 1e-5, 1e-5, 1e-5])
 """Steps of the numerical derivative: metres and radians."""
 
@@ -54,38 +52,6 @@ class PhotoModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """Places in one photo where known points may lie; sorted by point."""
-
-    point: Indices
-    """Index of the known point of each candidate, ascending."""
-    pixels: PixelPoints
-    """Where it may lie."""
-    sigma_px: Scalars
-    """Standard deviation per axis, its point's ground uncertainty included, pixels."""
-    weight: Scalars
-    """Relative chance to be drawn into a sample."""
-    trust: Scalars
-    """Share of a full vote that its agreement counts for, 0 to 1."""
-    chance: Scalars
-    """For each candidate, 1 / the area that was searched for its point, per square pixel."""
-
-
-@dataclass(frozen=True, slots=True)
-class ResectionOptions:
-    """How the hypotheses are made and judged."""
-
-    hypotheses: int = 3000
-    """Samples of three points."""
-    gate: float = 3.0
-    """A candidate agrees within this many standard deviations per axis."""
-    log10_nfa_limit: float = -3.0
-    """Accepted when fewer false alarms than 10 to this power are expected from chance."""
-    refined: int = 12
-    """Best hypotheses that are refined."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Resection:
     """An exterior orientation that stands."""
 
@@ -117,7 +83,7 @@ def resect_photo(
     prior_covariance: Matrix,
     points: ObjectPoints,
     candidates: Candidates,
-    options: ResectionOptions,
+    options: ConsensusOptions,
     rng: np.random.Generator,
 ) -> Resection | Failure:
     """Exterior orientation from candidate measurements of known points and a Gaussian prior.
@@ -138,13 +104,13 @@ def resect_photo(
     if len(known) < SAMPLE + 2:
         return Failure(f"only {len(known)} known points have a candidate in this photo")
     search = Search(model, start, prior_covariance, points, candidates, options)
-    steps = search.best_of(search.sampled(rng))
+    steps = search.consensus.hypotheses(rng)
     best = min((search.refined(step) for step in steps), key=lambda found: found[0])
     return search.judged(best[1])
 
 
 class Search:
-    """One run of the search: the linearised photo, its candidates, and the prior."""
+    """One run of the search: the photo, its candidates, and the prior."""
 
     def __init__(
         self,
@@ -153,53 +119,21 @@ class Search:
         prior_covariance: Matrix,
         points: ObjectPoints,
         candidates: Candidates,
-        options: ResectionOptions,
+        options: ConsensusOptions,
     ) -> None:
         self.model, self.start, self.points = model, start, points
         self.candidates, self.options = candidates, options
-        self.prior_information = np.linalg.inv(prior_covariance)
-        self.first = np.unique(candidates.point, return_index=True)[1]
         pixels, derivatives = model.linearised(points, start)
-        self.offset = candidates.pixels - pixels[candidates.point]
-        self.design = derivatives[candidates.point]
-
-    def sampled(self, rng: np.random.Generator) -> Matrix:
-        """Orientation steps (hypotheses, 6), each from three candidates and the prior."""
-        weight = self.candidates.weight / self.candidates.weight.sum()
-        drawn = rng.choice(len(weight), size=(self.options.hypotheses, SAMPLE), p=weight)
-        point = self.candidates.point[drawn]
-        distinct = (
-            (point[:, 0] != point[:, 1])
-            & (point[:, 0] != point[:, 2])
-            & (point[:, 1] != point[:, 2])
+        self.consensus = Consensus(
+            candidates,
+            candidates.pixels - pixels[candidates.point],
+            derivatives[candidates.point],
+            prior_covariance,
+            options,
         )
-        drawn = drawn[distinct]
-        weight_px = 1 / self.candidates.sigma_px[drawn] ** 2
-        design = self.design[drawn]
-        normal = np.einsum("hsai,hs,hsaj->hij", design, weight_px, design)
-        right = np.einsum("hsai,hs,hsa->hi", design, weight_px, self.offset[drawn])
-        return np.linalg.solve(normal + self.prior_information, right[:, :, None])[:, :, 0]
 
-    def best_of(self, steps: Matrix) -> Matrix:
-        """The hypotheses of least MSAC cost, best first, with the prior itself among them."""
-        steps = np.vstack([np.zeros((1, 6)), steps])
-        costs = np.concatenate(
-            [self.cost(part) for part in np.array_split(steps, len(steps) // 250 + 1)]
-        )
-        return steps[np.argsort(costs, kind="stable")[: self.options.refined]]
-
-    def cost(self, steps: Matrix) -> Scalars:
-        """MSAC cost of each hypothesis: one candidate a point, truncated, plus the prior."""
-        residual = self.offset - np.einsum("cai,hi->hca", self.design, steps)
-        squared = np.sum(residual**2, axis=2) / self.candidates.sigma_px**2
-        limit = 2 * self.options.gate**2
-        missed = limit - self.candidates.trust * np.maximum(limit - squared, 0)
-        per_point = np.minimum.reduceat(missed, self.first, axis=1)
-        prior = np.einsum("hi,ij,hj->h", steps, self.prior_information, steps)
-        return per_point.sum(axis=1) + prior
-
-    def refined(self, step: np.ndarray) -> tuple[float, ExteriorOrientation]:
-        """Local optimisation: choose, solve by the full model, choose again."""
+    def refined(self, step: Scalars) -> tuple[float, ExteriorOrientation]:
+        """Local optimisation by the full model: choose, solve, choose again."""
         exterior = moved(self.start, step)
         cost = np.inf
         for _ in range(8):
@@ -210,40 +144,34 @@ class Search:
         return cost, exterior
 
     def agreeing(self, exterior: ExteriorOrientation) -> tuple[Indices, PixelPoints, float]:
-        """Best candidate of each point where it lies within the gate, residuals, MSAC cost."""
+        """Candidates that agree, their residuals (computed minus measured), and the cost."""
         pixels = self.model.pixels(self.points, exterior)
         residual = pixels[self.candidates.point] - self.candidates.pixels
-        squared = np.sum(residual**2, axis=1) / self.candidates.sigma_px**2
-        squared = np.where(np.isfinite(squared), squared, np.inf)
-        limit = 2 * self.options.gate**2
-        missed = limit - self.candidates.trust * np.maximum(limit - squared, 0)
-        best = best_per_point(missed, self.candidates.point)
-        chosen = best[squared[best] < limit]
+        chosen, cost = self.consensus.agreeing(residual)
         change = difference(exterior, self.start)
-        cost = missed[best].sum() + change @ self.prior_information @ change
-        return chosen, residual[chosen], float(cost)
+        return (
+            chosen,
+            residual[chosen],
+            cost + float(change @ self.consensus.prior_information @ change),
+        )
 
     def solved(
         self, exterior: ExteriorOrientation, chosen: Indices, residual: PixelPoints
     ) -> tuple[ExteriorOrientation, Matrix]:
         """One Gauss-Newton step with the chosen candidates, and the covariance."""
-        _, derivatives = self.model.linearised(self.points[self.candidates.point[chosen]], exterior)
-        weight = self.candidates.trust[chosen] / self.candidates.sigma_px[chosen] ** 2
-        normal = np.einsum("nai,n,naj->ij", derivatives, weight, derivatives)
-        right = -np.einsum("nai,n,na->i", derivatives, weight, residual)
-        right -= self.prior_information @ difference(exterior, self.start)
-        normal = normal + self.prior_information
-        return moved(exterior, np.linalg.solve(normal, right)), np.linalg.inv(normal)
+        seen = self.points[self.candidates.point[chosen]]
+        derivatives = self.model.linearised(seen, exterior)[1]
+        change = difference(exterior, self.start)
+        step, covariance = self.consensus.solved(chosen, -residual, derivatives, change)
+        return moved(exterior, step), covariance
 
     def judged(self, exterior: ExteriorOrientation) -> Resection | Failure:
         """Accept the orientation only when its agreement could not be chance."""
         chosen, residual, _ = self.agreeing(exterior)
-        count = len(self.first)
+        count = len(self.consensus.first)
         if len(chosen) <= SAMPLE:
             return Failure(f"no orientation agrees with more than {len(chosen)} points")
-        area = np.pi * 2 * (self.options.gate * self.candidates.sigma_px) ** 2
-        share = np.minimum(np.add.reduceat(area * self.candidates.chance, self.first), 1.0)
-        nfa = log10_false_alarms(count, len(chosen), float(np.exp(np.mean(np.log(share)))))
+        nfa = self.consensus.log10_nfa(len(chosen))
         evidence = {"points": count, "agreeing": len(chosen), "log10_nfa": round(nfa, 2)}
         if nfa > self.options.log10_nfa_limit:
             return Failure(
@@ -252,13 +180,6 @@ class Search:
             )
         covariance = self.solved(exterior, chosen, residual)[1]
         return Resection(exterior, covariance, chosen, residual, nfa)
-
-
-def best_per_point(cost: Scalars, point: Indices) -> Indices:
-    """Index of the candidate of least cost of each point; candidates are sorted by point."""
-    order = np.lexsort((cost, point))
-    first = np.unique(point[order], return_index=True)[1]
-    return order[first]
 
 
 def difference(exterior: ExteriorOrientation, start: ExteriorOrientation) -> np.ndarray:
@@ -273,22 +194,3 @@ def difference(exterior: ExteriorOrientation, start: ExteriorOrientation) -> np.
             turn,
         ]
     )
-
-
-def log10_false_alarms(count: int, agreeing: int, chance: float) -> float:
-    """Expected orientations that this many of `count` points support by chance, log10.
-
-    log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha, m = 3 points a sample
-    (the a-contrario model of openMVG's robust estimator).
-    """
-
-    def log_choose(n: int, k: int) -> float:
-        return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
-
-    natural = (
-        np.log(max(count - SAMPLE, 1))
-        + log_choose(count, agreeing)
-        + log_choose(agreeing, SAMPLE)
-        + (agreeing - SAMPLE) * np.log(max(chance, 1e-300))
-    )
-    return float(natural / np.log(10))

@@ -6,11 +6,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
-from core.arrays import Affine2, Matrix, Scalars, locked
+from core.arrays import Affine2, Matrix, locked
 from core.doubts import Failure
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Points of any plane frame."""
+Place = Float64[np.ndarray, "2"]
+"""One point of any plane frame."""
 TransformModel = Literal["similarity", "affine"]
 PARAMETERS = {"similarity": 4, "affine": 6}
 MIN_SPREAD = 1e-6
@@ -134,7 +136,7 @@ def _fit(
     )
 
 
-def _normalisation(points: PlanePoints) -> tuple[Scalars, float]:
+def _normalisation(points: PlanePoints) -> tuple[Place, float]:
     """Mean of the points and their root mean square distance from it (1 if they coincide)."""
     shift = points.mean(axis=0)
     spread = float(np.sqrt(np.mean((points - shift) ** 2)))
@@ -154,7 +156,7 @@ def _design(points: PlanePoints, model: TransformModel, mirrored: bool) -> Matri
 
 
 def _matrix_from_parameters(
-    model: TransformModel, mirrored: bool, shift: Scalars, spread: float
+    model: TransformModel, mirrored: bool, shift: Place, spread: float
 ) -> Matrix:
     """6 x parameters: the 2 x 3 matrix, row by row, of parameters for normalised points."""
     if model == "affine":

@@ -21,9 +21,9 @@ from shapely.geometry import box
 
 from core.geometry.grid import Grid
 from core.ground.ortho import OrthoProduct
-from core.ground.overview import read_overview
+from core.ground.overview import Overview, read_overview
 from core.ground.radiometry import Balance, BalanceOptions, balance_orthos
-from core.ground.seams import Seam, SeamOptions, draw_seams, write_seams
+from core.ground.seams import PhotoArea, Seam, SeamOptions, area_of, draw_seams, write_seams
 from core.ground.tiles import (
     NODATA,
     SILENT,
@@ -47,8 +47,10 @@ class MosaicOptions:
     """Tiles composed side by side."""
     feather_px: int = 8
     """Width over which one photo fades into the next, pixels."""
-    pixels_per_cell: int = 16
-    """Ortho pixels a side per cell of the overviews that seams and balance are made from."""
+    pixels_per_cell: int = 8
+    """Ortho pixels a side per cell of the overviews that seams are drawn from."""
+    balance_cells: int = 128
+    """Cells along the longest side of an ortho from which the balance is estimated."""
     balance: bool = True
     """Correct gain and offset of the photos."""
     seams: SeamOptions = field(default_factory=SeamOptions)
@@ -167,10 +169,15 @@ def _prepare(
     progress: Progress,
 ) -> _Work:
     """Seams and balance from the orthos in small."""
-    overviews = []
+    areas: list[PhotoArea] = []
+    overviews: list[Overview] = []
+    longest = max(max(ortho.grid.columns, ortho.grid.rows) for ortho in orthos)
+    coarsening = max(1, longest // options.pixels_per_cell // options.balance_cells)
     for done, ortho in enumerate(orthos):
         _assert_aligned(ortho.grid, grid)
-        overviews.append(read_overview(ortho, options.pixels_per_cell))
+        overview = read_overview(ortho, options.pixels_per_cell)
+        areas.append(area_of(overview, options.seams))
+        overviews.append(overview.coarser(coarsening))
         progress.report(float(done), float(len(orthos)), "seams and balance")
     with rasterio.open(orthos[0].path) as file:
         dtype = np.dtype(file.dtypes[0])
@@ -178,7 +185,7 @@ def _prepare(
     if options.balance:
         scale = float(np.iinfo(dtype).max)
         balances = balance_orthos(overviews, scale, options.radiometry)
-    drawn = draw_seams(overviews, dates, options.seams) if seams is None else tuple(seams)
+    drawn = draw_seams(areas, dates, options.seams) if seams is None else tuple(seams)
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
     drawn = tuple(seam for seam in drawn if seam.photo_id in index)
     return _Work(

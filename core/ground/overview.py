@@ -41,6 +41,22 @@ class Overview:
         """Cells with at least one valid pixel."""
         return np.asarray(self.share > 0)
 
+    def coarser(self, factor: int) -> "Overview":
+        """The same in cells `factor` times as large; cells still coincide between orthos."""
+        step = self.grid.ground_sample_distance_m * factor
+        grid = Grid.over(self.grid.bounds, step)
+        corner = grid.grid_from_object(np.array([[self.grid.west, self.grid.north]]))[0] * factor
+        column, row = round(float(corner[0])), round(float(corner[1]))
+        sums = np.zeros((grid.rows * factor, grid.columns * factor), dtype=np.float32)
+        shares = np.zeros_like(sums)
+        part = np.s_[row : row + self.grid.rows, column : column + self.grid.columns]
+        sums[part] = np.where(self.touched, self.values * self.share, 0)
+        shares[part] = self.share
+        cells = (grid.rows, factor, grid.columns, factor)
+        total, share = (band.reshape(cells).sum(axis=(1, 3)) for band in (sums, shares))
+        values = np.where(share > 0, total / np.maximum(share, 1e-6), np.nan)
+        return Overview(self.photo_id, self.nadir, grid, values, share / factor**2)
+
 
 def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
     """Means over cells of an ortho, read strip by strip."""

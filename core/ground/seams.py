@@ -32,8 +32,22 @@ class SeamOptions:
     keep_inside_m: float = 10.0
     """A seam keeps this distance from the edge of a photo's picture where another photo shows the
     place as well, metres: room to feather."""
-    smallest_hole_cells: float = 16.0
+    smallest_hole_cells: float = 64.0
     """Holes in a photo smaller than this are left to the composition, cells."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoArea:
+    """What one photo shows of the ground."""
+
+    photo_id: str
+    """The photo."""
+    nadir: tuple[float, float]
+    """Easting and northing straight below the perspective centre, metres."""
+    shown: Area
+    """Where it shows anything, generously."""
+    inner: Area
+    """Where it shows everything, away from its edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,15 +62,29 @@ class Seam:
     """Its part, in the block's CRS."""
 
 
+def area_of(overview: Overview, options: SeamOptions | None = None) -> PhotoArea:
+    """Outlines of what an ortho shows, from its overview; steps of cells are straightened."""
+    options = options or SeamOptions()
+    cell = overview.grid.ground_sample_distance_m
+    shown = _outline(overview.touched, overview.grid, options)
+    full = _outline(overview.full, overview.grid, options)
+    return PhotoArea(
+        overview.photo_id,
+        overview.nadir,
+        _polygons(shown.buffer(cell / 2, join_style="mitre").simplify(cell)),
+        _polygons(full.simplify(cell).buffer(-options.keep_inside_m, join_style="mitre")),
+    )
+
+
 def draw_seams(
-    overviews: Sequence[Overview],
+    areas: Sequence[PhotoArea],
     dates: Mapping[str, str] | None = None,
     options: SeamOptions | None = None,
 ) -> tuple[Seam, ...]:
     """Divide what the photos show among them by nearest nadir; nothing shown is left out.
 
     Args:
-        overviews: The orthos in small.
+        areas: What each photo shows.
         dates: Date of each photo.
         options: Distances.
 
@@ -64,21 +92,23 @@ def draw_seams(
         One seam per photo that shows anything, in the order given; they do not overlap.
     """
     options = options or SeamOptions()
-    nadirs = [overview.nadir for overview in overviews]
-    shown = [_area(view.touched, view.grid, options) for view in overviews]
-    inner = [
-        _area(view.full, view.grid, options)
-        .buffer(-options.keep_inside_m, join_style="mitre")
-        .simplify(view.grid.ground_sample_distance_m / 2)
-        for view in overviews
-    ]
-    first = _divide(inner, nadirs)
-    taken = shapely.union_all(first)
-    rest = _divide([area.difference(taken) for area in shown], nadirs)
+    nadirs = [area.nadir for area in areas]
+    shown = [area.shown for area in areas]
+    parts = [_divide([area.inner for area in areas], nadirs)]
+    # Slivers along the edge of a neighbour and the rim go to the part they border, so that seams
+    # run straight on to the edge.
+    parts[0] = [_opened(part, options.keep_inside_m) for part in parts[0]]
+    reach = 3 * options.keep_inside_m
+    grown = [part.buffer(reach, join_style="mitre") for part in parts[0]]
+    for wanted in ([a.intersection(b) for a, b in zip(grown, shown, strict=True)], shown):
+        taken = shapely.union_all([area for share in parts for area in share])
+        parts.append(_divide([area.difference(taken) for area in wanted], nadirs))
     dates = dates or {}
     seams = (
-        Seam(view.photo_id, dates.get(view.photo_id, ""), _polygons(main.union(rim)))
-        for view, main, rim in zip(overviews, first, rest, strict=True)
+        Seam(
+            area.photo_id, dates.get(area.photo_id, ""), _polygons(shapely.union_all(list(shares)))
+        )
+        for area, *shares in zip(areas, *parts, strict=True)
     )
     return tuple(seam for seam in seams if not seam.area.is_empty)
 
@@ -112,7 +142,7 @@ def read_seams(path: Path) -> tuple[Seam, ...]:
     )
 
 
-def _area(mask: Mask, grid: Grid, options: SeamOptions) -> Area:
+def _outline(mask: Mask, grid: Grid, options: SeamOptions) -> Area:
     """Outline of the true cells of a mask, without its small holes."""
     transform = Affine.from_gdal(*grid.geotransform)
     outlines = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
@@ -135,6 +165,12 @@ def _divide(areas: Sequence[BaseGeometry], nadirs: Sequence[tuple[float, float]]
         lost = [_nearer(areas[j], nadirs[j], area, nadirs[index], j < index) for j in others]
         shares.append(_polygons(area.difference(shapely.union_all(lost))))
     return shares
+
+
+def _opened(area: Area, width: float) -> Area:
+    """An area without what is narrower than twice a width."""
+    wide = area.buffer(-width, join_style="mitre").buffer(width, join_style="mitre")
+    return _polygons(wide.intersection(area))
 
 
 def _nearer(

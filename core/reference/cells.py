@@ -5,19 +5,20 @@ both neighbours, each pixel once.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import rasterio
 from jaxtyping import Bool, Float32, Shaped
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
-from rasterio.windows import Window
 
 from core.errors import ReferenceDataError
 from core.reference.sheets import Lattice, Sheet, open_raster
 
 Content = Literal["gray", "colour", "heights"]
+RowsColumns = tuple[tuple[int, int], tuple[int, int]]
+"""A window as rasterio takes it: first and last row, first and last column."""
 LUMINANCE = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 """Weights of red, green and blue in gray, Rec. 601."""
 EXACT_TO = 10
@@ -131,7 +132,7 @@ def _read_pixels(
 ) -> tuple[Float32[np.ndarray, "bands rows columns"], Bool[np.ndarray, "rows columns"]]:
     """A window (column, row, width, height) of a sheet in original pixels, and which are usable."""
     column, row, width, height = box
-    window: Any = Window(column, row, width, height)
+    window = ((row, row + height), (column, column + width))
     with open_raster(sheet.path, OVERVIEW_LEVEL="NONE") as raster:
         raw = _read(raster, sheet, window=window)
         usable = np.ones((height, width), dtype=bool)
@@ -162,7 +163,7 @@ def _add_reduced(
     left, top = max(0, place.column + first * n), max(0, place.row + above * n)
     right = min(sheet.columns, place.column + last * n)
     bottom = min(sheet.rows, place.row + below * n)
-    window: Any = Window(left, top, right - left, bottom - top)
+    window = ((top, bottom), (left, right))
     shape = (below - above, last - first)
     with open_raster(sheet.path) as raster:
         raw = _read(raster, sheet, window=window, shape=shape)
@@ -178,7 +179,7 @@ def _add_reduced(
 
 
 def _round(value: int, size: int) -> int:
-    """value / size to the nearest whole number."""
+    """Value over size to the nearest whole number."""
     return (2 * value + size) // (2 * size)
 
 
@@ -201,7 +202,7 @@ def _collar_cells(
 def _read(
     raster: rasterio.DatasetReader,
     sheet: Sheet,
-    window: Any,
+    window: RowsColumns,
     shape: tuple[int, int] | None = None,
 ) -> Shaped[np.ndarray, "bands rows columns"]:
     """Read the sheet's bands; damaged data is told with the file's name."""

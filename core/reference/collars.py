@@ -1,15 +1,14 @@
 """Collars: the constant black or white margin that slanted orthos carry without saying nodata."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import rasterio
 from jaxtyping import Bool, Num
-from rasterio.windows import Window
 from scipy import ndimage
 
 from core.arrays import Mask, locked
+from core.reference.gaps import labelled
 
 CORNER_PX = 8
 """A corner this large, black or white in every band, makes a collar suspected."""
@@ -65,7 +64,7 @@ def _corner_value(raster: rasterio.DatasetReader, bands: tuple[int, ...]) -> flo
     width, height = min(CORNER_PX, raster.width), min(CORNER_PX, raster.height)
     for column in (0, raster.width - width):
         for row in (0, raster.height - height):
-            window: Any = Window(column, row, width, height)
+            window = ((row, row + height), (column, column + width))
             corner = raster.read(list(bands), window=window).astype(np.int16)
             for value in (0.0, 255.0):
                 if np.all(np.abs(corner - value) <= NOISE):
@@ -75,7 +74,7 @@ def _corner_value(raster: rasterio.DatasetReader, bands: tuple[int, ...]) -> flo
 
 def _touching_edge(flat: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
     """The connected parts that reach the sheet's edge over a length no shadow has."""
-    labels, count = ndimage.label(flat)
+    labels, count = labelled(flat)
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     lengths = np.bincount(edge, minlength=count + 1)
     wanted = np.flatnonzero(lengths >= max(3, min(flat.shape) // 200))

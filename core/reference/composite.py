@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 
-from core.geometry.crs import transformer_over
 from core.geometry.grid import Grid
 from core.reference.cells import EXACT_TO, CellWindow, Content, read_cells, sheets_under
 from core.reference.resampling import RADIUS, Kernel, Sampled, sample_separable, sample_warped
@@ -55,7 +54,7 @@ def _read_part(sheets: SheetSet, grid: Grid, bands: int, options: ReadOptions) -
     values = np.zeros((bands, grid.rows, grid.columns), dtype=np.float32)
     coverage = np.zeros((grid.rows, grid.columns), dtype=np.float32)
     for lattice in sheets.lattices:
-        found = _read_lattice(lattice, sheets.crs, grid, options)
+        found = _read_lattice(lattice, grid, options)
         if found is None:
             continue
         # The finest lattice has its say; the next fills what it leaves open.
@@ -68,11 +67,11 @@ def _read_part(sheets: SheetSet, grid: Grid, bands: int, options: ReadOptions) -
     return Sampled(values, coverage)
 
 
-def _read_lattice(lattice: Lattice, crs: str, grid: Grid, options: ReadOptions) -> Sampled | None:
+def _read_lattice(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled | None:
     """One lattice on the grid; None where it has nothing there."""
     if lattice.north_up:
         return _read_north_up(lattice, grid, options)
-    return _read_slanted(lattice, crs, grid, options)
+    return _read_slanted(lattice, grid, options)
 
 
 def _read_north_up(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled | None:
@@ -94,9 +93,9 @@ def _read_north_up(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sample
     )
 
 
-def _read_slanted(lattice: Lattice, crs: str, grid: Grid, options: ReadOptions) -> Sampled | None:
+def _read_slanted(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled | None:
     """Rotated sheets, south-up sheets, sheets in another CRS."""
-    columns, rows, scale = _lattice_places(lattice, crs, grid)
+    columns, rows, scale = _lattice_places(lattice, grid)
     if not np.isfinite(columns).all():
         return None
     size = _cell_size(scale)
@@ -113,15 +112,14 @@ def _read_slanted(lattice: Lattice, crs: str, grid: Grid, options: ReadOptions) 
 
 
 def _lattice_places(
-    lattice: Lattice, crs: str, grid: Grid
+    lattice: Lattice, grid: Grid
 ) -> tuple[Float64[np.ndarray, "rows columns"], Float64[np.ndarray, "rows columns"], float]:
     """Lattice column and row of every pixel centre, and lattice pixels per grid pixel."""
     across, down = _nodes(grid.columns), _nodes(grid.rows)
     nodes = np.stack(np.meshgrid(across, down), axis=-1)
     plane = grid.object_from_grid(nodes.reshape(-1, 2))
-    if lattice.crs:
-        there = transformer_over(crs, lattice.crs, plane)
-        plane = np.column_stack(there.transform(*plane.T, errcheck=False))
+    if lattice.operation is not None:
+        plane = lattice.operation.backward(plane)
     linear, shift = lattice.plane_from_lattice[:, :2], lattice.plane_from_lattice[:, 2]
     places = np.linalg.solve(linear, (plane - shift).T).reshape(2, len(down), len(across))
     # Area of one grid pixel, from the diagonals of the whole grid.

@@ -1,7 +1,7 @@
 """The terrain: heights at exact places, bilinear, from one DEM file or many."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64
 from core.arrays import Scalars, locked
 from core.doubts import Doubt
 from core.errors import ReferenceDataError
-from core.geometry.crs import Bounds, parse_crs
+from core.geometry.crs import Bounds, parse_crs, shared_bounds
 from core.geometry.grid import Grid
 from core.reference.composite import ReadOptions, read_onto
 from core.reference.gaps import LARGEST_GAP_PX, fill_gaps, small_gaps
@@ -19,8 +19,12 @@ from core.reference.sheets import SheetSet, open_raster, open_sheets
 
 MARGIN_PX = LARGEST_GAP_PX + 2
 """Read round every window, so that a gap at its edge is filled as it would be in its middle."""
-PIECE_PX = 2048
+PIECE_PX = 1024
 """Points are looked up in pieces of this size, so that a large DEM is never read whole."""
+MOST_PIECES = 40
+"""Pieces kept in memory: 200 MB."""
+AT_ONCE = 1_000_000
+"""Heights looked up at once, which bounds the memory they need."""
 LOOKED_THROUGH_PX = 40_000_000
 """Files up to this size are looked through for heights when they are opened."""
 
@@ -50,6 +54,14 @@ class Dem:
     """Pixels of the finest file, over all files."""
     window: HeightWindow | None = None
     """What was cropped into memory; then nothing beyond it is known."""
+    recent: dict[tuple[int, int], HeightWindow] = field(
+        default_factory=dict[tuple[int, int], HeightWindow], repr=False
+    )
+    """Pieces that were read lately, by column and row: a memory that changes no answer."""
+
+    def __reduce__(self) -> tuple[type["Dem"], tuple[SheetSet, Grid, HeightWindow | None]]:
+        """A copy in another process reads its own pieces."""
+        return Dem, (self.sheets, self.grid, self.window)
 
     @property
     def bounds(self) -> Bounds:
@@ -73,10 +85,10 @@ class Dem:
 
     def cropped(self, bounds: Bounds) -> "Dem":
         """The DEM within bounds (and a margin), held in memory: for many look-ups."""
-        part = _covering(self.grid, bounds, 2)
         if self.window is not None:
             return self
-        return replace(self, grid=part, window=self._read(part))
+        part = _covering(self.grid, bounds, 2)
+        return Dem(self.sheets, part, self._read(part))
 
     def heights(self, points: PlanePoints) -> Scalars:
         """Heights at easting and northing, metres; NaN outside the DEM and in gaps.
@@ -108,20 +120,23 @@ class Dem:
         east, west, north, south = self.heights(around).reshape(-1, 4).T
         return np.column_stack([east - west, north - south]) / (2 * step)
 
-    def on(self, grid: Grid, kernel: Kernel = "linear") -> Float32[np.ndarray, "rows columns"]:
+    def on(self, grid: Grid, kernel: Kernel = "linear") -> Float64[np.ndarray, "rows columns"]:
         """Heights on a grid, metres, NaN in gaps; averaged where the grid is coarser.
 
         Args:
             grid: Any grid in the block's CRS.
             kernel: `linear`, or `cubic` for a surface without kinks, as for hill shading.
         """
-        if self.window is None:
-            return self._resampled(grid, kernel)
         if grid.ground_sample_distance_m > 2 * self.ground_sample_distance_m or kernel == "cubic":
-            return np.where(self._inside(grid), self._resampled(grid, kernel), np.float32(np.nan))
+            heights = self._resampled(grid, kernel).astype(np.float64)
+            return np.where(self._inside(grid), heights, np.nan)
         east, north = grid.centres()
-        points = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-        return self.heights(points).astype(np.float32).reshape(grid.rows, grid.columns)
+        heights = np.empty((grid.rows, grid.columns))
+        step = max(1, AT_ONCE // grid.columns)
+        for row in range(0, grid.rows, step):
+            points = np.stack(np.meshgrid(east, north[row : row + step]), axis=-1)
+            heights[row : row + step] = self.heights(points.reshape(-1, 2)).reshape(-1, len(east))
+        return heights
 
     def mean_height(self, bounds: Bounds | None = None) -> float:
         """Mean of the heights within bounds, metres; NaN where the DEM has none there."""
@@ -133,7 +148,7 @@ class Dem:
 
         Peaks narrower than that are averaged; with `mean`, both are the mean. NaN without heights.
         """
-        west, south, east, north = _common(self.bounds, bounds or self.bounds)
+        west, south, east, north = shared_bounds(self.bounds, bounds or self.bounds)
         if east <= west or north <= south:
             return float("nan"), float("nan")
         gsd = max(self.ground_sample_distance_m, max(east - west, north - south) / 400)
@@ -153,12 +168,26 @@ class Dem:
             yield np.flatnonzero(inside), self.window
             return
         rows = np.flatnonzero(inside)
-        piece = np.floor(place[rows] / PIECE_PX).astype(np.int64)
+        # The far edge itself belongs to the last piece.
+        last = (self.grid.columns - 1, self.grid.rows - 1)
+        piece = np.minimum(np.floor(place[rows]), last).astype(np.int64) // PIECE_PX
         for key in np.unique(piece, axis=0):
-            members = rows[(piece == key).all(axis=1)]
-            east, north = points[members].T
-            bounds = (east.min(), north.min(), east.max(), north.max())
-            yield members, self._read(_covering(self.grid, bounds, 2))
+            yield rows[(piece == key).all(axis=1)], self._piece(int(key[0]), int(key[1]))
+
+    def _piece(self, column: int, row: int) -> HeightWindow:
+        """A square piece of the DEM and a rim of two pixels, kept for the next question."""
+        held = self.recent.get((column, row))
+        if held is not None:
+            return held
+        # Another thread may add or drop pieces meanwhile; at worst one is read twice.
+        for old in list(self.recent)[: max(0, len(self.recent) - MOST_PIECES + 1)]:
+            self.recent.pop(old, None)
+        first = np.maximum(0, np.array([column, row]) * PIECE_PX - 2)
+        size = np.array([self.grid.columns, self.grid.rows])
+        last = np.minimum(size, (np.array([column, row]) + 1) * PIECE_PX + 2)
+        held = self._read(self.grid.window(*first.tolist(), *(last - first).tolist()))
+        self.recent[(column, row)] = held
+        return held
 
     def _read(self, part: Grid) -> HeightWindow:
         """The pixels of a part of the DEM's own grid, small gaps closed."""
@@ -257,16 +286,6 @@ def _covering(grid: Grid, bounds: Bounds, margin: int) -> Grid:
     high = np.clip(np.ceil(corners[1]).astype(int) + margin, low + 1, size)
     columns, rows = (high - low).tolist()
     return grid.window(int(low[0]), int(low[1]), columns, rows)
-
-
-def _common(one: Bounds, other: Bounds) -> Bounds:
-    """What two bounds share."""
-    return (
-        max(one[0], other[0]),
-        max(one[1], other[1]),
-        min(one[2], other[2]),
-        min(one[3], other[3]),
-    )
 
 
 def _bilinear(raster: Float32[np.ndarray, "rows columns"], places: PlanePoints) -> Scalars:

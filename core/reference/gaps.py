@@ -1,7 +1,9 @@
 """Small gaps of a height raster, closed by the smoothest surface through what surrounds them."""
 
+from typing import cast
+
 import numpy as np
-from jaxtyping import Bool, Float32, Int
+from jaxtyping import Bool, Float32, Int, Int32
 from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
@@ -17,7 +19,7 @@ def small_gaps(
     empty = np.isnan(heights)
     if not empty.any() or empty.all():
         return np.zeros_like(empty)
-    labels, count = ndimage.label(empty, structure=np.ones((3, 3)))
+    labels, count = labelled(empty)
     small = np.zeros(count + 1, dtype=bool)
     for label, (down, across) in enumerate(ndimage.find_objects(labels), start=1):
         inside = (
@@ -29,6 +31,15 @@ def small_gaps(
         size = max(down.stop - down.start, across.stop - across.start)
         small[label] = inside and size <= largest_px
     return small[labels]
+
+
+def labelled(
+    flags: Bool[np.ndarray, "rows columns"],
+) -> tuple[Int32[np.ndarray, "rows columns"], int]:
+    """Number of the connected part (eight neighbours) of every pixel, 0 outside; how many."""
+    labels = np.zeros(flags.shape, dtype=np.int32)
+    count = ndimage.label(flags, structure=np.ones((3, 3)), output=labels)
+    return labels, cast(int, count)
 
 
 def fill_gaps(

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float64, Int64
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Position, Scalars, locked
 from core.geometry.crs import Bounds
 from core.reference.dem import Dem
-from core.reference.planar import RoadGraph, clusters
+from core.reference.planar import RoadGraph, clusters, planar_graph
+
+__all__ = ["Junction", "JunctionOptions", "find_junctions", "planar_graph"]
 
 TRACK_WORDS = ("track", "cesta", "path", "footway", "bridleway", "cycleway", "steps", "pesina")
 """Words in the class or layer of roads that keep their place less well than paved ones."""
@@ -160,7 +162,7 @@ def _passing(graph: RoadGraph, arms: _Arms) -> Bool[np.ndarray, "arms"]:
     raised = np.flatnonzero(graph.roads.level)
     lines = graph.roads.lines[raised]
     ends = np.vstack([shapely.get_coordinates(shapely.get_point(lines, i)) for i in (0, -1)])
-    near = cKDTree(graph.nodes).query_ball_point(ends, 2 * graph.snap_m + 1e-6)
+    near = KDTree(graph.nodes).query_ball_point(ends, 2 * graph.snap_m + 1e-6)
     at = np.repeat(np.arange(len(ends)), [len(nodes) for nodes in near])
     nodes = np.concatenate([np.asarray(found, dtype=np.int64) for found in near])
     levels = np.tile(graph.roads.level[raised], 2)[at]
@@ -218,7 +220,7 @@ def _tight(points: Float64[np.ndarray, "n 2"], reach_m: float) -> Int64[np.ndarr
     if not free.any():
         return group
     rows = np.flatnonzero(free)
-    near = cKDTree(points[rows]).query_ball_point(points[rows], reach_m)
+    near = KDTree(points[rows]).query_ball_point(points[rows], reach_m)
     number, taken = int(group.max()), np.zeros(len(rows), dtype=bool)
     for row in np.lexsort(points[rows].T[::-1]):
         if taken[row]:

@@ -60,6 +60,10 @@ class Ortho:
         mask = sampled.coverage >= LEAST_COVERAGE
         return OrthoPatch(np.where(mask, sampled.values[0], np.float32(0)), mask)
 
+    def read_coverage(self, grid: Grid) -> Float32[np.ndarray, "rows columns"]:
+        """Share of each grid pixel that the sheets fill, 0 to 1; overviews are used."""
+        return read_onto(self.sheets, grid, ReadOptions("gray", exact_to=2)).coverage
+
     def read_colour(self, grid: Grid) -> UInt8[np.ndarray, "rows columns 3"]:
         """Red, green and blue on a grid, for showing: overviews are used; black where none."""
         sampled = read_onto(self.sheets, grid, ReadOptions("colour", exact_to=2))

@@ -11,7 +11,7 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from core.arrays import locked
 from core.reference.roads import Roads
@@ -70,7 +70,7 @@ def planar_graph(roads: Roads, snap_m: float = SNAP_M) -> RoadGraph:
     pieces = _with_clustered_nodes(pieces, snap_m)
     edges = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(pieces)))
     nodes, edge_nodes = _numbered(edges)
-    distance = cKDTree(ends).query(nodes, distance_upper_bound=max(snap_m, 1e-3))[0]
+    distance = KDTree(ends).query(nodes, distance_upper_bound=max(snap_m, 1e-3))[0]
     return RoadGraph(
         roads, nodes, edges, edge_nodes, shapely.length(edges), ~np.isfinite(distance), snap_m
     )
@@ -78,7 +78,7 @@ def planar_graph(roads: Roads, snap_m: float = SNAP_M) -> RoadGraph:
 
 def clusters(points: PlanePoints, reach_m: float) -> Int64[np.ndarray, "n"]:
     """Number of each point's cluster; a cluster is what links shorter than the reach connect."""
-    pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
+    pairs = KDTree(points).query_pairs(reach_m, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points), len(points)))
     return connected_components(links, directed=False)[1].astype(np.int64)
 

@@ -1,7 +1,7 @@
 """Values anywhere between the cells of a lattice: separable where axes agree, warped where not."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import cv2
 import numpy as np
@@ -119,8 +119,9 @@ def _cubic(t: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
 def _apply(
     down: csr_array, band: Float32[np.ndarray, "rows columns"], across: csr_array
 ) -> Float32[np.ndarray, "height width"]:
-    """down @ band @ across', the shorter product first."""
-    if down.shape[0] <= band.shape[0]:
+    """Product down @ band @ across', the shorter product first."""
+    height = cast(tuple[int, int], down.shape)[0]
+    if height <= band.shape[0]:
         return np.ascontiguousarray((across @ np.ascontiguousarray((down @ band).T)).T)
     return np.ascontiguousarray(down @ np.ascontiguousarray((across @ band.T).T))
 

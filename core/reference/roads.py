@@ -17,7 +17,7 @@ KIND_COLUMNS = (
     "typ_sil_k", "typ_cesty_k", "typ_cesty", "typsil", "typ", "highway", "fclass", "class",
     "objtype", "type", "kind",
 )  # fmt: skip
-"""Columns that tell the class of a road, in the order they are looked for (ZABAGED, OSM, others)."""
+"""Columns that tell the class of a road, in the order they are looked for (ZABAGED, OSM)."""
 NAME_COLUMNS = ("name", "nazev", "jmeno", "ref", "cislo")
 WIDTH_COLUMNS = ("width", "sirka", "est_width", "width_m")
 LEVEL_COLUMNS = ("layer", "level", "uroven", "z_order_level")

@@ -6,8 +6,9 @@ resampling kernel that crosses a sheet edge finds the neighbour's pixels there.
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -18,17 +19,17 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from core.arrays import Affine2, locked
 from core.doubts import Doubt
-from core.errors import CrsError, ReferenceDataError
+from core.errors import ReferenceDataError
 from core.geometry.crs import (
     Bounds,
+    Operation,
     check_range,
-    describe_operation,
     horizontal,
     infer_crs,
+    operation_between,
     read_crs,
     same_coordinates,
     short_name,
-    transformer_over,
 )
 from core.reference.collars import Collar, detect_collar
 
@@ -52,6 +53,8 @@ class Sheet:
     """Coordinates in the sheet's own CRS from pixels (corner origin)."""
     crs: str
     """The sheet's own horizontal CRS; empty where it gives the block's coordinates."""
+    operation: Operation | None
+    """From the sheet's CRS to the block's, where they differ."""
     bands: tuple[int, ...]
     """Band of gray or heights, or the bands of red, green and blue; counted from 1."""
     masked: bool
@@ -79,8 +82,8 @@ class Lattice:
     """Column and row of each sheet's first pixel on the lattice."""
     plane_from_lattice: Affine2
     """Coordinates in the lattice's CRS from lattice columns and rows."""
-    crs: str
-    """CRS of the sheets; empty where it gives the block's coordinates."""
+    operation: Operation | None
+    """From the CRS of the sheets to the block's; None where they give the same coordinates."""
     ground_sample_distance_m: float
     """Size of a pixel on the ground, metres."""
 
@@ -89,7 +92,7 @@ class Lattice:
         """Whether rows run east and columns south in the block's CRS."""
         (a, b, _), (d, e, _) = self.plane_from_lattice
         slant = abs(b) + abs(d)
-        return not self.crs and a > 0 > e and bool(slant < 1e-9 * (a - e))
+        return self.operation is None and a > 0 > e and bool(slant < 1e-9 * (a - e))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,25 +131,25 @@ def open_sheets(
         )
     # Each file once, whatever globs overlap; sorted, so that the result hangs on no order.
     sheets = [_open_sheet(Path(p), crs, what, collars) for p in sorted({str(p) for p in paths})]
-    lattices = sorted(_lattices(sheets, crs), key=lambda g: g.ground_sample_distance_m)
-    corners = np.vstack([block_corners(sheet, crs) for sheet in sheets])
+    sheets = _with_operations(sheets, crs)
+    lattices = sorted(_lattices(sheets), key=lambda g: g.ground_sample_distance_m)
+    corners = np.vstack([block_outline(sheet) for sheet in sheets])
     low, high = corners.min(axis=0), corners.max(axis=0)
     bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
     return SheetSet(crs.to_wkt(), tuple(lattices), bounds, _notes(sheets, crs, what))
 
 
-def block_corners(sheet: Sheet, crs: CRS) -> Float64[np.ndarray, "n 2"]:
+def block_outline(sheet: Sheet) -> Float64[np.ndarray, "n 2"]:
     """Outline of a sheet in the block's CRS: corners, and points between where it is bent."""
     corners = sheet.corners()
-    if not sheet.crs:
+    if sheet.operation is None:
         return corners
-    share = np.linspace(0, 1, 9)[:-1, None, None]
-    outline = (corners + share * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 2)
-    east, north = transformer_over(sheet.crs, crs.to_wkt(), outline).transform(*outline.T)
-    return np.column_stack([east, north])
+    share, side = np.linspace(0, 1, 9)[:-1, None], np.roll(corners, -1, axis=0) - corners
+    outline = (corners[:, None] + share * side[:, None]).reshape(-1, 2)
+    return sheet.operation.forward(outline)
 
 
-def open_raster(path: str | Path, **options: str) -> rasterio.DatasetReader:
+def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
     """Open a raster of the reference, or say in one message why that cannot be done."""
     try:
         with warnings.catch_warnings():
@@ -173,19 +176,18 @@ def _open_sheet(path: Path, crs: CRS, what: str, collars: bool) -> Sheet:
         a, b, c, d, e, f = raster.transform[:6]
         bands = (1,) if what == "DEM" else _picture_bands(raster, path)
         flags = raster.mask_flag_enums[bands[0] - 1]
-        sheet = Sheet(
+        return Sheet(
             path=str(path),
             columns=raster.width,
             rows=raster.height,
             plane_from_pixel=locked([[a, b, c], [d, e, f]]),
             crs=_own_crs(raster, (a, b, c, d, e, f), crs, path),
+            operation=None,
             bands=bands,
             masked=MaskFlags.all_valid not in flags,
             white=_white(raster, bands[0]) if what != "DEM" else 0.0,
             collar=detect_collar(raster, bands) if collars else None,
         )
-    _refuse_nowhere(sheet, crs)
-    return sheet
 
 
 def _picture_bands(raster: rasterio.DatasetReader, path: Path) -> tuple[int, ...]:
@@ -229,14 +231,15 @@ def _own_crs(
     return "" if same_coordinates(own.to_wkt(), block.to_wkt(), corners) else own.to_wkt()
 
 
-def _refuse_nowhere(sheet: Sheet, crs: CRS) -> None:
-    """A sheet that PROJ cannot bring into the block's CRS is of no use."""
-    if sheet.crs and not np.isfinite(block_corners(sheet, crs)).all():
-        raise CrsError(
-            sheet.path,
-            f"PROJ cannot bring {short_name(CRS(sheet.crs))} to {short_name(crs)} here.",
-            "Check the CRS of the block and of this file; one of them is another one (or zone).",
-        )
+def _with_operations(sheets: Sequence[Sheet], crs: CRS) -> list[Sheet]:
+    """Sheets of one CRS all go the same way to the block's."""
+    result = [sheet for sheet in sheets if not sheet.crs]
+    for own in sorted({sheet.crs for sheet in sheets if sheet.crs}):
+        members = [sheet for sheet in sheets if sheet.crs == own]
+        corners = np.vstack([sheet.corners() for sheet in members])
+        operation = operation_between(own, crs.to_wkt(), corners, members[0].path)
+        result += [replace(sheet, operation=operation) for sheet in members]
+    return sorted(result, key=lambda sheet: sheet.path)
 
 
 def _notes(sheets: Sequence[Sheet], crs: CRS, what: str) -> tuple[Doubt, ...]:
@@ -244,29 +247,32 @@ def _notes(sheets: Sequence[Sheet], crs: CRS, what: str) -> tuple[Doubt, ...]:
     notes: list[Doubt] = []
     for own in sorted({sheet.crs for sheet in sheets if sheet.crs}):
         files = [sheet.path for sheet in sheets if sheet.crs == own]
-        words, accuracy, best = describe_operation(own, crs.to_wkt())
-        known = f"good to {accuracy:g} m" if np.isfinite(accuracy) else "of unknown accuracy"
-        lack = "" if best else " A better operation needs a grid that is not installed."
+        operation = next(sheet.operation for sheet in sheets if sheet.crs == own)
+        assert operation is not None
+        accuracy, lossless = operation.accuracy_m, operation.accuracy_m == 0
+        known = "of unknown accuracy" if np.isnan(accuracy) else f"good to {accuracy:g} m"
+        lack = "" if operation.best else " A better operation needs a grid that is not installed."
         notes.append(
             Doubt(
                 kind="reference-reprojected",
                 subject=files[0],
                 message=f"{len(files)} {what} sheet(s) in {short_name(CRS(own))} are reprojected "
-                f"to {short_name(crs)} while reading ({words}, {known}).{lack}",
-                gravity=0.2 if best else 0.5,
-                evidence={"files": files, "accuracy_m": accuracy if accuracy > 0 else None},
+                f"to {short_name(crs)} while reading ({operation.words}, "
+                f"{'without loss' if lossless else known}).{lack}",
+                gravity=0.2 if operation.best else 0.5,
+                evidence={"files": files, "accuracy_m": None if np.isnan(accuracy) else accuracy},
             )
         )
     return tuple(notes)
 
 
-def _lattices(sheets: Sequence[Sheet], crs: CRS) -> list[Lattice]:
+def _lattices(sheets: Sequence[Sheet]) -> list[Lattice]:
     """Group the sheets by CRS, pixel size and phase."""
     groups: list[list[Sheet]] = []
     for sheet in sheets:
         home = next((g for g in groups if _share_lattice(g[0], sheet)), None)
         groups.append([sheet]) if home is None else home.append(sheet)
-    return [_lattice(group, crs) for group in groups]
+    return [_lattice(group) for group in groups]
 
 
 def _share_lattice(one: Sheet, other: Sheet) -> bool:
@@ -286,16 +292,16 @@ def _offset(one: Sheet, other: Sheet) -> Float64[np.ndarray, "2"]:
     return np.linalg.solve(one.plane_from_pixel[:, :2], shift)
 
 
-def _lattice(group: Sequence[Sheet], crs: CRS) -> Lattice:
+def _lattice(group: Sequence[Sheet]) -> Lattice:
     """One lattice, counted from the first pixel of its first sheet."""
     first = group[0]
-    outline = block_corners(first, crs)
+    outline = block_outline(first)
     east, north = outline.T
     area = 0.5 * abs(float(np.sum(east * np.roll(north, -1) - np.roll(east, -1) * north)))
     return Lattice(
         sheets=tuple(group),
         offsets=locked(np.round([_offset(first, sheet) for sheet in group]), np.int64),
         plane_from_lattice=first.plane_from_pixel,
-        crs=first.crs,
+        operation=first.operation,
         ground_sample_distance_m=float(np.sqrt(area / (first.columns * first.rows))),
     )

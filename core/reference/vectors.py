@@ -16,12 +16,13 @@ from shapely.geometry.base import BaseGeometry
 from core.errors import ReferenceDataError
 from core.geometry.crs import (
     Bounds,
+    Operation,
     check_range,
     horizontal,
     infer_crs,
+    operation_between,
     read_crs,
     same_coordinates,
-    transformer_over,
 )
 
 LAYER_MARK = "|layername="
@@ -86,16 +87,17 @@ def _read_layer(
     if not info["features"]:
         return VectorLayer(file, name, np.empty(0, dtype=object), {})
     extent = _corners(info["total_bounds"])
-    own = _layer_crs(info["crs"], extent, crs, file)
-    box = None if bounds is None else _box_in(own, crs, bounds)
+    to_block = _way_to_block(info["crs"], extent, crs, file)
+    box = bounds if bounds is None or to_block is None else _box_in(to_block, bounds)
     meta, _, wkb, fields = raw.read(
         file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
     )
     geometries = np.asarray(shapely.from_wkb(wkb), dtype=object)
     kept = ~(shapely.is_missing(geometries) | shapely.is_empty(geometries))
     geometries = geometries[kept]
-    if own is not None and len(geometries):
-        geometries = _moved(geometries, own, crs)
+    if to_block is not None and len(geometries):
+        moved = to_block.forward(shapely.get_coordinates(geometries))
+        geometries = shapely.set_coordinates(geometries, moved)
     table = {str(n): values[kept] for n, values in zip(meta["fields"], fields, strict=True)}
     return VectorLayer(file, name, geometries, table)
 
@@ -121,31 +123,29 @@ def _corners(bounds: Sequence[float]) -> np.ndarray:
     return np.array([[west, south], [east, south], [east, north], [west, north]], dtype=np.float64)
 
 
-def _layer_crs(stated: str | None, extent: np.ndarray, block: CRS, file: str) -> CRS | None:
-    """The layer's CRS where it is another than the block's; None where they agree."""
+def _way_to_block(
+    stated: str | None, extent: np.ndarray, block: CRS, file: str
+) -> Operation | None:
+    """The operation from the layer's CRS to the block's; None where they agree."""
     if stated:
         own = horizontal(read_crs(stated, file))
         if own.is_projected:
             check_range(own, extent, file)
     else:
         own = infer_crs(extent, block, file)
-    return None if same_coordinates(own.to_wkt(), block.to_wkt(), extent) else own
+    if same_coordinates(own.to_wkt(), block.to_wkt(), extent):
+        return None
+    return operation_between(own.to_wkt(), block.to_wkt(), extent, file)
 
 
-def _box_in(own: CRS | None, block: CRS, bounds: Bounds) -> Bounds:
-    """Bounds of the block in the layer's CRS."""
-    if own is None:
-        return bounds
-    there = transformer_over(block.to_wkt(), own.to_wkt(), _corners(bounds))
-    return there.transform_bounds(*bounds, densify_pts=21)
-
-
-def _moved(geometries: np.ndarray, own: CRS, block: CRS) -> np.ndarray:
-    """Geometries in the block's CRS."""
-    coordinates = shapely.get_coordinates(geometries)
-    here = transformer_over(own.to_wkt(), block.to_wkt(), coordinates)
-    moved = np.column_stack(here.transform(*coordinates.T, errcheck=False))
-    return shapely.set_coordinates(geometries.copy(), moved)
+def _box_in(to_block: Operation, bounds: Bounds) -> Bounds:
+    """Bounds that hold the block's bounds in the layer's CRS."""
+    corners = _corners(bounds)
+    share = np.linspace(0, 1, 9)[:-1, None]
+    outline = corners[:, None] + share * (np.roll(corners, -1, axis=0) - corners)[:, None]
+    there = to_block.backward(outline.reshape(-1, 2))
+    (west, south), (east, north) = there.min(axis=0), there.max(axis=0)
+    return float(west), float(south), float(east), float(north)
 
 
 def read_mask_polygons(

@@ -53,11 +53,11 @@ def match_mark(
     state = (1.0, 0.0, 0.0, 0.0)
     for _ in range(STEPS):
         patch = sample_about(window, place, template.shape[0])
-        gain, step, sigma, correlation = _shift_and_gain(patch, template, slope_c, slope_r, weights)
+        gain, step, sigma, alike = _shift_and_gain(patch, template, slope_c, slope_r, weights)
         if not np.isfinite(step).all() or abs(gain) < 1e-9:
             return Failure("The window holds nothing like the mark.")
         place = place + np.clip(step, -1.0, 1.0)
-        state = (gain, sigma, correlation, float(np.abs(step).max()))
+        state = (gain, sigma, alike, float(np.abs(step).max()))
         if np.linalg.norm(place - np.array(start)) > limit_px:
             return Failure("Matching the drawn mark drifted away from it.")
         if state[3] < CONVERGED_PX:
@@ -77,7 +77,7 @@ def centre_by_symmetry(
         limit_px: How far from the start the middle may be.
     """
     place = np.array(start, dtype=np.float64)
-    sigma = correlation = 0.0
+    sigma = alike = 0.0
     for _ in range(STEPS):
         patch = sample_about(window, place, weights.shape[0])
         turned = patch[::-1, ::-1]
@@ -88,7 +88,7 @@ def centre_by_symmetry(
         step, sigma = _solve(
             np.stack([slope_c, slope_r], axis=-1), turned - patch, weights, float(patch.std())
         )
-        correlation = _correlation(patch, turned, weights)
+        alike = correlation(patch, turned, weights)
         if not np.isfinite(step).all():
             return Failure("The window has no contrast.")
         place = place + np.clip(step, -1.0, 1.0)
@@ -96,7 +96,7 @@ def centre_by_symmetry(
             return Failure("The point of symmetry lies elsewhere.")
         if np.abs(step).max() < CONVERGED_PX:
             break
-    return Centre(float(place[0]), float(place[1]), sigma, correlation)
+    return Centre(float(place[0]), float(place[1]), sigma, alike)
 
 
 def sample_about(window: Gray, place: Shift, side: int) -> Weights:
@@ -124,12 +124,12 @@ def _shift_and_gain(
     mean_p = float(np.average(patch, weights=weights))
     centred, wanted = template - mean_t, patch - mean_p
     gain = float(np.sum(weights * centred * wanted) / np.sum(weights * centred**2))
-    correlation = _correlation(patch, template, weights)
+    alike = correlation(patch, template, weights)
     # A mark that lies further right than assumed makes the patch look shifted right:
     # patch(u) = gain * template(u - step), hence minus the slope.
     columns = np.stack([-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1)
     solution, sigma = _solve(columns, wanted - gain * centred, weights, float(patch.std()))
-    return gain, solution[:2], sigma, correlation
+    return gain, solution[:2], sigma, alike
 
 
 def _solve(
@@ -155,7 +155,7 @@ def _solve(
     return solution, float(np.sqrt(variance * np.trace(cofactor) / 2))
 
 
-def _correlation(first: Weights, second: Weights, weights: Weights) -> float:
+def correlation(first: Weights, second: Weights, weights: Weights) -> float:
     """Weighted correlation coefficient of two fields."""
     a = first - np.average(first, weights=weights)
     b = second - np.average(second, weights=weights)

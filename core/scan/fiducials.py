@@ -9,7 +9,17 @@ from jaxtyping import Float32
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
-from core.scan.centring import Centre, Weights, centre_by_symmetry, disc_weights, match_mark
+from core.scan.centring import (
+    Centre,
+    Gray,
+    Shift,
+    Weights,
+    centre_by_symmetry,
+    correlation,
+    disc_weights,
+    match_mark,
+    sample_about,
+)
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
 from core.scan.marks import Mark, draw_mark, resized
@@ -110,6 +120,8 @@ def measure_fiducials(
             doubts.append(_doubtful(photo_id, name, found.predicted[name], result))
         else:
             measurements.append(result)
+    if not measurements:
+        return (), (_nothing_found(photo_id, len(camera.fiducials_mm)),)
     return tuple(measurements), tuple(doubts)
 
 
@@ -151,13 +163,21 @@ def _fitted_mark(spots: Sequence[_Spot], found: Constellation, scan_pixel_mm: fl
     Coordinate descent over radius and stroke; rotation is the film's.
     """
     best = _draw(found.mark, found, scan_pixel_mm)
-    likeness = _likeness(spots, best, scan_pixel_mm)
+    matched = [_matched(spot, best, scan_pixel_mm) for spot in spots]
+    places = [
+        (spot.gray, np.array([match.column, match.row]))
+        for spot, match in zip(spots, matched, strict=True)
+        if isinstance(match, Centre)
+    ]
+    if not places:
+        return best
+    likeness = _likeness(places, best)
     for step in (0.2, 0.1, 0.05):
         for _ in range(3):
             factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
                        (1.0, 1 / (1 + 2 * step)))  # fmt: skip
             trials = [_draw(resized(best.mark, *pair), found, scan_pixel_mm) for pair in factors]
-            values = [_likeness(spots, trial, scan_pixel_mm) for trial in trials]
+            values = [_likeness(places, trial) for trial in trials]
             winner = int(np.argmax(values))
             if values[winner] <= likeness + 1e-4:
                 break
@@ -174,10 +194,17 @@ def _draw(mark: Mark, found: Constellation, scan_pixel_mm: float) -> _Drawn:
     return _Drawn(mark, template, weights, found.bright)
 
 
-def _likeness(spots: Sequence[_Spot], drawn: _Drawn, pixel_mm: float) -> float:
-    """Mean correlation of the spots with the drawn mark, each at its best place."""
-    results = [_matched(spot, drawn, pixel_mm) for spot in spots]
-    return float(np.mean([r.correlation if isinstance(r, Centre) else 0.0 for r in results]))
+def _likeness(places: Sequence[tuple[Gray, Shift]], drawn: _Drawn) -> float:
+    """Mean correlation with the drawn mark at places that were matched with a like one."""
+    side, sign = drawn.template.shape[0], 1 if drawn.bright else -1
+    return float(
+        np.mean(
+            [
+                sign * correlation(sample_about(gray, place, side), drawn.template, drawn.weights)
+                for gray, place in places
+            ]
+        )
+    )
 
 
 def _matched(spot: _Spot, drawn: _Drawn, pixel_mm: float) -> Centre | Failure:

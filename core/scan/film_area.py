@@ -18,6 +18,7 @@ from core.geometry.interior import InteriorOrientation
 from core.scan.raster import ScanFile, read_overview
 
 Side = Literal["left", "right", "top", "bottom"]
+SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
 STEP_CELLS = 3
 """Cells on either side of a boundary whose means are compared."""
 UNSEEN = 0.3
@@ -105,8 +106,9 @@ def detect_film_area(
     _, columns, rows, turn = best
     corners = _corners(columns, rows, turn, gray.shape) * reduction
     scores = np.array([*columns.scores, *rows.scores])
-    sides: tuple[Side, ...] = ("left", "right", "top", "bottom")
-    seen = tuple(side for side, s in zip(sides, scores, strict=True) if s >= options.min_score)
+    seen: tuple[Side, ...] = tuple(
+        side for side, score in zip(SIDES, scores, strict=True) if score >= options.min_score
+    )
     return FilmArea(corners, seen, scores)
 
 

@@ -132,7 +132,7 @@ def _tract(
     across /= np.linalg.norm(across)
     offset = float(shape.uniform(0.0, PROFILE_LENGTH * PROFILE_STEP_M))
     lot = float(shape.random())
-    cover: Cover = "arable" if lot < 0.78 else "meadow" if lot < 0.92 else "orchard"
+    cover: Cover = "arable" if lot < 0.77 else "meadow" if lot < 0.94 else "orchard"
     cover = "garden" if garden else cover
     kind = {"arable": STRIPS if small else BROAD, "garden": GARDENS}.get(cover, PLAIN)
     tone, contrast, mottle, tint = _look(cover, past, small, crops)
@@ -153,7 +153,7 @@ def _look(
     cover: Cover, past: bool, small: bool, rng: np.random.Generator
 ) -> tuple[float, float, float, tuple[float, float, float]]:
     """Tone, contrast of the strips, mottle and tint of a tract."""
-    green, soil, straw = (0.86, 1.1, 0.72), (1.16, 0.97, 0.78), (1.12, 1.03, 0.66)
+    green, soil, straw = (0.93, 1.06, 0.82), (1.1, 0.98, 0.84), (1.08, 1.02, 0.76)
     if cover == "arable":
         tone = rng.normal(132.0, 16.0 if small else 27.0)
         tint = (green, soil, straw)[int(rng.integers(3))]
@@ -181,9 +181,8 @@ def make_profiles(seed: int, texture_m: float) -> Float32[np.ndarray, "profiles 
                 row += _strips(*widths[kind], shape, crops)
             if kind == BROAD:
                 row += _tramlines(crops)
-            rows.append(
-                ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M, mode="wrap")
-            )
+            rows.append(ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M,
+                                                  mode="wrap"))
     return np.array(rows, dtype=np.float32)
 
 
@@ -195,9 +194,9 @@ def _strips(
     at = 0
     while at < PROFILE_LENGTH:
         width = int(np.exp(shape.uniform(np.log(least_m), np.log(most_m))) / PROFILE_STEP_M)
-        row[at : at + width] = np.clip(crops.normal(0.0, 24.0), -52.0, 55.0)
+        row[at : at + width] = np.clip(crops.normal(0.0, 19.0), -48.0, 48.0)
         balk = int(shape.uniform(0.4, 1.1) / PROFILE_STEP_M)
-        row[at : at + balk] = crops.uniform(-28.0, 22.0)
+        row[at : at + balk] = crops.uniform(-20.0, 14.0)
         at += width
     return row
 
@@ -205,12 +204,11 @@ def _strips(
 def _furrows(rng: np.random.Generator, past: bool, kind: int) -> np.ndarray:
     """Lines of sowing and ploughing: chance smoothed at two widths."""
     fine = rng.standard_normal(PROFILE_LENGTH)
-    row = 5.0 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
+    row = 3.8 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
     ridges = rng.standard_normal(PROFILE_LENGTH)
-    row += (5.0 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
-    slow = 3.0 * _unit(
-        ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0, mode="wrap")
-    )
+    row += (3.8 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
+    slow = 3.0 * _unit(ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0,
+                                                 mode="wrap"))
     return (row + slow) * (0.35 if kind == PLAIN else 1.0)
 
 

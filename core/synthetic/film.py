@@ -9,14 +9,14 @@ from scipy.sparse import csr_matrix
 
 from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
-from core.synthetic.marks import draw_margin, draw_scars, mark_coverage
+from core.synthetic.marks import mark_coverage
 from core.synthetic.noise import fractal, stretched_band, white
 from core.synthetic.options import seeded
 from core.synthetic.painting import Ground
 from core.synthetic.terrain import Terrain
 
-Field = Float32[np.ndarray, "rows columns"]
-Picture = UInt8[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
 NODE_PX = 8
 """Distance of the nodes at which rays are followed to the ground; between them cubic."""
 BAND = 512
@@ -67,7 +67,7 @@ def make_scan(
     exposure: Exposure,
     camera: Camera,
     seed: int,
-    options: FilmOptions | None = None,
+    options: FilmOptions,
 ) -> Picture:
     """The scan of one exposure.
 
@@ -80,9 +80,8 @@ def make_scan(
         options: Lens and film.
 
     Returns:
-        The scan, 8 bit.
+        The scan, 8 bit, without notes and scars.
     """
-    options = options or FilmOptions()
     columns, rows = exposure.size_px
     maps = pixel_maps(ground, terrain, exposure, camera)
     scan = np.empty((rows, columns), dtype=np.uint8)
@@ -91,12 +90,12 @@ def make_scan(
         last = min(first + BAND, rows)
         light = expose_band(ground, maps, first - EDGE, last + EDGE)
         scan[first:last] = dark_room.develop(light, first - EDGE)[EDGE:-EDGE]
-    draw_margin(scan, exposure, camera, seeded(seed, "margin", exposure.photo_id))
-    draw_scars(scan, exposure, seeded(seed, "scars", exposure.photo_id))
     return scan
 
 
-def pixel_maps(ground: Ground, terrain: Terrain, exposure: Exposure, camera: Camera) -> PixelMaps:
+def pixel_maps(
+    ground: Ground, terrain: Terrain, exposure: Exposure, camera: Camera
+) -> PixelMaps:
     """Follow the rays of the nodes through lens and air down to the terrain."""
     columns, rows = exposure.size_px
     across = (np.arange(-(-columns // NODE_PX) + 4) - 1.5) * NODE_PX
@@ -143,16 +142,17 @@ def expose_band(ground: Ground, maps: PixelMaps, first: int, last: int) -> Field
     top = int(np.clip(np.floor(rows.min()) - 3, 0, height - 1))
     bottom = int(np.clip(np.ceil(rows.max()) + 4, top + 1, height))
     part = ground.gray[top:bottom, left:right].astype(np.float32)
-    light = cv2.remap(
-        part, columns - left, rows - top, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
+    light = cv2.remap(part, columns - left, rows - top, cv2.INTER_CUBIC,
+                      borderMode=cv2.BORDER_REPLICATE)
     return np.clip(np.asarray(light, dtype=np.float32), 0.0, 255.0)
 
 
 class _DarkRoom:
     """Turns light into gray values, band by band."""
 
-    def __init__(self, exposure: Exposure, camera: Camera, seed: int, options: FilmOptions) -> None:
+    def __init__(
+        self, exposure: Exposure, camera: Camera, seed: int, options: FilmOptions
+    ) -> None:
         self.exposure, self.camera, self.seed, self.options = exposure, camera, seed, options
         rng = seeded(seed, "development", exposure.photo_id)
         self.gain = float(np.exp(rng.normal(0.0, 0.09)))
@@ -169,13 +169,13 @@ class _DarkRoom:
         inside = self._frame(x, y)
         gray = self._density(light, x, y, first)
         gray = self.fog + inside * (gray - self.fog)
-        beyond = np.maximum(np.abs(x), np.abs(y)) > np.float32(FILM_MM / 2)
-        gray[beyond] = self.bed
         for place in self.camera.fiducials_mm.values():
             top, left, dark, mark = mark_coverage(x, y, place, self.pixel_mm, self.camera)
             window = gray[top : top + dark.shape[0], left : left + dark.shape[1]]
             window += dark * (self.fog - window)
             window += mark * (228.0 - window)
+        beyond = np.maximum(np.abs(x), np.abs(y)) > np.float32(FILM_MM / 2)
+        gray[beyond] = self.bed
         soft = np.asarray(cv2.GaussianBlur(gray, (0, 0), 0.45), dtype=np.float32)
         return np.clip(soft + self._grain(soft, first), 0.0, 255.0)
 

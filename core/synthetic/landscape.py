@@ -13,7 +13,7 @@ from core.synthetic.options import SyntheticOptions, seeded
 from core.synthetic.settlement import House, Trees, make_houses, make_trees
 from core.synthetic.terrain import Bounds, Terrain
 
-Field = Float32[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
 COARSE = 4
 """Slow fields (shade, woods, mottle) are kept at every fourth pixel of the painted ground."""
 HALO = 8
@@ -153,14 +153,14 @@ def make_landscape(options: SyntheticOptions, terrain: Terrain, bounds: Bounds) 
 def road_look(road: Road, past: bool, seed: int) -> RoadLook:
     """Width and tone of a road: bright dust then and dark asphalt now, but not always."""
     rng = seeded(seed, "look", road.route, past)
-    dark = rng.random() < {"main": 0.2, "street": 0.25, "track": 0.25}[road.kind]
+    dark = rng.random() < {"main": 0.15, "street": 0.2, "track": 0.12}[road.kind]
     if not past:
-        dark = rng.random() < {"main": 0.7, "street": 0.65, "track": 0.3}[road.kind]
+        dark = rng.random() < {"main": 0.5, "street": 0.45, "track": 0.2}[road.kind]
     verge = float(rng.uniform(92.0, 138.0))
     if road.kind == "track":
-        tone = rng.uniform(72, 104) if dark else rng.uniform(158, 205)
-        ruts = bool(rng.random() < 0.45)
-        return RoadLook(float(rng.uniform(2.4, 3.6)), float(tone), ruts, verge)
+        tone = rng.uniform(72, 104) if dark else rng.uniform(165, 212)
+        ruts = bool(rng.random() < 0.25)
+        return RoadLook(float(rng.uniform(2.6, 3.8)), float(tone), ruts, verge)
     if past:
         tone = rng.uniform(78, 108) if dark else rng.uniform(172, 218)
         width = rng.uniform(4.3, 5.8) if road.kind == "main" else rng.uniform(3.8, 5.5)
@@ -218,3 +218,4 @@ def _wood(landscape: Landscape, past: bool, grid: Grid) -> Field:
     woodness -= (2.2 + 0.5 * edge) * smooth_step(near, wide, grid)
     limit = np.quantile(woodness[::16, ::16], 0.86 if past else 0.82)
     return np.clip((woodness - limit) * 60.0 / gsd + 0.5, 0.0, 1.0).astype(np.float32)
+

@@ -8,8 +8,8 @@ from core.arrays import FilmPoints
 from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
 
-Field = Float32[np.ndarray, "rows columns"]
-Picture = UInt8[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
+Picture = UInt8[np.ndarray, "_ _"]
 ARM_MM, HALF_WIDTH_MM = 2.4, 0.13
 """Length of an arm of a fiducial from its middle, and half the width of its line."""
 GAP_MM, DOT_MM = 0.6, 0.24
@@ -47,7 +47,7 @@ def mark_coverage(
         # Camera of the thirties: broken cross about a dot, on a tab from the side of the frame.
         arms *= 1.0 - _covered(middle - np.float32(GAP_MM), pixel_mm)
         arms = np.maximum(arms, _covered(middle - np.float32(DOT_MM), pixel_mm))
-        outward = np.sign(np.round(np.array(place) / camera.frame_mm[0]))
+        outward = np.sign(np.round(2.0 * np.array(place) / camera.frame_mm[0]))
         beyond = np.maximum(u * np.float32(outward[0]) + v * np.float32(outward[1]), 0)
         u = u - np.float32(outward[0]) * beyond
         v = v - np.float32(outward[1]) * beyond
@@ -113,9 +113,7 @@ def _write(
     left, top = column - reach // 2, row - reach // 2
     rows = slice(max(top, 0), min(top + reach, scan.shape[0]))
     columns = slice(max(left, 0), min(left + 2 * reach, scan.shape[1]))
-    ink_part = turned[
-        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
-    ]
+    ink_part = turned[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
     share = ink_part.astype(np.float32) / 255.0
     part = scan[rows, columns]
     scan[rows, columns] = (part + share * (tone - part.astype(np.float32))).astype(np.uint8)
@@ -130,7 +128,7 @@ def draw_scars(scan: Picture, exposure: Exposure, rng: np.random.Generator) -> N
         bend = np.array([0.0, rng.normal(0.0, 0.4)])
         share = np.linspace(0.0, 1.0, 12)[:, None]
         line = start + share * run + share * (1 - share) * 4 * bend
-        tone = int(rng.choice([20, 60, 215, 245]))
+        tone = int(rng.choice([45, 80, 190, 235]))
         _stroke(scan, exposure, line, tone, 1)
     for _ in range(int(rng.integers(3, 8))):
         steps = rng.normal(0.0, 0.5, (14, 2)).cumsum(axis=0) * 0.35
@@ -141,17 +139,8 @@ def draw_scars(scan: Picture, exposure: Exposure, rng: np.random.Generator) -> N
         radius = float(np.exp(rng.normal(np.log(0.035), 0.6))) / pixel_mm
         tone = int(rng.choice([15, 40, 225, 250]))
         axes = (max(int(radius), 0), max(int(radius * rng.uniform(0.5, 1.0)), 0))
-        cv2.ellipse(
-            scan,
-            (int(column), int(row)),
-            axes,
-            float(rng.uniform(0, 180)),
-            0.0,
-            360.0,
-            (tone,),
-            -1,
-            cv2.LINE_AA,
-        )
+        cv2.ellipse(scan, (int(column), int(row)), axes, float(rng.uniform(0, 180)), 0.0, 360.0,
+                    (tone,), -1, cv2.LINE_AA)
 
 
 def _stroke(scan: Picture, exposure: Exposure, line: FilmPoints, tone: int, thick: int) -> None:

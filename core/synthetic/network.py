@@ -4,14 +4,19 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Int64
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay, cKDTree
 
-from core.arrays import Indices, Scalars, locked
+from core.arrays import Scalars, locked
 from core.synthetic.terrain import Bounds, PlanPoints
 
 RoadKind = Literal["main", "street", "track"]
+Pairs = Int64[np.ndarray, "_ 2"]
+"""Nodes that are joined, the smaller number first."""
+Numbers = Int64[np.ndarray, "_"]
+"""One number per pair."""
 VERTEX_M = 6.0
 """Distance of the vertices of a road's line."""
 TRACK_SPACING_M = 235.0
@@ -146,8 +151,8 @@ def _scatter(
     return points[:count].copy()
 
 
-def _neighbours(nodes: PlanPoints, rng: np.random.Generator) -> Indices:
-    """Pairs of nodes joined by a road (m, 2): relative neighbours, and some Gabriel neighbours."""
+def _neighbours(nodes: PlanPoints, rng: np.random.Generator) -> Pairs:
+    """Pairs of nodes joined by a road: relative neighbours, and some Gabriel neighbours."""
     simplices = Delaunay(nodes).simplices
     pairs = np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
     pairs = np.unique(np.sort(pairs, axis=1), axis=0)
@@ -166,12 +171,11 @@ def _neighbours(nodes: PlanPoints, rng: np.random.Generator) -> Indices:
         relative = len(near) == 0 or float(reach.min()) >= length
         if relative or (length < 2.2 * TRACK_SPACING_M and rng.random() < 0.4):
             kept.append((int(one), int(other)))
-    return np.array(kept, dtype=np.int64).reshape(-1)
+    return np.array(kept, dtype=np.int64).reshape(-1, 2)
 
 
-def _main_routes(nodes: PlanPoints, flat: Indices, villages: int) -> Indices:
+def _main_routes(nodes: PlanPoints, pairs: Pairs, villages: int) -> Numbers:
     """Number of the main road each pair belongs to, -1 for none: shortest ways between villages."""
-    pairs = flat.reshape(-1, 2)
     index = {(int(a), int(b)): k for k, (a, b) in enumerate(pairs)}
     lengths = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1) ** 1.15
     routes = np.full(len(pairs), -1, dtype=np.int64)
@@ -194,12 +198,12 @@ def _main_routes(nodes: PlanPoints, flat: Indices, villages: int) -> Indices:
     return routes
 
 
-def _straightened(nodes: PlanPoints, flat: Indices, routes: Indices, villages: int) -> PlanPoints:
+def _straightened(nodes: PlanPoints, pairs: Pairs, routes: Numbers, villages: int) -> PlanPoints:
     """Nodes passed by one main road drawn towards its smooth course."""
-    pairs = flat.reshape(-1, 2)[routes >= 0]
+    main = pairs[routes >= 0]
     moved = nodes.copy()
     for node in range(villages, len(nodes)):
-        ends = pairs[(pairs == node).any(axis=1)]
+        ends = main[(main == node).any(axis=1)]
         if len(ends) == 2:
             others = [int(b if a == node else a) for a, b in ends]
             moved[node] = 0.45 * nodes[node] + 0.55 * nodes[others].mean(axis=0)
@@ -208,13 +212,12 @@ def _straightened(nodes: PlanPoints, flat: Indices, routes: Indices, villages: i
 
 def _drawn(
     nodes: PlanPoints,
-    flat: Indices,
-    routes: Indices,
+    pairs: Pairs,
+    routes: Numbers,
     villages: tuple[Village, ...],
     rng: np.random.Generator,
 ) -> list[Road]:
     """Curved lines between the nodes; the straightest pair at each node passes through it."""
-    pairs = flat.reshape(-1, 2)
     tangents = _through_directions(nodes, pairs, routes)
     inner = np.zeros(len(nodes), dtype=bool)
     for village in villages:
@@ -224,7 +227,7 @@ def _drawn(
     for number, (start, end) in enumerate(pairs):
         line = _curve(nodes[start], nodes[end], tangents[(number, 0)], tangents[(number, 1)])
         length = float(np.linalg.norm(nodes[end] - nodes[start]))
-        line = _swayed(line, min(3.5, 0.012 * length), rng)
+        line = swayed(line, min(3.5, 0.012 * length), rng)
         within = bool(inner[start] and inner[end])
         kind: RoadKind = "main" if routes[number] >= 0 else "street" if within else "track"
         route = int(routes[number]) if routes[number] >= 0 else 1000 + number
@@ -233,7 +236,7 @@ def _drawn(
 
 
 def _through_directions(
-    nodes: PlanPoints, pairs: Indices, routes: Indices
+    nodes: PlanPoints, pairs: Pairs, routes: Numbers
 ) -> dict[tuple[int, int], PlanPoints]:
     """Direction (1, 2) in which each pair leaves its first (0) and second (1) node."""
     leaving: dict[int, list[tuple[int, int]]] = {}
@@ -261,7 +264,7 @@ def _through_directions(
     return tangents
 
 
-def _both_main(one: tuple[int, int], other: tuple[int, int], routes: Indices) -> bool:
+def _both_main(one: tuple[int, int], other: tuple[int, int], routes: Numbers) -> bool:
     return bool(routes[one[0]] >= 0 and routes[other[0]] >= 0)
 
 
@@ -280,7 +283,7 @@ def _curve(
     )
 
 
-def _swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> PlanPoints:
+def swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> PlanPoints:
     """The line moved sideways by smooth chance, its ends kept."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -294,7 +297,9 @@ def _swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> P
     return line + left * (amplitude_m * 0.8 * sway)[:, None]
 
 
-def _in_two_epochs(roads: list[Road], nodes: PlanPoints, rng: np.random.Generator) -> list[Road]:
+def _in_two_epochs(
+    roads: list[Road], nodes: PlanPoints, rng: np.random.Generator
+) -> list[Road]:
     """Even a road that stayed is not where it was: widened, resurfaced, worn aside."""
     shifts = rng.normal(0.0, 0.25, nodes.shape)
     sway = {"main": 0.3, "street": 0.25, "track": 0.6}
@@ -302,9 +307,8 @@ def _in_two_epochs(roads: list[Road], nodes: PlanPoints, rng: np.random.Generato
         replace(
             road,
             then=locked(
-                _swayed(
-                    _end_moved(road.now, shifts[road.start], shifts[road.end]), sway[road.kind], rng
-                )
+                swayed(_end_moved(road.now, shifts[road.start], shifts[road.end]),
+                        sway[road.kind], rng)
             ),
         )
         for road in roads
@@ -320,7 +324,9 @@ def _end_moved(line: PlanPoints, at_start: Scalars, at_end: Scalars) -> PlanPoin
 def _changed(roads: list[Road], change: float, rng: np.random.Generator) -> list[Road]:
     """Removes, adds and moves roads until the wanted share of the length has changed."""
     liability = {"main": 0.3, "street": 0.7, "track": 1.4}
-    order = sorted(range(len(roads)), key=lambda k: float(rng.random()) / liability[roads[k].kind])
+    order = sorted(
+        range(len(roads)), key=lambda k: float(rng.random()) / liability[roads[k].kind]
+    )
     target = change * sum(road.length_m for road in roads)
     result = list(roads)
     done = 0.0

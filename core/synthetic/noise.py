@@ -7,7 +7,7 @@ from jaxtyping import Float32
 from core.geometry.grid import Grid
 from core.synthetic.options import seeded
 
-Field = Float32[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "_ _"]
 BLOCK = 256
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
+from core.arrays import Scalars
 from core.geometry.grid import Grid
 from core.progress import Progress, Silent
 from core.synthetic.fields import PROFILE_LENGTH, PROFILE_STEP_M
@@ -15,7 +16,7 @@ from core.synthetic.network import Road
 from core.synthetic.noise import smooth_step, white
 from core.synthetic.terrain import PlanPoints
 
-Picture = UInt8[np.ndarray, "rows columns"]
+Picture = UInt8[np.ndarray, "_ _"]
 Window = tuple[int, int, int, int]
 SHIFT = 8
 """Binary digits after the point in coordinates handed to OpenCV's drawing."""
@@ -59,7 +60,7 @@ def paint(scene: Scene, grid: Grid, progress: Progress | None = None) -> Ground:
         ):
             column, row, columns, rows = window
             gray[row : row + rows, column : column + columns] = tile
-            progress.report(done + 1, len(windows), "painting the ground")
+            progress.report(float(done + 1), float(len(windows)), "painting the ground")
     return Ground(grid, gray)
 
 
@@ -116,13 +117,12 @@ class _Brush:
         land *= smooth_step(slow.shade, slow.grid, part)
         return land
 
-    def _labels(self, part: Grid) -> Int32[np.ndarray, "rows columns"]:
+    def _labels(self, part: Grid) -> Int32[np.ndarray, "_ _"]:
         """Number of the tract each pixel lies in, 0 for none."""
         labels = np.zeros((part.rows, part.columns), dtype=np.int32)
         for number in _touching(self.boxes, part, 0.0):
-            cv2.fillPoly(
-                labels, [_fixed(self.outlines[number], part)], int(number) + 1, cv2.LINE_8, SHIFT
-            )
+            cv2.fillPoly(labels, [fixed_pixels(self.outlines[number], part)], int(number) + 1,
+                         cv2.LINE_8, SHIFT)
         return labels
 
     def _woods(self, land: Field, part: Grid, fine: Field) -> Field:
@@ -148,15 +148,8 @@ class _Brush:
         thick = max(1, round(0.9 / part.ground_sample_distance_m))
         for number in _touching(self.boxes, part, 2.0):
             tone = 96.0 if (int(number) * 7) % 5 else 138.0
-            cv2.polylines(
-                picture,
-                [_fixed(self.outlines[number], part)],
-                True,
-                (tone,),
-                thick,
-                cv2.LINE_AA,
-                SHIFT,
-            )
+            cv2.polylines(picture, [fixed_pixels(self.outlines[number], part)], True, (tone,), thick,
+                          cv2.LINE_AA, SHIFT)
 
     def _roads(self, picture: Picture, part: Grid, fine: Field) -> None:
         """Verges, carriageways, and the wear that makes both uneven."""
@@ -172,7 +165,7 @@ class _Brush:
         if near:
             gsd = part.ground_sample_distance_m
             wear = _filtered(fine, 0.8 / gsd) + 2.2 * _filtered(fine, 4.0 / gsd)
-            wear *= 11.0 / max(float(wear.std()), 1e-6)
+            wear *= 8.0 / max(float(wear.std()), 1e-6)
             uneven = picture + wear * (worn / np.float32(255.0))
             np.copyto(picture, np.clip(uneven, 0, 255).astype(np.uint8))
 
@@ -187,23 +180,15 @@ class _Brush:
             for side in (-0.45 * look.width_m, 0.45 * look.width_m):
                 self._line(picture, part, _beside(line, side), 0.3, look.tone + 25.0)
         # Carriageways widen where roads meet.
-        for end in (line[:1], line[-1:]):
-            reach = 0.55 * look.width_m if look.ruts else 0.72 * look.width_m
-            self._disc(picture, part, end, reach, look.tone)
+        reach = np.full(2, (0.55 if look.ruts else 0.72) * look.width_m)
+        _discs(picture, part, line[[0, -1]], reach, np.full(2, look.tone))
 
     def _line(
         self, picture: Picture, part: Grid, line: PlanPoints, width_m: float, tone: float
     ) -> None:
         # OpenCV's smooth lines come out about one pixel wider than asked.
         thick = max(1, round(width_m / part.ground_sample_distance_m - 0.8))
-        cv2.polylines(picture, [_fixed(line, part)], False, (tone,), thick, cv2.LINE_AA, SHIFT)
-
-    def _disc(
-        self, picture: Picture, part: Grid, place: PlanPoints, radius_m: float, tone: float
-    ) -> None:
-        column, row = (int(v) for v in _fixed(place, part)[0])
-        radius = int(radius_m / part.ground_sample_distance_m * (1 << SHIFT))
-        cv2.circle(picture, (column, row), radius, (tone,), -1, cv2.LINE_AA, SHIFT)
+        cv2.polylines(picture, [fixed_pixels(line, part)], False, (tone,), thick, cv2.LINE_AA, SHIFT)
 
     def _objects(self, picture: Picture, part: Grid) -> None:
         """Shadows first, then what throws them."""
@@ -213,12 +198,11 @@ class _Brush:
         for house in houses:
             fall = np.array([[east, north]]) * house.height_m * 0.8
             outline = np.vstack([house.corners, house.corners + fall])
-            hull = cv2.convexHull(_fixed(outline, part))
+            hull = cv2.convexHull(fixed_pixels(outline, part))
             cv2.fillConvexPoly(shadow, np.asarray(hull), (255.0,), cv2.LINE_AA, SHIFT)
         places, radii, tones = self._near_trees(part)
-        for place, radius in zip(places, radii, strict=True):
-            thrown = place + np.array([[east, north]]) * radius * 1.5
-            self._disc(shadow, part, thrown, float(radius), 255.0)
+        thrown = places + np.array([[east, north]]) * radii[:, None] * 1.5
+        _discs(shadow, part, thrown, radii, np.full(len(radii), 255.0))
         dark = picture * (1.0 - 0.58 / 255.0 * shadow)
         np.copyto(picture, dark.astype(np.uint8))
         for house in houses:
@@ -226,57 +210,59 @@ class _Brush:
         self._crowns(picture, part, places, radii, tones)
 
     def _crowns(
-        self, picture: Picture, part: Grid, places: np.ndarray, radii: np.ndarray, tones: np.ndarray
+        self, picture: Picture, part: Grid, places: PlanPoints, radii: Scalars, tones: Scalars
     ) -> None:
         """Every crown as a few lobes, those on the sunny side brighter."""
-        light = np.array([self.scene.sun.towards])
-        turns = np.arange(4) * 1.57
-        for place, radius, tone in zip(places, radii, tones, strict=True):
-            turn = float(place[0, 0] * 7.0 + place[0, 1] * 3.0) % 6.28
-            self._disc(picture, part, place, 0.75 * float(radius), float(tone))
-            for angle in turns + turn:
-                lobe = np.array([[np.cos(angle), np.sin(angle)]])
-                facing = float(lobe[0] @ light[0])
-                self._disc(
-                    picture,
-                    part,
-                    place + lobe * 0.45 * radius,
-                    0.55 * float(radius),
-                    float(tone) + 7.0 + 19.0 * facing,
-                )
+        light = np.array(self.scene.sun.towards)
+        turns = (places @ np.array([7.0, 3.0]))[:, None] % 6.28 + np.array([0, 1.57, 3.14, 4.71])
+        lobes = np.stack([np.cos(turns), np.sin(turns)], axis=2)
+        around = places[:, None, :] + 0.45 * radii[:, None, None] * lobes
+        all_places = np.concatenate([places[:, None, :], around], axis=1).reshape(-1, 2)
+        all_radii = radii[:, None] * np.array([0.75, 0.55, 0.55, 0.55, 0.55])
+        lit = 7.0 + 19.0 * (lobes @ light)
+        all_tones = tones[:, None] + np.concatenate([np.zeros((len(radii), 1)), lit], axis=1)
+        _discs(picture, part, all_places, all_radii.reshape(-1), all_tones.reshape(-1))
 
-    def _near_trees(self, part: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _near_trees(self, part: Grid) -> tuple[PlanPoints, Scalars, Scalars]:
         trees = self.scene.trees
         west, south, east, north = part.bounds
         x, y = trees.places[:, 0], trees.places[:, 1]
         near = (x > west - 20) & (x < east + 20) & (y > south - 20) & (y < north + 20)
-        return trees.places[near][:, None, :], trees.radii_m[near], trees.tones[near]
+        return trees.places[near], trees.radii_m[near], trees.tones[near]
 
     def _roof(self, picture: Picture, part: Grid, corners: PlanPoints, tone: float) -> None:
         """Two slopes, the one towards the sun brighter."""
         one, two = (corners[0] + corners[3]) / 2, (corners[1] + corners[2]) / 2
         outward = corners[0] - corners[3]
         facing = float(outward @ np.array(self.scene.sun.towards) / np.linalg.norm(outward))
-        for half, sign in (
-            (np.vstack([corners[:2], two, one]), 1.0),
-            (np.vstack([one, two, corners[2:]]), -1.0),
-        ):
+        for half, sign in ((np.vstack([corners[:2], two, one]), 1.0),
+                           (np.vstack([one, two, corners[2:]]), -1.0)):
             value = float(np.clip(tone * (1.0 + 0.32 * sign * facing), 20, 250))
-            cv2.fillConvexPoly(picture, _fixed(half, part), (value,), cv2.LINE_AA, SHIFT)
+            cv2.fillConvexPoly(picture, fixed_pixels(half, part), (value,), cv2.LINE_AA, SHIFT)
 
 
-def _fixed(points: PlanPoints, part: Grid) -> Int32[np.ndarray, "n 2"]:
+def _discs(
+    picture: Picture, part: Grid, places: PlanPoints, radii_m: Scalars, tones: Scalars
+) -> None:
+    """Filled circles, one after the other."""
+    centres = fixed_pixels(places, part).tolist()
+    radii = (radii_m / part.ground_sample_distance_m * (1 << SHIFT)).astype(int).tolist()
+    for centre, radius, tone in zip(centres, radii, tones.tolist(), strict=True):
+        cv2.circle(picture, centre, radius, (tone,), -1, cv2.LINE_AA, SHIFT)
+
+
+def fixed_pixels(points: PlanPoints, part: Grid) -> Int32[np.ndarray, "_ 2"]:
     """Points of the ground as OpenCV's fixed-point pixels, counted from pixel centres."""
     pixels = part.grid_from_object(points) - 0.5
     return np.round(pixels * (1 << SHIFT)).astype(np.int32)
 
 
-def _boxes(lines: list[PlanPoints]) -> Float32[np.ndarray, "n 4"]:
+def _boxes(lines: list[PlanPoints]) -> Float32[np.ndarray, "_ 4"]:
     boxes = [np.concatenate([line.min(axis=0), line.max(axis=0)]) for line in lines]
     return np.array(boxes, dtype=np.float32).reshape(-1, 4)
 
 
-def _touching(boxes: Float32[np.ndarray, "n 4"], part: Grid, margin_m: float) -> list[int]:
+def _touching(boxes: Float32[np.ndarray, "_ 4"], part: Grid, margin_m: float) -> list[int]:
     """Numbers of the boxes that touch a part of the ground."""
     west, south, east, north = part.bounds
     touch = (boxes[:, 0] < east + margin_m) & (boxes[:, 2] > west - margin_m)

@@ -13,6 +13,9 @@ from core.synthetic.network import Network, Road
 from core.synthetic.options import seeded
 from core.synthetic.terrain import Bounds, PlanPoints
 
+Site = tuple[PlanPoints, PlanPoints, bool, bool]
+"""Place (1, 2), direction (1, 2), whether a barn, whether the road was there in the old epoch."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class House:
@@ -62,28 +65,25 @@ def make_houses(network: Network, seed: int, recency: float) -> tuple[list[House
     sites = _sites(network, rng)
     then: list[House] = []
     now: list[House] = []
-    for place, direction, barn in sites:
+    for place, direction, barn, old in sites:
         stays = 0.55 + 0.33 * recency
         lot = float(rng.random())
-        size = (
-            (rng.uniform(12, 26), rng.uniform(6.5, 9))
-            if barn
-            else (rng.uniform(9, 19), rng.uniform(7, 10))
-        )
+        size = (rng.uniform(12, 26), rng.uniform(6.5, 9)) if barn else (
+            rng.uniform(9, 19), rng.uniform(7, 10))
         corners = _rectangle(place, direction, size)
         height = float(rng.uniform(5.0, 8.5))
-        if lot < stays + (1 - stays) * 0.35:
+        if old and lot < stays + (1 - stays) * 0.35:
             then.append(House(corners, height, float(rng.uniform(80, 190)), True))
-        if lot < stays or lot > stays + (1 - stays) * 0.35:
+        if not old or lot < stays or lot > stays + (1 - stays) * 0.35:
             tone = float(rng.choice([rng.uniform(70, 110), rng.uniform(130, 215)]))
             now.append(House(corners, height, tone, bool(rng.random() < 0.75)))
     now.extend(_halls(network, rng))
     return then, now
 
 
-def _sites(network: Network, rng: np.random.Generator) -> list[tuple[PlanPoints, PlanPoints, bool]]:
+def _sites(network: Network, rng: np.random.Generator) -> list[Site]:
     """Places beside village roads with the direction of the road; barns stand behind houses."""
-    found: list[tuple[PlanPoints, PlanPoints, bool]] = []
+    found: list[Site] = []
     roads = [r for r in network.roads if r.kind != "track"]
     for road in roads:
         for at in np.arange(9.0, road.length_m - 9.0, 4.0):
@@ -94,15 +94,14 @@ def _sites(network: Network, rng: np.random.Generator) -> list[tuple[PlanPoints,
                 continue
             left = np.array([[-way[0, 1], way[0, 0]]]) * float(rng.choice([-1.0, 1.0]))
             turned = way if rng.random() < 0.6 else left
-            found.append((place + left * rng.uniform(10.0, 15.0), turned, False))
+            found.append((place + left * rng.uniform(10.0, 15.0), turned, False, road.existed_then))
             if rng.random() < 0.6:
-                found.append((place + left * rng.uniform(30.0, 42.0), way, True))
+                behind = place + left * rng.uniform(30.0, 42.0)
+                found.append((behind, way, True, road.existed_then))
     return _apart(found, network, rng)
 
 
-def _apart(
-    sites: list[tuple[PlanPoints, PlanPoints, bool]], network: Network, rng: np.random.Generator
-) -> list[tuple[PlanPoints, PlanPoints, bool]]:
+def _apart(sites: list[Site], network: Network, rng: np.random.Generator) -> list[Site]:
     """Sites that collide neither with each other nor with a road of either epoch."""
     if not sites:
         return []
@@ -130,9 +129,8 @@ def _along(line: PlanPoints, at_m: float) -> tuple[PlanPoints, PlanPoints]:
 def _rectangle(place: PlanPoints, way: PlanPoints, size_m: tuple[float, float]) -> PlanPoints:
     left = np.array([[-way[0, 1], way[0, 0]]])
     half, deep = way * size_m[0] / 2, left * size_m[1] / 2
-    return np.vstack(
-        [place - half - deep, place + half - deep, place + half + deep, place - half + deep]
-    )
+    return np.vstack([place - half - deep, place + half - deep, place + half + deep,
+                      place - half + deep])
 
 
 def _halls(network: Network, rng: np.random.Generator) -> list[House]:
@@ -141,8 +139,7 @@ def _halls(network: Network, rng: np.random.Generator) -> list[House]:
     for village in network.villages:
         turn = float(rng.uniform(0, 2 * np.pi))
         middle = np.array(village.centre) + (village.radius_m + 70.0) * np.array(
-            [np.cos(turn), np.sin(turn)]
-        )
+            [np.cos(turn), np.sin(turn)])
         way = np.array([[np.cos(turn + 0.4), np.sin(turn + 0.4)]])
         left = np.array([[-way[0, 1], way[0, 0]]])
         for number in range(int(rng.integers(2, 5))):
@@ -171,11 +168,8 @@ def make_trees(
 def _avenue(road: Road, past: bool, seed: int) -> PlanPoints:
     """Rows of trees beside a road; most of the old fruit trees are gone today."""
     rng = seeded(seed, "avenue", road.route, past)
-    share = (
-        {"main": 0.7, "street": 0.15, "track": 0.22}
-        if past
-        else {"main": 0.4, "street": 0.3, "track": 0.2}
-    )
+    share = {"main": 0.7, "street": 0.15, "track": 0.22} if past else {
+        "main": 0.4, "street": 0.3, "track": 0.2}
     if rng.random() > share[road.kind]:
         return np.zeros((0, 2))
     rng = seeded(seed, "avenue", road.start, road.end, past)
@@ -192,7 +186,9 @@ def _avenue(road: Road, past: bool, seed: int) -> PlanPoints:
     return np.vstack(rows) if rows else np.zeros((0, 2))
 
 
-def _in_tract(tract: Tract, network: Network, past: bool, rng: np.random.Generator) -> PlanPoints:
+def _in_tract(
+    tract: Tract, network: Network, past: bool, rng: np.random.Generator
+) -> PlanPoints:
     outline = Polygon(tract.outline)
     rows = [np.zeros((0, 2))]
     if tract.cover == "orchard":

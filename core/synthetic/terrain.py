@@ -9,7 +9,7 @@ from scipy import ndimage
 from core.arrays import Matrix, Scalars, locked
 from core.geometry.grid import Grid
 
-PlanPoints = Float64[np.ndarray, "n 2"]
+PlanPoints = Float64[np.ndarray, "_ 2"]
 """Easting and northing in the block's CRS, metres."""
 Bounds = tuple[float, float, float, float]
 """West, south, east, north, metres."""

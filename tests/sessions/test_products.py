@@ -116,6 +116,17 @@ def test_a_folder_replaces_only_its_own_stages_stale_products__truth(tmp_path: P
     assert products.fresh("ortho/A", ONE) is not None
 
 
+def test_value_and_folder_of_one_digest_stand_side_by_side__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    with products.making("mosaic", ONE) as folder:
+        (folder / "mosaic.tif").write_text("raster")
+    products.save_value("mosaic", ONE, "seams")
+    with products.making("mosaic", ONE) as folder:
+        (folder / "mosaic.tif").write_text("raster")
+    assert (tmp_path / "mosaic" / ONE / "mosaic.tif").exists()
+    assert products.load_value("mosaic", ONE) == "seams"
+
+
 def test_an_interrupted_folder_is_not_there__truth(tmp_path: Path) -> None:
     products = Products(tmp_path)
     with pytest.raises(KeyboardInterrupt), products.making("ortho", ONE) as folder:  # noqa: PT012

@@ -123,6 +123,31 @@ def test_no_decision_is_lost_when_the_process_is_killed__law(tmp_path: Path) -> 
     assert len(acknowledged) >= 8
 
 
+def test_a_session_killed_while_it_is_begun_can_be_opened__law(tmp_path: Path) -> None:
+    script = """
+import sys
+from pathlib import Path
+from sessions.store import Store
+
+for number in range(10_000):
+    print(number, number, flush=True)
+    Store.open(Path(sys.argv[1]) / f"{number}.gpkg").close()
+"""
+    moments = random.Random(7)
+    for attempt in range(4):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        process = python(script, str(folder))
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        time.sleep(moments.uniform(0, 0.05))
+        process.kill()
+        for number in acknowledged_by(process, first):
+            file = Store.open(folder / f"{number}.gpkg")
+            assert append(file) == 1
+            file.close()
+
+
 def test_two_processes_append_at_once__law(tmp_path: Path) -> None:
     processes = [python(RECORD_FOR_EVER, str(tmp_path), who, "0.005") for who in ("ada", "bob")]
     told: set[int] = set()

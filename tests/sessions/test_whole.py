@@ -121,6 +121,21 @@ def test_folder_takes_the_place_of_the_old_one__truth(tmp_path: Path) -> None:
     assert names(tmp_path) == ["sheets"]
 
 
+def test_two_writers_of_one_folder_do_not_disturb_each_other__law(tmp_path: Path) -> None:
+    path = tmp_path / "sheets"
+    with whole_folder(path) as first, whole_file(tmp_path / "seams") as file:
+        (first / "first").touch()
+        file.touch()
+        with whole_folder(path) as second, whole_file(tmp_path / "seams") as other:
+            (second / "second").touch()
+            other.touch()
+        assert names(path) == ["second"]
+        assert (first / "first").exists()
+        assert file.exists()
+    assert names(path) == ["first"]
+    assert names(tmp_path) == ["seams", "sheets"]
+
+
 def test_a_full_disk_is_told_with_file_and_remedy__truth(tmp_path: Path) -> None:
     """The limit on the size of a file stands in for a full disk."""
     script = """

@@ -19,11 +19,11 @@ def ngi_block(folder: Path, seed: int = 1, blur_m: float = 200.0) -> tuple[Block
     """The block as the stages before the tie points leave it, and with published orientations."""
     camera = Camera("dmc", 120.0, FRAME_MM)
     scale = FRAME_MM[0] / SIZE_PX[0]
-    matrix = [[scale, 0.0, -FRAME_MM[0] / 2], [0.0, -scale, FRAME_MM[1] / 2]]
+    matrix = np.array([[scale, 0.0, -FRAME_MM[0] / 2], [0.0, -scale, FRAME_MM[1] / 2]])
     none = np.zeros((0, 2))
     interior = InteriorOrientation("nominal", matrix, (), none, none, float("nan"))
     rng = np.random.default_rng(seed)
-    prior = ExteriorPrior([200.0, 200.0, 100.0], [0.02, 0.02, 0.02])
+    prior = ExteriorPrior(np.array([200.0, 200.0, 100.0]), np.full(3, 0.02))
     given, published = {}, {}
     with (folder / "io" / "ngi_xyz_opk.csv").open() as file:
         for row in csv.DictReader(file):
@@ -32,7 +32,10 @@ def ngi_block(folder: Path, seed: int = 1, blur_m: float = 200.0) -> tuple[Block
             angles = np.radians([float(row[angle]) for angle in ("omega", "phi", "kappa")])
             exact = ExteriorOrientation(centre, *map(float, angles))
             start = ExteriorOrientation(
-                centre + rng.normal(0.0, blur_m, 3) * [1, 1, 0.5], 0.0, 0.0, float(angles[2])
+                centre + rng.normal(0.0, blur_m, 3) * np.array([1, 1, 0.5]),
+                0.0,
+                0.0,
+                float(angles[2]),
             )
             scan = str(folder / "frames" / f"{name}.tif")
             photo = Photo(name, scan, SIZE_PX, "dmc", interior, start, start, prior, GROUND_M)

@@ -35,7 +35,7 @@ def vovcha_block(folder: Path) -> Block:
             interior,
             exterior,
             exterior,
-            ExteriorPrior([100.0, 100.0, 30.0], [0.03, 0.03, 0.03]),
+            ExteriorPrior(np.array([100.0, 100.0, 30.0]), np.full(3, 0.03)),
             GROUND_M,
         )
     return Block("EPSG:26918", {"archive": camera}, photos)
@@ -61,7 +61,7 @@ def exterior_from_world(world, interior, camera) -> ExteriorOrientation:
     )  # world files count from the centre
     gsd = np.hypot(a, d)
     height = GROUND_M + camera.principal_distance_mm * gsd / interior.pixel_size_mm
-    centre = [x + a * column + b * row, y + d * column + e * row, height]
+    centre = np.array([x + a * column + b * row, y + d * column + e * row, height])
     return ExteriorOrientation(centre, 0.0, 0.0, float(np.arctan2(d, a)))
 
 
@@ -76,6 +76,7 @@ def true_block(folder: Path, block: Block) -> Block:
     for name, photo in block.photos.items():
         entry = truth["eo"][name]
         angles = np.radians([entry[f"{angle}_deg"] for angle in ("omega", "phi", "kappa")])
-        exterior = ExteriorOrientation([entry["X"], entry["Y"], entry["Z"]], *map(float, angles))
+        centre = np.array([entry["X"], entry["Y"], entry["Z"]])
+        exterior = ExteriorOrientation(centre, *map(float, angles))
         photos[name] = photo.with_exterior(exterior, oriented=True)
     return Block(block.crs, {"archive": camera}, photos, ties=block.ties)

@@ -11,7 +11,7 @@ from core.ground.mosaic import MosaicOptions, compose_mosaic, mosaic_grid
 from core.ground.ortho import OrthoProduct, rectify_photo
 from core.ground.overview import common_cells, read_overview
 from core.ground.radiometry import Balance, balance_orthos
-from core.ground.seams import draw_seams, read_seams, write_seams
+from core.ground.seams import area_of, draw_seams, read_seams, write_seams
 
 CRS = "EPSG:32633"
 
@@ -132,7 +132,7 @@ def test_single_ortho_stays_as_it_is__law(block, tmp_path):
 
 def test_seams_are_a_partition_by_nearest_nadir__truth(block):
     views = [read_overview(ortho, 8) for ortho in block]
-    seams = draw_seams(views, {"a": "1938-07-09"})
+    seams = draw_seams([area_of(view) for view in views], {"a": "1938-07-09"})
     assert seams[0].date == "1938-07-09"
     areas = [seam.area for seam in seams]
     whole = shapely.union_all(areas)
@@ -160,7 +160,7 @@ def _well_inside(view, place, distance):
 
 
 def test_seams_are_read_back__law(block, tmp_path):
-    seams = draw_seams([read_overview(ortho, 8) for ortho in block], {"b": "1938"})
+    seams = draw_seams([area_of(read_overview(ortho, 8)) for ortho in block], {"b": "1938"})
     write_seams(seams, tmp_path / "seams.gpkg", CRS)
     again = read_seams(tmp_path / "seams.gpkg")
     assert [(s.photo_id, s.date) for s in again] == [(s.photo_id, s.date) for s in seams]
@@ -168,7 +168,7 @@ def test_seams_are_read_back__law(block, tmp_path):
 
 
 def test_edited_seams_are_obeyed__truth(block, tmp_path):
-    drawn = draw_seams([read_overview(ortho, 8) for ortho in block])
+    drawn = draw_seams([area_of(read_overview(ortho, 8)) for ortho in block])
     whole = shapely.union_all([seam.area for seam in drawn])
     only = [type(drawn[0])("d", "", whole)]
     product = compose(block, tmp_path, seams=only, options=MosaicOptions(balance=False))
@@ -206,3 +206,10 @@ def test_overview_cells_coincide__law(block):
     here, there = common_cells(views[0], views[2])
     assert len(here) > 200
     assert np.std(here * 1.1 - 20 - there) < 3.0
+
+
+def test_coarser_overview_is_the_overview_of_larger_cells__law(block):
+    fine, coarse = read_overview(block[0], 4).coarser(3), read_overview(block[0], 12)
+    assert fine.grid == coarse.grid
+    assert np.allclose(fine.share, coarse.share)
+    assert np.allclose(fine.values, coarse.values, atol=0.01, equal_nan=True)

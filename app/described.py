@@ -1,0 +1,43 @@
+"""`block.toml` in the engine's own terms."""
+
+import numpy as np
+
+from app.project import Project
+from core.block.block import SurveyedPoint
+from core.block.georeference import Georeference
+from core.formats.control_points import ListedPoint, read_control_points
+from core.pipeline import BlockInput, ScanInput
+
+
+def described(project: Project) -> BlockInput:
+    """What the engine is given of a project."""
+    scans, reference = project.scans, project.reference
+    listed = read_control_points(project.control.points) if project.control.points else ()
+    return BlockInput(
+        name=project.block.name,
+        crs=project.block.crs,
+        cameras=project.cameras,
+        scans=tuple(ScanInput(scan.path, scan.camera, scan.scan_pixel_um) for scan in scans.listed),
+        georeference=Georeference(
+            scans.georeference, scans.footprints, scans.footprint_name, scans.exterior
+        ),
+        ortho=reference.ortho,
+        dem=reference.dem,
+        roads=reference.roads,
+        mask=reference.mask,
+        bridges=reference.bridges,
+        surveyed=tuple(surveyed(point) for point in listed),
+        ortho_sigma_m=reference.ortho_sigma_m,
+        dem_sigma_m=reference.dem_sigma_m,
+    )
+
+
+def surveyed(point: ListedPoint) -> SurveyedPoint:
+    """A point of the user's list."""
+    return SurveyedPoint(
+        point.point_id,
+        np.array([point.easting, point.northing, point.height]),
+        np.array([point.sigma_plan_m, point.sigma_plan_m, point.sigma_height_m]),
+        "check" if point.role == "check" else "control",
+        "surveyed",
+    )

@@ -1,0 +1,239 @@
+"""What lies in a folder: rasters and vector layers, and what each of them probably is."""
+
+import csv
+import os
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar, cast
+
+import numpy as np
+import pyogrio.raw
+import rasterio
+from pyogrio.errors import DataLayerError, DataSourceError
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
+
+from app.block_toml import RASTERS
+from core.geometry.crs import horizontal
+
+Kind = Literal["scan", "ortho", "dem", "other"]
+"""What a raster probably is."""
+VECTORS = frozenset({".shp", ".gpkg", ".geojson", ".fgb", ".gml", ".tab", ".dxf"})
+"""Suffixes of vector files that are looked into."""
+WORLD_FILES = (".tfw", ".tifw", ".tiffw", ".jgw", ".jpgw", ".pgw", ".j2w", ".wld")
+"""Suffixes of world files."""
+OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg"})
+"""Names that Gruber itself writes."""
+DEPTH = 4
+"""How many folders deep to look."""
+SMALLEST_SIDE_PX = 400
+"""Scans smaller than this are previews."""
+_ORTHO_WORDS = ("orto", "ortho", "ofoto", "dop")
+_DEM_WORDS = ("dem", "dtm", "dmr", "dmt", "dgm", "srtm", "terrain", "height")
+T = TypeVar("T")
+_MILLIMETRES = {"2": 25.4, "3": 10.0}
+"""Millimetres of TIFF's units of resolution: inch and centimetre."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRaster:
+    """A raster file, without its pixels."""
+
+    path: Path
+    """The file."""
+    size_px: tuple[int, int]
+    """Columns and rows."""
+    bands: int
+    """Number of bands."""
+    dtype: np.dtype[Any]
+    """Type of a pixel."""
+    crs: CRS | None
+    """CRS, where the file tells it."""
+    placed: bool
+    """True with a world file or a georeference of its own."""
+    north_up: bool
+    """True when it is placed and not turned."""
+    pixel_size_m: float
+    """Size of a pixel on the ground, where it is placed."""
+    scan_pixel_um: float | None
+    """Size of a scan pixel on the film by the resolution the scanner wrote, micrometres."""
+
+    @property
+    def kind(self) -> Kind:
+        """What it probably is, by CRS, rotation, bands and name."""
+        heights = self.bands == 1 and self.dtype.kind in "fi"
+        if self.crs is None:
+            if self._named(_ORTHO_WORDS) and self.placed:
+                return "ortho"
+            return "dem" if heights and self.placed else "scan"
+        if not self.north_up:
+            return "scan"
+        if heights or (self.bands == 1 and self.dtype == np.uint16 and self._named(_DEM_WORDS)):
+            return "dem"
+        return "ortho" if self.bands <= 4 and self.dtype.kind == "u" else "other"
+
+    @property
+    def is_preview(self) -> bool:
+        """True for a small copy of a scan."""
+        return self.kind == "scan" and min(self.size_px) < SMALLEST_SIDE_PX
+
+    def _named(self, words: tuple[str, ...]) -> bool:
+        name = f"{self.path.parent.name}/{self.path.name}".lower()
+        return any(word in name for word in words)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundLayer:
+    """A vector layer, without its features."""
+
+    path: Path
+    """The file."""
+    name: str
+    """Name of the layer in it."""
+    geometry: Literal["line", "polygon", "point", "other"]
+    """Kind of its geometries."""
+    crs: CRS | None
+    """CRS, where the file tells it."""
+    fields: tuple[str, ...]
+    """Attributes."""
+
+    def named(self, *words: str) -> bool:
+        """True when the file or layer is called by one of the words."""
+        name = f"{self.path.stem} {self.name}".lower()
+        return any(word in name for word in words)
+
+    def values(self, field: str) -> set[str]:
+        """All values of an attribute, as text."""
+        found = pyogrio.raw.read(self.path, layer=self.name, columns=[field], read_geometry=False)
+        return {str(value) for value in cast("list[np.ndarray]", found[3])[0]}
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Everything in a folder that may belong to a block."""
+
+    rasters: tuple[FoundRaster, ...]
+    """Rasters by path."""
+    layers: tuple[FoundLayer, ...]
+    """Vector layers by path."""
+    points: tuple[Path, ...]
+    """QGIS `.points` files."""
+    tables: tuple[tuple[Path, tuple[str, ...]], ...]
+    """CSV files with their header."""
+    unreadable: tuple[Path, ...]
+    """Files with a fitting suffix that could not be opened."""
+
+
+def find(folder: Path) -> Findings:
+    """Look through a folder; what Gruber itself wrote there is passed over."""
+    files = list(_files(folder))
+    unreadable: list[Path] = []
+    rasters = _each(files, RASTERS, _raster, unreadable)
+    layers = _each(files, VECTORS, _layers, unreadable)
+    tables = _each(files, frozenset({".csv", ".txt"}), _header, unreadable=[])
+    return Findings(
+        tuple(raster for raster in rasters if not raster.is_preview),
+        tuple(layer for found in layers for layer in found),
+        tuple(path for path in files if path.suffix.lower() == ".points"),
+        tuple(tables),
+        tuple(unreadable),
+    )
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for place, folders, names in os.walk(folder, followlinks=True):
+        here = Path(place)
+        deep = len(here.relative_to(folder).parts) >= DEPTH
+        kept = [] if deep else [name for name in folders if not _passed_over(name)]
+        folders[:] = sorted(kept)
+        yield from (here / name for name in sorted(names) if not _passed_over(name))
+
+
+def _passed_over(name: str) -> bool:
+    return name.startswith(".") or name in OWN
+
+
+def _each(
+    files: list[Path],
+    suffixes: frozenset[str],
+    look: Callable[[Path], T],
+    unreadable: list[Path],
+) -> list[T]:
+    """What is found in each file of some suffixes; those that cannot be opened are noted."""
+    found: list[T] = []
+    for path in files:
+        if path.suffix.lower() not in suffixes:
+            continue
+        try:
+            found.append(look(path))
+        except (RasterioIOError, DataSourceError, DataLayerError, OSError, UnicodeDecodeError):
+            unreadable.append(path)
+    return found
+
+
+def _raster(path: Path) -> FoundRaster:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(path) as raster:
+            transform = raster.transform
+            placed = not transform.is_identity or bool(raster.gcps[0])
+            turned = max(abs(transform.b), abs(transform.d)) > 1e-6 * abs(transform.a)
+            return FoundRaster(
+                path,
+                (raster.width, raster.height),
+                raster.count,
+                np.dtype(raster.dtypes[0]),
+                _map_part(raster.crs),
+                placed,
+                placed and not turned and transform.a > 0 > transform.e,
+                float(abs(transform.determinant)) ** 0.5 if placed else 0.0,
+                _scan_pixel_um(raster.tags(), max(raster.width, raster.height)),
+            )
+
+
+def _scan_pixel_um(tags: dict[str, str], side_px: int) -> float | None:
+    """Scan pixel by the resolution tag; None where film of that size does not exist.
+
+    Most programs write 72 or 96 dots per inch when they know nothing.
+    """
+    unit = _MILLIMETRES.get(tags.get("TIFFTAG_RESOLUTIONUNIT", "")[:1])
+    try:
+        per_unit = float(tags.get("TIFFTAG_XRESOLUTION", ""))
+    except ValueError:
+        return None
+    if unit is None or per_unit <= 0:
+        return None
+    pixel_mm = unit / per_unit
+    return round(pixel_mm * 1000, 3) if 80 <= side_px * pixel_mm <= 500 else None
+
+
+def _layers(path: Path) -> list[FoundLayer]:
+    layers = cast("list[tuple[str, str | None]]", pyogrio.list_layers(path).tolist())
+    return [_layer(path, name) for name, geometry in layers if geometry is not None]
+
+
+def _layer(path: Path, name: str) -> FoundLayer:
+    info = pyogrio.read_info(path, layer=name)
+    geometry = str(info["geometry_type"]).lower()
+    kinds = {"line": "line", "polygon": "polygon", "point": "point"}
+    kind = next((kind for word, kind in kinds.items() if word in geometry), "other")
+    fields = tuple(str(field) for field in info["fields"])
+    return FoundLayer(path, name, cast("Any", kind), _map_part(info["crs"]), fields)
+
+
+def _header(path: Path) -> tuple[Path, tuple[str, ...]]:
+    """First row of a table."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        first = next(csv.reader([file.readline(2000)]), [])
+    return path, tuple(name.strip() for name in first)
+
+
+def _map_part(crs: Any) -> CRS | None:
+    """The map part of a CRS as GDAL tells it."""
+    try:
+        return horizontal(CRS(crs)) if crs else None
+    except CRSError:
+        return None

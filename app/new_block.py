@@ -1,0 +1,355 @@
+"""`gruber new`: a `block.toml` from what a folder holds, and plain words on what it lacks."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from pyproj import CRS
+
+from app.block_toml import FILE
+from app.finding import Findings, FoundLayer, FoundRaster, Kind, find
+from app.project import Georeference
+from core.errors import CrsError, ProjectError
+from core.geometry.crs import parse_crs, short_name
+from sessions.products import whole_file
+
+FRAMES_MM = (90.0, 120.0, 180.0, 230.0, 300.0)
+"""Sides of the picture of common film cameras."""
+CAMERA = "film"
+"""Name given to the camera."""
+EXTERIOR_HEADER = ("scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg")
+"""How a list of exterior orientations begins."""
+CONTROL_HEADER = ("id", "X", "Y", "Z")
+"""How a list of surveyed points begins."""
+_NOT_ROADS = ("contour", "vrstev", "rail", "zelez", "river", "stream", "vodn", "water", "border")
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Something that was not found."""
+
+    what: str
+    """What is missing and how to supply it."""
+    leaves_out: str
+    """What cannot be done without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """What a folder was recognised to hold; paths relative to it, as `block.toml` writes them."""
+
+    folder: Path
+    """The folder."""
+    crs: str | None
+    """CRS of the reference."""
+    scans: tuple[str, ...]
+    """Paths or globs of the scans."""
+    scan_count: int
+    """Number of scans."""
+    scan_pixel_um: float | None
+    """Scan pixel by the scans' own resolution tag, micrometres."""
+    frame_mm: float | None
+    """Side of the picture that fits the scans, millimetres; a guess."""
+    georeference: Georeference
+    """What the scans can begin from."""
+    footprints: tuple[str, str] | None
+    """Footprint file and the attribute that holds the scans' names."""
+    exterior: str | None
+    """List of exterior orientations."""
+    ortho: tuple[str, ...]
+    """Paths or globs of the ortho sheets."""
+    dem: tuple[str, ...]
+    """Paths or globs of terrain heights."""
+    roads: tuple[str, ...]
+    """Road layers."""
+    buildings: str | None
+    """Building polygons."""
+    bridges: str | None
+    """Bridge polygons."""
+    control: str | None
+    """List of surveyed points."""
+    sheets: str | None
+    """Map sheets to cut."""
+    notes: tuple[str, ...]
+    """What else the operator should know, one sentence each."""
+
+    @property
+    def found(self) -> tuple[str, ...]:
+        """What was recognised, one line each."""
+        lines = (
+            ("scans", f"{self.scan_count} in {', '.join(self.scans)}" if self.scans else ""),
+            ("begin from", "" if self.georeference == "none" else self.georeference),
+            ("footprints", self.footprints[0] if self.footprints else ""),
+            ("exterior orientations", self.exterior or ""),
+            ("ortho", ", ".join(self.ortho)),
+            ("terrain", ", ".join(self.dem)),
+            ("roads", ", ".join(self.roads)),
+            ("buildings", self.buildings or ""),
+            ("bridges", self.bridges or ""),
+            ("surveyed points", self.control or ""),
+            ("map sheets", self.sheets or ""),
+            ("CRS", self.crs or ""),
+        )
+        return tuple(f"{what}: {value}" for what, value in lines if value)
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """What was not found, and what that leaves out; the gravest first."""
+        begin = self.georeference != "none" or self.exterior is not None
+        placed = f"a place for the scans ({BEGIN_FROM})"
+        missing = (
+            (True, "the principal distance: it stands in the camera certificate", NOTHING),
+            (not self.scans, "scans: put them into a folder `scans`", NOTHING),
+            (not self.ortho, "an orthophoto with its CRS: put its sheets into `ortho`", NOTHING),
+            (not self.dem, "a terrain model: rasters of heights", NOTHING),
+            (self.crs is None, "the CRS: no file tells it", NOTHING),
+            (self.scan_pixel_um is None, "the scan pixel: the scans do not tell it", NOTHING),
+            (self.frame_mm is None, "the picture area of the camera", NOTHING),
+            (not begin, placed, "control and resection; tie points can still join the scans"),
+            (True, "fiducials: certified places of the marks", SHRINKAGE),
+            (not self.roads, "road layers", "junctions; salient points of the ortho stand in"),
+            (self.control is None, "surveyed points of your own", CHECKS),
+            (self.buildings is None, "buildings", "seams that keep away from houses"),
+        )
+        return tuple(Gap(what, leaves_out) for lacks, what, leaves_out in missing if lacks)
+
+
+NOTHING = "everything: without it no stage can run"
+BEGIN_FROM = "world files, QGIS .points, footprints or a list of exterior orientations"
+SHRINKAGE = "film shrinkage and turn in the scanner; the middle of the scan stands in for the marks"
+CHECKS = "check points that are independent of the orthophoto"
+
+
+def recognise(folder: Path) -> Recognition:
+    """Look through a folder and say what it holds; nothing is changed."""
+    folder = folder.resolve()
+    if not folder.is_dir():
+        raise ProjectError(folder, "is no folder.", "Name the folder that holds the scans.")
+    findings = find(folder)
+    scans, orthos, dems = (_of_kind(findings, kind) for kind in ("scan", "ortho", "dem"))
+    crs = _crs_of(orthos, dems, findings.layers)
+    footprints = _footprints(findings.layers, scans)
+    pixel_um = _common(scan.scan_pixel_um for scan in scans)
+    layers = [layer for layer in findings.layers if footprints is None or layer != footprints[0]]
+    return Recognition(
+        folder,
+        _code(crs),
+        _patterns(folder, scans, findings.rasters),
+        len(scans),
+        pixel_um,
+        _frame(scans, pixel_um),
+        _georeference(scans, findings.points, footprints is not None),
+        None if footprints is None else (_relative(folder, footprints[0].path), footprints[1]),
+        _table(folder, findings, EXTERIOR_HEADER),
+        _patterns(folder, orthos, findings.rasters),
+        _patterns(folder, dems, findings.rasters),
+        tuple(dict.fromkeys(_relative(folder, layer.path) for layer in layers if _is_road(layer))),
+        _polygons(folder, layers, "building", "budov", "house", "gebaeude"),
+        _polygons(folder, layers, "bridge", "most"),
+        _table(folder, findings, CONTROL_HEADER),
+        _polygons(
+            folder, [item for item in layers if "name" in item.fields], "sheet", "klad", "sm5"
+        ),
+        tuple(_notes(folder, findings, crs)),
+    )
+
+
+def write_block_toml(recognition: Recognition, path: Path | None = None) -> Path:
+    """Write what was recognised; what cannot be known stands there as a comment to be filled in.
+
+    Raises:
+        ProjectError: There is a `block.toml` already; it is left as it is.
+    """
+    target = path or recognition.folder / FILE
+    if target.exists():
+        raise ProjectError(target, "is there already.", "Edit it, or rename it and start again.")
+    with whole_file(target) as temporary:
+        temporary.write_text(toml_of(recognition), encoding="utf-8")
+    return target
+
+
+def toml_of(found: Recognition) -> str:
+    """The text of a `block.toml`."""
+    camera = (
+        "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59",
+        "# principal_distance_mm =",
+        _frame_line(found.frame_mm),
+        "# fiducials_mm = { 1 = [-84.5, 0.3], 2 = [84.5, -0.2] }  # certified marks, mm; optional",
+    )
+    scans = (
+        _or_comment("files", found.scans, "paths of the scans"),
+        _line("camera", CAMERA),
+        _or_comment(
+            "scan_pixel_um", found.scan_pixel_um, "scan pixel, micrometres; 1693 dpi are 15"
+        ),
+        _line("georeference", found.georeference),
+        *_lines(footprints=found.footprints and found.footprints[0]),
+        *_lines(footprint_name=found.footprints and found.footprints[1], exterior=found.exterior),
+    )
+    reference = (
+        _or_comment("ortho", found.ortho, "sheets of today's orthophoto"),
+        _or_comment("dem", found.dem, "terrain heights"),
+        *_lines(roads=found.roads, buildings=found.buildings, bridges=found.bridges),
+        "ortho_sigma_m = 0.25  # accuracy of the orthophoto: check",
+        "dem_sigma_m = 0.5  # accuracy of the terrain model: check",
+    )
+    block = (_line("name", found.folder.name), _or_comment("crs", found.crs, "CRS of the ortho"))
+    tables = {"block": block, f"camera.{CAMERA}": camera, "scans": scans, "reference": reference}
+    tables |= {"control": tuple(_lines(points=found.control))} if found.control else {}
+    tables |= {"ortho": tuple(_lines(sheets=found.sheets))} if found.sheets else {}
+    return "\n\n".join("\n".join([f"[{name}]", *lines]) for name, lines in tables.items()) + "\n"
+
+
+def _line(key: str, value: Any) -> str:
+    # JSON strings, numbers and lists are TOML as well.
+    single = isinstance(value, tuple) and len(cast("tuple[Any, ...]", value)) == 1
+    return f"{key} = {json.dumps(value[0] if single else value, ensure_ascii=False)}"
+
+
+def _lines(**values: object) -> Iterable[str]:
+    return (_line(key, value) for key, value in values.items() if value)
+
+
+def _or_comment(key: str, value: object, what: str) -> str:
+    """The line, or a comment that asks for it."""
+    return _line(key, value) if value else f"# FILL IN: {what}\n# {key} ="
+
+
+def _frame_line(side_mm: float | None) -> str:
+    if side_mm is None:
+        return _or_comment("frame_mm", None, "picture area [width, height], millimetres")
+    return _line("frame_mm", [side_mm, side_mm]) + "  # guessed from the size of the scans: check"
+
+
+def _of_kind(findings: Findings, kind: Kind) -> list[FoundRaster]:
+    """Rasters of a kind; a virtual one only where it does not repeat real ones."""
+    found = [raster for raster in findings.rasters if raster.kind == kind]
+    real = [raster for raster in found if raster.path.suffix.lower() != ".vrt"]
+    return real if real and kind != "dem" else found
+
+
+def _crs_of(
+    orthos: Sequence[FoundRaster], dems: Sequence[FoundRaster], layers: Sequence[FoundLayer]
+) -> CRS | None:
+    """The CRS of most orthos; without them, of most heights, then of most layers."""
+    for group in (orthos, dems, layers):
+        known = Counter(item.crs for item in group if item.crs is not None)
+        if known:
+            return known.most_common(1)[0][0]
+    return None
+
+
+def _code(crs: CRS | None) -> str | None:
+    """Authority and code, such as `EPSG:5514`, else well-known text."""
+    authority = None if crs is None else crs.to_authority()
+    return ":".join(authority) if authority else crs and crs.to_wkt()
+
+
+def _is_same_map(one: CRS, other: CRS) -> bool:
+    """True for two spellings of one CRS."""
+    epsg = one.to_epsg()
+    known = epsg is not None and epsg == other.to_epsg()
+    return known or one.equals(other, ignore_axis_order=True)
+
+
+def _patterns(
+    folder: Path, wanted: Sequence[FoundRaster], everything: Sequence[FoundRaster]
+) -> tuple[str, ...]:
+    """A glob for each folder and suffix that holds nothing else, else the paths."""
+    patterns: list[str] = []
+    groups = Counter((raster.path.parent, raster.path.suffix) for raster in wanted)
+    for (parent, suffix), count in groups.items():
+        inside = [
+            item for item in everything if (item.path.parent, item.path.suffix) == (parent, suffix)
+        ]
+        if count == len(inside) > 1:
+            patterns.append(_relative(folder, parent / f"*{suffix}"))
+        else:
+            patterns += [_relative(folder, item.path) for item in inside if item in wanted]
+    return tuple(patterns)
+
+
+def _relative(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+def _common(values: Iterable[float | None]) -> float | None:
+    """The value all agree in."""
+    known = set(values)
+    return known.pop() if len(known) == 1 else None
+
+
+def _frame(scans: Sequence[FoundRaster], pixel_um: float | None) -> float | None:
+    """The largest common picture that fits on the smaller side of the scans."""
+    if not scans or pixel_um is None:
+        return None
+    side_mm = float(np.median([min(scan.size_px) for scan in scans])) * pixel_um / 1000
+    return max((frame for frame in FRAMES_MM if frame <= side_mm + 2), default=None)
+
+
+def _georeference(
+    scans: Sequence[FoundRaster], points: Sequence[Path], footprints: bool
+) -> Georeference:
+    """What most scans can begin from."""
+    named = {path.name.removesuffix(path.suffix) for path in points}
+    with_points = [scan for scan in scans if {scan.path.name, scan.path.stem} & named]
+    if 2 * sum(scan.placed for scan in scans) > len(scans):
+        return "world-file"
+    if 2 * len(with_points) > len(scans):
+        return "points"
+    return "footprints" if footprints else "none"
+
+
+def _footprints(
+    layers: Sequence[FoundLayer], scans: Sequence[FoundRaster]
+) -> tuple[FoundLayer, str] | None:
+    """The polygons and the attribute that name at least half of the scans."""
+    stems = {scan.path.stem for scan in scans}
+    for layer in layers:
+        for field in layer.fields if layer.geometry == "polygon" and stems else ():
+            values = layer.values(field)
+            named = stems & (values | {Path(value).stem for value in values})
+            if 2 * len(named) >= len(stems):
+                return layer, field
+    return None
+
+
+def _is_road(layer: FoundLayer) -> bool:
+    return layer.geometry == "line" and not layer.named(*_NOT_ROADS)
+
+
+def _polygons(folder: Path, layers: Sequence[FoundLayer], *words: str) -> str | None:
+    found = (item for item in layers if item.geometry == "polygon" and item.named(*words))
+    return next((_relative(folder, item.path) for item in found), None)
+
+
+def _table(folder: Path, findings: Findings, header: tuple[str, ...]) -> str | None:
+    """The first CSV file that begins with a header."""
+    found = (path for path, names in findings.tables if names[: len(header)] == header)
+    return next((_relative(folder, path) for path in found), None)
+
+
+def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[str]:
+    for path in findings.unreadable:
+        yield f"{_relative(folder, path)} cannot be opened and is left out."
+    try:
+        if crs is not None:
+            parse_crs(crs.to_wkt(), "The CRS of the reference")
+    except CrsError as error:
+        yield str(error)
+    for item in (*findings.rasters, *findings.layers):
+        if isinstance(item, FoundRaster) and item.kind in ("scan", "other"):
+            continue
+        name = _relative(folder, item.path)
+        if item.crs is None:
+            yield f"{name} tells no CRS and is taken to lie in the block's where its numbers fit."
+        elif crs is not None and not _is_same_map(item.crs, crs):
+            known = f"{short_name(item.crs)}, not in {short_name(crs)}"
+            yield f"{name} is in {known}, and is transformed while it is read."
+    for layer in findings.layers:
+        if layer.geometry == "line" and not _is_road(layer):
+            yield f"{_relative(folder, layer.path)} holds lines that are probably no roads."

@@ -1,0 +1,164 @@
+"""The result tables of a block as CSV, columns as CONTRACT 4 promises them."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block, Measurement
+from sessions.whole import whole_file
+
+Cell = str | int | float | None
+CONTROL_COLUMNS = (
+    "point_id,scan,col,row,X,Y,Z,role,status,score,residual_col,residual_row,sigma_px,reason"
+)
+CHECK_COLUMNS = "point_id,X,Y,Z,dX,dY,dZ,used_scans"
+EXTERIOR_COLUMNS = (
+    "scan,X,Y,Z,omega_deg,phi_deg,kappa_deg,"
+    "sigma_X,sigma_Y,sigma_Z,sigma_omega_deg,sigma_phi_deg,sigma_kappa_deg"
+)
+TIE_COLUMNS = "point_id,X,Y,Z,sigma_X,sigma_Y,sigma_Z,rays,max_residual_px"
+INTERIOR_COLUMNS = "scan,model,x_0,x_col,x_row,y_0,y_col,y_row,pixel_um,sigma_um,rms_um"
+MILLI, DEGREES = 4, 8
+"""Decimal places of pixels and metres, and of angles."""
+
+
+def write_results(folder: Path, report: AdjustmentReport) -> tuple[Path, ...]:
+    """Write every table of an adjusted block into a folder; each whole or not at all."""
+    tables = {
+        "control_points.csv": (CONTROL_COLUMNS, control_rows(report)),
+        "check_points.csv": (CHECK_COLUMNS, check_rows(report)),
+        "interior_orientation.csv": interior_table(report.block),
+        "exterior_orientation.csv": (EXTERIOR_COLUMNS, exterior_rows(report)),
+        "tie_points.csv": (TIE_COLUMNS, tie_rows(report)),
+    }
+    for name, (columns, rows) in tables.items():
+        write_table(folder / name, columns, rows)
+    return tuple(folder / name for name in tables)
+
+
+def write_table(path: Path, columns: str, rows: Iterable[Sequence[Cell]]) -> None:
+    """Write one table: a header row, commas, points in numbers, UTF-8; NaN and None are empty."""
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns.split(","))
+        writer.writerows([_told(cell) for cell in row] for row in rows)
+
+
+def control_rows(report: AdjustmentReport) -> list[list[Cell]]:
+    """One row per measurement of a surveyed point, used or not."""
+    rows: list[list[Cell]] = []
+    for key, measurement in sorted(report.block.measurements.items()):
+        point = report.block.surveyed[measurement.point_id]
+        residual = report.residuals_px.get(key, (float("nan"), float("nan")))
+        status, reason = final_status(report, measurement)
+        rows.append(
+            [
+                measurement.point_id,
+                measurement.photo_id,
+                *_rounded((measurement.column, measurement.row), MILLI),
+                *_rounded(point.position, MILLI),
+                point.role,
+                status,
+                *_rounded((measurement.score, *residual, measurement.sigma_px), MILLI),
+                reason,
+            ]
+        )
+    return rows
+
+
+def final_status(report: AdjustmentReport, measurement: Measurement) -> tuple[str, str]:
+    """Status and reason after the adjustment: what it left out itself is `unused`."""
+    reason = report.rejected.get(measurement.key)
+    if measurement.used and reason is not None:
+        return "unused", reason
+    return measurement.status, measurement.reason
+
+
+def check_rows(report: AdjustmentReport) -> list[list[Cell]]:
+    """One row per check point: known coordinates, computed minus known."""
+    return [
+        [
+            check.point_id,
+            *_rounded(report.block.surveyed[check.point_id].position, MILLI),
+            *_rounded(check.difference_m, MILLI),
+            check.used_scans,
+        ]
+        for check in report.checks
+    ]
+
+
+def interior_table(block: Block) -> tuple[str, list[list[Cell]]]:
+    """Columns and one row per scan: x = x_0 + x_col * col + x_row * row in mm, likewise y."""
+    names = sorted({name for photo in block.photos.values() for name in photo.interior.names})
+    marks = [f"residual_{name}_{axis}_um" for name in names for axis in "xy"]
+    rows: list[list[Cell]] = []
+    for photo_id, photo in block.photos.items():
+        interior = photo.interior
+        (x_col, x_row, x_0), (y_col, y_row, y_0) = interior.film_from_pixel_matrix.tolist()
+        residuals = dict(zip(interior.names, interior.residuals_um.tolist(), strict=True))
+        figures = (interior.pixel_size_mm * 1000, interior.sigma_um, interior.rms_um)
+        rows.append(
+            [
+                photo_id,
+                interior.model,
+                *_rounded((x_0, x_col, x_row, y_0, y_col, y_row), 9),
+                *_rounded(figures, 3),
+                *(v for name in names for v in _rounded(residuals.get(name, ("", "")), 2)),
+            ]
+        )
+    return ",".join([INTERIOR_COLUMNS, *marks]), rows
+
+
+def exterior_rows(report: AdjustmentReport) -> list[list[Cell]]:
+    """One row per photo; sigmas are empty where the photo took no part."""
+    rows: list[list[Cell]] = []
+    for photo_id, photo in report.block.photos.items():
+        exterior, sigmas = photo.exterior, report.exterior_sigmas.get(photo_id)
+        angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa])
+        rows.append(
+            [
+                photo_id,
+                *_rounded(exterior.centre, MILLI),
+                *_rounded(angles, DEGREES),
+                *(["", "", ""] if sigmas is None else _rounded(sigmas.centre_m, MILLI)),
+                *(["", "", ""] if sigmas is None else _rounded(np.degrees(sigmas.angles), DEGREES)),
+            ]
+        )
+    return rows
+
+
+def tie_rows(report: AdjustmentReport) -> list[list[Cell]]:
+    """One row per tie point that took part."""
+    ties = report.block.ties
+    lengths = np.linalg.norm(report.tie_residuals_px, axis=1)
+    took_part = np.isfinite(lengths)
+    rays = np.bincount(ties.point[took_part], minlength=ties.count)
+    largest = np.zeros(ties.count)
+    np.maximum.at(largest, ties.point[took_part], lengths[took_part])
+    return [
+        [
+            int(point),
+            *_rounded(report.tie_positions[point], MILLI),
+            *_rounded(report.tie_sigmas_m[point], MILLI),
+            int(rays[point]),
+            *_rounded((largest[point],), MILLI),
+        ]
+        for point in np.flatnonzero(rays)
+        if np.isfinite(report.tie_positions[point]).all()
+    ]
+
+
+def _rounded(values: Iterable[object], places: int) -> list[Cell]:
+    """Numbers as text with fixed places; what is no number stays as it is."""
+    return [
+        f"{float(value):.{places}f}" if isinstance(value, (int, float)) else str(value)
+        for value in values
+    ]
+
+
+def _told(cell: Cell) -> str:
+    text = "" if cell is None else str(cell)
+    return "" if text == "nan" else text

@@ -1,0 +1,293 @@
+"""Walk the stages in their order; what is fresh is not made again."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.described import described
+from app.executors import Threads
+from app.project import Project
+from app.results import write_results
+from app.terminal import Voice
+from core.block.adjusted import AdjustmentReport
+from core.block.assembly import Assembly, adjusted_without_gross
+from core.block.block import Block
+from core.doubts import Doubt
+from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
+from core.ground.ortho import OrthoProduct, rectify_photo
+from core.ground.picture import footprint_of
+from core.pipeline import (
+    STAGES,
+    BlockInput,
+    Georeferenced,
+    ScanSet,
+    Stage,
+    Tied,
+    Work,
+    open_reference,
+    search_bounds,
+)
+from core.progress import Progress, Silent
+from core.reference.dem import Dem
+from sessions.products import digest_of
+from sessions.session import Session
+from sessions.whole import whole_file
+
+LAST_STAGES = {
+    "adjustment": "Adjustment with your decisions",
+    "orthos": "Orthophotos",
+    "mosaic": "Mosaic",
+    "report": "Results and report",
+}
+STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Which part of the way is to be gone."""
+
+    first: str | None = None
+    """Make this stage and all after it anew."""
+    last: str | None = None
+    """Stop after this stage."""
+    workers: int = 2
+    """Pieces of a stage that run side by side."""
+
+
+class Run:
+    """One walk over the stages of one block."""
+
+    def __init__(
+        self, project: Project, session: Session, voice: Voice, options: RunOptions
+    ) -> None:
+        self.project, self.session, self.voice, self.options = project, session, voice, options
+        self.given: BlockInput = described(project)
+        self.made: dict[str, Any] = {}
+        self.digests: dict[str, str] = {}
+        self.seconds: dict[str, float] = {}
+        self.threads = Threads(options.workers)
+
+    def walk(self) -> None:
+        """Go through all stages up to the last one wanted."""
+        with self.session.running():
+            try:
+                for name in STAGE_NAMES:
+                    self.step(name)
+                    if name == self.options.last:
+                        return
+            finally:
+                self.threads.close()
+
+    def step(self, name: str) -> None:
+        """One stage, made or found fresh, with one line said about it."""
+        title = LAST_STAGES.get(name) or next(s.title for s in STAGES if s.name == name)
+        started = time.monotonic()
+        progress = self.voice.stage(name, title)
+        stage = next((stage for stage in STAGES if stage.name == name), None)
+        last: Mapping[str, Callable[[Progress], str]] = {
+            "adjustment": self.adjust,
+            "orthos": self.rectify,
+            "mosaic": self.compose,
+            "report": self.report,
+        }
+        said = last[name](progress) if stage is None else self.compute(stage, progress)
+        self.seconds[name] = time.monotonic() - started
+        self.voice.ended(name, title, self.seconds[name], said)
+
+    def anew(self, name: str) -> bool:
+        """Whether the operator wants this stage made again whatever is there."""
+        first = self.options.first
+        return first is not None and STAGE_NAMES.index(name) >= STAGE_NAMES.index(first)
+
+    def compute(self, stage: Stage, progress: Progress) -> str:
+        """A stage of the engine."""
+        needed = [self.digests[name] for name in stage.needs]
+        digest = digest_of(stage.name, stage.version, stage.inputs(self.given), needed)
+        self.digests[stage.name] = digest
+        value = (
+            None if self.anew(stage.name) else self.session.products.load_value(stage.name, digest)
+        )
+        fresh = value is not None
+        if value is None:
+            value = stage.run(self.given, self.made, Work(progress, self.threads.map))
+            self.session.products.save_value(stage.name, digest, value)
+        self.made[stage.name] = value
+        return told(value) + (" (as before)" if fresh else "")
+
+    def adjust(self, progress: Progress) -> str:
+        """Lay the operator's decisions over the block and adjust it."""
+        block = self.session.replayed(self.assembly.report.block)
+        decisions = [recorded.decision_id for recorded in self.session.decisions()]
+        digest = digest_of("adjustment", 1, self.digests["control"], decisions)
+        self.digests["adjustment"] = digest
+        report = (
+            None
+            if self.anew("adjustment")
+            else self.session.products.load_value("adjustment", digest)
+        )
+        if report is None:
+            report = adjusted_without_gross(block, self.given.assembly.adjustment)
+            self.session.products.save_value("adjustment", digest, report)
+        self.made["adjustment"] = report
+        return told(report)
+
+    @property
+    def assembly(self) -> Assembly:
+        """The block as the engine proposes it."""
+        return self.made["control"]
+
+    @property
+    def adjusted(self) -> AdjustmentReport:
+        """The block as it stands with the operator's decisions."""
+        return self.made["adjustment"]
+
+    def dem(self) -> Dem:
+        """Heights under the block, held in memory."""
+        placed: Georeferenced = self.made["georeference"]
+        return open_reference(self.given, search_bounds(placed.block)).dem
+
+    def rectify(self, progress: Progress) -> str:
+        """One ortho of every oriented photo."""
+        orthos = make_orthos(
+            self.session,
+            self.project,
+            self.adjusted.block,
+            self.dem(),
+            progress,
+            self.anew("orthos"),
+        )
+        self.made["orthos"] = orthos
+        return f"{len(orthos)} orthos at {orthos[0].grid.ground_sample_distance_m:g} m"
+
+    def compose(self, progress: Progress) -> str:
+        """The mosaic and its seams."""
+        mosaic = make_mosaic(self.session, self.made["orthos"], progress, self.anew("mosaic"))
+        self.made["mosaic"] = mosaic
+        return str(self.session.results / "mosaic.tif")
+
+    def report(self, progress: Progress) -> str:
+        """Tables, layers and the accuracy report."""
+        dem = self.dem()
+        block = self.adjusted.block
+        write_results(self.session.results, self.adjusted)
+        outlines = {
+            name: footprint_of(photo, block.camera_of(name), dem)
+            for name, photo in block.photos.items()
+        }
+        self.session.write_layers(block, self.adjusted, outlines)
+        return str(self.session.results)
+
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Everything doubtful, gravest first."""
+        every: list[Doubt] = []
+        for name in ("scans", "georeference", "ties", "control"):
+            every.extend(self.made[name].doubts)
+        return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
+
+    def set_aside(self) -> dict[str, str]:
+        """Scans that could not be used, with the reason."""
+        scans: ScanSet = self.made["scans"]
+        placed: Georeferenced = self.made["georeference"]
+        return {**scans.set_aside, **placed.set_aside}
+
+
+def make_orthos(
+    session: Session,
+    project: Project,
+    block: Block,
+    dem: Dem,
+    progress: Progress,
+    anew: bool = False,
+    only: frozenset[str] | None = None,
+) -> list[OrthoProduct]:
+    """Orthos of all oriented photos; those that are fresh stay as they are.
+
+    Args:
+        session: Where they are kept.
+        project: For the ground sample distance.
+        block: The adjusted block.
+        dem: Heights.
+        progress: Told per photo.
+        anew: Make all of them again.
+        only: Make no others than these; the rest stays as it is on disk.
+    """
+    photos = [photo for photo in block.photos.values() if photo.oriented]
+    gsd = project.ortho.gsd_m or default_gsd_m(block)
+    orthos: list[OrthoProduct] = []
+    for done, photo in enumerate(photos):
+        progress.report(done, len(photos), photo.photo_id)
+        camera = block.camera_of(photo.photo_id)
+        stage = f"ortho/{photo.photo_id}"
+        digest = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, Path(photo.scan))
+        kept = None if anew else session.products.load_value(stage, digest)
+        if only is not None and photo.photo_id not in only:
+            kept = session.products.latest_value(stage) or kept
+        target = session.results / "ortho" / f"{photo.photo_id}.tif"
+        if kept is None or not target.is_file():
+            with whole_file(target) as temporary:
+                made = rectify_photo(
+                    photo, camera, dem, gsd, temporary, block.crs, progress=Silent()
+                )
+            kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
+            session.products.save_value(stage, digest, kept)
+        orthos.append(kept)
+    progress.report(len(photos), len(photos))
+    return orthos
+
+
+def default_gsd_m(block: Block) -> float:
+    """The scans' own ground sample distance, rounded up to a round figure, metres."""
+    sizes = [
+        photo.interior.pixel_size_mm
+        / block.camera_of(name).principal_distance_mm
+        * (float(photo.exterior.centre[2]) - photo.ground_height_m)
+        for name, photo in block.photos.items()
+    ]
+    mean = sum(sizes) / len(sizes)
+    return next((step for step in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if step >= mean), 10.0)
+
+
+def make_mosaic(
+    session: Session, orthos: list[OrthoProduct], progress: Progress, anew: bool = False
+) -> MosaicProduct:
+    """The mosaic of the orthos, unless it is fresh."""
+    digest = digest_of("mosaic", 1, orthos)
+    target, seams = session.results / "mosaic.tif", session.results / "seams.gpkg"
+    kept = None if anew else session.products.load_value("mosaic", digest)
+    if kept is not None and target.is_file() and seams.is_file():
+        return kept
+    with whole_file(seams) as seams_part, whole_file(target) as mosaic_part:
+        product = compose_mosaic(
+            orthos, mosaic_grid(orthos), mosaic_part, seams_part, progress=progress
+        )
+    session.products.save_value("mosaic", digest, product)
+    return product
+
+
+def told(value: Any) -> str:
+    """One line about what a stage made."""
+    match value:
+        case ScanSet():
+            aside = f", {len(value.set_aside)} set aside" if value.set_aside else ""
+            rms = [scan.interior.rms_um for scan in value.oriented.values()]
+            return f"{len(rms)} scans{aside}, fiducials {sum(rms) / len(rms):.1f} um rms"
+        case Georeferenced():
+            return f"{len(value.block.photos)} photos placed"
+        case Tied():
+            return f"{value.ties.count} tie points, {len(value.ties.point)} rays"
+        case Assembly():
+            return told(value.report)
+        case AdjustmentReport():
+            photos = value.block.photos.values()
+            used = sum(item.used for item in value.block.measurements.values())
+            standing = sum(photo.oriented for photo in photos)
+            return (
+                f"{standing} of {len(photos)} photos oriented, {used} control measurements, "
+                f"sigma nought {value.sigma_nought:.2f}"
+            )
+        case dict():
+            return f"{len(value)} photos searched"
+        case _:
+            return f"{len(value.sources)} points" if hasattr(value, "sources") else ""

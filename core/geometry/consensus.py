@@ -1,0 +1,175 @@
+"""Consensus: a linear model that the most candidates agree with, though most of them are wrong.
+
+Candidates are many per place and mostly wrong. Hypotheses come from few of them and a Gaussian
+prior together, are scored by MSAC with one candidate a place, and an agreement is believed only
+when it could not be chance (a-contrario, METHODS 5).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.special import gammaln
+
+from core.arrays import Indices, Matrix, PixelPoints, Scalars
+
+Design = Float64[np.ndarray, "candidates 2 unknowns"]
+SAMPLE = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Places in a photo where known points may lie; sorted by point."""
+
+    point: Indices
+    """Index of the known point of each candidate, ascending."""
+    pixels: PixelPoints
+    """Where it may lie."""
+    sigma_px: Scalars
+    """Standard deviation per axis, its point's ground uncertainty included, pixels."""
+    weight: Scalars
+    """Relative chance to be drawn into a sample."""
+    trust: Scalars
+    """Share of a full vote that its agreement counts for, 0 to 1."""
+    chance: Scalars
+    """For each candidate, 1 / the area that was searched for its point, per square pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConsensusOptions:
+    """How the hypotheses are made and judged."""
+
+    hypotheses: int = 3000
+    """Samples of three points."""
+    gate: float = 3.0
+    """A candidate agrees within this many standard deviations per axis."""
+    log10_nfa_limit: float = -3.0
+    """Accepted when fewer false alarms than 10 to this power are expected from chance."""
+    refined: int = 12
+    """Best hypotheses that are refined."""
+
+
+class Consensus:
+    """One linear model and its candidates: what hypotheses there are and what they cost."""
+
+    def __init__(
+        self,
+        candidates: Candidates,
+        offset: PixelPoints,
+        design: Design,
+        prior_covariance: Matrix,
+        options: ConsensusOptions,
+    ) -> None:
+        """Take the model in.
+
+        Args:
+            candidates: Where the points may lie.
+            offset: Measured minus predicted place of each candidate, pixels.
+            design: Derivatives of each candidate's predicted place by the unknowns.
+            prior_covariance: Covariance of the unknowns beforehand, about nought.
+            options: Limits.
+        """
+        self.candidates, self.options = candidates, options
+        self.offset, self.design = offset, design
+        self.prior_information: Any = np.linalg.inv(prior_covariance)
+        self.first = np.unique(candidates.point, return_index=True)[1]
+        self.limit = 2 * options.gate**2
+
+    def hypotheses(self, rng: np.random.Generator) -> Matrix:
+        """The best of many samples, best first, with the prior itself among them."""
+        steps = np.vstack([np.zeros((1, self.design.shape[2])), self.sampled(rng)])
+        parts = np.array_split(steps, len(steps) * len(self.offset) // 100_000 + 1)
+        costs = np.concatenate([self.cost(part) for part in parts])
+        return steps[np.argsort(costs, kind="stable")[: self.options.refined]]
+
+    def sampled(self, rng: np.random.Generator) -> Matrix:
+        """Unknowns (hypotheses, unknowns), each from three candidates and the prior."""
+        weight = self.candidates.weight / self.candidates.weight.sum()
+        drawn = rng.choice(len(weight), size=(self.options.hypotheses, SAMPLE), p=weight)
+        point = self.candidates.point[drawn]
+        distinct = (
+            (point[:, 0] != point[:, 1])
+            & (point[:, 0] != point[:, 2])
+            & (point[:, 1] != point[:, 2])
+        )
+        drawn = drawn[distinct]
+        weight_px = 1 / self.candidates.sigma_px[drawn] ** 2
+        design = self.design[drawn]
+        normal = np.einsum("hsai,hs,hsaj->hij", design, weight_px, design, optimize=True)
+        right = np.einsum("hsai,hs,hsa->hi", design, weight_px, self.offset[drawn], optimize=True)
+        return np.linalg.solve(normal + self.prior_information, right[:, :, None])[:, :, 0]
+
+    def cost(self, steps: Matrix) -> Scalars:
+        """MSAC cost of each hypothesis: one candidate a point, truncated, plus the prior."""
+        residual = self.offset - np.einsum("cai,hi->hca", self.design, steps)
+        squared = np.sum(residual**2, axis=2) / self.candidates.sigma_px**2
+        per_point = np.minimum.reduceat(self.missed(squared), self.first, axis=1)
+        prior = np.einsum("hi,ij,hj->h", steps, self.prior_information, steps)
+        return per_point.sum(axis=1) + prior
+
+    def missed(self, squared: Any) -> Any:
+        """What a candidate at a normalised squared distance costs."""
+        return self.limit - self.candidates.trust * np.maximum(self.limit - squared, 0)
+
+    def agreeing(self, residual: PixelPoints) -> tuple[Indices, float]:
+        """Best candidate of each point where it lies within the gate, and the cost of them all."""
+        squared = np.sum(residual**2, axis=1) / self.candidates.sigma_px**2
+        squared = np.where(np.isfinite(squared), squared, np.inf)
+        missed = self.missed(squared)
+        order = np.lexsort((missed, self.candidates.point))
+        best = order[np.unique(self.candidates.point[order], return_index=True)[1]]
+        return best[squared[best] < self.limit], float(missed[best].sum())
+
+    def solved(
+        self, chosen: Indices, residual: PixelPoints, design: Design, at: Scalars
+    ) -> tuple[Scalars, Matrix]:
+        """Step and covariance by least squares over the chosen candidates and the prior.
+
+        Args:
+            chosen: Indices of candidates.
+            residual: Measured minus computed of the chosen, pixels.
+            design: Derivatives of the chosen.
+            at: Unknowns the residuals were computed with, relative to the prior's mean.
+        """
+        weight = self.candidates.trust[chosen] / self.candidates.sigma_px[chosen] ** 2
+        normal = np.einsum("nai,n,naj->ij", design, weight, design) + self.prior_information
+        right = np.einsum("nai,n,na->i", design, weight, residual) - self.prior_information @ at
+        return np.linalg.solve(normal, right), np.linalg.inv(normal)
+
+    def refined(self, step: Scalars) -> tuple[float, Scalars, Indices]:
+        """Local optimisation of the linear model: choose, solve, choose again."""
+        chosen, cost = self.agreeing(self.offset - self.design @ step)
+        for _ in range(8):
+            if len(chosen) < SAMPLE:
+                break
+            residual = self.offset[chosen] - self.design[chosen] @ step
+            step = step + self.solved(chosen, residual, self.design[chosen], step)[0]
+            chosen, cost = self.agreeing(self.offset - self.design @ step)
+        return cost + float(step @ self.prior_information @ step), step, chosen
+
+    def log10_nfa(self, agreeing: int) -> float:
+        """Number of false alarms of so many agreeing points, as a power of ten."""
+        area = np.pi * self.limit * self.candidates.sigma_px**2
+        share = np.minimum(np.add.reduceat(area * self.candidates.chance, self.first), 1.0)
+        chance = float(np.exp(np.mean(np.log(share))))
+        return log10_false_alarms(len(self.first), agreeing, chance)
+
+
+def log10_false_alarms(count: int, agreeing: int, chance: float) -> float:
+    """Expected models that this many of `count` points support by chance, log10.
+
+    log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha, m = 3 points a sample
+    (the a-contrario model of openMVG's robust estimator).
+    """
+
+    def log_choose(n: int, k: int) -> float:
+        return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+
+    natural = (
+        np.log(max(count - SAMPLE, 1))
+        + log_choose(count, agreeing)
+        + log_choose(agreeing, SAMPLE)
+        + (agreeing - SAMPLE) * np.log(max(chance, 1e-300))
+    )
+    return float(natural / np.log(10))

@@ -1,0 +1,100 @@
+"""CRS checks: what is refused, and what the message says."""
+
+import numpy as np
+import pytest
+from pyproj import CRS
+
+from core.errors import CrsError
+from core.geometry.crs import (
+    check_range,
+    infer_crs,
+    operation_between,
+    parse_crs,
+    same_coordinates,
+    short_name,
+)
+
+KOBYLI = np.array([[-576837.67, -1195069.54], [-574000.0, -1193000.0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no CRS is given"),
+        ("EPSG:99999", "does not know"),
+        ("EPSG:4326", "does not count in metres"),
+        ("EPSG:2263", "US survey foot"),
+        ("EPSG:5513", "EPSG:5514"),
+    ],
+)
+def test_a_block_crs_that_cannot_be_used_is_told__truth(text, words):
+    with pytest.raises(CrsError, match=words) as caught:
+        parse_crs(text, "block.toml [block] crs")
+    assert caught.value.file == "block.toml [block] crs"
+    assert caught.value.remedy
+
+
+def test_a_block_crs_keeps_its_plane_part__truth():
+    assert short_name(parse_crs("EPSG:5514+8357", "f")) == "EPSG:5514"
+    assert parse_crs("EPSG:31467", "f").to_epsg() == 31467  # northing comes first in it
+
+
+@pytest.mark.parametrize(
+    ("points", "words", "remedy"),
+    [
+        (-KOBYLI, "first Y (west), then X (south)", "put a minus before both"),
+        (-KOBYLI[:, ::-1], "first X (south), then Y (west)", "swap the two and put a minus"),
+        (KOBYLI[:, ::-1], "easting and northing are swapped", "Swap the two"),
+        (np.array([[16.7, 48.9]]), "km outside", "look like degrees"),
+        (np.array([[620000.0, 5420000.0]]), "km outside", "Check the CRS"),
+    ],
+)
+def test_slips_of_s_jtsk_are_recognised__truth(points, words, remedy):
+    with pytest.raises(CrsError) as caught:
+        check_range(CRS("EPSG:5514"), points, "roads.shp")
+    assert words in caught.value.cause
+    assert remedy in caught.value.remedy
+
+
+def test_coordinates_that_fit_pass__truth():
+    check_range(CRS("EPSG:5514"), KOBYLI, "f")
+    check_range(CRS("EPSG:32633"), np.array([[622000.0, 5420000.0]]), "f")
+    check_range(CRS("+proj=tmerc +lon_0=25 +datum=WGS84"), np.array([[-55094.0, -3727407.0]]), "f")
+
+
+def test_swapped_utm_is_told__truth():
+    with pytest.raises(CrsError, match="easting first"):
+        check_range(CRS("EPSG:32633"), np.array([[9_100_000.0, 300_000.0]]), "f")
+
+
+def test_a_missing_crs_is_the_blocks_or_told_by_range__truth():
+    block = CRS("EPSG:5514")
+    assert infer_crs(KOBYLI, block, "f") == block
+    assert infer_crs(np.array([[622000.0, 5420000.0]]), block, "f") == CRS("EPSG:32633")
+    with pytest.raises(CrsError, match="names no CRS"):
+        infer_crs(np.array([[1e6, 2e6]]), block, "f")
+    with pytest.raises(CrsError, match="positive"):
+        infer_crs(-KOBYLI, block, "f")
+
+
+def test_one_crs_under_two_names_is_one__truth():
+    lo25 = "+proj=tmerc +lat_0=0 +lon_0=25 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+    other = CRS(lo25).to_wkt("WKT1_GDAL")
+    points = np.array([[-55094.0, -3727407.0]])
+    assert same_coordinates(lo25, other, points)
+    assert not same_coordinates(lo25, "EPSG:32735", points)
+
+
+def test_operations_are_the_nations_own_and_go_both_ways__truth():
+    operation = operation_between("EPSG:5514", "EPSG:32633", KOBYLI, "f")
+    assert operation.accuracy_m == 1.0  # PROJ's general answer for S-JTSK is good to 6 m
+    there = operation.forward(KOBYLI)
+    np.testing.assert_allclose(operation.backward(there), KOBYLI, atol=1e-3)
+    lon, lat = operation_between("EPSG:32633", "EPSG:4326", there, "f").forward(there)[0]
+    assert abs(lat - 48.92) < 0.02  # Kobyli
+    assert abs(lon - 16.95) < 0.02
+
+
+def test_an_operation_that_is_not_to_be_had_is_told__truth():
+    with pytest.raises(CrsError, match="cannot bring"):
+        operation_between("EPSG:32633", "EPSG:5514", np.array([[np.inf, 1e30]]), "f.tif")
