@@ -11,7 +11,7 @@ import pytest
 from tests.ui.desk_block import adjust, tiny_block
 from ui.review.compare import drawn_from_block, overlay_of, redrawn, stale_photos, with_made
 from ui.review.palette import LOOKS, rgb
-from ui.review.picture import point_part, queue_part, rows_part, scene_part, status_part
+from ui.review.picture import Pictured, point_part, queue_part, rows_part, scene_part, status_part
 from ui.review.queue import counts, queue_rows
 from ui.review.scene import footprints, ground_residuals_m, scene_picture
 from ui.review.state import DeskState, Seat, Sieve
@@ -38,7 +38,7 @@ def test_every_part_can_be_sent__law(state):
         queue_part(seat, rows),
         scene_part(seat),
         status_part(state, rows, (), seat),
-        point_part(state, seat, rows, drawn, dem),
+        point_part(state, seat, rows, Pictured(drawn, dem)),
     ]
     for part in parts:
         assert json.loads(as_json(part)) is not None
@@ -49,7 +49,7 @@ def test_a_block_without_measurements_can_be_shown__law(state):
     seat = seated(Seat("seat-1", "anna"), {})
     assert seat.current is None
     assert rows_part({}) == []
-    assert point_part(empty, seat, {}, {}, tiny_block().land.dem) is None
+    assert point_part(empty, seat, {}, Pictured({}, tiny_block().land.dem)) is None
     assert scene_picture(empty, (), np.zeros((0, 2, 3))).vectors.shape == (0, 2, 3)
 
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from app.review_loop import LoopInputs, ReviewLoop, Screen, SeatLeft, SeatTaken
+from app.loop_doors import LoopInputs, Screen, SeatLeft, SeatTaken
+from app.review_loop import ReviewLoop
 from app.worker import Remaker, Worker
 from sessions.decisions import Accept, Reject
 from sessions.session import Session
