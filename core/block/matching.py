@@ -24,9 +24,13 @@ from core.progress import Progress, Silent
 from core.reference.reference import Reference
 
 TILE_PX = 1536
+SEPARATION_PX = 4
+"""No two peaks of a surface, and no peak and its rim, are closer than this (window pixels)."""
 NCC_TRUST = 0.4
 """Vote of a grey-value peak that the gradients do not share: crowns and shadows move all grey
 values of a wood together, so that such peaks agree with each other and are wrong."""
+DULL = 3.0
+"""A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""
 SAME_PLACE_PX = 2.5
 """Peaks of the two operators closer than this (window pixels) are one candidate."""
 
@@ -39,7 +43,7 @@ class MatchingOptions:
     """Scan pixels to one pixel of the pass."""
     template_half_px: int = 30
     """The template is 2 n + 1 pixels wide."""
-    peaks: int = 3
+    peaks: int = 2
     """Peaks kept of each operator."""
     search_sigmas: float = 3.0
     """Half-width of the search in standard deviations of the prediction."""
@@ -133,7 +137,8 @@ def match_points(
 
 def search_half_px(prediction: Prediction, options: MatchingOptions) -> Indices:
     """Half-width of each search in reduced pixels."""
-    wanted = np.ceil(options.search_sigmas * prediction.sigma_px / options.reduction)
+    wanted = options.search_sigmas * prediction.sigma_px / options.reduction
+    wanted = np.ceil(wanted) + SEPARATION_PX
     wanted = np.where(np.isfinite(wanted), wanted, 0)
     return np.clip(wanted, options.min_search_px, options.max_search_px).astype(np.int64)
 
@@ -205,7 +210,7 @@ def merged(surfaces: dict[str, Image], options: MatchingOptions) -> list[tuple[s
     """Peaks of all operators, best first; two operators at one place make one candidate."""
     every: list[tuple[str, SurfacePeak]] = []
     for operator, surface in surfaces.items():
-        for peak in detect_peaks(surface, options.peaks, separation_px=4):
+        for peak in detect_peaks(surface, options.peaks, SEPARATION_PX):
             every.append((operator, peak))
     every.sort(key=lambda named: -named[1].z)
     kept: list[tuple[str, SurfacePeak]] = []
@@ -234,7 +239,7 @@ def candidates_of(found: list[Found], sigma_ground_px: Scalars, floor_px: float)
     rows = [(match, peak) for match in found for peak in match.peaks]
     point = np.array([match.point for match, _ in rows], dtype=np.int64)
     trust = np.array([NCC_TRUST if peak.operator == "ncc" else 1.0 for _, peak in rows])
-    sigma = np.array([max(peak.sigma_px, floor_px) for _, peak in rows])
+    sigma = np.clip([peak.sigma_px for _, peak in rows], floor_px, DULL * floor_px)
     return Candidates(
         point=point,
         pixels=np.array([[peak.column, peak.row] for _, peak in rows]).reshape(-1, 2),

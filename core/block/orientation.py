@@ -1,6 +1,5 @@
 """One photo oriented on the reference: placed, then resected in passes of growing sharpness."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,8 +13,8 @@ from core.block.matching import (
     predict_pixels,
     reduction_for,
 )
-from core.block.patches import OpenPhoto, object_on_ground
-from core.block.placement import Placement, PlacementOptions, place_photo
+from core.block.patches import OpenPhoto
+from core.block.placement import NARROW, Placement, PlacementOptions, place_photo
 from core.doubts import Failure
 from core.geometry.consensus import ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
@@ -31,21 +30,19 @@ LOCAL_CHANGE_M = 0.4
 class OrientationOptions:
     """The passes over one photo."""
 
-    lattice: int = 9
-    """Points to a side of the lattice of the first pass, which uses plain ground, no features."""
-    lattice_width_px: int = 640
+    coarse_width_px: int = 1400
     """Width of the photo in pixels in the first pass."""
-    lattice_template_half_px: int = 40
+    coarse_template_half_px: int = 45
     """Half the template of the first pass, pixels of that pass."""
     template_half_px: int = 60
     """Half the template of the later passes, pixels of that pass."""
     crown_shift_m: float = 6.0
-    """Standard deviation of what woods and shadows do to a pass over plain ground, metres: crowns
-    lean and shadows turn with the hour, all the same way, so that no covariance tells of it."""
+    """Standard deviation of what woods and shadows do to the first pass, metres: crowns lean and
+    shadows turn with the hour, all the same way, so that no covariance tells of it."""
     finest_gsd_m: float = 0.35
     """Finer detail than this is grain rather than ground."""
-    placement: PlacementOptions = field(default_factory=PlacementOptions)
-    """The search before the first pass."""
+    placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
+    """The searches before the first pass, until one leads to an orientation."""
     resection: ConsensusOptions = field(default_factory=ConsensusOptions)
     """The judgement after every pass."""
 
@@ -99,54 +96,42 @@ def orient_photo(
     Returns:
         The orientation with all candidates of the last pass, or why none stands.
     """
-    placements = place_photo(opened, reference, options.placement, progress)
-    coarse = [lattice_pass(opened, reference, placed, options, rng) for placed in placements]
-    standing = [found for found in coarse if isinstance(found, Resection)]
-    if not standing:
-        return first_failure(coarse)
-    best = min(standing, key=lambda found: found.log10_nfa)
-    return feature_passes(opened.at(best.exterior), best, reference, points, options, rng, progress)
+    failure = Failure("the photo could not be placed on the reference at all")
+    for search in options.placements:
+        placements = place_photo(opened, reference, search, progress)
+        coarse = [
+            coarse_pass(opened, reference, placed, points, options, rng) for placed in placements
+        ]
+        failure = next((found for found in coarse if isinstance(found, Failure)), failure)
+        standing = [found for found in coarse if isinstance(found, Resection)]
+        if standing:
+            best = min(standing, key=lambda found: found.log10_nfa)
+            return fine_passes(opened, best, reference, points, options, rng, progress)
+    return failure
 
 
-def first_failure(results: Sequence[Resection | Failure]) -> Failure:
-    """What to say when no placement led to an orientation."""
-    for result in results:
-        if isinstance(result, Failure):
-            return result
-    return Failure("the photo could not be placed on the reference at all")
-
-
-def lattice_pass(
+def coarse_pass(
     opened: OpenPhoto,
     reference: Reference,
     placed: Placement,
+    points: ReferencePoints,
     options: OrientationOptions,
     rng: np.random.Generator,
 ) -> Resection | Failure:
-    """Resect on a lattice of large templates: what is large persists when parcels change."""
+    """Resect on the reference points at a middle resolution, as far as the placement may be off."""
     at_place = opened.at(placed.exterior)
-    half = np.array(opened.camera.frame_mm) / 2 * 0.86
-    side = np.linspace(-1, 1, options.lattice)
-    film = np.stack(np.meshgrid(side, side), axis=2).reshape(-1, 2) * half
-    pixels = opened.photo.interior.pixel_from_film(film)
-    ground = object_on_ground(at_place.photo, opened.camera, pixels, reference.dem)
-    ground = ground[np.all(np.isfinite(ground), axis=1)]
-    if len(ground) < options.lattice:
-        return Failure("the reference heights do not cover the photo")
-    gsd = max(opened.width_m / options.lattice_width_px, reference.ortho.ground_sample_distance_m)
+    gsd = max(opened.width_m / options.coarse_width_px, finest_gsd_m(opened, reference, options))
     matching = MatchingOptions(
-        reduction=reduction_for(at_place, gsd), template_half_px=options.lattice_template_half_px
+        reduction=reduction_for(at_place, gsd), template_half_px=options.coarse_template_half_px
     )
-    sigma = np.full((len(ground), 3), 0.5 * gsd)
-    prior = placed.covariance
-    return resected(at_place, reference, ground, sigma, prior, matching, options, rng)[0]
+    outcome, _ = resected(at_place, reference, points, placed.covariance, matching, options, rng)
+    return outcome
 
 
 def resected(
     opened: OpenPhoto,
     reference: Reference,
-    points: ObjectPoints,
-    sigma_m: ObjectPoints,
+    points: ReferencePoints,
     prior: Matrix,
     matching: MatchingOptions,
     options: OrientationOptions,
@@ -154,16 +139,16 @@ def resected(
     progress: Progress | None = None,
 ) -> tuple[Resection | Failure, tuple[Found, ...]]:
     """One pass: predict, search, resect."""
-    prediction = predict_pixels(opened, prior, points, sigma_m)
+    prediction = predict_pixels(opened, prior, points.positions, points.sigma_m)
     found = match_points(opened, reference, prediction, matching, progress)
     if not found:
         return Failure("no reference point could be searched in this photo"), ()
     candidates = candidates_of(
-        found, ground_sigma_px(opened, sigma_m), floor_px=0.35 * matching.reduction
+        found, ground_sigma_px(opened, points.sigma_m), floor_px=0.35 * matching.reduction
     )
     model = PhotoModel(opened.photo.interior, opened.camera, opened.photo.atmosphere)
     result = resect_photo(
-        model, opened.photo.exterior, prior, points, candidates, options.resection, rng
+        model, opened.photo.exterior, prior, points.positions, candidates, options.resection, rng
     )
     return result, tuple(found)
 
@@ -173,7 +158,7 @@ def ground_sigma_px(opened: OpenPhoto, sigma_m: ObjectPoints) -> Scalars:
     return np.hypot(sigma_m[:, 0], sigma_m[:, 1]) / np.sqrt(2) / opened.ground_pixel_m
 
 
-def feature_passes(
+def fine_passes(
     opened: OpenPhoto,
     start: Resection,
     reference: Reference,
@@ -182,9 +167,9 @@ def feature_passes(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> OrientedPhoto:
-    """Resect on the reference points at the finest resolution that serves, then once closer.
+    """Resect at the finest resolution that serves, then once closer.
 
-    Where the features are too few to say more, the orientation of the lattice stands.
+    Where that says nothing more, the orientation of the coarse pass stands.
     """
     reduction = finest_reduction(opened, reference, options)
     result: Resection = start
@@ -197,8 +182,7 @@ def feature_passes(
         outcome, seen = resected(
             at_result,
             reference,
-            points.positions,
-            points.sigma_m,
+            points,
             widened(result.covariance, at_result, shift),
             matching,
             options,
@@ -218,10 +202,14 @@ def feature_passes(
 
 def finest_reduction(opened: OpenPhoto, reference: Reference, options: OrientationOptions) -> int:
     """Reduction at which scan and ortho both still show ground rather than grain."""
-    finest = max(
+    return reduction_for(opened, finest_gsd_m(opened, reference, options))
+
+
+def finest_gsd_m(opened: OpenPhoto, reference: Reference, options: OrientationOptions) -> float:
+    """The finest ground sample distance that scan and ortho share, metres."""
+    return max(
         options.finest_gsd_m, opened.ground_pixel_m, reference.ortho.ground_sample_distance_m
     )
-    return reduction_for(opened, finest)
 
 
 def widened(covariance: Matrix, opened: OpenPhoto, shift_m: float) -> Matrix:

@@ -40,8 +40,16 @@ class PlacementOptions:
     """Width of the photo in pixels in the second search about the best of the first."""
     search_sigmas: float = 2.5
     """Half-width of every search in standard deviations of the prior."""
-    hypotheses: int = 4
+    most_turn: float = np.pi
+    """Largest turn that is tried, radians."""
+    most_scale: float = 0.3
+    """Largest change of scale that is tried, 1 = 100 %."""
+    hypotheses: int = 3
     """Placements that are handed on."""
+
+
+NARROW = PlacementOptions(coarse_px=300, most_turn=float(np.radians(2.0)), most_scale=0.03)
+"""Finer, for photos that came with nearly the right turn and scale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +116,7 @@ def place_photo(
         turns.extend(level.peaks(kappa, scale, count=2))
     best = distinct(turns, options.hypotheses, width)
     refined = [refined_turn(opened, reference, turn, options) for turn in best]
-    refined.sort(key=lambda turn: -turn.z)
+    refined.sort(key=lambda turn: -turn.score)
     sigma = 2 * width / options.fine_px
     return tuple(placed(opened, turn, sigma) for turn in refined)
 
@@ -117,9 +125,9 @@ def refined_turn(
     opened: OpenPhoto, reference: Reference, turn: Turn, options: PlacementOptions
 ) -> Turn:
     """The same placement sought again at a finer scale close to a first one."""
-    step = 2.0 / options.coarse_px
+    step = 1.5 / options.coarse_px
     level = Level(opened, reference, opened.width_m / options.fine_px, turn, options)
-    trials = product((-step, -step / 2, 0.0, step / 2, step), (-step, -step / 2, 0, step / 2, step))
+    trials = product((-step, 0.0, step), (-step, 0.0, step))
     found = [
         peak
         for kappa, scale in trials
@@ -131,9 +139,11 @@ def refined_turn(
 def trial_turns(photo: Photo, options: PlacementOptions) -> Iterator[tuple[float, float]]:
     """Turns and scales to try: steps that move the photo's corner by about 1.5 coarse pixels."""
     step = 3.0 / options.coarse_px
-    kappa = min(options.search_sigmas * float(photo.prior.sigma_angles[2]), np.pi)
+    kappa = min(options.search_sigmas * float(photo.prior.sigma_angles[2]), options.most_turn)
     above = float(photo.approximate.centre[2]) - photo.ground_height_m
-    scale = min(options.search_sigmas * float(photo.prior.sigma_centre_m[2]) / above, 0.3)
+    scale = min(
+        options.search_sigmas * float(photo.prior.sigma_centre_m[2]) / above, options.most_scale
+    )
     turns = np.arange(-np.floor(kappa / step), np.floor(kappa / step) + 1) * step
     scales = np.arange(-np.floor(scale / step), np.floor(scale / step) + 1) * step
     return product((float(turn) for turn in turns), (float(1 + change) for change in scales))
@@ -311,7 +321,7 @@ def placed(opened: OpenPhoto, turn: Turn, sigma_m: float) -> Placement:
 
 
 def placement_covariance(opened: OpenPhoto, sigma_m: float) -> Matrix:
-    """Covariance of a placed photo: its middle is known to sigma, its corners to four sigma.
+    """Covariance of a placed photo: its middle is known to sigma, its corners to two sigma.
 
     The corners know less because the placement takes the photo as truly vertical.
     """
@@ -322,7 +332,7 @@ def placement_covariance(opened: OpenPhoto, sigma_m: float) -> Matrix:
     ground = photo.object_from_pixel(pixels, np.full(5, photo.ground_height_m), camera)
     model = PhotoModel(photo.interior, camera, photo.atmosphere)
     derivatives = model.linearised(ground, photo.exterior)[1]
-    sigma_px = sigma_m / opened.ground_pixel_m * np.array([1.0, 4.0, 4.0, 4.0, 4.0])
+    sigma_px = sigma_m / opened.ground_pixel_m * np.array([1.0, 2.0, 2.0, 2.0, 2.0])
     weight = 1 / sigma_px**2
     information = np.einsum("nai,n,naj->ij", derivatives, weight, derivatives)
     return np.linalg.inv(information + np.linalg.inv(prior_covariance(photo)))

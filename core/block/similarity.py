@@ -79,14 +79,16 @@ def finite(surface: np.ndarray) -> Surface:
 def detect_peaks(surface: Surface, count: int, separation_px: int) -> tuple[SurfacePeak, ...]:
     """The highest maxima of a surface, no two of them closer than `separation_px`.
 
-    A maximum on the rim is none: the surface may go on rising outside.
+    A maximum near the rim is none: the surface may go on rising outside.
     """
     middle = float(np.median(surface))
     spread = 1.4826 * float(np.median(np.abs(surface - middle))) + FLAT
     kernel = np.ones((2 * separation_px + 1, 2 * separation_px + 1), np.uint8)
     maxima = surface >= cv2.dilate(surface, kernel)
-    maxima[[0, -1], :] = False
-    maxima[:, [0, -1]] = False
+    inner = np.zeros_like(maxima)
+    rim = min(separation_px, (min(surface.shape) - 1) // 2)
+    inner[rim:-rim, rim:-rim] = True
+    maxima &= inner
     rows, columns = np.nonzero(maxima)
     order = np.argsort(-surface[rows, columns], kind="stable")[:count]
     return tuple(

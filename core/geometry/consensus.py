@@ -158,7 +158,8 @@ class Consensus:
         share = np.minimum(np.add.reduceat(area * self.candidates.chance, self.first), 1.0)
         points = self.candidates.point[self.first]
         agreeing = np.isin(points, self.candidates.point[chosen])
-        return log10_false_alarms(len(points), np.log(share[agreeing]))
+        choices = SAMPLE * np.log10(len(self.candidates.point) / len(points))
+        return log10_false_alarms(len(points), np.log(share[agreeing])) + float(choices)
 
 
 def log10_false_alarms(count: int, log_chance: Scalars) -> float:
