@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -135,6 +136,8 @@ def compose_mosaic(
     return MosaicProduct(path, grid, work.seams, work.balances, share)
 
 
+RASTERIZING = Lock()
+"""rasterio silences a warning of its own while it rasterizes, which is one thread's business."""
 COG = {
     "blocksize": 512,
     "compress": "deflate",
@@ -273,11 +276,11 @@ def _label(work: _Work, part: Grid, layers: _Layers) -> Int32[np.ndarray, "rows 
     if chosen:
         shapes = [(work.seams[k].area, work.seam_orthos[k]) for k in sorted(chosen)]
         transform = Affine.from_gdal(*part.geotransform)
-        labels = np.asarray(
-            rasterio.features.rasterize(
+        with RASTERIZING:
+            burnt = rasterio.features.rasterize(
                 shapes, labels.shape, -1, transform=transform, dtype="int32"
             )
-        )
+        labels = np.asarray(burnt)
     for k in chosen:
         index = work.seam_orthos[k]
         labels[(labels == index) & (layers.pixels(index) == NODATA)] = -1
