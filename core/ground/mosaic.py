@@ -4,7 +4,7 @@ Tile by tile, so memory does not grow with the number of photos.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -174,12 +174,14 @@ def _prepare(
     """Seams and balance from the orthos in small."""
     areas: list[PhotoArea] = []
     overviews: list[Overview] = []
+    room_m = options.feather_px * grid.ground_sample_distance_m
+    seams_kept = replace(options.seams, keep_inside_m=max(options.seams.keep_inside_m, room_m))
     longest = max(max(ortho.grid.columns, ortho.grid.rows) for ortho in orthos)
     coarsening = max(1, longest // options.pixels_per_cell // options.balance_cells)
     for done, ortho in enumerate(orthos):
         _assert_aligned(ortho.grid, grid)
         overview = read_overview(ortho, options.pixels_per_cell)
-        areas.append(area_of(overview, options.seams))
+        areas.append(area_of(overview, seams_kept))
         overviews.append(overview.coarser(coarsening))
         progress.report(float(done), float(len(orthos)), "seams and balance")
     with rasterio.open(orthos[0].path) as file:
@@ -188,7 +190,7 @@ def _prepare(
     if options.balance:
         scale = float(np.iinfo(dtype).max)
         balances = balance_orthos(overviews, scale, options.radiometry)
-    drawn = draw_seams(areas, dates, options.seams) if seams is None else tuple(seams)
+    drawn = draw_seams(areas, dates, seams_kept) if seams is None else tuple(seams)
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
     drawn = tuple(seam for seam in drawn if seam.photo_id in index)
     return _Work(
