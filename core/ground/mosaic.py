@@ -4,9 +4,10 @@ Tile by tile, so memory does not grow with the number of photos.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -135,6 +136,8 @@ def compose_mosaic(
     return MosaicProduct(path, grid, work.seams, work.balances, share)
 
 
+RASTERIZING = Lock()
+"""rasterio silences a warning of its own while it rasterizes, which is one thread's business."""
 COG = {
     "blocksize": 512,
     "compress": "deflate",
@@ -171,12 +174,14 @@ def _prepare(
     """Seams and balance from the orthos in small."""
     areas: list[PhotoArea] = []
     overviews: list[Overview] = []
+    room_m = options.feather_px * grid.ground_sample_distance_m
+    seams_kept = replace(options.seams, keep_inside_m=max(options.seams.keep_inside_m, room_m))
     longest = max(max(ortho.grid.columns, ortho.grid.rows) for ortho in orthos)
     coarsening = max(1, longest // options.pixels_per_cell // options.balance_cells)
     for done, ortho in enumerate(orthos):
         _assert_aligned(ortho.grid, grid)
         overview = read_overview(ortho, options.pixels_per_cell)
-        areas.append(area_of(overview, options.seams))
+        areas.append(area_of(overview, seams_kept))
         overviews.append(overview.coarser(coarsening))
         progress.report(float(done), float(len(orthos)), "seams and balance")
     with rasterio.open(orthos[0].path) as file:
@@ -185,7 +190,7 @@ def _prepare(
     if options.balance:
         scale = float(np.iinfo(dtype).max)
         balances = balance_orthos(overviews, scale, options.radiometry)
-    drawn = draw_seams(areas, dates, options.seams) if seams is None else tuple(seams)
+    drawn = draw_seams(areas, dates, seams_kept) if seams is None else tuple(seams)
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
     drawn = tuple(seam for seam in drawn if seam.photo_id in index)
     return _Work(
@@ -273,11 +278,11 @@ def _label(work: _Work, part: Grid, layers: _Layers) -> Int32[np.ndarray, "rows 
     if chosen:
         shapes = [(work.seams[k].area, work.seam_orthos[k]) for k in sorted(chosen)]
         transform = Affine.from_gdal(*part.geotransform)
-        labels = np.asarray(
-            rasterio.features.rasterize(
+        with RASTERIZING:
+            burnt = rasterio.features.rasterize(
                 shapes, labels.shape, -1, transform=transform, dtype="int32"
             )
-        )
+        labels = np.asarray(burnt)
     for k in chosen:
         index = work.seam_orthos[k]
         labels[(labels == index) & (layers.pixels(index) == NODATA)] = -1

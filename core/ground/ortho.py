@@ -177,7 +177,8 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
     )
     values = cv2.remap(pixels, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     np.maximum(values, 1, out=values)
-    values[~seen] = NODATA
+    if not seen.all():
+        values[~seen] = NODATA
     return values
 
 
@@ -185,10 +186,11 @@ def _part(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, int, i
     """Column, row, columns, rows of the window that the seen places need, reduced pixels."""
     starts: list[int] = []
     sizes: list[int] = []
-    step = work.source.reduction
+    step, whole = work.source.reduction, bool(seen.all())
     for axis, values in enumerate((places.columns, places.rows)):
-        low = places.origin[axis] + float(np.min(values, initial=np.inf, where=seen))
-        high = places.origin[axis] + float(np.max(values, initial=-np.inf, where=seen))
+        counted = values if whole else values[seen]
+        low = places.origin[axis] + float(counted.min())
+        high = places.origin[axis] + float(counted.max())
         last = -(-work.photo.size_px[axis] // step)
         start = max(int(low / step) - MARGIN_PX, 0)
         starts.append(start)
@@ -202,7 +204,7 @@ def _reduced(values: PixelMap, shift: int, step: int) -> PixelMap:
     if step > 1:
         moved *= np.float32(1 / step)
     moved -= np.float32(HALF_PIXEL)
-    return np.nan_to_num(moved, copy=False, nan=0.0)
+    return moved
 
 
 def _reduction(photo: Photo, camera: Camera, grid: Grid) -> int:

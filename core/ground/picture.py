@@ -82,6 +82,8 @@ class PictureMask:
         origin: tuple[int, int],
     ) -> Mask:
         """True where scan places (counted from an origin) are usable; NaN never is."""
+        if self._holds_all(columns, rows, origin):
+            return np.ones(columns.shape, dtype=bool)
         places = [
             (values + np.float32(start)) * np.float32(1 / self.reduction) - np.float32(0.5)
             for values, start in zip((columns, rows), origin, strict=True)
@@ -91,6 +93,24 @@ class PictureMask:
             np.clip(values, -9.0, FAR, out=values)
         found = cv2.remap(self.values, places[0], places[1], cv2.INTER_NEAREST, borderValue=(0,))
         return np.asarray(found > 0)
+
+    def _holds_all(
+        self,
+        columns: Float32[np.ndarray, "r c"],
+        rows: Float32[np.ndarray, "r c"],
+        origin: tuple[int, int],
+    ) -> bool:
+        """True when the mask has no gap around all places, as for most tiles of an ortho."""
+        window: list[slice] = []
+        for values, start, size in zip(
+            (rows, columns), origin[::-1], self.values.shape, strict=True
+        ):
+            low = (float(values.min()) + start) / self.reduction
+            high = (float(values.max()) + start) / self.reduction
+            if not (low >= 1 and high < size - 1):
+                return False
+            window.append(slice(int(low) - 1, int(high) + 2))
+        return bool(self.values[window[0], window[1]].all())
 
 
 def picture_mask(

@@ -5,6 +5,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ LUMA = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in gray, ITU-R BT.601."""
 READABLE = ("uint8", "uint16")
 TAIL_BYTES = 65536
+OPENING = Lock()
 MIN_FIT, MAX_FIT = 0.9, 1.6
 """Side of the scan relative to the side of the frame that still counts as this camera's."""
 
@@ -185,7 +187,8 @@ def _cells_inside(start: int, cells: int, reduction: int, size: int) -> tuple[in
 @contextmanager
 def _opened(path: Path) -> Generator[Any]:
     """The open dataset; what GDAL cannot open is a ScanError."""
-    with warnings.catch_warnings():
+    # Python's warning filters belong to all threads, so only one may put them aside at a time.
+    with OPENING, warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
             dataset = rasterio.open(path)
@@ -195,8 +198,8 @@ def _opened(path: Path) -> Generator[Any]:
                 "It is not an image that can be read, or its file was cut off.",
                 "Copy the scan again from the archive, or take it out of [scans] files.",
             ) from error
-        with dataset:
-            yield dataset
+    with dataset:
+        yield dataset
 
 
 def _check_file(path: Path) -> None:

@@ -53,7 +53,7 @@ def resampled(landscape, step, shift_m=(0.0, 0.0), warp=None):
     return ndimage.map_coordinates(smooth, places, order=3)
 
 
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.13, -0.31), (3.7, 2.2), (-0.25, 0.5)])
+@pytest.mark.parametrize("shift", [(0.13, -0.31), (3.7, 2.2), (-0.25, 0.5)])
 def test_a_shift_is_found_to_hundredths_of_a_pixel__truth(landscape, tmp_path, shift):
     rng = np.random.default_rng(1)
     truth = resampled(landscape, 2)
