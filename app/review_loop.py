@@ -1,101 +1,45 @@
 """The one thread that owns session, state and screen: gesture in, picture out, in order."""
 
-import logging
 import queue
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from app.worker import Adjusted, Outcome, RemakeEnded, Remaker, RemakeStep, Worker
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block
+from app.loop_doors import Closed, Event, LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.worker import (
+    Adjusted,
+    RemakeEnded,
+    Remaker,
+    RemakeStep,
+    Tried,
+    Worker,
+    survived,
+)
 from core.doubts import Failure
-from core.errors import PhotogrammetryError
 from sessions.decisions import Decision, Recorded, Reject, Withdraw, standing
-from sessions.session import Session
 from ui.review.compare import (
     Drawn,
-    HeightSource,
     drawn_from_block,
     redrawn,
     stale_photos,
     with_made,
 )
 from ui.review.gestures import Gesture
-from ui.review.picture import Part, point_part, queue_part, rows_part, scene_part, status_part
+from ui.review.picture import (
+    Part,
+    Pictured,
+    point_part,
+    queue_part,
+    rows_part,
+    scene_part,
+    status_part,
+)
 from ui.review.queue import Row, queue_rows
 from ui.review.scene import ScenePicture, Segments, footprints, scene_picture
-from ui.review.state import DeskState, Key, Notice, Remaking, Seat
+from ui.review.state import Key, Notice, Remaking, Seat
 from ui.review.tools import Desk, Meaning, kept_up, meaning, seated
-
-logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class SeatTaken:
-    """A page opened at a seat."""
-
-    seat_id: str
-
-
-@dataclass(frozen=True, slots=True)
-class SeatLeft:
-    """The last page at a seat closed; the seat waits for its return."""
-
-    seat_id: str
-
-
-@dataclass(frozen=True, slots=True)
-class SceneOpened:
-    """A 3D scene opened at a seat."""
-
-    seat_id: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Closed:
-    """The desk closes."""
-
-
-Event = Gesture | Outcome | SeatTaken | SeatLeft | SceneOpened | _Closed
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Screen:
-    """Where pictures go: functions that only pass on and return at once."""
-
-    show: Callable[[str, Mapping[str, Part]], None]
-    """(seat, parts) to its pages."""
-    tell: Callable[[str, Notice], None]
-    """(seat, notice) to its pages; to all when the seat is empty."""
-    scene: Callable[[str, ScenePicture, Seat, Block], None]
-    """(seat, picture, its switches, block) to its 3D scenes."""
-    fit: Callable[[str, Seat, Block, bool], None]
-    """Move a seat's eye; the flag is True for the whole block."""
-    publish: Callable[[Drawn], None]
-    """Orientations that addresses of tiles mean from now on."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LoopInputs:
-    """What the loop begins with."""
-
-    base: Block
-    """The block as the engine left it."""
-    state: DeskState
-    """The first state."""
-    session: Session
-    """Memory."""
-    dem: HeightSource
-    """Heights."""
-    operator: str
-    """Who sits at new seats."""
-    stale_m: float
-    """An ortho is stale when the photo moved by more than this on the ground, metres."""
-    adopted: Callable[[AdjustmentReport], None]
-    """Called with every adjustment the desk shows, to keep it as a product."""
+from ui.review.trial import Trial, trial_of, tried_block
 
 
 class ReviewLoop:
@@ -113,7 +57,9 @@ class ReviewLoop:
         self._rows: dict[Key, Row] = {}
         self._stale: tuple[str, ...] = ()
         self._outlines: Segments = np.zeros((0, 2, 3))
-        self._job = 0
+        self._job, self._tried = 0, 0
+        self._trials: dict[Key, Trial] = {}
+        self._trying: Key | None = None
         self._last: Recorded | None = None
         self._scene: ScenePicture | None = None
         self._worker: Worker | None = None
@@ -127,6 +73,7 @@ class ReviewLoop:
         self._reorient()
         self._replay()
         if self._state.decided:
+            self._state = replace(self._state, adjusting=True)
             self._adjust()
         self._thread.start()
 
@@ -136,19 +83,17 @@ class ReviewLoop:
 
     def close(self) -> None:
         """End after what is already in the inbox."""
-        self._inbox.put(_Closed())
+        self._inbox.put(Closed())
         self._thread.join(timeout=10)
 
     def _run(self) -> None:
         while True:
             event = self._inbox.get()
-            if isinstance(event, _Closed):
+            if isinstance(event, Closed):
                 return
-            try:
-                self._handle(event)
-            except PhotogrammetryError as error:
-                logger.warning("%s", error)
-                self._screen.tell("", Notice("notice.not-saved", {"why": str(error)}, grave=True))
+            failure = survived(self._handle, event)
+            if failure:
+                self._screen.tell("", Notice("notice.not-done", {"why": failure}, grave=True))
 
     def _handle(self, event: Event) -> None:
         match event:
@@ -162,9 +107,11 @@ class ReviewLoop:
                 self._show_scene(self._seat(seat_id))
             case Adjusted():
                 self._take_adjustment(event)
+            case Tried():
+                self._take_trial(event)
             case RemakeStep() | RemakeEnded():
                 self._take_remake(event)
-            case _Closed():
+            case Closed():
                 pass
             case gesture:
                 self._take_gesture(gesture)
@@ -231,14 +178,14 @@ class ReviewLoop:
             self._seats[seat.seat_id] = replace(self._seats[seat.seat_id], current=key)
             self._show_seat(self._seats[seat.seat_id])
             self._show_scene(self._seats[seat.seat_id])
-        name = type(touched.decision).__name__
-        words = f"{name} {' '.join(key)}" if key else name
-        done = "notice.undone" if found.act == "undo" else "notice.redone"
-        self._screen.tell(seat.seat_id, Notice(done, {"what": words}))
+        about = " \u00b7 ".join(key) if key else getattr(touched.decision, "point_id", "")
+        notice = f"notice.{found.act}.{type(touched.decision).__name__}"
+        self._screen.tell(seat.seat_id, Notice(notice, {"what": about}))
 
     def _decided(self) -> None:
         """Something new is on disk: lay it over the block, show it, and adjust."""
         self._replay()
+        self._state = replace(self._state, adjusting=True)
         self._show_all()
         self._adjust()
 
@@ -254,9 +201,7 @@ class ReviewLoop:
         if self._worker is None:
             return
         self._job += 1
-        self._state = replace(self._state, adjusting=True)
         self._worker.submit(self._job, self._state.block)
-        self._show_status()
 
     def _take_adjustment(self, event: Adjusted) -> None:
         if event.number != self._job:
@@ -270,12 +215,34 @@ class ReviewLoop:
         self._state = replace(
             self._state, report=event.result, before=self._state.report, adjusting=False
         )
+        self._trials.clear()
         self._drawn = redrawn(self._drawn, self._state.oriented)
         self._screen.publish(self._drawn)
         self._inputs.adopted(event.result)
         self._reorient()
         self._recount()
         self._show_all()
+
+    def _try_out(self, key: Key | None) -> None:
+        """Find out what turning a measurement would do, while the operator looks at it."""
+        if key is None or key in self._trials or self._state.adjusting or self._worker is None:
+            return
+        block = tried_block(self._state.block, key)
+        self._tried += 1
+        if block is not None:
+            self._trying = key
+            self._worker.try_out(self._tried, block)
+
+    def _take_trial(self, event: Tried) -> None:
+        if event.number != self._tried or self._state.adjusting or self._trying is None:
+            return
+        trial = trial_of(self._state, self._trying, event.report)
+        if trial is None:
+            return
+        self._trials[trial.key] = trial
+        for seat in self._present_seats():
+            if seat.current == trial.key:
+                self._screen.show(seat.seat_id, {"point": self._point(seat)})
 
     def _remake(self, seat: Seat) -> None:
         if self._remaker is None or self._remaker.busy:
@@ -343,9 +310,15 @@ class ReviewLoop:
             "queue": queue_part(seat, self._rows),
             "scene": scene_part(seat),
             "status": self._status(seat),
-            "point": point_part(self._state, seat, self._rows, self._drawn, self._inputs.dem),
+            "point": self._point(seat),
         }
         self._screen.show(seat.seat_id, parts)
+        self._try_out(seat.current)
+
+    def _point(self, seat: Seat) -> Part:
+        trial = self._trials.get(seat.current) if seat.current else None
+        dem = self._inputs.dem
+        return point_part(self._state, seat, self._rows, Pictured(self._drawn, dem, trial))
 
     def _show_status(self) -> None:
         for seat in self._present_seats():

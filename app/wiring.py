@@ -9,18 +9,27 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float64
 
-from app.review_loop import LoopInputs, ReviewLoop, SceneOpened, Screen, SeatLeft, SeatTaken
-from app.worker import Adjust, Remake, Remaker, Worker
+from app.loop_doors import LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.review_loop import ReviewLoop
+from app.scan_files import ScanFiles
+from app.worker import Adjust, Remake, Remaker, Worker, survived
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
 from core.errors import PhotogrammetryError
 from sessions.session import Session
-from ui.review.compare import DrawnPhoto, HeightSource, PlanePoints, ground_pixel_m
+from ui.review.compare import (
+    Drawn,
+    DrawnPhoto,
+    HeightSource,
+    PlanePoints,
+    drawn_from_block,
+    ground_pixel_m,
+)
 from ui.review.palette import page_palette
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, Seat
-from ui.review.tiles import Colour, Lattice, OrthoSource, ScanWindow, frame_picture
+from ui.review.tiles import Lattice, OrthoSource, ScanWindow
 from ui.review.wording import KEYS, sentence, words
 from ui.views.block_view import Pointed, Stage
 from ui.views.server import SECRET_HEADER, SceneServer, Shown
@@ -57,12 +66,12 @@ class DeskInputs:
     """Reference ortho."""
     dem: Dem
     """Heights of the ground."""
-    read_scan: ScanWindow
-    """(path, column, row, columns, rows, reduction) -> grey values."""
     adjust: Adjust
     """(block, progress) -> report."""
     remake: Remake
     """(photo_ids, progress, report): orthos of these photos and the mosaic, made again."""
+    read_scan: ScanWindow = field(default_factory=ScanFiles)
+    """(path, column, row, columns, rows, reduction) -> grey values."""
     made: Block | None = None
     """The orientations the orthos on disk were made with; those of `report` by default."""
     operator: str = "operator"
@@ -155,7 +164,9 @@ def open_desk(desk: DeskInputs) -> Desk:
     worker, remaker = Worker(desk.adjust, loop.submit), Remaker(desk.remake, loop.submit)
     worker.start()
     loop.start(worker, remaker)
-    opened = Desk(front, access, desk.host, [front, remaker, worker, loop, scene, tiles])
+    illustrator = _Illustrator(drawn_from_block(state.oriented), tiles, scene)
+    parts = [front, illustrator, remaker, worker, loop, scene, tiles]
+    opened = Desk(front, access, desk.host, parts)
     try:
         front.start()
     except OSError as error:
@@ -165,6 +176,7 @@ def open_desk(desk: DeskInputs) -> Desk:
             f"cannot be listened on ({error.strerror or error}).",
             "Choose another port with --port, or close the desk that is open there.",
         ) from error
+    illustrator.start()
     return opened
 
 
@@ -185,6 +197,32 @@ class _Joints:
 
     def scene_opened(self, seat_id: str) -> None:
         self.hand_in(SceneOpened(seat_id))
+
+
+class _Illustrator:
+    """Makes the frustums' pictures one after the other: large scans must not keep the desk shut."""
+
+    def __init__(self, drawn: Drawn, tiles: TileStore, scene: SceneServer) -> None:
+        self._drawn, self._tiles, self._scene = drawn, tiles, scene
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="thumbnails", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=10)
+
+    def _run(self) -> None:
+        for photo in self._drawn.values():
+            if self._stop.is_set():
+                return
+            survived(self._picture, photo)
+
+    def _picture(self, photo: DrawnPhoto) -> None:
+        self._scene.picture(photo.photo.photo_id, self._tiles.thumbnail(photo))
 
 
 def _screen(
@@ -243,20 +281,15 @@ def _finest_pixel_m(desk: DeskInputs, state: DeskState) -> float:
 
 
 def _stage(desk: DeskInputs, state: DeskState) -> Stage:
-    """The drape and the thumbnails: made once, while the desk opens."""
+    """The drape: made once, while the desk opens."""
     oriented = state.oriented
     bounds = _block_bounds(desk, oriented)
     origin = desk.block.origin
     middle = np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
     heights = [photo.ground_height_m for photo in oriented.photos.values()]
     middle[2] = float(np.median(heights)) if heights else 0.0
-    pictures: dict[str, Colour] = {}
-    for name, photo in oriented.photos.items():
-        drawn = DrawnPhoto(photo, oriented.camera_of(name), 1)
-        pictures[name] = frame_picture(drawn, desk.read_scan)
     return Stage(
         terrain=terrain_glb(desk.ortho, desk.dem, bounds, origin, desk.terrain),
-        thumbnails=pictures,
         extent_m=max(bounds[2] - bounds[0], bounds[3] - bounds[1]),
         middle=middle - origin,
     )

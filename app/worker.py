@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
@@ -28,6 +29,16 @@ class Adjusted:
     """The adjustment, or why there is none."""
     seconds: float
     """How long it took."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What came of a block adjusted only to see what would be."""
+
+    number: int
+    """Of the trial; the loop takes only the newest."""
+    report: AdjustmentReport
+    """The adjustment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,18 +65,21 @@ class RemakeEnded:
     """True when the operator stopped it."""
 
 
-Outcome = Adjusted | RemakeStep | RemakeEnded
+Outcome = Adjusted | Tried | RemakeStep | RemakeEnded
 Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
 """(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
 
 
 class Worker:
-    """Adjusts captured blocks, one at a time; a newer block takes the place of an older one."""
+    """Adjusts captured blocks, one at a time; a newer block takes the place of an older one.
+
+    Trials wait until nothing else is to be done, and are given up as soon as there is.
+    """
 
     def __init__(self, adjust: Adjust, deliver: Callable[[Outcome], None]) -> None:
         self._adjust, self._deliver = adjust, deliver
-        self._wanted: tuple[int, Block] | None = None
-        self._newest = 0
+        self._wanted: _Job | None = None
+        self._trial: _Job | None = None
         self._closed = False
         self._change = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="adjustment", daemon=True)
@@ -77,7 +91,13 @@ class Worker:
     def submit(self, number: int, block: Block) -> None:
         """Adjust this block next; whatever is being adjusted now is given up."""
         with self._change:
-            self._wanted, self._newest = (number, block), number
+            self._wanted, self._trial = _Job(number, block), None
+            self._change.notify()
+
+    def try_out(self, number: int, block: Block) -> None:
+        """Adjust this block when there is time, in place of an earlier trial."""
+        with self._change:
+            self._trial = _Job(number, block, trial=True)
             self._change.notify()
 
     def close(self) -> None:
@@ -87,19 +107,28 @@ class Worker:
             self._change.notify()
         self._thread.join(timeout=10)
 
+    def overtaken(self, job: "_Job") -> bool:
+        """True when a job need not be finished."""
+        newer = self._wanted is not None or (job.trial and self._trial is not None)
+        return self._closed or newer
+
     def _run(self) -> None:
         while True:
             with self._change:
-                self._change.wait_for(lambda: self._wanted is not None or self._closed)
-                if self._closed or self._wanted is None:
+                self._change.wait_for(lambda: self._wanted or self._trial or self._closed)
+                if self._closed:
                     return
-                (number, block), self._wanted = self._wanted, None
-            self._one(number, block)
+                if self._wanted is not None:
+                    job, self._wanted = self._wanted, None
+                else:
+                    job, self._trial = self._trial, None
+            if job is not None:
+                self._one(job)
 
-    def _one(self, number: int, block: Block) -> None:
+    def _one(self, job: "_Job") -> None:
         begun = time.perf_counter()
         try:
-            result = self._adjust(block, _UntilNewer(self, number))
+            result = self._adjust(job.block, _UntilNewer(self, job))
         except Cancelled:
             return
         except PhotogrammetryError as error:
@@ -108,23 +137,31 @@ class Worker:
             # Whatever went wrong, the desk must go on with the numbers it has.
             logger.exception("The adjustment failed.")
             result = Failure(f"{type(error).__name__}: {error}")
-        self._deliver(Adjusted(number, result, time.perf_counter() - begun))
+        if not job.trial:
+            self._deliver(Adjusted(job.number, result, time.perf_counter() - begun))
+        elif isinstance(result, AdjustmentReport):
+            self._deliver(Tried(job.number, result))
 
-    def overtaken(self, number: int) -> bool:
-        """True when a job need not be finished."""
-        return self._closed or number != self._newest
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """A captured block."""
+
+    number: int
+    block: Block
+    trial: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _UntilNewer:
     """Progress that stops a job once a newer one waits."""
 
     worker: Worker
-    number: int
+    job: _Job
 
     def report(self, done: float, total: float, what: str = "") -> None:
         """Accept the report; raise when the job is overtaken."""
-        if self.worker.overtaken(self.number):
+        if self.worker.overtaken(self.job):
             raise Cancelled
 
 
@@ -194,3 +231,19 @@ class _Watched:
         share = done / total if total else 0.0
         left = (now - self._begun) * (1 - share) / share if share > 0.02 else None
         self._deliver(RemakeStep(done, total, what, left))
+
+
+def survived(function: Callable[[Any], None], argument: Any) -> str:
+    """Run a function and log what goes wrong; the words of the error, empty when all went well.
+
+    For threads that must not end: an error in one gesture must not take the desk away.
+    """
+    try:
+        function(argument)
+    except PhotogrammetryError as error:
+        logger.warning("%s", error)
+        return str(error)
+    except Exception as error:
+        logger.exception("%s could not be handled.", type(argument).__name__)
+        return f"{type(error).__name__}: {error}"
+    return ""

@@ -11,7 +11,15 @@ from scipy.ndimage import map_coordinates
 from app.wiring import DeskInputs
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
-from core.block.block import Block, ExteriorPrior, Measurement, Peak, Photo, SurveyedPoint, TiePoints
+from core.block.block import (
+    Block,
+    ExteriorPrior,
+    Measurement,
+    Peak,
+    Photo,
+    SurveyedPoint,
+    TiePoints,
+)
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.grid import Grid
@@ -84,7 +92,9 @@ _KEPT: dict[int, np.ndarray] = {}
 def _reduced(number: int, step: int) -> np.ndarray:
     values = _KEPT[number]
     size = (values.shape[1] // step, values.shape[0] // step)
-    return cv2.resize(values[: size[1] * step, : size[0] * step], size, interpolation=cv2.INTER_AREA)
+    return cv2.resize(
+        values[: size[1] * step, : size[0] * step], size, interpolation=cv2.INTER_AREA
+    )
 
 
 @dataclass(frozen=True)
@@ -140,8 +150,12 @@ def _painted(
             corners = pixels[[i, i, i + 1, i + 1], [j, j + 1, j + 1, j]]
             _parcel(picture, corners, parcels if rng.random() < 0.6 else rng)
     for line in [*pixels, *pixels.swapaxes(0, 1)]:
-        cv2.polylines(picture, [np.rint(line * 8).astype(int)], False, (150, 146, 132), 17, cv2.LINE_AA, 3)
-        cv2.polylines(picture, [np.rint(line * 8).astype(int)], False, (214, 208, 196), 10, cv2.LINE_AA, 3)
+        cv2.polylines(
+            picture, [np.rint(line * 8).astype(int)], False, (150, 146, 132), 17, cv2.LINE_AA, 3
+        )
+        cv2.polylines(
+            picture, [np.rint(line * 8).astype(int)], False, (214, 208, 196), 10, cv2.LINE_AA, 3
+        )
     _houses(picture, pixels, rng)
     grain = rng.normal(0, 5, picture.shape[:2]).astype(np.float32)
     coarse = cv2.resize(rng.normal(0, 9, (300, 360)).astype(np.float32), grain.shape[::-1])
@@ -160,22 +174,38 @@ def _parcel(picture: np.ndarray, corners: np.ndarray, rng: np.random.Generator) 
             turned[0] + a * (turned[1] - turned[0]), turned[0] + b * (turned[1] - turned[0]),
             turned[3] + b * (turned[2] - turned[3]), turned[3] + a * (turned[2] - turned[3]),
         ])  # fmt: skip
-        base = rng.choice([[104, 118, 72], [128, 132, 88], [146, 128, 92], [84, 104, 64], [160, 150, 112]])
+        base = rng.choice(
+            [[104, 118, 72], [128, 132, 88], [146, 128, 92], [84, 104, 64], [160, 150, 112]]
+        )
         shade = base + rng.normal(0, 7, 3)
         cv2.fillPoly(picture, [np.rint(quad * 8).astype(int)], shade.tolist(), cv2.LINE_AA, 3)
     if rng.random() < 0.16:
         for _ in range(160):
             u, v = rng.random(2)
-            place = (1 - u) * (1 - v) * corners[0] + u * (1 - v) * corners[1] + u * v * corners[2] + (1 - u) * v * corners[3]
+            place = (
+                (1 - u) * (1 - v) * corners[0]
+                + u * (1 - v) * corners[1]
+                + u * v * corners[2]
+                + (1 - u) * v * corners[3]
+            )
             dark = (np.array([52, 70, 44]) + rng.normal(0, 8, 3)).tolist()
-            cv2.circle(picture, np.rint(place).astype(int).tolist(), int(rng.integers(5, 12)), dark, -1, cv2.LINE_AA)
+            cv2.circle(
+                picture,
+                np.rint(place).astype(int).tolist(),
+                int(rng.integers(5, 12)),
+                dark,
+                -1,
+                cv2.LINE_AA,
+            )
 
 
 def _houses(picture: np.ndarray, pixels: np.ndarray, rng: np.random.Generator) -> None:
     for place in pixels.reshape(-1, 2):
         for _ in range(int(rng.integers(0, 5))):
             centre = place + rng.choice([-1, 1], 2) * rng.uniform(26, 70, 2)
-            box = cv2.boxPoints((tuple(centre), tuple(rng.uniform(16, 34, 2)), float(rng.uniform(0, 90))))
+            box = cv2.boxPoints(
+                (tuple(centre), tuple(rng.uniform(16, 34, 2)), float(rng.uniform(0, 90)))
+            )
             cv2.fillPoly(picture, [np.rint(box + 5).astype(int)], (60, 60, 58), cv2.LINE_AA)
             roof = [[168, 92, 74], [176, 170, 164], [140, 84, 70]][int(rng.integers(3))]
             cv2.fillPoly(picture, [np.rint(box).astype(int)], roof, cv2.LINE_AA)
@@ -326,26 +356,28 @@ def _ties(
     point, photo, pixels = [], [], []
     seen = np.stack([p.pixel_from_object(ground, CAMERA) for p in photos.values()])
     inside = np.all((seen > 20) & (seen < scan_px - 20), axis=2)
-    number = 0
-    for i in np.flatnonzero(inside.sum(axis=0) >= 2):
+    for number, i in enumerate(np.flatnonzero(inside.sum(axis=0) >= 2)):
         for k in np.flatnonzero(inside[:, i]):
             point.append(number)
             photo.append(k)
             pixels.append(seen[k, i] + rng.normal(0, 0.3, 2))
-        number += 1
-    return TiePoints(tuple(photos), point, photo, np.array(pixels), np.full(len(point), 0.35))
+    return TiePoints(
+        tuple(photos), np.array(point), np.array(photo), np.array(pixels), np.full(len(point), 0.35)
+    )
 
 
 OPTIONS = AdjustmentOptions(estimate_cameras=False, robust=False)
 """Not robust: then a blunder moves sigma nought, and rejecting it moves it back."""
 
 
-def adjust(block: Block, progress=None):  # noqa: ANN001, ANN201
+def adjust(block: Block, progress=None):
     """The real adjustment, as the desk calls it."""
-    return adjust_block(block, OPTIONS) if progress is None else adjust_block(block, OPTIONS, progress)
+    return (
+        adjust_block(block, OPTIONS) if progress is None else adjust_block(block, OPTIONS, progress)
+    )
 
 
-def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> DeskInputs:  # noqa: ANN001, ANN003
+def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> DeskInputs:
     """Everything a desk needs, over the tiny block."""
     tiny = tiny_block(scan_px)
     report = _report(scan_px)
@@ -365,5 +397,5 @@ def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> De
 
 
 @cache
-def _report(scan_px: int):  # noqa: ANN202
+def _report(scan_px: int):
     return adjust(tiny_block(scan_px).block)

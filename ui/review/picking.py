@@ -1,6 +1,6 @@
 """What a ray in the 3D scene hits: a surveyed point or a photo, in double precision."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,16 +30,23 @@ def pick(
     block: Block,
     hidden: Collection[str],
 ) -> Picked | None:
-    """The point or photo under a ray given in the local frame; points go before photos."""
+    """The point or photo under a ray given in the local frame.
+
+    The picture of a frustum hides what lies behind it; through its open sides points are seen, so
+    that these count only where no point is meant.
+    """
     eye = object_from_local(np.array([origin], dtype=np.float64), block.origin)[0]
     towards = np.array(direction, dtype=np.float64)
     towards = towards / np.linalg.norm(towards)
-    if "points" not in hidden:
-        name = _nearest_point(eye, towards, block)
-        if name is not None:
-            return Picked("point", name)
-    name = None if "photos" in hidden else _nearest_photo(eye, towards, block)
-    return Picked("photo", name) if name is not None else None
+    point, beyond = (None, np.inf) if "points" in hidden else _nearest_point(eye, towards, block)
+    photos = [] if "photos" in hidden else list(block.photos)
+    picture, before = _nearest_photo(eye, towards, block, photos, sides=False)
+    if picture is not None and before < beyond:
+        return Picked("photo", picture)
+    if point is not None:
+        return Picked("point", point)
+    photo, _ = _nearest_photo(eye, towards, block, photos, sides=True)
+    return None if photo is None else Picked("photo", photo)
 
 
 def frustum_corners(block: Block, photo_id: str, depth_m: float) -> np.ndarray:
@@ -59,32 +66,36 @@ def frustum_depth_m(block: Block) -> float:
     return 0.17 * float(np.median(heights)) if heights else 100.0
 
 
-def _nearest_point(eye: Position, towards: Position, block: Block) -> str | None:
+def _nearest_point(eye: Position, towards: Position, block: Block) -> tuple[str | None, float]:
+    """The point nearest to the ray as the eye sees it, and how far away it is, metres."""
     names = list(block.surveyed)
     if not names:
-        return None
+        return None, float("inf")
     offset = np.array([block.surveyed[name].position for name in names]) - eye
     along = offset @ towards
     beside = np.linalg.norm(offset - along[:, None] * towards, axis=1)
     angle = np.where(along > 0, np.arctan2(beside, along), np.inf)
     best = int(np.argmin(angle))
-    return names[best] if angle[best] < POINT_ANGLE else None
+    return (names[best], float(along[best])) if angle[best] < POINT_ANGLE else (None, float("inf"))
 
 
-def _nearest_photo(eye: Position, towards: Position, block: Block) -> str | None:
-    """The nearest photo whose frustum's film side the ray passes through."""
+def _nearest_photo(
+    eye: Position, towards: Position, block: Block, photo_ids: Iterable[str], sides: bool
+) -> tuple[str | None, float]:
+    """The nearest photo whose picture, or also whose sides, a ray passes; and how far away."""
     depth = frustum_depth_m(block)
-    best, nearest = None, np.inf
-    for name, photo in block.photos.items():
+    best, nearest = None, float("inf")
+    for name in photo_ids:
         corners = frustum_corners(block, name, depth)
+        centre = block.photos[name].exterior.centre
         faces = [(corners[0], corners[1], corners[2]), (corners[0], corners[2], corners[3])]
-        centre = photo.exterior.centre
-        faces += [(centre, corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        if sides:
+            faces += [(centre, corners[i], corners[(i + 1) % 4]) for i in range(4)]
         for face in faces:
             distance = _ray_triangle(eye, towards, *face)
             if distance < nearest:
                 best, nearest = name, distance
-    return best
+    return best, nearest
 
 
 def _ray_triangle(

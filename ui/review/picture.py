@@ -1,6 +1,7 @@
 """What a page shows, as values that can be sent: the loop makes it, the page only draws it."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from ui.review.compare import Drawn, HeightSource, Overlay, ground_pixel_m, over
 from ui.review.queue import Row, counts, visible
 from ui.review.scene import ground_residuals_m
 from ui.review.state import LAYERS, DeskState, Key, Seat
+from ui.review.trial import Trial
 
 Part = dict[str, Any] | list[Any] | None
 
@@ -88,15 +90,26 @@ def position_error_m(report: AdjustmentReport) -> float | None:
     return float(np.hypot(east, north))
 
 
-def point_part(
-    state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn, dem: HeightSource
-) -> Part:
+@dataclass(frozen=True, slots=True, eq=False)
+class Pictured:
+    """What the numbers of a point are drawn from, beside the state."""
+
+    drawn: Drawn
+    """Photos as their tiles are drawn."""
+    dem: HeightSource
+    """Heights."""
+    trial: Trial | None = None
+    """What turning the current measurement would do, once that is known."""
+
+
+def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: Pictured) -> Part:
     """Everything about the current measurement: marks on the pictures, numbers, other scans."""
     key = seat.current
     row = rows.get(key) if key else None
     if key is None or row is None:
         return None
-    overlay = overlay_of(state, drawn, dem, key)
+    drawn = pictured.drawn
+    overlay = overlay_of(state, drawn, pictured.dem, key)
     if overlay is None:
         return None
     measurement = state.block.measurements[key]
@@ -117,6 +130,20 @@ def point_part(
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
         "peaks": _peaks(measurement),
         "others": _others(rows, drawn, key),
+        "trial": _trial(state, pictured.trial),
+    }
+
+
+def _trial(state: DeskState, trial: Trial | None) -> Part:
+    """What rejecting, or accepting, would do."""
+    if trial is None:
+        return None
+    return {
+        "rejects": trial.rejects,
+        "sigma": _short(trial.sigma_nought, 3),
+        "now": _short(state.report.sigma_nought, 3),
+        "shift": _short(trial.shift_m, 2),
+        "photo": trial.photo_id,
     }
 
 

@@ -27,6 +27,8 @@ OUTSIDE = 20
 """Grey of what no picture covers: nearly the ground of the page."""
 WALLIS_RADIUS = 40
 """Half window of the local contrast, pixels."""
+SAMPLE_PX = 512
+"""Longest side of the small picture of a whole scan, pixels."""
 Grey = UInt8[np.ndarray, "rows columns"]
 Colour = UInt8[np.ndarray, "rows columns 3"]
 ScanWindow = Callable[[str, int, int, int, int, int], Raster]
@@ -63,6 +65,16 @@ class Stretch:
         span = max(self.white - self.black, 1e-6)
         scaled = (np.asarray(values, dtype=np.float32) - self.black) * (255.0 / span)
         return np.clip(scaled, 0.0, 255.0).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overview:
+    """A whole scan, small."""
+
+    values: Raster
+    """Grey values."""
+    reduction: int
+    """Scan pixels a side that became one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,23 +183,27 @@ def scan_map(
     return np.einsum("rn,nmc,km->rkc", by_row, nodes, by_column, optimize=True)
 
 
-def frame_picture(drawn: DrawnPhoto, read: ScanWindow, width: int = 224) -> Colour:
+def overview_of(drawn: DrawnPhoto, read: ScanWindow) -> Overview:
+    """The whole scan, reduced to some hundred pixels a side."""
+    columns, rows = drawn.photo.size_px
+    reduction = max(1, 2 ** int(np.ceil(np.log2(max(columns, rows) / SAMPLE_PX))))
+    width, height = (side // reduction * reduction for side in (columns, rows))
+    return Overview(read(drawn.photo.scan, 0, 0, width, height, reduction), reduction)
+
+
+def frame_picture(
+    drawn: DrawnPhoto, overview: Overview, stretch: Stretch, width: int = 224
+) -> Colour:
     """The picture area of a scan, small, upright in the film frame: for the frustums."""
-    photo, camera = drawn.photo, drawn.camera
-    frame_width, frame_height = camera.frame_mm
+    photo, (frame_width, frame_height) = drawn.photo, drawn.camera.frame_mm
     height = max(1, round(width * frame_height / frame_width))
     across = (np.arange(width) + HALF_PIXEL) / width * frame_width - frame_width / 2
     down = frame_height / 2 - (np.arange(height) + HALF_PIXEL) / height * frame_height
     film = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     pixels = photo.interior.pixel_from_film(film).reshape(height, width, 2)
-    columns, rows = photo.size_px
-    reduction = max(1, 2 ** int(np.log2(max(max(columns, rows) / (1.5 * width), 1.0))))
-    size = (columns // reduction * reduction, rows // reduction * reduction)
-    sample = read(photo.scan, 0, 0, *size, reduction)
-    values = fit_stretch(sample).applied(sample)
-    there = (pixels / reduction - HALF_PIXEL).astype(np.float32)
+    there = (pixels / overview.reduction - HALF_PIXEL).astype(np.float32)
     small = cv2.remap(
-        values,
+        stretch.applied(overview.values),
         np.ascontiguousarray(there[..., 0]),
         np.ascontiguousarray(there[..., 1]),
         cv2.INTER_LINEAR,

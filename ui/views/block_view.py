@@ -32,8 +32,6 @@ class Stage:
 
     terrain: bytes
     """The drape as GLB."""
-    thumbnails: Mapping[str, Colour]
-    """Small pictures of the photos, in the film frame."""
     extent_m: float
     """Longer side of the block on the ground, metres."""
     middle: Position
@@ -82,6 +80,11 @@ class BlockView:
         self._show_vectors(picture, options)
         self._show_labels(picture.labels, "labels" not in hidden)
         self._show_current(pointed)
+
+    def picture(self, photo_id: str, thumbnail: Colour) -> None:
+        """Put a photo's small picture, in the film frame, into its frustum."""
+        if photo_id in self._frustums:
+            self._frustums[photo_id].image = thumbnail
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""
@@ -142,7 +145,6 @@ class BlockView:
             thickness=1.6,
             thickness_units="screen",
             color=rgb(palette.PHOTO),
-            image=self._stage.thumbnails.get(frustum.photo_id),
             jpeg_quality=80,
             cast_shadow=False,
             receive_shadow=False,

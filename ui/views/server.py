@@ -20,6 +20,7 @@ from websockets.http11 import Response
 from ui.review.gestures import Gesture, RayPicked
 from ui.review.scene import ScenePicture
 from ui.review.state import SceneOptions
+from ui.review.tiles import Colour
 from ui.views.block_view import BlockView, Pointed, Stage
 
 logger = logging.getLogger(__name__)
@@ -55,6 +56,7 @@ class SceneServer:
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
         self._wanted: dict[str, Shown] = {}
+        self._pictures: dict[str, Colour] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
         # Viser prints an address that nobody can open; ours is printed by the caller.
         with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
@@ -78,6 +80,10 @@ class SceneServer:
         """Bring every scene of a seat up to date, in the scene thread."""
         self._wanted[seat_id] = shown
         self._thread.submit(self._told, self._show, seat_id)
+
+    def picture(self, photo_id: str, thumbnail: Colour) -> None:
+        """Show a photo's small picture in every scene, those opened later included."""
+        self._thread.submit(self._told, self._picture, photo_id, thumbnail)
 
     def fit(self, seat_id: str, pointed: Pointed | None) -> None:
         """Move a seat's eye to the whole block, or to what is current."""
@@ -135,8 +141,15 @@ class SceneServer:
             view = self._views.get(client_id)
             if view is None:
                 view = self._views[client_id] = BlockView(client, self._stage, shown.picture)
+                for photo_id, thumbnail in self._pictures.items():
+                    view.picture(photo_id, thumbnail)
             with client.atomic():
                 view.show(shown.picture, shown.options, shown.pointed)
+
+    def _picture(self, photo_id: str, thumbnail: Colour) -> None:
+        self._pictures[photo_id] = thumbnail
+        for view in list(self._views.values()):
+            view.picture(photo_id, thumbnail)
 
     def _fit(self, seat_id: str, pointed: Pointed | None) -> None:
         for client_id, (sitting, _) in list(self._clients.items()):

@@ -61,7 +61,7 @@ class Access:
         """Keep the token in a cookie and take it out of the address bar."""
         if not self._same(entering):
             raise web.HTTPUnauthorized(text="That is not this desk's token.")
-        response = web.HTTPSeeOther("/")
+        response = web.Response(status=303, headers={"Location": "/"})
         response.set_cookie(self.cookie, self.token, httponly=True, samesite="Lax", path="/")
         return response
 

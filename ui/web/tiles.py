@@ -24,8 +24,10 @@ from ui.review.tiles import (
     ScanWindow,
     Stretch,
     fit_stretch,
+    frame_picture,
     local_contrast,
     ortho_tile,
+    overview_of,
     raw_tile,
     warped_tile,
 )
@@ -35,8 +37,6 @@ CACHE_BYTES = 192 * 2**20
 JPEG_QUALITY = 90
 THUMBNAIL = 96
 """Width and height of the small pictures of a point in its other scans, pixels."""
-SAMPLE = 700
-"""Longest side of the small picture a scan's grey range is taken from, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,23 +119,17 @@ class TileStore:
             raise web.HTTPNotFound(text="No such photo or version.")
         return found
 
-    def overview(self, photo: DrawnPhoto) -> Grey:
-        """The whole scan, small: for frustums and for the grey range."""
-        stretch, sample = self._sampled(photo)
-        return np.rint(stretch.applied(sample)).astype(np.uint8)
+    def thumbnail(self, photo: DrawnPhoto) -> Colour:
+        """A photo's picture area, small; its grey range is known from then on."""
+        overview = overview_of(photo, self.sources.read)
+        stretch = self._stretches[photo.photo.scan] = fit_stretch(overview.values)
+        return frame_picture(photo, overview, stretch)
 
     def _stretch(self, photo: DrawnPhoto) -> Stretch:
-        kept = self._stretches.get(photo.photo.scan)
-        return kept if kept is not None else self._sampled(photo)[0]
-
-    def _sampled(self, photo: DrawnPhoto) -> tuple[Stretch, np.ndarray]:
-        columns, rows = photo.photo.size_px
-        reduction = max(1, 2 ** int(np.ceil(np.log2(max(columns, rows) / SAMPLE))))
-        width, height = (side // reduction * reduction for side in (columns, rows))
-        sample = self.sources.read(photo.photo.scan, 0, 0, width, height, reduction)
-        stretch = fit_stretch(sample)
-        self._stretches[photo.photo.scan] = stretch
-        return stretch, sample
+        if photo.photo.scan not in self._stretches:
+            overview = overview_of(photo, self.sources.read)
+            self._stretches[photo.photo.scan] = fit_stretch(overview.values)
+        return self._stretches[photo.photo.scan]
 
 
 def tile_routes(store: TileStore) -> list[web.RouteDef]:

@@ -6,9 +6,9 @@ export function setUpPoint(sender) { send = sender; }
 
 export function showPoint(point) {
   byId("nothing").hidden = point !== null;
-  for (const name of ["figures", "why", "peaks", "others", "point-name"]) byId(name).replaceChildren();
+  for (const name of ["figures", "why", "trial", "peaks", "point-name"]) byId(name).replaceChildren();
   for (const button of document.querySelectorAll("#acts button")) button.classList.remove("stands");
-  if (!point) return;
+  if (!point) { showOthers(null); return; }
   const [name, photo] = point.key;
   byId("point-name").append(
     roleGlyph(point.role, 15), element("b", {}, name), element("span", { class: "scan", title: photo }, photo), element("span", { class: "stretch" }),
@@ -19,6 +19,7 @@ export function showPoint(point) {
   if (act) document.querySelector(`#acts [data-act=${act}]`).classList.add("stands");
   showFigures(point.figures);
   showWhy(point);
+  showTrial(point);
   showPeaks(point);
   showOthers(point);
 }
@@ -59,6 +60,19 @@ function showWhy(point) {
   byId("why").append(element("h3", {}, word("why")), list);
 }
 
+// Filled in a moment after the rest: an adjustment with this one measurement turned.
+function showTrial(point) {
+  const { trial } = point;
+  const lines = [];
+  if (point.role === "check") lines.push(word("trial.check"));
+  else if (!trial) lines.push(word("trial.wait"));
+  else {
+    const values = { now: number(trial.now, 3), sigma: number(trial.sigma, 3), shift: number(trial.shift, 2), photo: shortName(trial.photo) };
+    lines.push(word(trial.rejects ? "trial.reject" : "trial.accept", values), word("trial.shift", values));
+  }
+  byId("trial").replaceChildren(element("h3", {}, word("trial")), ...lines.map((line) => element("div", { class: "figure" }, line)));
+}
+
 function showPeaks(point) {
   if (!point.peaks.length) return;
   byId("peaks").append(element("h3", {}, word("peaks")));
@@ -72,6 +86,11 @@ function showPeaks(point) {
 
 function showOthers(point) {
   const strip = byId("others");
+  const shape = JSON.stringify(point && [point.key, point.others, point.marks.surveyed]);
+  if (strip.dataset.shape === shape) return;
+  strip.dataset.shape = shape;
+  strip.replaceChildren();
+  if (!point) return;
   const [east, north] = point.marks.surveyed;
   const pixel = Math.max(start.ortho_pixel, point.scan.pixel) * 0.8;
   for (const other of point.others) {

@@ -1,0 +1,27 @@
+"""Scans for the desk: windows of raster files, each file looked at once."""
+
+import threading
+from pathlib import Path
+
+from core.arrays import Raster
+from core.scan.raster import ScanFile, open_scan, read_window
+
+
+class ScanFiles:
+    """Grey values of windows of scans, by their path; asked from several threads."""
+
+    def __init__(self, folder: Path = Path()) -> None:
+        """Paths of scans that are not absolute are counted from `folder`."""
+        self._folder = folder
+        self._opened: dict[str, ScanFile] = {}
+        self._lock = threading.Lock()
+
+    def __call__(
+        self, scan: str, column: int, row: int, columns: int, rows: int, reduction: int
+    ) -> Raster:
+        """Grey values of a window, averaged over `reduction` pixels a side."""
+        with self._lock:
+            if scan not in self._opened:
+                self._opened[scan] = open_scan(self._folder / scan)
+            opened = self._opened[scan]
+        return read_window(opened, column, row, columns, rows, reduction, "edge")

@@ -1,0 +1,84 @@
+"""One Chromium for all browser tests, and a desk on the tiny block for each."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from app.wiring import open_desk
+from tests.ui.desk_block import desk_inputs
+
+ARGUMENTS = [
+    "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+]  # fmt: skip
+INSTALL = (
+    "no Chromium: install it with `.venv/bin/python -m playwright install --with-deps chromium`"
+)
+SIZE = {"width": 1600, "height": 1000}
+# A browser that draws without a GPU on a busy machine is slow to begin.
+PATIENCE_MS = 60_000
+
+
+def chromium_path(playwright) -> str | None:
+    """Playwright's own Chromium, or the system's."""
+    own = playwright.chromium.executable_path
+    if own and Path(own).exists():
+        return own
+    named = (shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome"))
+    return next((path for path in named if path), None)
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """A Chromium; without one the tests fail where `CI` is set and are skipped elsewhere."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        path = chromium_path(playwright)
+        if path is None:
+            (pytest.fail if os.environ.get("CI") else pytest.skip)(INSTALL)
+        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def desk(tmp_path):
+    """A desk on the tiny block."""
+    inputs = desk_inputs(tmp_path)
+    with open_desk(inputs) as opened:
+        yield opened
+    inputs.session.close()
+
+
+@pytest.fixture
+def sit(chromium, desk):
+    """Open the desk in a browser of its own; every call is another operator's machine."""
+    contexts = []
+
+    def sit_down(url: str = "", scene: bool = True):
+        # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
+        context = chromium.new_context(viewport=SIZE, bypass_csp=True)
+        context.set_default_timeout(PATIENCE_MS)
+        contexts.append(context)
+        page = context.new_page()
+        page.goto(url or desk.url)
+        page.wait_for_selector(".row.current")
+        if scene:
+            scene_of(page)
+        return page
+
+    yield sit_down
+    for context in contexts:
+        context.close()
+
+
+def scene_of(page):
+    """The frame of the 3D scene, once the block is in it."""
+    page.wait_for_function("document.getElementById('scene').contentWindow.__viserMutable")
+    frame = next(frame for frame in page.frames if "/scene/" in frame.url)
+    frame.wait_for_function("!!window.__viserMutable.nodeRefFromName['/terrain']")
+    return frame

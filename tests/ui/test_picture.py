@@ -1,0 +1,133 @@
+"""Pictures can be sent: JSON without surprises, and every word they name exists."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.ui.desk_block import adjust, tiny_block
+from ui.review.compare import drawn_from_block, overlay_of, redrawn, stale_photos, with_made
+from ui.review.palette import LOOKS, rgb
+from ui.review.picture import Pictured, point_part, queue_part, rows_part, scene_part, status_part
+from ui.review.queue import counts, queue_rows
+from ui.review.scene import footprints, ground_residuals_m, scene_picture
+from ui.review.state import DeskState, Seat, Sieve
+from ui.review.tools import seated
+from ui.review.wording import ENGLISH, KEYS, sentence, words
+from ui.web.front import as_json
+
+PAGES = Path(__file__).resolve().parents[2] / "ui" / "web" / "pages"
+
+
+@pytest.fixture(scope="module")
+def state() -> DeskState:
+    block = tiny_block().block
+    report = adjust(block)
+    return DeskState(block, report, made=report.block, before=report)
+
+
+def test_every_part_can_be_sent__law(state):
+    rows = {row.key: row for row in queue_rows(state)}
+    seat = seated(Seat("seat-1", "anna"), rows)
+    drawn, dem = drawn_from_block(state.oriented), tiny_block().land.dem
+    parts = [
+        rows_part(rows),
+        queue_part(seat, rows),
+        scene_part(seat),
+        status_part(state, rows, (), seat),
+        point_part(state, seat, rows, Pictured(drawn, dem)),
+    ]
+    for part in parts:
+        assert json.loads(as_json(part)) is not None
+
+
+def test_a_block_without_measurements_can_be_shown__law(state):
+    empty = replace(state, block=replace(state.block, measurements={}))
+    seat = seated(Seat("seat-1", "anna"), {})
+    assert seat.current is None
+    assert rows_part({}) == []
+    assert point_part(empty, seat, {}, Pictured({}, tiny_block().land.dem)) is None
+    assert scene_picture(empty, (), np.zeros((0, 2, 3))).vectors.shape == (0, 2, 3)
+
+
+def test_counts_add_up__law(state):
+    rows = queue_rows(state)
+    tally = counts(rows, Sieve())
+    assert tally["all"] == len(rows) == sum(n for name, n in tally.items() if name != "all")
+
+
+def test_overlays_lie_within_a_pixel_of_what_they_mark__truth(state):
+    dem = tiny_block().land.dem
+    drawn = drawn_from_block(state.oriented)
+    good = [key for key in state.block.measurements if key not in tiny_block().blunders]
+    offsets = []
+    for key in good[:60]:
+        overlay = overlay_of(state, drawn, dem, key)
+        assert overlay is not None
+        offsets.append(np.linalg.norm(overlay.surveyed - overlay.predicted))
+    # The DEM is interpolated, the survey has noise: decimetres, not metres.
+    assert np.median(offsets) < 0.5
+
+
+def test_residuals_on_the_ground_are_pixels_times_pixel_size__law(state):
+    vectors = ground_residuals_m(state, state.oriented)
+    pixel_m = 0.15 * 1650 / 210
+    for key, vector in vectors.items():
+        pixels = np.hypot(*state.report.residuals_px[key])
+        assert np.hypot(*vector) == pytest.approx(pixels * pixel_m, rel=0.12, abs=0.02)
+
+
+def test_footprints_are_closed_outlines__law(state):
+    outline = footprints(state.oriented, tiny_block().land.dem)
+    assert len(outline) == 6 * 48
+    assert np.allclose(outline[47, 1], outline[0, 0])
+
+
+def test_photos_are_drawn_anew_only_when_they_moved__law(state):
+    drawn = drawn_from_block(state.oriented)
+    assert all(photo.version == 1 for photo in redrawn(drawn, state.oriented).values())
+    photos = dict(state.oriented.photos)
+    name, photo = next(iter(photos.items()))
+    exterior = replace(photo.exterior, centre=photo.exterior.centre + np.array([3.0, 0, 0]))
+    photos[name] = photo.with_exterior(exterior, True)
+    moved = redrawn(drawn, state.oriented.with_photos(photos))
+    assert [n for n, p in moved.items() if p.version == 2] == [name]
+
+
+def test_orthos_are_stale_until_they_are_made_again__law(state):
+    assert stale_photos(state, 0.1) == ()
+    older = replace(state, made=state.block)
+    stale = stale_photos(older, 0.1)
+    assert set(stale) == set(state.block.photos)
+    assert stale_photos(with_made(older, stale, older.oriented), 0.1) == ()
+
+
+def test_states_differ_in_shape_as_well_as_colour__law():
+    assert len({look.glyph for look in LOOKS.values()}) == len(LOOKS)
+    assert len({look.cloud_shape for look in LOOKS.values()}) >= 4
+    assert len({rgb(look.colour) for look in LOOKS.values()}) == len(LOOKS)
+
+
+def test_every_word_of_the_pages_exists__law():
+    text = "\n".join(
+        path.read_text() for path in PAGES.iterdir() if path.suffix in (".js", ".html")
+    )
+    named = set(re.findall(r'word\("([\w.-]+)"', text)) | set(
+        re.findall(r'data-word="([\w.-]+)"', text)
+    )
+    assert len(named) > 30
+    assert named <= set(words()), named - set(words())
+    assert {name for _, name in KEYS} <= set(ENGLISH)
+
+
+def test_nothing_on_the_pages_comes_from_elsewhere__law():
+    for path in PAGES.iterdir():
+        found = re.findall(r"https?://[^\s\"'`)]+", path.read_text())
+        assert [address for address in found if "www.w3.org" not in address] == []
+
+
+def test_sentences_fill_their_places__law():
+    assert "1938" in sentence("notice.outside", {"scan": "1938"})

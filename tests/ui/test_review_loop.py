@@ -1,0 +1,243 @@
+"""The second journey without a browser: gesture in, decision on disk, picture, new numbers."""
+
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+
+from app.loop_doors import LoopInputs, Screen, SeatLeft, SeatTaken
+from app.review_loop import ReviewLoop
+from app.worker import Remaker, Worker
+from sessions.decisions import Accept, Reject
+from sessions.session import Session
+from tests.ui.desk_block import adjust, tiny_block
+from ui.review.gestures import (
+    Explained,
+    Judged,
+    RemakeAsked,
+    RoleSwitched,
+    Selected,
+    Stepped,
+    Undone,
+)
+from ui.review.state import DeskState
+
+
+class Glass:
+    """A screen that remembers the newest of every part."""
+
+    def __init__(self):
+        self.parts, self.notices, self.change = {}, [], threading.Condition()
+        self.shown = []
+
+    def show(self, seat_id, parts):
+        with self.change:
+            self.parts.setdefault(seat_id, {}).update(parts)
+            self.shown.append((seat_id, time.perf_counter(), parts))
+            self.change.notify_all()
+
+    def tell(self, seat_id, notice):
+        with self.change:
+            self.notices.append((seat_id, notice.text))
+            self.change.notify_all()
+
+    def until(self, test, seconds=10):
+        with self.change:
+            assert self.change.wait_for(lambda: test(self), seconds)
+
+    def current(self, seat_id="anna-1"):
+        part = self.parts[seat_id]
+        row = part["rows"][part["queue"]["current"]]
+        return row[0], row[1]
+
+    def row(self, key, seat_id="anna-1"):
+        return next(row for row in self.parts[seat_id]["rows"] if (row[0], row[1]) == key)
+
+    def status(self, seat_id="anna-1"):
+        return self.parts[seat_id]["status"]
+
+
+class Opened:
+    def __init__(self, folder, made=None):
+        tiny = tiny_block()
+        self.glass, self.made = Glass(), []
+        report = adjust(tiny.block)
+        self.session = Session.open(folder, "anna")
+        state = DeskState(tiny.block, report, made=made or report.block)
+        nothing = lambda *_: None  # noqa: E731
+        inputs = LoopInputs(tiny.block, state, self.session, tiny.land.dem, "anna", 0.1, nothing)
+        screen = Screen(self.glass.show, self.glass.tell, nothing, nothing, nothing)
+        self.loop = ReviewLoop(inputs, screen)
+        self.worker = Worker(adjust, self.loop.submit)
+        self.remaker = Remaker(
+            lambda ids, progress, report: self.made.append(ids), self.loop.submit
+        )
+        self.worker.start()
+        self.loop.start(self.worker, self.remaker)
+        self.sit("anna-1")
+
+    def sit(self, seat_id):
+        self.loop.submit(SeatTaken(seat_id))
+        self.glass.until(lambda glass: seat_id in glass.parts)
+
+    def settled(self, decided):
+        self.glass.until(
+            lambda glass: glass.status()["decided"] == decided and not glass.status()["adjusting"]
+        )
+
+    def close(self):
+        self.remaker.close()
+        self.worker.close()
+        self.loop.close()
+        self.session.close()
+
+
+@pytest.fixture
+def desk(tmp_path):
+    opened = Opened(tmp_path)
+    yield opened
+    opened.close()
+
+
+def test_a_rejection_is_on_disk_and_moves_sigma_nought__truth(desk, tmp_path):
+    blunder = sorted(tiny_block().blunders)[0]
+    before = desk.glass.status()["sigma"]
+    desk.loop.submit(Judged("anna-1", blunder, "reject"))
+    desk.settled(1)
+    assert desk.glass.row(blunder)[3] == "rejected"
+    assert desk.glass.status()["sigma"] < before
+    assert desk.glass.status()["sigma_before"] == before
+    with Session.open(tmp_path, "berta") as other:
+        assert other.decisions()[0].decision == Reject(*blunder, reason="other")
+
+
+def test_undo_brings_back_state_number_and_place__truth(desk):
+    first = desk.glass.current()
+    before = desk.glass.status()["sigma"]
+    desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.settled(1)
+    assert desk.glass.current() != first
+    desk.loop.submit(Undone("anna-1"))
+    desk.settled(0)
+    assert desk.glass.row(first)[3] == "auto"
+    assert desk.glass.status()["sigma"] == pytest.approx(before, abs=1e-4)
+    assert desk.glass.current() == first
+    desk.loop.submit(Undone("anna-1"))
+    desk.glass.until(lambda glass: ("anna-1", "notice.nothing-to-undo") in glass.notices)
+
+
+def test_the_reason_replaces_the_rejection_it_explains__law(desk):
+    first = desk.glass.current()
+    desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.loop.submit(Explained("anna-1", 1))
+    desk.settled(1)
+    desk.glass.until(lambda glass: glass.status()["decided"] == 1)
+    assert desk.session.replayed(tiny_block().block).measurements[first].reason == "wrong object"
+    desk.loop.submit(Undone("anna-1"))
+    desk.settled(0)
+    assert desk.glass.row(first)[3] == "auto"
+
+
+def test_two_seats_see_each_other_but_keep_their_places__law(desk):
+    desk.sit("berta-1")
+    there = desk.glass.current("berta-1")
+    first = desk.glass.current()
+    desk.loop.submit(Stepped("berta-1", 1))
+    desk.glass.until(lambda glass: glass.current("berta-1") != there)
+    here = desk.glass.current("berta-1")
+    desk.loop.submit(Judged("anna-1", first, "accept"))
+    desk.settled(1)
+    desk.glass.until(lambda glass: glass.row(first, "berta-1")[3] == "accepted")
+    assert desk.glass.current("berta-1") == here
+
+
+def test_reopened_the_desk_is_where_it_was__law(desk, tmp_path):
+    keys = []
+    for verdict in ("reject", "accept", "dubious", "invisible"):
+        keys.append(desk.glass.current())
+        desk.loop.submit(Judged("anna-1", keys[-1], verdict))
+        desk.glass.until(lambda glass: glass.current() != keys[-1])
+    desk.settled(4)
+    sigma, rows = desk.glass.status()["sigma"], desk.glass.parts["anna-1"]["rows"]
+    again = Opened(tmp_path)
+    again.settled(4)
+    assert again.glass.status()["sigma"] == pytest.approx(sigma, abs=2e-4)
+    assert [row[3] for row in again.glass.parts["anna-1"]["rows"]] == [row[3] for row in rows]
+    again.close()
+
+
+def test_a_hundred_gestures_keep_their_order__law(desk):
+    keys = desk.glass.parts["anna-1"]["queue"]["shown"][:100]
+    rows = desk.glass.parts["anna-1"]["rows"]
+    aimed = [(rows[i][0], rows[i][1]) for i in keys]
+    for key in aimed:
+        desk.loop.submit(Judged("anna-1", key, "accept"))
+    desk.settled(len(aimed))
+    decided = [d.decision for d in desk.session.decisions()]
+    assert [(d.point_id, d.photo_id) for d in decided] == aimed
+    assert all(isinstance(d, Accept) for d in decided)
+
+
+def test_check_points_leave_the_adjustment_and_judge__truth(desk):
+    before = desk.glass.status()
+    point_id = next(
+        name
+        for (name, _), m in sorted(tiny_block().block.measurements.items())
+        if tiny_block().block.surveyed[name].role == "control" and m.status == "auto"
+    )
+    desk.loop.submit(RoleSwitched("anna-1", point_id))
+    desk.settled(1)
+    after = desk.glass.status()
+    assert after["counts"]["used"] < before["counts"]["used"]
+    assert after["mp"] != before["mp"]
+
+
+def test_stale_orthos_are_made_again_and_then_fresh__law(tmp_path):
+    desk = Opened(tmp_path, made=tiny_block().block)
+    stale = tuple(desk.glass.status()["stale"])
+    assert set(stale) == set(tiny_block().block.photos)
+    desk.loop.submit(RemakeAsked("anna-1"))
+    desk.glass.until(lambda glass: ("", "notice.remade") in glass.notices)
+    desk.glass.until(lambda glass: glass.status()["stale"] == [])
+    assert desk.made == [stale]
+    desk.close()
+
+
+def test_a_key_pressed_again_after_the_step_decides_nothing_more__law(desk):
+    first = desk.glass.current()
+    for _ in range(5):
+        desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.settled(1)
+    assert len(desk.session.decisions()) == 1
+
+
+def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(desk):
+    place = desk.glass.parts["anna-1"]["queue"]["shown"][4]
+    row = desk.glass.parts["anna-1"]["rows"][place]
+    desk.loop.submit(Selected("anna-1", (row[0], row[1])))
+    desk.glass.until(lambda glass: glass.current() == (row[0], row[1]))
+    desk.loop.submit(SeatLeft("anna-1"))
+    desk.sit("berta-1")
+    count = len(desk.glass.shown)
+    desk.loop.submit(Judged("berta-1", desk.glass.current("berta-1"), "accept"))
+    desk.glass.until(lambda glass: glass.status("berta-1")["decided"] == 1)
+    assert {seat for seat, _, _ in desk.glass.shown[count:]} == {"berta-1"}
+    desk.glass.parts.pop("anna-1")
+    desk.sit("anna-1")
+    assert desk.glass.current() == (row[0], row[1])
+
+
+def test_a_decision_shows_new_numbers_within_a_second__law(desk):
+    key = desk.glass.current()
+    begun = time.perf_counter()
+    desk.loop.submit(Judged("anna-1", key, "reject"))
+    desk.settled(1)
+    assert time.perf_counter() - begun < 1.0
+
+
+def test_a_desk_state_never_changes__law():
+    block = tiny_block().block
+    state = DeskState(block, adjust(block), made=block)
+    assert replace(state, decided=3).decided == 3
+    assert state.decided == 0

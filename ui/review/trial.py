@@ -1,0 +1,50 @@
+"""What a decision would do, before it is made: the block adjusted with one measurement turned."""
+
+from dataclasses import dataclass, replace
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block
+from ui.review.compare import ground_pixel_m, shift_px
+from ui.review.state import DeskState, Key
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What would come of rejecting a measurement that is used, or of accepting one that is not."""
+
+    key: Key
+    """The measurement."""
+    rejects: bool
+    """True when the trial leaves the measurement out, False when it takes it in."""
+    sigma_nought: float
+    """It would be this."""
+    shift_m: float
+    """Largest shift of an orientation, metres on the ground."""
+    photo_id: str
+    """The photo that would shift most."""
+
+
+def tried_block(block: Block, key: Key) -> Block | None:
+    """The block with one measurement turned; None where that can change nothing."""
+    measurement = block.measurements.get(key)
+    point = block.surveyed.get(key[0])
+    if measurement is None or point is None or point.role == "check":
+        return None
+    status = "rejected" if measurement.used else "accepted"
+    return block.with_measurement(replace(measurement, status=status))
+
+
+def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | None:
+    """The figures of a trial against the adjustment on screen; None when it did not settle."""
+    measurement = state.block.measurements.get(key)
+    if measurement is None or not report.converged:
+        return None
+    now, then = state.oriented, report.block
+    shifts = {
+        name: shift_px(photo, now.camera_of(name), then.photos[name], then.camera_of(name))
+        * ground_pixel_m(photo, now.camera_of(name))
+        for name, photo in now.photos.items()
+        if name in then.photos
+    }
+    most = max(shifts, key=lambda name: shifts[name], default="")
+    return Trial(key, measurement.used, report.sigma_nought, shifts.get(most, 0.0), most)
