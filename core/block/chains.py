@@ -9,8 +9,8 @@ import numpy as np
 from core.arrays import Flags, Indices, PixelPoints, Scalars
 from core.block.block import Block, TiePoints
 from core.block.features import Features
-from core.block.matches import VerifiedMatches, pixel_angle, rays_of
-from core.geometry.relative import RelativeOrientation, in_front, parallax
+from core.block.matches import VerifiedMatches, ray_pairs
+from core.geometry.relative import RayPairs, RelativeOrientation, in_front, parallax
 
 PairKey = tuple[str, str]
 SIGMA_PER_RADIUS = 0.15
@@ -111,13 +111,22 @@ def pair_parallax(
     """Rays of a pair's common points and their y-parallax, scan pixels; infinite behind a photo."""
     first, second = pair
     ours, theirs = common_rays(ties, ties.photo_ids.index(first), ties.photo_ids.index(second))
-    photos, cameras = (block.photos[first], block.photos[second]), map(block.camera_of, pair)
-    camera, other = cameras
-    here = rays_of(photos[0], camera, ties.pixels[ours])
-    there = rays_of(photos[1], other, ties.pixels[theirs])
-    angles = (pixel_angle(photos[0], camera), pixel_angle(photos[1], other))
-    residual = parallax(here, there, orientation, angles)
-    return ours, theirs, np.where(in_front(here, there, orientation), residual, np.inf)
+    rays = rays_of_pair(block, ties, pair, ours, theirs)
+    residual = parallax(rays, orientation)
+    return ours, theirs, np.where(in_front(rays, orientation), residual, np.inf)
+
+
+def rays_of_pair(
+    block: Block, ties: TiePoints, pair: PairKey, ours: Indices, theirs: Indices
+) -> RayPairs:
+    """Rays in image space of two photos' rays of tie points."""
+    first, second = pair
+    return ray_pairs(
+        (block.photos[first], block.photos[second]),
+        (block.camera_of(first), block.camera_of(second)),
+        ties.pixels[ours],
+        ties.pixels[theirs],
+    )
 
 
 def consistent(

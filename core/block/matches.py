@@ -15,6 +15,7 @@ from core.geometry.collinearity import ideal_from_film
 from core.geometry.projectivity import apply_projectivity, fit_projectivity
 from core.geometry.relative import (
     OrientedPair,
+    RayPairs,
     Rays,
     RelativeOptions,
     orient_relative,
@@ -173,9 +174,23 @@ def rays_of(photo: Photo, camera: Camera, pixels: PixelPoints) -> Rays:
     return rays_from_ideal(ideal, camera.principal_distance_mm)
 
 
-def pixel_angle(photo: Photo, camera: Camera) -> float:
-    """Size of a scan pixel over the principal distance."""
-    return photo.interior.pixel_size_mm / camera.principal_distance_mm
+def ray_pairs(
+    photos: tuple[Photo, Photo],
+    cameras: tuple[Camera, Camera],
+    first: PixelPoints,
+    second: PixelPoints,
+    reduction: int = 1,
+) -> RayPairs:
+    """Rays of scan pixels of two photos; parallaxes will be in pixels of the reduced scan."""
+    angles = [
+        photo.interior.pixel_size_mm / camera.principal_distance_mm * reduction
+        for photo, camera in zip(photos, cameras, strict=True)
+    ]
+    return RayPairs(
+        rays_of(photos[0], cameras[0], first),
+        rays_of(photos[1], cameras[1], second),
+        (angles[0], angles[1]),
+    )
 
 
 def verify_matches(
@@ -192,11 +207,8 @@ def verify_matches(
     second = features[1].pixels[matches.second]
     # Tolerances hold at the scale of matching; the larger reduction of the two decides.
     reduction = max(features[0].reduction, features[1].reduction)
-    angles = (pixel_angle(photos[0], cameras[0]), pixel_angle(photos[1], cameras[1]))
     found = orient_relative(
-        rays_of(photos[0], cameras[0], first),
-        rays_of(photos[1], cameras[1], second),
-        (angles[0] * reduction, angles[1] * reduction),
+        ray_pairs(photos, cameras, first, second, reduction),
         _window(features[1].pixels, reduction),
         relative_from_exteriors(photos[0].exterior, photos[1].exterior),
         options.relative,

@@ -9,10 +9,11 @@ import numpy as np
 from core.block.block import Block, TiePoints
 from core.block.chains import PairKey, chain_matches, consistent, with_rays
 from core.block.features import FeatureOptions, Features, Usable, detect_features, picture_area
+from core.block.fine_matching import GivenTies, PairGeometry
 from core.block.matches import VerifiedMatches
 from core.block.pair_search import SearchOptions, match_pairs
 from core.block.thinning import ThinningOptions, thin_ties
-from core.block.tie_measurement import MeasurementOptions, PairGeometry, measure_ties
+from core.block.tie_measurement import MeasurementOptions, measure_ties
 from core.block.tie_report import PairReport, assess_ties, report_pair
 from core.doubts import Doubt
 from core.progress import Progress, Silent, tracked
@@ -131,7 +132,8 @@ def _measured(
         for (first, second), found in verified.items()
     }
     reductions = {name: found.reduction for name, found in features.items()}
-    measured = measure_ties(block, ties, pairs, reductions, options.measurement, progress)
+    given = GivenTies(block, ties, pairs, reductions)
+    measured = measure_ties(given, options.measurement, progress)
     enough = np.bincount(ties.point[measured.good], minlength=ties.count) >= 2
     ties = with_rays(measured.ties, measured.good)
     kept = thin_ties(block, ties, options.thinning, reserve=measured.coarse[enough])

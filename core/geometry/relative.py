@@ -41,6 +41,18 @@ class RelativeOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RayPairs:
+    """Rays of two photos to the same points, row by row."""
+
+    first: Rays
+    """Rays of the first photo, in its image space."""
+    second: Rays
+    """Rays of the second photo, in its image space."""
+    pixel_angles: tuple[float, float]
+    """Size of a pixel over the principal distance, first and second photo."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RelativeOrientation:
     """The second photo of a pair in the image space of the first, base of unit length."""
 
@@ -84,29 +96,16 @@ def relative_from_exteriors(
     return RelativeOrientation(unit, turn @ second.object_from_image)
 
 
-def parallax(
-    first: Rays, second: Rays, orientation: RelativeOrientation, pixel_angles: tuple[float, float]
-) -> Scalars:
+def parallax(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
     """y-parallax of matches in pixels: coplanarity over its own gradient (Sampson's distance).
 
-    Args:
-        first: Rays of the first photo.
-        second: Rays of the second photo, row by row.
-        orientation: Relative orientation of the pair.
-        pixel_angles: Size of a pixel over the principal distance, first and second photo.
-
-    Returns:
-        One signed parallax per match; its deviation is 1 when every coordinate's is 1 px.
+    It is signed; its deviation is 1 when that of every coordinate is 1 px.
     """
-    return _coplanarity(first, second, orientation) / _gradient(
-        first, second, orientation, pixel_angles
-    )
+    return _coplanarity(rays, orientation) / _gradient(rays, orientation)
 
 
 def orient_relative(
-    first: Rays,
-    second: Rays,
-    pixel_angles: tuple[float, float],
+    rays: RayPairs,
     window_px: tuple[float, float],
     approximate: RelativeOrientation,
     options: RelativeOptions,
@@ -119,46 +118,44 @@ def orient_relative(
     orientations; each is adjusted robustly and the one with the best truncated cost wins.
 
     Args:
-        first: Rays of the first photo.
-        second: Rays of the second photo.
-        pixel_angles: Size of a pixel over the principal distance, both photos.
+        rays: Rays of matches, of which many may be wrong.
         window_px: Sides of the area of the second photo where matches were looked for.
         approximate: What the approximate exterior orientations imply.
         options: Tolerances.
         rng: Seeds the random search.
     """
-    if len(first) < options.min_inliers:
-        return Failure(f"Only {len(first)} matches.", {"matches": len(first)})
-    starts = [approximate, *_sampled(first, second, pixel_angles, options, rng)]
+    count = len(rays.first)
+    if count < options.min_inliers:
+        return Failure(f"Only {count} matches.", {"matches": count})
+    starts = [approximate, *_sampled(rays, options, rng)]
     best, best_cost = approximate, np.inf
     for start in starts:
-        found = adjust_relative(first, second, pixel_angles, start, options.tolerance_px)
-        residual = parallax(first, second, found, pixel_angles)
+        found = adjust_relative(rays, start, options.tolerance_px)
+        residual = parallax(rays, found)
         # Flat ground allows a second orientation, which sees half of it behind the photos.
-        residual[~in_front(first, second, found)] = np.inf
+        residual[~in_front(rays, found)] = np.inf
         cost = float(np.minimum(residual**2, options.tolerance_px**2).sum())
         if cost < best_cost:
             best, best_cost = found, cost
-    return _judged(first, second, pixel_angles, window_px, best, options)
+    return _judged(rays, window_px, best, options)
 
 
 def _judged(
-    first: Rays,
-    second: Rays,
-    pixel_angles: tuple[float, float],
+    rays: RayPairs,
     window_px: tuple[float, float],
     orientation: RelativeOrientation,
     options: RelativeOptions,
 ) -> OrientedPair | Failure:
     """Accept the orientation only if the agreement could not be chance."""
-    residual = parallax(first, second, orientation, pixel_angles)
-    agrees = (np.abs(residual) <= options.tolerance_px) & in_front(first, second, orientation)
+    residual = parallax(rays, orientation)
+    agrees = (np.abs(residual) <= options.tolerance_px) & in_front(rays, orientation)
     count = int(agrees.sum())
-    nfa = log10_false_alarms(len(first), count, options.tolerance_px, window_px)
-    evidence = {"matches": len(first), "agreeing": count, "log10_nfa": nfa}
+    total = len(rays.first)
+    nfa = log10_false_alarms(total, count, options.tolerance_px, window_px)
+    evidence = {"matches": total, "agreeing": count, "log10_nfa": nfa}
     if count < options.min_inliers or nfa > options.max_log10_nfa:
         return Failure(
-            f"Only {count} of {len(first)} matches agree with one relative orientation.", evidence
+            f"Only {count} of {total} matches agree with one relative orientation.", evidence
         )
     return OrientedPair(orientation, agrees, residual, nfa)
 
@@ -185,17 +182,15 @@ def log10_false_alarms(
     )
 
 
-def in_front(first: Rays, second: Rays, orientation: RelativeOrientation) -> Flags:
+def in_front(rays: RayPairs, orientation: RelativeOrientation) -> Flags:
     """True where the rays meet on the ground side of both photos (parallel rays count too)."""
-    along_first, along_second = model_depths(first, second, orientation)
+    along_first, along_second = model_depths(rays, orientation)
     return (along_first > 0) & (along_second > 0)
 
 
-def model_depths(
-    first: Rays, second: Rays, orientation: RelativeOrientation
-) -> tuple[Scalars, Scalars]:
+def model_depths(rays: RayPairs, orientation: RelativeOrientation) -> tuple[Scalars, Scalars]:
     """Depth of each point below both photos, in units of the base, where its rays are nearest."""
-    turned = second @ orientation.rotation.T
+    first, turned = rays.first, rays.second @ orientation.rotation.T
     uu, vv = np.sum(first * first, axis=1), np.sum(turned * turned, axis=1)
     uv = np.sum(first * turned, axis=1)
     ub, vb = first @ orientation.base, turned @ orientation.base
@@ -203,41 +198,35 @@ def model_depths(
     return (vv * ub - uv * vb) / determinant, (uv * ub - uu * vb) / determinant
 
 
-def _coplanarity(first: Rays, second: Rays, orientation: RelativeOrientation) -> Scalars:
+def _coplanarity(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
     """The product u . (b x R v) of every match."""
-    turned = second @ orientation.rotation.T
-    return np.sum(np.cross(turned, first) * orientation.base, axis=1)
+    turned = rays.second @ orientation.rotation.T
+    return np.sum(np.cross(turned, rays.first) * orientation.base, axis=1)
 
 
-def _gradient(
-    first: Rays, second: Rays, orientation: RelativeOrientation, pixel_angles: tuple[float, float]
-) -> Scalars:
+def _gradient(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
     """Standard deviation of the coplanarity when every coordinate's is one pixel."""
     essential = _skew(orientation.base) @ orientation.rotation
-    by_first = (second @ essential.T)[:, :2] * pixel_angles[0]
-    by_second = (first @ essential)[:, :2] * pixel_angles[1]
+    by_first = (rays.second @ essential.T)[:, :2] * rays.pixel_angles[0]
+    by_second = (rays.first @ essential)[:, :2] * rays.pixel_angles[1]
     squared = np.sum(by_first**2, axis=1) + np.sum(by_second**2, axis=1)
     return np.sqrt(np.maximum(squared, 1e-24))
 
 
 def adjust_relative(
-    first: Rays,
-    second: Rays,
-    pixel_angles: tuple[float, float],
-    start: RelativeOrientation,
-    tolerance_px: float,
+    rays: RayPairs, start: RelativeOrientation, tolerance_px: float
 ) -> RelativeOrientation:
     """Least squares on the y-parallaxes, with weights that shrink from coarse to the tolerance.
 
     Gauss-Newton with Geman-McClure's weights: matches far beyond the tolerance do not count.
     """
     orientation = start
-    residual = parallax(first, second, orientation, pixel_angles)
+    residual = parallax(rays, orientation)
     scale = max(tolerance_px, float(np.median(np.abs(residual))))
     for _ in range(30):
         weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
-        orientation, step = _step(first, second, pixel_angles, orientation, weights)
-        residual = parallax(first, second, orientation, pixel_angles)
+        orientation, step = _step(rays, orientation, weights)
+        residual = parallax(rays, orientation)
         if scale <= tolerance_px / 2 and step < 1e-9:
             break
         scale = max(tolerance_px / 2, scale / 2)
@@ -245,19 +234,15 @@ def adjust_relative(
 
 
 def _step(
-    first: Rays,
-    second: Rays,
-    pixel_angles: tuple[float, float],
-    orientation: RelativeOrientation,
-    weights: Scalars,
+    rays: RayPairs, orientation: RelativeOrientation, weights: Scalars
 ) -> tuple[RelativeOrientation, float]:
     """One step in the three rotations and the two directions of the base."""
-    gradient = _gradient(first, second, orientation, pixel_angles)
-    turned = second @ orientation.rotation.T
-    by_base = np.cross(turned, first) @ _tangents(orientation.base)
-    by_angles = np.cross(second, np.cross(first, orientation.base) @ orientation.rotation)
+    gradient = _gradient(rays, orientation)
+    turned = rays.second @ orientation.rotation.T
+    by_base = np.cross(turned, rays.first) @ _tangents(orientation.base)
+    by_angles = np.cross(rays.second, np.cross(rays.first, orientation.base) @ orientation.rotation)
     design = np.hstack([by_angles, by_base]) / gradient[:, None]
-    misclosure = _coplanarity(first, second, orientation) / gradient
+    misclosure = _coplanarity(rays, orientation) / gradient
     normal = design.T @ (design * weights[:, None])
     # A whisper of damping: flat ground leaves one direction all but undetermined.
     normal += np.eye(5) * 1e-9 * max(float(np.trace(normal)), 1e-30)
@@ -270,16 +255,12 @@ def _step(
 
 
 def _sampled(
-    first: Rays,
-    second: Rays,
-    pixel_angles: tuple[float, float],
-    options: RelativeOptions,
-    rng: np.random.Generator,
+    rays: RayPairs, options: RelativeOptions, rng: np.random.Generator
 ) -> list[RelativeOrientation]:
     """Orientations from random samples of five matches, and from a projectivity of four."""
-    ours = np.ascontiguousarray((first @ OPENCV_FROM_IMAGE)[:, :2])
-    theirs = np.ascontiguousarray((second @ OPENCV_FROM_IMAGE)[:, :2])
-    scale = float(np.hypot(*pixel_angles)) * options.tolerance_px
+    ours = np.ascontiguousarray((rays.first @ OPENCV_FROM_IMAGE)[:, :2])
+    theirs = np.ascontiguousarray((rays.second @ OPENCV_FROM_IMAGE)[:, :2])
+    scale = float(np.hypot(*rays.pixel_angles)) * options.tolerance_px
     params = cv2.UsacParams()
     params.confidence, params.maxIterations = options.confidence, options.max_samples
     params.threshold, params.randomGeneratorState = scale, int(rng.integers(1, 2**31 - 1))
@@ -289,11 +270,11 @@ def _sampled(
     eye, none = np.eye(3), np.zeros(5)
     essential, _ = cv2.findEssentialMat(ours, theirs, eye, eye, none, none, params)
     if np.shape(essential) == (3, 3):
-        found += _decomposed(np.asarray(essential, dtype=np.float64), first, second)
+        found += _decomposed(np.asarray(essential, dtype=np.float64), rays)
     # A flat scene allows four times the scatter about its plane.
     plane, _ = cv2.findHomography(ours, theirs, params=_with_threshold(params, 4 * scale))
     if np.shape(plane) == (3, 3):
-        found += _from_plane(np.asarray(plane, dtype=np.float64), first, second)
+        found += _from_plane(np.asarray(plane, dtype=np.float64), rays)
     return found
 
 
@@ -303,7 +284,7 @@ def _with_threshold(params: cv2.UsacParams, threshold: float) -> cv2.UsacParams:
     return params
 
 
-def _decomposed(essential: Rotation, first: Rays, second: Rays) -> list[RelativeOrientation]:
+def _decomposed(essential: Rotation, rays: RayPairs) -> list[RelativeOrientation]:
     """The one of four orientations of an essential matrix that has most points in front."""
     ours = (OPENCV_FROM_IMAGE @ essential @ OPENCV_FROM_IMAGE).T
     left, _, right = np.linalg.svd(ours)
@@ -313,10 +294,10 @@ def _decomposed(essential: Rotation, first: Rays, second: Rays) -> list[Relative
         rotation = left @ turn @ right
         rotation = rotation * np.sign(np.linalg.det(rotation))
         choices += [RelativeOrientation(sign * left[:, 2], rotation) for sign in (1.0, -1.0)]
-    return [max(choices, key=lambda choice: int(in_front(first, second, choice).sum()))]
+    return [max(choices, key=lambda choice: int(in_front(rays, choice).sum()))]
 
 
-def _from_plane(plane: Rotation, first: Rays, second: Rays) -> list[RelativeOrientation]:
+def _from_plane(plane: Rotation, rays: RayPairs) -> list[RelativeOrientation]:
     """Orientations of a projectivity (second from first, OpenCV's axes) with points in front."""
     _, rotations, bases, _ = cv2.decomposeHomographyMat(plane, np.eye(3))
     choices: list[RelativeOrientation] = []
@@ -327,8 +308,8 @@ def _from_plane(plane: Rotation, first: Rays, second: Rays) -> list[RelativeOrie
         length = float(np.linalg.norm(base))
         if length > 0:
             choices.append(RelativeOrientation(base / length, rotation))
-    half = len(first) // 4
-    return [choice for choice in choices if int(in_front(first, second, choice).sum()) > half]
+    enough = len(rays.first) // 4
+    return [choice for choice in choices if int(in_front(rays, choice).sum()) > enough]
 
 
 def _skew(vector: Position) -> Rotation:

@@ -1,5 +1,6 @@
 """Relative orientation: parallaxes, robust search, and what chance cannot do."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.relative import (
     OrientedPair,
+    RayPairs,
     RelativeOptions,
     log10_false_alarms,
     orient_relative,
@@ -23,6 +25,7 @@ ROUGH = relative_from_exteriors(
     ExteriorOrientation(np.array([100.0, -80.0, 2000.0]), 0.0, 0.0, 0.12),
     ExteriorOrientation(np.array([850.0, 100.0, 2000.0]), 0.0, 0.0, 3.18),
 )
+TRUE = relative_from_exteriors(FIRST, SECOND)
 
 
 def rays_to(exterior: ExteriorOrientation, ground: np.ndarray) -> np.ndarray:
@@ -30,23 +33,25 @@ def rays_to(exterior: ExteriorOrientation, ground: np.ndarray) -> np.ndarray:
     return image / -image[:, 2:]
 
 
-def scene(rng, count=300, relief_m=60.0, noise_px=0.0):
+def scene(rng, count=300, relief_m=60.0, noise_px=0.0) -> RayPairs:
     ground = rng.uniform([0, -700, -relief_m], [900, 700, relief_m + 1e-9], (count, 3))
     rays = [rays_to(exterior, ground) for exterior in (FIRST, SECOND)]
     for one in rays:
         one[:, :2] += rng.normal(0, noise_px * PIXEL, (count, 2))
-    return rays
+    return RayPairs(*rays, (PIXEL, PIXEL))
+
+
+def found_in(rays: RayPairs, rng, start=ROUGH):
+    return orient_relative(rays, (5000.0, 5000.0), start, RelativeOptions(), rng)
 
 
 def test_rays_of_one_point_have_no_parallax__truth():
-    first, second = scene(np.random.default_rng(1))
-    orientation = relative_from_exteriors(FIRST, SECOND)
-    assert np.abs(parallax(first, second, orientation, (PIXEL, PIXEL))).max() < 1e-8
+    residual = parallax(scene(np.random.default_rng(1)), TRUE)
+    assert np.abs(residual).max() < 1e-8
 
 
 def test_parallax_is_scaled_to_the_noise_of_a_coordinate__truth():
-    first, second = scene(np.random.default_rng(2), count=20_000, noise_px=0.7)
-    residual = parallax(first, second, relative_from_exteriors(FIRST, SECOND), (PIXEL, PIXEL))
+    residual = parallax(scene(np.random.default_rng(2), count=20_000, noise_px=0.7), TRUE)
     assert np.std(residual) == pytest.approx(0.7, rel=0.02)
 
 
@@ -54,58 +59,41 @@ def test_parallax_is_scaled_to_the_noise_of_a_coordinate__truth():
 @pytest.mark.parametrize("wrong_share", [0.1, 0.5])
 def test_orientation_is_found_among_wrong_matches__truth(relief_m, wrong_share):
     rng = np.random.default_rng(3)
-    first, second = scene(rng, relief_m=relief_m, noise_px=0.4)
-    wrong = rng.random(len(first)) < wrong_share
-    second[wrong, :2] = rng.uniform(second[:, :2].min(0), second[:, :2].max(0), (wrong.sum(), 2))
-    found = orient_relative(
-        first, second, (PIXEL, PIXEL), (5000.0, 5000.0), ROUGH, RelativeOptions(), rng
-    )
+    rays = scene(rng, relief_m=relief_m, noise_px=0.4)
+    wrong = rng.random(len(rays.first)) < wrong_share
+    low, high = rays.second[:, :2].min(axis=0), rays.second[:, :2].max(axis=0)
+    rays.second[wrong, :2] = rng.uniform(low, high, (wrong.sum(), 2))
+    found = found_in(rays, rng)
     assert isinstance(found, OrientedPair)
     assert (found.agrees & ~wrong).sum() >= 0.97 * (~wrong).sum()
     assert (found.agrees & wrong).sum() <= 0.02 * max(wrong.sum(), 50)
-    clean = parallax(*scene(rng, relief_m=relief_m), found.orientation, (PIXEL, PIXEL))
+    clean = parallax(scene(rng, relief_m=relief_m), found.orientation)
     assert np.sqrt(np.mean(clean**2)) < 0.3
 
 
 def test_orientation_is_found_without_a_usable_approximation__truth():
     rng = np.random.default_rng(4)
-    first, second = scene(rng, noise_px=0.4)
-    turned = relative_from_exteriors(
-        FIRST, ExteriorOrientation(np.array([0.0, 900.0, 2000.0]), 0.0, 0.0, 0.0)
-    )
-    found = orient_relative(
-        first, second, (PIXEL, PIXEL), (5000.0, 5000.0), turned, RelativeOptions(), rng
-    )
+    elsewhere = ExteriorOrientation(np.array([0.0, 900.0, 2000.0]), 0.0, 0.0, 0.0)
+    found = found_in(scene(rng, noise_px=0.4), rng, relative_from_exteriors(FIRST, elsewhere))
     assert isinstance(found, OrientedPair)
     assert found.agrees.mean() > 0.97
-    true = relative_from_exteriors(FIRST, SECOND)
-    assert np.allclose(found.orientation.rotation, true.rotation, atol=2e-3)
-    assert np.allclose(found.orientation.base, true.base, atol=5e-3)
+    assert np.allclose(found.orientation.rotation, TRUE.rotation, atol=2e-3)
+    assert np.allclose(found.orientation.base, TRUE.base, atol=5e-3)
 
 
 def test_matches_by_chance_are_refused__truth():
-    refused = 0
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        first, second = scene(rng, count=200)
-        second = second[rng.permutation(len(second))]
-        found = orient_relative(
-            first, second, (PIXEL, PIXEL), (5000.0, 5000.0), ROUGH, RelativeOptions(), rng
-        )
-        refused += isinstance(found, Failure)
-    assert refused == 10
+        rays = scene(rng, count=200)
+        shuffled = replace(rays, second=rays.second[rng.permutation(200)])
+        assert isinstance(found_in(shuffled, rng), Failure)
 
 
 def test_same_seed_same_orientation__law():
     found = []
     for _ in range(2):
         rng = np.random.default_rng(5)
-        first, second = scene(rng, noise_px=0.5)
-        found.append(
-            orient_relative(
-                first, second, (PIXEL, PIXEL), (5e3, 5e3), ROUGH, RelativeOptions(), rng
-            )
-        )
+        found.append(found_in(scene(rng, noise_px=0.5), rng))
     assert np.array_equal(found[0].parallax_px, found[1].parallax_px)
 
 
