@@ -30,8 +30,6 @@ LIFT = 0.006
 class Stage:
     """What does not change while the desk is open."""
 
-    terrain: bytes
-    """The drape as GLB."""
     extent_m: float
     """Longer side of the block on the ground, metres."""
     middle: Position
@@ -62,14 +60,17 @@ class BlockView:
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._labels: dict[str, viser.LabelHandle] = {}
         self._sent: dict[str, object] = {}
-        self._terrain = self._scene.add_glb(names.TERRAIN, stage.terrain, cast_shadow=False)
+        self._terrain: viser.GlbHandle | None = None
+        self._terrain_shown = True
         self._build(picture)
         self.fit(None)
 
     def show(self, picture: ScenePicture, options: SceneOptions, pointed: Pointed | None) -> None:
         """Bring the scene up to date with a picture and a seat's switches."""
         hidden = options.hidden
-        self._terrain.visible = "terrain" not in hidden
+        self._terrain_shown = "terrain" not in hidden
+        if self._terrain is not None:
+            self._terrain.visible = self._terrain_shown
         for frustum in picture.frustums:
             self._show_frustum(frustum, picture.depth_m, "photos" not in hidden)
         for state, points in picture.points.items():
@@ -80,6 +81,12 @@ class BlockView:
         self._show_vectors(picture, options)
         self._show_labels(picture.labels, "labels" not in hidden)
         self._show_current(pointed)
+
+    def drape(self, terrain: bytes) -> None:
+        """Lay the terrain, a GLB, under everything."""
+        self._terrain = self._scene.add_glb(
+            names.TERRAIN, terrain, cast_shadow=False, visible=self._terrain_shown
+        )
 
     def picture(self, photo_id: str, thumbnail: Colour) -> None:
         """Put a photo's small picture, in the film frame, into its frustum."""

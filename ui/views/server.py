@@ -56,6 +56,7 @@ class SceneServer:
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
         self._wanted: dict[str, Shown] = {}
+        self._terrain = b""
         self._pictures: dict[str, Colour] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
         # Viser prints an address that nobody can open; ours is printed by the caller.
@@ -80,6 +81,10 @@ class SceneServer:
         """Bring every scene of a seat up to date, in the scene thread."""
         self._wanted[seat_id] = shown
         self._thread.submit(self._told, self._show, seat_id)
+
+    def drape(self, terrain: bytes) -> None:
+        """Lay the terrain, a GLB, under every scene, those opened later included."""
+        self._thread.submit(self._told, self._drape, terrain)
 
     def picture(self, photo_id: str, thumbnail: Colour) -> None:
         """Show a photo's small picture in every scene, those opened later included."""
@@ -141,10 +146,17 @@ class SceneServer:
             view = self._views.get(client_id)
             if view is None:
                 view = self._views[client_id] = BlockView(client, self._stage, shown.picture)
+                if self._terrain:
+                    view.drape(self._terrain)
                 for photo_id, thumbnail in self._pictures.items():
                     view.picture(photo_id, thumbnail)
             with client.atomic():
                 view.show(shown.picture, shown.options, shown.pointed)
+
+    def _drape(self, terrain: bytes) -> None:
+        self._terrain = terrain
+        for view in list(self._views.values()):
+            view.drape(terrain)
 
     def _picture(self, photo_id: str, thumbnail: Colour) -> None:
         self._pictures[photo_id] = thumbnail
