@@ -25,6 +25,6 @@ class Silent:
 def tracked(items: Iterable[T], total: int, progress: Progress, what: str = "") -> Iterator[T]:
     """Yield the items, reporting before each one and once at the end."""
     for done, item in enumerate(items):
-        progress.report(done, total, what)
+        progress.report(float(done), float(total), what)
         yield item
-    progress.report(total, total, what)
+    progress.report(float(total), float(total), what)

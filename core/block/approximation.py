@@ -46,7 +46,8 @@ class PriorOptions:
     tilt_deg: float = 3.0
     """omega and phi, degrees."""
     world_file_m: float = 100.0
-    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off."""
+    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off. That of a
+    tilted photo's perspective centre is less sure, by the height times its tilt."""
     world_file_kappa_deg: float = 5.0
     """kappa from a world file, degrees."""
     height_share: float = 0.04

@@ -76,6 +76,11 @@ class VerifiedMatches:
     pair: OrientedPair
     """The relative orientation and its evidence, over all candidate matches."""
 
+    @property
+    def parallax_rms_px(self) -> float:
+        """Root mean square of the y-parallaxes."""
+        return float(np.sqrt(np.mean(self.parallax_px**2)))
+
     def in_whole(self, first: np.ndarray, second: np.ndarray) -> "VerifiedMatches":
         """The same when the features were only the given ones of a whole scan."""
         found = self.matches

@@ -47,8 +47,6 @@ class MatchingOptions:
     """Smallest half-width of the search."""
     max_search_px: int = 120
     """Largest half-width of the search."""
-    min_z: float = 3.0
-    """A peak less clear than this above its surface is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,8 +206,7 @@ def merged(surfaces: dict[str, Image], options: MatchingOptions) -> list[tuple[s
     every: list[tuple[str, SurfacePeak]] = []
     for operator, surface in surfaces.items():
         for peak in detect_peaks(surface, options.peaks, separation_px=4):
-            if peak.z >= options.min_z:
-                every.append((operator, peak))
+            every.append((operator, peak))
     every.sort(key=lambda named: -named[1].z)
     kept: list[tuple[str, SurfacePeak]] = []
     for operator, peak in every:

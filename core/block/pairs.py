@@ -33,10 +33,10 @@ class CandidatePair:
     """The other photo."""
     overlap: float
     """Expected common share of the smaller footprint, 0 to 1, without any growth."""
-    first_region: Polygon
-    """Where the second photo may be seen on the ground of the first one, metres."""
-    second_region: Polygon
-    """Where the first photo may be seen on the ground of the second one, metres."""
+    first_region: Polygon | None
+    """Where the second photo may be seen on the ground of the first one, metres; None: anywhere."""
+    second_region: Polygon | None
+    """Where the first photo may be seen on the ground of the second one, metres; None: anywhere."""
 
 
 def footprint(photo: Photo, camera: Camera) -> Polygon:

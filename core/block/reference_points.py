@@ -15,7 +15,7 @@ from core.reference.salient import SalientOptions, SalientPoint, find_salient_po
 
 TEMPLATE_PX = 61
 """Template over which a salient point must be told from its surroundings, pixels."""
-CELLS_ACROSS = 14
+CELLS_ACROSS = 12
 """Cells along the shorter side of a photo in which points are wanted."""
 
 
@@ -54,6 +54,7 @@ def gather_reference_points(
     options = SalientOptions(
         ground_sample_distance_m=gsd,
         template_px=TEMPLATE_PX,
+        per_cell=1,
         ortho_sigma_m=reference.ortho_sigma_m,
         dem_sigma_m=reference.dem_sigma_m,
     )

@@ -4,7 +4,7 @@ The patch about one ray is fixed; every other ray's patch is bent by an affinity
 like it (gain and offset of the grey values eliminated). All pixels here are scan pixels.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -39,13 +39,23 @@ class RefinementOptions:
     """A ray whose patch is less alike is not taken."""
     max_sigma_px: float = 0.5
     """A ray with a greater formal deviation in any direction is not taken."""
-    batch: int = 256
-    """Patches at work at the same time."""
+    batch_px: int = 160_000
+    """Pixels of patches at work at the same time."""
 
     @property
     def searched_radius_px(self) -> int:
         """Radius of the patches that are searched: room to turn, to stretch and to move."""
         return int(np.ceil(1.6 * self.radius_px)) + 6
+
+    def at_reduction(self, reduction: int) -> "RefinementOptions":
+        """The same for features that come from a reduced scan.
+
+        A place is known to a part of a reduced pixel: where that is many scan pixels, as in fine
+        scans of film, the patch must be larger, and smoother than the grain.
+        """
+        grown = max(1.0, reduction / 2.0)
+        radius = int(min(round(self.radius_px * grown), 2 * self.radius_px))
+        return replace(self, radius_px=radius, smooth_px=self.smooth_px * grown)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,11 +151,10 @@ def refine_rays(
     Returns:
         Places as offsets (column, row) from the middle of the searched patch.
     """
+    batch = max(1, options.batch_px // fixed[0].size) if len(fixed) else 1
     parts = [
         _refine_batch(fixed[rows], searched[rows], start[rows], max_shift_px, options)
-        for rows in (
-            slice(first, first + options.batch) for first in range(0, len(fixed), options.batch)
-        )
+        for rows in (slice(first, first + batch) for first in range(0, len(fixed), batch))
     ]
     return FineMatches(
         np.vstack([np.zeros((0, 2)), *(part.pixels for part in parts)]),

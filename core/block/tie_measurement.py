@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool
 
 from core.arrays import Flags, Indices, PixelPoints, Scalars
 from core.block.block import Block, TiePoints
 from core.block.chains import PairKey, common_rays, pair_parallax
 from core.block.matches import pixel_angle, rays_of
 from core.block.refinement import (
-    Patches,
     RefinementOptions,
     local_affinities,
     patch_centres,
@@ -24,6 +24,8 @@ from core.scan.raster import open_scan
 
 ROBUST = 1.4826
 """Standard deviation over median deviation, normal distribution."""
+TRIMMED = 0.7588
+"""Mean square of the smaller 95 % of a normal distribution, over its variance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +38,8 @@ class PairGeometry:
     """All matches of the pair, scan pixels of the first photo."""
     second: PixelPoints
     """The same in the second photo."""
+    parallax_rms_px: float
+    """RMS y-parallax of these matches, scan pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +52,20 @@ class MeasurementOptions:
     """A ray goes when its y-parallax exceeds this many of its own standard deviations ..."""
     max_parallax_px: float = 2.0
     """... or this many pixels of the reduced scan."""
-    floor_px: float = 0.02
+    floor_px: float = 0.005
     """No ray is believed better than this, scan pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredTies:
+    """Tie points after fine measurement."""
+
+    ties: TiePoints
+    """All rays, with new pixels and standard deviations."""
+    good: Bool[np.ndarray, "rays"]
+    """Rays that may stay."""
+    coarse: Bool[np.ndarray, "points"]
+    """Points whose fine measurement failed: they rest on their features alone."""
 
 
 @dataclass(slots=True)
@@ -70,31 +86,33 @@ def measure_ties(
     reductions: Mapping[str, int],
     options: MeasurementOptions,
     progress: Progress,
-) -> tuple[TiePoints, Flags, Flags]:
+) -> MeasuredTies:
     """Measure every ray finely and say how well.
 
-    In each point one ray is fixed and the others are matched to it. A match's variance is
-    a multiple of the formal one plus a constant; both are found from the y-parallaxes of all
-    pairs, so that lens and film errors that no stage has modelled yet are in the figure too. It is
-    shared equally between the two rays of the match.
-
-    Returns:
-        The rays with new pixels and standard deviations; a flag for each that may stay; and a
-        flag for each point whose matching failed, so that it rests on its features alone.
+    In each point one ray is fixed and the others are matched to it. A match's variance is a
+    power of the formal one times a factor; both are found from the y-parallaxes of all pairs, so
+    that lens and film errors that no stage has modelled yet are in the figure too. It is shared
+    equally between the two rays of the match.
     """
-    fine = _match_to_fixed(block, ties, pairs, reductions, options.refinement, progress)
+    refinement = options.refinement.at_reduction(max(reductions.values(), default=1))
+    fine = _match_to_fixed(block, ties, pairs, reductions, refinement, progress)
     measured = replace(ties, pixels=fine.pixels)
     orientations = {
         pair: _adjusted(block, measured, pair, known.orientation, fine)
         for pair, known in pairs.items()
     }
     squares, formal, coarse = _observed_variances(block, measured, orientations, fine)
-    sigma = _sigmas(ties, fine, _variance_law(squares, formal, options), coarse)
+    if not np.isfinite(coarse):
+        # Places that could not be measured finely are worse than features commonly are.
+        coarse = 2.0 * float(
+            np.median([known.parallax_rms_px for known in pairs.values()] or [0.5])
+        )
+    sigma = _sigmas(ties, fine, _variance_law(squares, formal), coarse, options)
     measured = replace(measured, sigma_px=sigma)
     failed = np.bincount(ties.point[fine.fixed >= 0], minlength=ties.count) < 2
     # Where matching worked for some rays of a point, those it failed for are not worth keeping.
     good = _bearable(block, measured, orientations, reductions, fine, options)
-    return measured, good & ((fine.fixed >= 0) | failed[ties.point]), failed
+    return MeasuredTies(measured, good & ((fine.fixed >= 0) | failed[ties.point]), failed)
 
 
 def _match_to_fixed(
@@ -113,14 +131,16 @@ def _match_to_fixed(
     work = _work(ties, fixed, pairs)
     cut: dict[int, np.ndarray] = {}
     for done, (photo, other, ours, theirs) in enumerate(work):
-        progress.report(done, len(work), f"measuring tie points of {ties.photo_ids[photo]}")
+        progress.report(
+            float(done), float(len(work)), f"measuring tie points of {ties.photo_ids[photo]}"
+        )
         for number in (photo, other):
             if number not in cut:
                 cut[number] = _cut(block, ties, number, options)
         _match_group(ties, fine, (ours, theirs), (photo, other), cut, pairs, reductions, options)
         needed = {number for entry in work[done + 1 :] for number in entry[:2]}
         cut = {number: patches for number, patches in cut.items() if number in needed}
-    progress.report(len(work), len(work), "measuring tie points")
+    progress.report(float(len(work)), float(len(work)), "measuring tie points")
     return fine
 
 
@@ -147,11 +167,11 @@ def _fixed_rays(block: Block, ties: TiePoints, pairs: Mapping[PairKey, PairGeome
 
 def _work(
     ties: TiePoints, fixed: Indices, pairs: Mapping[PairKey, PairGeometry]
-) -> list[tuple[int, int, Indices, Indices]]:
+) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
     """Photo of the fixed rays, photo of the others, and their rays, for each ordered pair."""
     is_fixed = np.zeros(len(ties.point), dtype=np.bool_)
     is_fixed[fixed] = True
-    found: list[tuple[int, int, Indices, Indices]] = []
+    found: list[tuple[int, int, np.ndarray, np.ndarray]] = []
     for first, second in sorted(pairs):
         numbers = ties.photo_ids.index(first), ties.photo_ids.index(second)
         ours, theirs = common_rays(ties, *numbers)
@@ -165,10 +185,11 @@ def _work(
     return sorted(found, key=lambda entry: entry[:2])
 
 
-def _cut(block: Block, ties: TiePoints, number: int, options: RefinementOptions) -> Patches:
-    """The patches about all rays of one photo, in the order of the rays."""
+def _cut(block: Block, ties: TiePoints, number: int, options: RefinementOptions) -> np.ndarray:
+    """The patches about all rays of one photo, in the order of the rays, as small as the scan's."""
     scan = open_scan(Path(block.photos[ties.photo_ids[number]].scan))
-    return read_patches(scan, ties.pixels[ties.photo == number], options.searched_radius_px)
+    patches = read_patches(scan, ties.pixels[ties.photo == number], options.searched_radius_px)
+    return np.rint(patches).astype(scan.dtype)
 
 
 def _match_group(
@@ -189,11 +210,12 @@ def _match_group(
     moved = fine.pixels[ours] - ties.pixels[ours]
     middle = patch_centres(ties.pixels[theirs])
     offset = ties.pixels[theirs] - middle + (linear @ moved[:, :, None])[:, :, 0]
-    fixed_patches = cut[photos[0]][_place(ties, photos[0], ours)]
+    fixed = cut[photos[0]][_place(ties, photos[0], ours)].astype(np.float32)
+    searched = cut[photos[1]][_place(ties, photos[1], theirs)].astype(np.float32)
     margin = options.searched_radius_px - options.radius_px
     found = refine_rays(
-        fixed_patches[:, margin:-margin, margin:-margin],
-        cut[photos[1]][_place(ties, photos[1], theirs)],
+        fixed[:, margin:-margin, margin:-margin],
+        searched,
         np.concatenate([linear, offset[:, :, None]], axis=2),
         options.max_shift * max(reductions[here], reductions[there]),
         options,
@@ -269,32 +291,41 @@ def _observed_variances(
     return np.concatenate(squares), np.concatenate(formal), sigma
 
 
-def _variance_law(
-    squares: Scalars, formal: Scalars, options: MeasurementOptions
-) -> tuple[float, float]:
-    """Factor and constant of variance = factor * formal + constant, from medians of ten classes."""
-    floor = 2 * options.floor_px**2
-    if len(squares) < 60:
-        typical = float(np.median(squares)) * ROBUST**2 if len(squares) else 0.0
-        ratio = typical / max(float(np.median(formal)), 1e-12) if len(squares) else 1.0
-        return max(1.0, ratio), floor
-    classes = np.array_split(np.argsort(formal, kind="stable"), 10)
-    seen = np.array([np.median(squares[members]) * ROBUST**2 for members in classes])
-    given = np.array([np.mean(formal[members]) for members in classes])
-    design = np.column_stack([given, np.ones(10)]) / seen[:, None]
-    factor, constant = np.linalg.lstsq(design, np.ones(10), rcond=None)[0]
-    if factor < 0:
-        return 0.0, float(np.median(seen))
-    if constant < floor:
-        return float(1.0 / np.mean(given / seen)), floor
-    return float(factor), float(constant)
+def _variance_law(squares: Scalars, formal: Scalars) -> tuple[float, float]:
+    """Factor and exponent of variance = factor * formal ** exponent, exponent between 0 and 2.
+
+    Fitted to ten classes; the largest twentieth of each is left out, for it holds wrong matches.
+    """
+    if len(squares) == 0:
+        return 1.0, 1.0
+    classes = np.array_split(np.argsort(formal, kind="stable"), 10 if len(squares) >= 200 else 1)
+    seen = np.log([max(_trimmed_variance(squares[members]), 1e-12) for members in classes])
+    given = np.log([max(float(np.mean(formal[members])), 1e-12) for members in classes])
+    exponent = 1.0
+    if len(classes) > 1:
+        spread = given - given.mean()
+        slope = float(spread @ (seen - seen.mean())) / max(float(spread @ spread), 1e-9)
+        exponent = float(np.clip(slope, 0.0, 2.0))
+    return float(np.exp(seen.mean() - exponent * given.mean())), exponent
 
 
-def _sigmas(ties: TiePoints, fine: _Fine, law: tuple[float, float], coarse: float) -> Scalars:
+def _trimmed_variance(squares: Scalars) -> float:
+    """Mean square without the largest twentieth, set right for what a normal law would lose."""
+    kept = np.sort(squares)[: max(1, int(np.ceil(0.95 * len(squares))))]
+    return float(np.mean(kept)) / TRIMMED
+
+
+def _sigmas(
+    ties: TiePoints,
+    fine: _Fine,
+    law: tuple[float, float],
+    coarse: float,
+    options: MeasurementOptions,
+) -> Scalars:
     """Standard deviation of every ray: half of a match's variance belongs to each of its rays."""
     matched = (fine.fixed >= 0) & (fine.formal > 0)
-    variance = law[0] * fine.formal**2 + law[1]
-    sigma = np.full(len(ties.point), coarse) if np.isfinite(coarse) else ties.sigma_px.copy()
+    variance = np.maximum(law[0] * fine.formal ** (2 * law[1]), 2 * options.floor_px**2)
+    sigma = np.full(len(ties.point), coarse)
     least = np.full(len(ties.point), np.inf)
     np.minimum.at(least, fine.fixed[matched], variance[matched] / 2)
     fixed = np.isfinite(least)

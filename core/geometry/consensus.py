@@ -148,28 +148,41 @@ class Consensus:
             chosen, cost = self.agreeing(self.offset - self.design @ step)
         return cost + float(step @ self.prior_information @ step), step, chosen
 
-    def log10_nfa(self, agreeing: int) -> float:
-        """Number of false alarms of so many agreeing points, as a power of ten."""
+    def log10_nfa(self, chosen: Indices) -> float:
+        """Number of false alarms of the agreeing candidates, as a power of ten.
+
+        Each point counts by its own chance to agree: one whose gate fills its whole search window
+        agrees always and says nothing.
+        """
         area = np.pi * self.limit * self.candidates.sigma_px**2
         share = np.minimum(np.add.reduceat(area * self.candidates.chance, self.first), 1.0)
-        chance = float(np.exp(np.mean(np.log(share))))
-        return log10_false_alarms(len(self.first), agreeing, chance)
+        points = self.candidates.point[self.first]
+        agreeing = np.isin(points, self.candidates.point[chosen])
+        return log10_false_alarms(len(points), np.log(share[agreeing]))
 
 
-def log10_false_alarms(count: int, agreeing: int, chance: float) -> float:
-    """Expected models that this many of `count` points support by chance, log10.
+def log10_false_alarms(count: int, log_chance: Scalars) -> float:
+    """Expected models that these points of `count` support by chance, log10.
 
     log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha, m = 3 points a sample
-    (the a-contrario model of openMVG's robust estimator).
+    (the a-contrario model of openMVG's robust estimator), with the mean log alpha of the points
+    that agree.
+
+    Args:
+        count: N, points that could agree.
+        log_chance: Natural logarithm of the chance to agree of each of the k that do.
     """
 
     def log_choose(n: int, k: int) -> float:
         return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
 
+    agreeing = len(log_chance)
+    if agreeing <= SAMPLE:
+        return float(np.log10(max(count, 1)))
     natural = (
         np.log(max(count - SAMPLE, 1))
         + log_choose(count, agreeing)
         + log_choose(agreeing, SAMPLE)
-        + (agreeing - SAMPLE) * np.log(max(chance, 1e-300))
+        + (agreeing - SAMPLE) * float(np.mean(np.maximum(log_chance, -690.0)))
     )
     return float(natural / np.log(10))

@@ -212,8 +212,11 @@ def infer_crs(points: Num[np.ndarray, "n 2"], block_crs: CRS, where: str | Path)
     if len(finite) and _outside_m(block_crs, finite) == 0 and not _is_degrees(finite):
         return block_crs
     for name, (west, south, east, north) in KNOWN_RANGES:
-        low, high = finite.min(axis=0, initial=np.inf), finite.max(axis=0, initial=-np.inf)
-        if len(finite) and (low >= (west, south)).all() and (high <= (east, north)).all():
+        if not _within(finite, (west, east), (south, north)):
+            continue
+        # The range is that of one country; a block elsewhere has nothing to do with it.
+        moved = _transformer(name, block_crs.to_wkt()).transform(*finite.T, errcheck=False)
+        if _outside_m(block_crs, np.column_stack(moved)) == 0:
             return CRS(name)
     _refuse_krovak_slips(block_crs, finite, where)
     raise CrsError(

@@ -171,7 +171,7 @@ class Search:
         count = len(self.consensus.first)
         if len(chosen) <= SAMPLE:
             return Failure(f"no orientation agrees with more than {len(chosen)} points")
-        nfa = self.consensus.log10_nfa(len(chosen))
+        nfa = self.consensus.log10_nfa(chosen)
         evidence = {"points": count, "agreeing": len(chosen), "log10_nfa": round(nfa, 2)}
         if nfa > self.options.log10_nfa_limit:
             return Failure(

@@ -7,14 +7,13 @@ both neighbours, each pixel once.
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Bool, Float32, Shaped
 from rasterio.enums import Resampling
-from rasterio.errors import RasterioError
 
-from core.errors import ReferenceDataError
-from core.reference.sheets import Lattice, Sheet, open_raster
+from core.reference.sheets import Lattice, Sheet, damage_told, open_raster
 
 Content = Literal["gray", "colour", "heights"]
 RowsColumns = tuple[tuple[int, int], tuple[int, int]]
@@ -103,28 +102,39 @@ def _add_exact(
     right = min(sheet.columns, place.column + place.columns * n)
     bottom = min(sheet.rows, place.row + place.rows * n)
     values, usable = _read_pixels(sheet, (left, top, right - left, bottom - top), content)
-    values *= usable
-    # The first cell touched, and in it the pixel the window begins with.
+    if not usable.all():
+        values *= usable
+    # The first cell touched, and how many of its pixels lie before the sheet.
     first, above = (left - place.column) // n, (top - place.row) // n
-    values = _summed(_summed(values, n, (top - place.row) % n, 1), n, (left - place.column) % n, 2)
-    share = usable[None].astype(np.float32)
-    share = _summed(_summed(share, n, (top - place.row) % n, 1), n, (left - place.column) % n, 2)
-    cells = (slice(above, above + share.shape[1]), slice(first, first + share.shape[2]))
+    skipped = ((top - place.row) % n, (left - place.column) % n)
+    share = _averaged(usable[None].astype(np.float32), n, skipped)[0]
+    cells = (slice(above, above + share.shape[0]), slice(first, first + share.shape[1]))
     # Where sheets overlap the first one stays; where they share a cell they add up to it.
-    room = np.minimum(share[0] / (n * n), 1 - weight[cells])
-    scale = np.divide(room, share[0], out=np.zeros_like(room), where=share[0] > 0)
-    total[(slice(None), *cells)] += values * scale
+    room = np.minimum(share, 1 - weight[cells])
+    scale = np.divide(room, share, out=np.zeros_like(room), where=share > 0)
+    total[(slice(None), *cells)] += _averaged(values, n, skipped) * scale
     weight[cells] += room
 
 
-def _summed(
-    values: Float32[np.ndarray, "bands rows columns"], size: int, skipped: int, axis: int
+def _averaged(
+    values: Float32[np.ndarray, "bands rows columns"], size: int, skipped: tuple[int, int]
 ) -> Float32[np.ndarray, "bands _ _"]:
-    """Sums over runs of `size` along an axis; the first run lacks its first `skipped` members."""
+    """Mean over cells, pixels beyond the values counting as nought.
+
+    Args:
+        values: Pixels.
+        size: Edge of a cell, pixels.
+        skipped: Rows and columns of the first cell that lie before the values.
+    """
     if size == 1:
         return values
-    edges = np.arange(-skipped, values.shape[axis], size).clip(0)
-    return np.add.reduceat(values, edges, axis=axis, dtype=np.float32)
+    rows, columns = values.shape[1:]
+    above, left = skipped
+    below, right = -(rows + above) % size, -(columns + left) % size
+    if above or left or below or right:
+        values = np.pad(values, ((0, 0), (above, below), (left, right)))
+    shape = (values.shape[2] // size, values.shape[1] // size)
+    return np.stack([cv2.resize(band, shape, interpolation=cv2.INTER_AREA) for band in values])
 
 
 def _read_pixels(
@@ -133,7 +143,7 @@ def _read_pixels(
     """A window (column, row, width, height) of a sheet in original pixels, and which are usable."""
     column, row, width, height = box
     window = ((row, row + height), (column, column + width))
-    with open_raster(sheet.path, OVERVIEW_LEVEL="NONE") as raster:
+    with open_raster(sheet.path, OVERVIEW_LEVEL="NONE") as raster, damage_told(sheet.path):
         raw = _read(raster, sheet, window=window)
         usable = np.ones((height, width), dtype=bool)
         if sheet.masked:
@@ -165,7 +175,7 @@ def _add_reduced(
     bottom = min(sheet.rows, place.row + below * n)
     window = ((top, bottom), (left, right))
     shape = (below - above, last - first)
-    with open_raster(sheet.path) as raster:
+    with open_raster(sheet.path) as raster, damage_told(sheet.path):
         raw = _read(raster, sheet, window=window, shape=shape)
         usable = np.isfinite(raw).all(axis=0)
         if sheet.masked:
@@ -205,28 +215,26 @@ def _read(
     window: RowsColumns,
     shape: tuple[int, int] | None = None,
 ) -> Shaped[np.ndarray, "bands rows columns"]:
-    """Read the sheet's bands; damaged data is told with the file's name."""
+    """The sheet's bands in a window, averaged to a shape where one is given."""
     reduced = {} if shape is None else {"resampling": Resampling.average}
     out = None if shape is None else (len(sheet.bands), *shape)
-    try:
-        return raster.read(list(sheet.bands), window=window, out_shape=out, **reduced)
-    except RasterioError as error:
-        raise ReferenceDataError(
-            sheet.path,
-            f"the file is damaged: GDAL cannot read its pixels ({error}).",
-            "Copy it again from its source.",
-        ) from error
+    return raster.read(list(sheet.bands), window=window, out_shape=out, **reduced)
 
 
 def _content(
     raw: Shaped[np.ndarray, "bands rows columns"], sheet: Sheet, content: Content
 ) -> Float32[np.ndarray, "_ rows columns"]:
     """Gray, colour or heights from the bands of a file; unusable numbers become 0."""
-    values = raw.astype(np.float32)
     if raw.dtype.kind == "f":
-        np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    if content == "gray" and len(values) == 3:
-        return np.tensordot(LUMINANCE, values, axes=1)[None]
+        raw = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
+    if content == "gray" and len(raw) == 3:
+        gray = np.multiply(raw[0], LUMINANCE[0], dtype=np.float32)
+        for band, share in zip(raw[1:], LUMINANCE[1:], strict=True):
+            gray += np.multiply(band, share, dtype=np.float32)
+        return gray[None]
+    values = raw.astype(np.float32)
+    if content == "heights":
+        return values * np.float32(sheet.factor) + np.float32(sheet.addend)
     if content == "colour":
         values *= 255.0 / sheet.white
         return np.repeat(values, 3, axis=0) if len(values) == 1 else values

@@ -1,14 +1,15 @@
 """All sheets on one grid: finest first, coarser ones where those end, blended within a pixel."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
 from core.geometry.grid import Grid
-from core.reference.cells import EXACT_TO, CellWindow, Content, read_cells, sheets_under
+from core.reference.cells import EXACT_TO, Cells, CellWindow, Content, read_cells, sheets_under
 from core.reference.resampling import RADIUS, Kernel, Sampled, sample_separable, sample_warped
-from core.reference.sheets import Lattice, SheetSet
+from core.reference.sheets import Lattice, SheetSet, block_outline
 
 TILE_CELLS = 3072
 """Edge of the largest piece worked on at once, original pixels: bounds the memory."""
@@ -36,25 +37,28 @@ def read_onto(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
     coverage = np.zeros((grid.rows, grid.columns), dtype=np.float32)
     finest = sheets.lattices[0].ground_sample_distance_m
     reduction = grid.ground_sample_distance_m / finest
-    step = int(np.clip(TILE_CELLS / (reduction if reduction < options.exact_to else 1), 64, 2048))
+    # Exact reading holds original pixels, otherwise up to four cells to a pixel each way.
+    across = max(1.0, reduction) if reduction <= options.exact_to else 4.0
+    step = int(np.clip(TILE_CELLS / across, 64, 2048))
     for row in range(0, grid.rows, step):
         for column in range(0, grid.columns, step):
             part = grid.window(
                 column, row, min(step, grid.columns - column), min(step, grid.rows - row)
             )
             place = (slice(row, row + part.rows), slice(column, column + part.columns))
-            sampled = _read_part(sheets, part, bands, options)
+            sampled = _read_part(sheets.lattices, part, options)
             values[(slice(None), *place)] = sampled.values
             coverage[place] = sampled.coverage
     return Sampled(values, coverage)
 
 
-def _read_part(sheets: SheetSet, grid: Grid, bands: int, options: ReadOptions) -> Sampled:
+def _read_part(lattices: Sequence[Lattice], grid: Grid, options: ReadOptions) -> Sampled:
     """One piece of the grid from every lattice that reaches it."""
+    bands = 3 if options.content == "colour" else 1
     values = np.zeros((bands, grid.rows, grid.columns), dtype=np.float32)
     coverage = np.zeros((grid.rows, grid.columns), dtype=np.float32)
-    for lattice in sheets.lattices:
-        found = _read_lattice(lattice, grid, options)
+    for index, lattice in enumerate(lattices):
+        found = _read_lattice(lattice, lattices[index + 1 :], grid, options)
         if found is None:
             continue
         # The finest lattice has its say; the next fills what it leaves open.
@@ -67,14 +71,18 @@ def _read_part(sheets: SheetSet, grid: Grid, bands: int, options: ReadOptions) -
     return Sampled(values, coverage)
 
 
-def _read_lattice(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled | None:
+def _read_lattice(
+    lattice: Lattice, coarser: Sequence[Lattice], grid: Grid, options: ReadOptions
+) -> Sampled | None:
     """One lattice on the grid; None where it has nothing there."""
     if lattice.north_up:
-        return _read_north_up(lattice, grid, options)
+        return _read_north_up(lattice, coarser, grid, options)
     return _read_slanted(lattice, grid, options)
 
 
-def _read_north_up(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled | None:
+def _read_north_up(
+    lattice: Lattice, coarser: Sequence[Lattice], grid: Grid, options: ReadOptions
+) -> Sampled | None:
     """Axes agree: rows and columns are resampled one after the other, in double precision."""
     (a, _, c), (_, e, f) = lattice.plane_from_lattice
     east, north = grid.centres()
@@ -85,11 +93,41 @@ def _read_north_up(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sample
     window = _window(columns / size, rows / size, size, RADIUS[options.kernel] * max(1.0, *scale))
     if not sheets_under(lattice, window):
         return None
-    cells = read_cells(lattice, window, options.content, size < options.exact_to)
+    exact = bool(min(gsd / a, gsd / -e) <= options.exact_to)
+    cells = read_cells(lattice, window, options.content, exact)
     if not cells.weight.any():
         return None
+    if abs(a + e) < 1e-9 * a and cells.weight.min() < 1:
+        west, top = c + window.column * size * a, f + window.row * size * e
+        place = Grid(float(west), float(top), float(a * size), window.columns, window.rows)
+        cells = _continued(cells, coarser, place, options)
     return sample_separable(
         cells, columns / size - window.column, rows / size - window.row, scale, options.kernel
+    )
+
+
+def _continued(
+    cells: Cells, coarser: Sequence[Lattice], place: Grid, options: ReadOptions
+) -> Cells:
+    """Cells with coarser lattices going on where this one ends, so that kernels cross the join."""
+    reaching = [lattice for lattice in coarser if _reaches(lattice, place)]
+    if not reaching:
+        return cells
+    rest = _read_part(reaching, place, options)
+    room = np.minimum(rest.coverage, 1 - cells.weight)
+    weight = cells.weight + room
+    values = cells.values * cells.weight + rest.values * room
+    np.divide(values, weight, out=values, where=weight > 0)
+    return Cells(values, weight)
+
+
+def _reaches(lattice: Lattice, grid: Grid) -> bool:
+    """Whether any sheet's outer bounds touch the grid."""
+    west, south, east, north = grid.bounds
+    outlines = [block_outline(sheet) for sheet in lattice.sheets]
+    return any(
+        bool((line.max(axis=0) > (west, south)).all() and (line.min(axis=0) < (east, north)).all())
+        for line in outlines
     )
 
 
@@ -98,12 +136,12 @@ def _read_slanted(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled
     columns, rows, scale = _lattice_places(lattice, grid)
     if not np.isfinite(columns).all():
         return None
-    size = _cell_size(scale)
+    size, exact = _cell_size(scale), scale <= options.exact_to
     columns, rows, scale = columns / size, rows / size, scale / size
     window = _window(columns, rows, size, RADIUS[options.kernel] * max(1.0, scale))
     if not sheets_under(lattice, window):
         return None
-    cells = read_cells(lattice, window, options.content, size < options.exact_to)
+    cells = read_cells(lattice, window, options.content, exact)
     if not cells.weight.any():
         return None
     across = (columns - window.column).astype(np.float32)

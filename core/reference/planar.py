@@ -114,7 +114,9 @@ def _end_points(lines: np.ndarray, index: int) -> PlanePoints:
     return shapely.get_coordinates(shapely.get_point(lines, index))
 
 
-def _means(points: PlanePoints, cluster: Int64[np.ndarray, "n"]) -> PlanePoints:
+def _means(
+    points: PlanePoints, cluster: Int64[np.ndarray, "n"]
+) -> Float64[np.ndarray, "clusters 2"]:
     """Middle of every cluster."""
     count = np.bincount(cluster)
     # About one of the points: sums of seven-digit coordinates would lose what is to be kept.

@@ -5,7 +5,8 @@ resampling kernel that crosses a sheet edge finds the neighbour's pixels there.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,10 @@ class Sheet:
     """Value of white, for showing; 255 in 8-bit sheets."""
     collar: Collar | None
     """Constant margin round a slanted ortho, where there is one."""
+    factor: float
+    """Heights are the file's numbers times this, ..."""
+    addend: float
+    """... plus this, metres."""
 
     def corners(self) -> Float64[np.ndarray, "4 2"]:
         """The four outer corners in the sheet's own CRS."""
@@ -136,7 +141,8 @@ def open_sheets(
     corners = np.vstack([block_outline(sheet) for sheet in sheets])
     low, high = corners.min(axis=0), corners.max(axis=0)
     bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    return SheetSet(crs.to_wkt(), tuple(lattices), bounds, _notes(sheets, crs, what))
+    notes = (*_notes(sheets, crs, what), *_half_pixel_notes(lattices, what))
+    return SheetSet(crs.to_wkt(), tuple(lattices), bounds, notes)
 
 
 def block_outline(sheet: Sheet) -> Float64[np.ndarray, "n 2"]:
@@ -152,9 +158,7 @@ def block_outline(sheet: Sheet) -> Float64[np.ndarray, "n 2"]:
 def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
     """Open a raster of the reference, or say in one message why that cannot be done."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            return rasterio.open(path, **options)
+        return rasterio.open(path, **options)
     except RasterioError as error:
         exists = Path(path).exists()
         raise ReferenceDataError(
@@ -164,15 +168,33 @@ def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
         ) from error
 
 
+@contextmanager
+def damage_told(path: str | Path) -> Generator[None]:
+    """Pixels that GDAL cannot read are told with the file's name."""
+    try:
+        yield
+    except RasterioError as error:
+        raise ReferenceDataError(
+            path,
+            f"the file is damaged or cut off: GDAL cannot read its pixels ({error}).",
+            "Copy it again from its source.",
+        ) from error
+
+
 def _open_sheet(path: Path, crs: CRS, what: str, collars: bool) -> Sheet:
     """Everything about one file that later reads need."""
-    with open_raster(path) as raster:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # told as an error of our own
+        file = open_raster(path)
+    with file as raster, damage_told(path):
         if raster.transform.is_identity:
             raise ReferenceDataError(
                 path,
                 f"this {what} sheet has no place on the ground.",
                 "Put its world file beside it, with the same name.",
             )
+        if what == "DEM":
+            _refuse_feet(raster, path)
         a, b, c, d, e, f = raster.transform[:6]
         bands = (1,) if what == "DEM" else _picture_bands(raster, path)
         flags = raster.mask_flag_enums[bands[0] - 1]
@@ -187,6 +209,8 @@ def _open_sheet(path: Path, crs: CRS, what: str, collars: bool) -> Sheet:
             masked=MaskFlags.all_valid not in flags,
             white=_white(raster, bands[0]) if what != "DEM" else 0.0,
             collar=detect_collar(raster, bands) if collars else None,
+            factor=float(raster.scales[bands[0] - 1]),
+            addend=float(raster.offsets[bands[0] - 1]),
         )
 
 
@@ -203,6 +227,22 @@ def _picture_bands(raster: rasterio.DatasetReader, path: Path) -> tuple[int, ...
     if all(colour in meaning for colour in colours):
         return tuple(meaning.index(colour) + 1 for colour in colours)
     return (1, 2, 3) if raster.count >= 3 else (1,)
+
+
+def _refuse_feet(raster: rasterio.DatasetReader, path: Path) -> None:
+    """Heights that are said to be in another unit than metres; silence means metres."""
+    unit = (raster.units[0] or "").strip().lower()
+    factor = 1.0
+    if raster.crs is not None:
+        for part in read_crs(raster.crs.to_wkt(version="WKT2_2019"), path).sub_crs_list[1:]:
+            factor = part.axis_info[0].unit_conversion_factor
+    if unit in ("", "m", "metre", "meter", "metres", "meters") and abs(factor - 1) < 1e-6:
+        return
+    raise ReferenceDataError(
+        path,
+        f"the DEM says that its heights are not in metres ({unit or f'{factor:.4f} m each'}).",
+        "Convert it to metres, for example with gdal_calc, and take the unit out of its CRS.",
+    )
 
 
 def _white(raster: rasterio.DatasetReader, band: int) -> float:
@@ -266,6 +306,32 @@ def _notes(sheets: Sequence[Sheet], crs: CRS, what: str) -> tuple[Doubt, ...]:
     return tuple(notes)
 
 
+def _half_pixel_notes(lattices: Sequence[Lattice], what: str) -> list[Doubt]:
+    """Sheets half a pixel beside their fellows: some world files mean the corner (METHODS 10)."""
+    notes: list[Doubt] = []
+    for index, lattice in enumerate(lattices):
+        for other in lattices[:index]:
+            one, two = other.sheets[0], lattice.sheets[0]
+            if one.crs != two.crs or not _same_size(one, two):
+                continue
+            phase = _offset(one, two) % 1
+            if np.abs(phase - 0.5).max() < 0.05:
+                files = [sheet.path for sheet in lattice.sheets]
+                notes.append(
+                    Doubt(
+                        kind="reference-half-pixel",
+                        subject=files[0],
+                        message=f"{len(files)} {what} sheet(s) lie half a pixel "
+                        f"({lattice.ground_sample_distance_m / 2:g} m) beside the others: the "
+                        "world files of one kind seem to mean the corner of the first pixel, not "
+                        "its centre. Sheets cut before 2016 may do so.",
+                        gravity=0.4,
+                        evidence={"files": files, "beside": one.path},
+                    )
+                )
+    return notes
+
+
 def _lattices(sheets: Sequence[Sheet]) -> list[Lattice]:
     """Group the sheets by CRS, pixel size and phase."""
     groups: list[list[Sheet]] = []
@@ -277,13 +343,17 @@ def _lattices(sheets: Sequence[Sheet]) -> list[Lattice]:
 
 def _share_lattice(one: Sheet, other: Sheet) -> bool:
     """Whether the pixels of two sheets fall on one raster."""
-    linear = one.plane_from_pixel[:, :2]
-    if one.crs != other.crs or one.bands != other.bands:
-        return False
-    if np.abs(other.plane_from_pixel[:, :2] - linear).max() > SIZE_TOLERANCE * np.abs(linear).max():
+    if one.crs != other.crs or one.bands != other.bands or not _same_size(one, other):
         return False
     offset = _offset(one, other)
     return bool(np.abs(offset - np.round(offset)).max() < PHASE_TOLERANCE_PX)
+
+
+def _same_size(one: Sheet, other: Sheet) -> bool:
+    """Whether the pixels of two sheets are of one size and lie the same way."""
+    linear = one.plane_from_pixel[:, :2]
+    difference = np.abs(other.plane_from_pixel[:, :2] - linear).max()
+    return bool(difference <= SIZE_TOLERANCE * np.abs(linear).max())
 
 
 def _offset(one: Sheet, other: Sheet) -> Float64[np.ndarray, "2"]:

@@ -1,5 +1,6 @@
 """Vector files of any GDAL driver: layers, geometries and attributes in the block's CRS."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,6 +62,7 @@ def read_layers(
         raise ReferenceDataError(
             file, "the file is not there.", "Correct the path under [reference]."
         )
+    _refuse_cut_shapefile(Path(file))
     try:
         names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
         if wanted and wanted not in names:
@@ -82,16 +84,22 @@ def _read_layer(
 ) -> VectorLayer:
     """One layer, brought into the block's CRS."""
     encoding = _encoding(file)
-    info: dict[str, Any] = pyogrio.read_info(file, name, encoding=encoding, force_total_bounds=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # GDAL's remarks on dialects of formats
+        info: dict[str, Any] = pyogrio.read_info(
+            file, name, encoding=encoding, force_total_bounds=True
+        )
     columns = None if attributes else []
     if not info["features"]:
         return VectorLayer(file, name, np.empty(0, dtype=object), {})
     extent = _corners(info["total_bounds"])
     to_block = _way_to_block(info["crs"], extent, crs, file)
     box = bounds if bounds is None or to_block is None else _box_in(to_block, bounds)
-    meta, _, wkb, fields = raw.read(
-        file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        meta, _, wkb, fields = raw.read(
+            file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
+        )
     geometries = np.asarray(shapely.from_wkb(wkb), dtype=object)
     kept = ~(shapely.is_missing(geometries) | shapely.is_empty(geometries))
     geometries = geometries[kept]
@@ -100,6 +108,21 @@ def _read_layer(
         geometries = shapely.set_coordinates(geometries, moved)
     table = {str(n): values[kept] for n, values in zip(meta["fields"], fields, strict=True)}
     return VectorLayer(file, name, geometries, table)
+
+
+def _refuse_cut_shapefile(path: Path) -> None:
+    """GDAL reads a shapefile that was cut off without a word, and gives fewer lines."""
+    if path.suffix.lower() != ".shp":
+        return
+    with path.open("rb") as stream:
+        header = stream.read(28)
+    # Bytes 24 to 27 hold the file's length in words of two bytes.
+    if len(header) < 28 or int.from_bytes(header[24:28], "big") * 2 > path.stat().st_size:
+        raise ReferenceDataError(
+            path,
+            "the shapefile is shorter than its header says: it was cut off.",
+            "Copy it again from its source, with its .shx and .dbf.",
+        )
 
 
 def _encoding(file: str) -> str | None:

@@ -35,6 +35,15 @@ class SearchWindow:
     gray: Field
     """Gray values, bright end 255, without NaN."""
 
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Middle column and row, scan pixels."""
+        half = self.reduction / 2
+        return (
+            self.corner[0] + self.gray.shape[1] * half,
+            self.corner[1] + self.gray.shape[0] * half,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:

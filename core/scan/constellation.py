@@ -18,7 +18,14 @@ from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, fit_similarity
-from core.scan.candidates import MERGE_MM, Candidates, all_candidates, open_windows
+from core.scan.candidates import (
+    MERGE_MM,
+    Candidates,
+    SearchWindow,
+    all_candidates,
+    open_windows,
+)
+from core.scan.centring import Centre, centre_by_symmetry, disc_weights
 from core.scan.film_area import FilmArea
 from core.scan.marks import Mark
 from core.scan.raster import ScanFile
@@ -26,6 +33,8 @@ from core.scan.raster import ScanFile
 Complexes = Complex128[np.ndarray, "n"]
 PeakComplex = Complex128[np.ndarray, "n peaks"]
 PeakValues = Float64[np.ndarray, "n peaks"]
+ASYMMETRIC_WORTH = 0.5
+"""Symmetry that a kind of mark without any is credited with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +55,16 @@ class ConstellationOptions:
     """How far the scale may differ from the nominal scan pixel size, as a share."""
     turn_tolerance_deg: float = 4.0
     """How far the film may be turned from a quarter circle, degrees."""
-    fit_tolerance_mm: float = 0.35
+    fit_tolerance_mm: float = 1.0
     """How far a mark may lie from where two others put it, millimetres: scanners shear, film
     shrinks."""
-    max_log_false_alarms: float = -3.0
+    rivals: int = 8
+    """Sets at different places that are compared by their symmetry."""
+    symmetry_mm: float = 1.5
+    """Radius within which a mark and its housing should be symmetric, millimetres."""
+    min_symmetry: float = 0.45
+    """Mean symmetry, 0 to 1, below which a set is refused."""
+    max_log_false_alarms: float = -4.0
     """log10 of the number of sets as good that chance would give; a greater number is refused."""
     upright_bonus: float = 0.05
     """Advantage of an upright scan over a turned one that fits as well, as a share of the score:
@@ -131,12 +146,54 @@ def find_constellation(
     ]
     found = [chosen for chosen in sets if chosen is not None]
     sound = [c for c in found if c.log_false_alarms < options.max_log_false_alarms]
-    if not sound:
+    sound.sort(key=lambda chosen: chosen.score, reverse=True)
+    rivals = _rivals(sound, 0.15 / scan_pixel_mm)[: options.rivals]
+    symmetries = [_symmetry(rival, windows, search) for rival in rivals]
+    if max(symmetries, default=0.0) < options.min_symmetry:
         return Failure(
             "No set of marks lies as the certificate says.",
-            {"log_false_alarms": min((c.log_false_alarms for c in found), default=None)},
+            {
+                "log_false_alarms": min((c.log_false_alarms for c in found), default=None),
+                "symmetry": max(symmetries, default=None),
+            },
         )
-    return max(sound, key=lambda chosen: chosen.score)
+    worth = [rival.score * value for rival, value in zip(rivals, symmetries, strict=True)]
+    return rivals[int(np.argmax(worth))]
+
+
+def _rivals(sets: Sequence[Constellation], apart_px: float) -> list[Constellation]:
+    """The best set of each place: sets whose marks lie together are one, whatever their names."""
+    kept: list[Constellation] = []
+    for candidate in sets:
+        gaps = (
+            np.linalg.norm(candidate.pixels[:, None] - other.pixels[None], axis=2).min(axis=1)
+            for other in kept
+        )
+        if all(float(np.mean(gap)) > apart_px for gap in gaps):
+            kept.append(candidate)
+    return kept
+
+
+def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: _Search) -> float:
+    """How symmetric the set's places are, 0 to 1, near and farther about them.
+
+    The end of a ray or the crossing of a ray and a ring can look like a mark on its own; the middle
+    of the mark is the point about which all that belongs to it is symmetric.
+    """
+    if not chosen.mark.symmetric:
+        return ASYMMETRIC_WORTH
+    cell_px = windows[0].reduction
+    cell_mm = search.scan_pixel_mm * cell_px
+    found: list[float] = []
+    for column, row in chosen.pixels.tolist():
+        window = min(windows, key=lambda w: abs(w.middle[0] - column) + abs(w.middle[1] - row))
+        start = ((column - window.corner[0]) / cell_px, (row - window.corner[1]) / cell_px)
+        for radius_mm in (1.15 * chosen.mark.reach_mm, search.options.symmetry_mm):
+            radius = max(radius_mm / cell_mm, 3.0)
+            weights = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
+            centre = centre_by_symmetry(window.gray, weights, start, limit_px=0.3 / cell_mm + 1)
+            found.append(max(centre.correlation, 0.0) if isinstance(centre, Centre) else 0.0)
+    return float(np.mean(found))
 
 
 def _quarters(camera: Camera, area: FilmArea) -> tuple[int, ...]:
@@ -168,8 +225,9 @@ def _best_set(
         return None
     put = starts[:, None] + factors[:, None] * where[None, :]
     distance_mm = np.abs(put[:, :, None] - places[None, :, :]) * search.scan_pixel_mm
-    fits = distance_mm < search.options.fit_tolerance_mm
-    value = np.where(fits, worth[None] * (1 - 3 * distance_mm**2), 0.0)
+    tolerance = search.options.fit_tolerance_mm
+    fits = distance_mm < tolerance
+    value = np.where(fits, worth[None] * (1 - 0.7 * (distance_mm / tolerance) ** 2), 0.0)
     total = value.max(axis=2).sum(axis=1)
     base = int(np.argmax(total))
     chosen = value[base].argmax(axis=1)

@@ -129,9 +129,9 @@ def _ringed_dot(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
 
 
 def _ringed_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
-    """Ring with four rays from it, as in Wild cameras."""
+    """Ring with four rays through it, as in Wild cameras."""
     reach = replace(mark, radius_mm=mark.reach_mm, stroke_mm=mark.stroke_mm * 0.6)
-    return _ring(mark, x, y) | (_cross(reach, x, y) & (np.hypot(x, y) > mark.radius_mm))
+    return _ring(mark, x, y) | (_cross(reach, x, y) & (np.hypot(x, y) > 0.4 * mark.radius_mm))
 
 
 def _ringed_saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import shapely
+from pyogrio.raw import write as write_vector
 from shapely.geometry import Polygon
 
 from core.arrays import Affine2, ObjectPoints, PixelPoints, Scalars
@@ -23,14 +23,16 @@ def write_approximations(folder: Path, flight: Flight, options: SyntheticOptions
     """
     if options.georeference == "world-file":
         for exposure in flight.exposures:
-            _write_world_file(folder / "scans" / f"{exposure.photo_id}.tfw", exposure, flight,
-                              options)
+            _write_world_file(
+                folder / "scans" / f"{exposure.photo_id}.tfw", exposure, flight, options
+            )
     if options.georeference in ("world-file", "footprints"):
         _write_footprints(folder / "footprints.gpkg", flight, options)
     if options.georeference == "points":
         for exposure in flight.exposures:
-            _write_points(folder / "scans" / f"{exposure.photo_id}.tif.points", exposure, flight,
-                          options)
+            _write_points(
+                folder / "scans" / f"{exposure.photo_id}.tif.points", exposure, flight, options
+            )
     if options.georeference == "exterior":
         _write_exterior(folder / "eo.csv", flight, options)
 
@@ -90,7 +92,7 @@ def _write_footprints(path: Path, flight: Flight, options: SyntheticOptions) -> 
         plan = _displaced(ground[:, :2], options, f"footprint {exposure.photo_id}")
         shapes.append(shapely.to_wkb(Polygon(plan)))
     names = [f"{exposure.photo_id}.tif" for exposure in flight.exposures]
-    pyogrio.raw.write(
+    write_vector(
         path,
         geometry=np.array(shapes, dtype=object),
         field_data=[np.array(names, dtype=object)],

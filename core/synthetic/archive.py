@@ -101,9 +101,7 @@ def _write_scans(
             progress.report(60.0 + 6.0 * (number + 1), 100.0, f"scan {name}")
 
 
-def _write_scan(
-    path: Path, scan: Picture, pixel_um: float, tiled: bool
-) -> None:
+def _write_scan(path: Path, scan: Picture, pixel_um: float, tiled: bool) -> None:
     """8-bit gray TIFF; an archive has tiled and stripped ones side by side."""
     options: dict[str, Any] = {"tiled": True, "blockxsize": 256, "blockysize": 256}
     if not tiled:
@@ -190,6 +188,7 @@ def _truth_json(flight: Flight, options: SyntheticOptions) -> str:
             "phi_deg": float(np.degrees(true.phi)),
             "kappa_deg": float(np.degrees(true.kappa)),
             "refraction_K": exposure.atmosphere.refraction,
+            "size_px": list(exposure.size_px),
             "film_to_pixel": to_pixel.tolist(),
         }
     refraction = float(np.mean([e.atmosphere.refraction for e in flight.exposures]))

@@ -49,13 +49,16 @@ class Tract:
         object.__setattr__(self, "outline", locked(self.outline))
 
 
-def make_tracts(network: Network, past: bool, change: float, seed: int) -> list[Tract]:
+def make_tracts(
+    network: Network, past: bool, change: float, recency: float, seed: int
+) -> list[Tract]:
     """All tracts of one epoch; land whose bounds did not change keeps its tracts and strips.
 
     Args:
         network: Roads of both epochs.
         past: The archival epoch, or the present.
         change: Share of the land that was parcelled anew although its roads stayed.
+        recency: 0 where the old epoch lies before the consolidation of land, 1 where after it.
         seed: Seed of the block.
 
     Returns:
@@ -69,7 +72,8 @@ def make_tracts(network: Network, past: bool, change: float, seed: int) -> list[
         # Bounds and direction of unchanged land come from a generator without the epoch.
         shape = seeded(seed, "tracts", key, "both" if stayed else past)
         crops = seeded(seed, "crops", key, past)
-        small = past or stayed
+        consolidated = seeded(seed, "consolidated", key).random() < 0.75 * recency
+        small = (past or stayed) and not consolidated
         garden = float(network.village_distance(centre)[0]) < 40.0
         for piece in _halved(face, shape.uniform(2.5e4, 7e4) if small else 2.4e5, shape):
             tracts.append(_tract(piece, small, garden, past, shape, crops))
@@ -181,8 +185,9 @@ def make_profiles(seed: int, texture_m: float) -> Float32[np.ndarray, "profiles 
                 row += _strips(*widths[kind], shape, crops)
             if kind == BROAD:
                 row += _tramlines(crops)
-            rows.append(ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M,
-                                                  mode="wrap"))
+            rows.append(
+                ndimage.gaussian_filter1d(row, 0.4 * texture_m / PROFILE_STEP_M, mode="wrap")
+            )
     return np.array(rows, dtype=np.float32)
 
 
@@ -207,8 +212,10 @@ def _furrows(rng: np.random.Generator, past: bool, kind: int) -> np.ndarray:
     row = 3.8 * _unit(ndimage.gaussian_filter1d(fine, 3.0, mode="wrap"))
     ridges = rng.standard_normal(PROFILE_LENGTH)
     row += (3.8 if past else 2.5) * _unit(ndimage.gaussian_filter1d(ridges, 14.0, mode="wrap"))
-    slow = 3.0 * _unit(ndimage.gaussian_filter1d(rng.standard_normal(PROFILE_LENGTH), 90.0,
-                                                 mode="wrap"))
+    knots = rng.standard_normal(PROFILE_LENGTH // 256)
+    slow = 3.0 * np.interp(
+        np.arange(PROFILE_LENGTH) / 256.0, np.arange(len(knots)), knots, period=len(knots)
+    )
     return (row + slow) * (0.35 if kind == PLAIN else 1.0)
 
 

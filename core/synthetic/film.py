@@ -93,9 +93,7 @@ def make_scan(
     return scan
 
 
-def pixel_maps(
-    ground: Ground, terrain: Terrain, exposure: Exposure, camera: Camera
-) -> PixelMaps:
+def pixel_maps(ground: Ground, terrain: Terrain, exposure: Exposure, camera: Camera) -> PixelMaps:
     """Follow the rays of the nodes through lens and air down to the terrain."""
     columns, rows = exposure.size_px
     across = (np.arange(-(-columns // NODE_PX) + 4) - 1.5) * NODE_PX
@@ -142,17 +140,16 @@ def expose_band(ground: Ground, maps: PixelMaps, first: int, last: int) -> Field
     top = int(np.clip(np.floor(rows.min()) - 3, 0, height - 1))
     bottom = int(np.clip(np.ceil(rows.max()) + 4, top + 1, height))
     part = ground.gray[top:bottom, left:right].astype(np.float32)
-    light = cv2.remap(part, columns - left, rows - top, cv2.INTER_CUBIC,
-                      borderMode=cv2.BORDER_REPLICATE)
+    light = cv2.remap(
+        part, columns - left, rows - top, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
     return np.clip(np.asarray(light, dtype=np.float32), 0.0, 255.0)
 
 
 class _DarkRoom:
     """Turns light into gray values, band by band."""
 
-    def __init__(
-        self, exposure: Exposure, camera: Camera, seed: int, options: FilmOptions
-    ) -> None:
+    def __init__(self, exposure: Exposure, camera: Camera, seed: int, options: FilmOptions) -> None:
         self.exposure, self.camera, self.seed, self.options = exposure, camera, seed, options
         rng = seeded(seed, "development", exposure.photo_id)
         self.gain = float(np.exp(rng.normal(0.0, 0.09)))

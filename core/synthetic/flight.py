@@ -175,7 +175,9 @@ def _exposures(
             tilts = np.clip(rng.normal(0.0, 1.0, 2), -2.6, 2.6)
             kappa = heading + (np.pi if back else 0.0) + np.radians(rng.normal(0.0, 1.8))
             kappa = float((kappa + np.pi) % (2 * np.pi) - np.pi)
-            exterior = ExteriorOrientation(centre, *(float(v) for v in np.radians(tilts)), kappa)
+            exterior = ExteriorOrientation(
+                centre, float(np.radians(tilts[0])), float(np.radians(tilts[1])), kappa
+            )
             number = first + photo + 30 * strip
             exposures.append(_in_scanner(options, scale, exterior, number, mean))
     return tuple(exposures)
@@ -191,7 +193,7 @@ def _in_scanner(
     """The film on the glass: turned, shifted, shrunk along and across, sheared."""
     rng = seeded(options.seed, "scanner", number)
     pixel_mm = scale.scan_pixel_um / 1000.0
-    size = int(round(SCAN_MM / pixel_mm))
+    size = round(SCAN_MM / pixel_mm)
     turn = np.radians(rng.uniform(-0.5, 0.5))
     shrink = 1.0 - rng.uniform(1e-4, 5e-4, 2)
     shear = rng.normal(0.0, 8e-5)

@@ -113,7 +113,7 @@ class Landscape:
     def scene(self, past: bool, grid: Grid) -> Scene:
         """The land of one epoch over the grid that shall be painted."""
         seed, options = self.options.seed, self.options
-        tracts = make_tracts(self.network, past, options.parcel_change, seed)
+        tracts = make_tracts(self.network, past, options.parcel_change, options.recency, seed)
         then, now = make_houses(self.network, seed, options.recency)
         order = {"track": 0, "street": 1, "main": 2}
         roads = sorted(
@@ -186,7 +186,7 @@ def _slow_fields(landscape: Landscape, past: bool, grid: Grid, sun: Sun) -> Slow
     shade = _shade(landscape.terrain, coarse, sun)
     wood = _wood(landscape, past, coarse)
     reach = np.array(sun.shadow) * 13.0 / gsd
-    shadow = np.roll(wood, (int(round(-reach[1])), int(round(reach[0]))), (0, 1)) * (1 - wood)
+    shadow = np.roll(wood, (round(-reach[1]), round(reach[0])), (0, 1)) * (1 - wood)
     bend = 2.5 * fractal(shape, gsd, 120.0, 500.0, 0.6, seeded(seed, "bend"))
     return SlowFields(coarse, 7.5 * epoch + 4.5 * soil, shade, wood, shadow, bend)
 
@@ -218,4 +218,3 @@ def _wood(landscape: Landscape, past: bool, grid: Grid) -> Field:
     woodness -= (2.2 + 0.5 * edge) * smooth_step(near, wide, grid)
     limit = np.quantile(woodness[::16, ::16], 0.86 if past else 0.82)
     return np.clip((woodness - limit) * 60.0 / gsd + 0.5, 0.0, 1.0).astype(np.float32)
-

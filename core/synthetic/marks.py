@@ -79,7 +79,7 @@ def draw_margin(
     day = f"{int(rng.integers(1, 29))}.{('V', 'VI', 'VII', 'VIII')[int(rng.integers(4))]}.{year}"
     place = (float(rng.uniform(-60, 20)), half + 1.6)
     _write(scan, exposure, day, place, 2.8, float(rng.normal(0, 2.5)), 190, True)
-    place = (float(rng.uniform(-half + 9, -half + 20)), half - 7.5)
+    place = (float(rng.uniform(-half + 13, -half + 28)), half - 7.5)
     _write(scan, exposure, str(int(number)), place, 4.5, float(rng.normal(0, 5.0)), 235, True)
 
 
@@ -113,7 +113,9 @@ def _write(
     left, top = column - reach // 2, row - reach // 2
     rows = slice(max(top, 0), min(top + reach, scan.shape[0]))
     columns = slice(max(left, 0), min(left + 2 * reach, scan.shape[1]))
-    ink_part = turned[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    ink_part = turned[
+        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+    ]
     share = ink_part.astype(np.float32) / 255.0
     part = scan[rows, columns]
     scan[rows, columns] = (part + share * (tone - part.astype(np.float32))).astype(np.uint8)
@@ -139,8 +141,17 @@ def draw_scars(scan: Picture, exposure: Exposure, rng: np.random.Generator) -> N
         radius = float(np.exp(rng.normal(np.log(0.035), 0.6))) / pixel_mm
         tone = int(rng.choice([15, 40, 225, 250]))
         axes = (max(int(radius), 0), max(int(radius * rng.uniform(0.5, 1.0)), 0))
-        cv2.ellipse(scan, (int(column), int(row)), axes, float(rng.uniform(0, 180)), 0.0, 360.0,
-                    (tone,), -1, cv2.LINE_AA)
+        cv2.ellipse(
+            scan,
+            (int(column), int(row)),
+            axes,
+            float(rng.uniform(0, 180)),
+            0.0,
+            360.0,
+            (tone,),
+            -1,
+            cv2.LINE_AA,
+        )
 
 
 def _stroke(scan: Picture, exposure: Exposure, line: FilmPoints, tone: int, thick: int) -> None:

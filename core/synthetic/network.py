@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int64
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay, KDTree
 
 from core.arrays import Scalars, locked
 from core.synthetic.terrain import Bounds, PlanPoints
@@ -156,7 +156,7 @@ def _neighbours(nodes: PlanPoints, rng: np.random.Generator) -> Pairs:
     simplices = Delaunay(nodes).simplices
     pairs = np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
     pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-    tree = cKDTree(nodes)
+    tree = KDTree(nodes)
     kept: list[tuple[int, int]] = []
     for one, other in pairs:
         length = float(np.linalg.norm(nodes[one] - nodes[other]))
@@ -297,9 +297,7 @@ def swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> Pl
     return line + left * (amplitude_m * 0.8 * sway)[:, None]
 
 
-def _in_two_epochs(
-    roads: list[Road], nodes: PlanPoints, rng: np.random.Generator
-) -> list[Road]:
+def _in_two_epochs(roads: list[Road], nodes: PlanPoints, rng: np.random.Generator) -> list[Road]:
     """Even a road that stayed is not where it was: widened, resurfaced, worn aside."""
     shifts = rng.normal(0.0, 0.25, nodes.shape)
     sway = {"main": 0.3, "street": 0.25, "track": 0.6}
@@ -307,8 +305,9 @@ def _in_two_epochs(
         replace(
             road,
             then=locked(
-                swayed(_end_moved(road.now, shifts[road.start], shifts[road.end]),
-                        sway[road.kind], rng)
+                swayed(
+                    _end_moved(road.now, shifts[road.start], shifts[road.end]), sway[road.kind], rng
+                )
             ),
         )
         for road in roads
@@ -324,9 +323,7 @@ def _end_moved(line: PlanPoints, at_start: Scalars, at_end: Scalars) -> PlanPoin
 def _changed(roads: list[Road], change: float, rng: np.random.Generator) -> list[Road]:
     """Removes, adds and moves roads until the wanted share of the length has changed."""
     liability = {"main": 0.3, "street": 0.7, "track": 1.4}
-    order = sorted(
-        range(len(roads)), key=lambda k: float(rng.random()) / liability[roads[k].kind]
-    )
+    order = sorted(range(len(roads)), key=lambda k: float(rng.random()) / liability[roads[k].kind])
     target = change * sum(road.length_m for road in roads)
     result = list(roads)
     done = 0.0

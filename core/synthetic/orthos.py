@@ -1,12 +1,15 @@
 """The reference as the user has it: present-day ortho sheets, DEM, and the archival truth."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Float32, UInt8
 from rasterio import Affine
+from rasterio.io import DatasetWriter
 
 from core.geometry.grid import Grid
 from core.synthetic.fields import Tract
@@ -87,7 +90,9 @@ def write_dem(path: Path, terrain: Terrain, bounds: Bounds, gsd_m: float, seed: 
     column, row = np.meshgrid(np.arange(grid.columns), np.arange(grid.rows))
     gap = ((column - place[0]) / size[0]) ** 2 + ((row - place[1]) / size[1]) ** 2 < 1
     heights[gap] = NODATA
-    with _created(path, grid, 1, "float32", {"compress": "deflate", "zlevel": 1, "nodata": NODATA}) as raster:
+    with _created(
+        path, grid, 1, "float32", {"compress": "deflate", "zlevel": 1, "nodata": NODATA}
+    ) as raster:
         raster.write(heights.astype(np.float32), 1)
 
 
@@ -124,8 +129,9 @@ def sampled(ground: Ground, part: Grid, shift: tuple[Field, Field] | None) -> Fi
         for target, field in ((columns, shift[0]), (rows, shift[1])):
             place_x = columns * np.float32(field.shape[1] / size[0])
             place_y = rows * np.float32(field.shape[0] / size[1])
-            moved = cv2.remap(field, place_x, place_y, cv2.INTER_LINEAR,
-                              borderMode=cv2.BORDER_REPLICATE)
+            moved = cv2.remap(
+                field, place_x, place_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
             target += np.asarray(moved) / np.float32(ground.grid.ground_sample_distance_m)
     first = max(0, int(rows.min()) - 4)
     last = min(ground.grid.rows, int(rows.max()) + 5)
@@ -134,8 +140,9 @@ def sampled(ground: Ground, part: Grid, shift: tuple[Field, Field] | None) -> Fi
     source = ground.gray[first:last, left:right].astype(np.float32)
     if ratio > 1.05:
         source = cv2.GaussianBlur(source, (0, 0), 0.42 * ratio)
-    result = cv2.remap(source, columns - left, rows - first, cv2.INTER_CUBIC,
-                       borderMode=cv2.BORDER_REPLICATE)
+    result = cv2.remap(
+        source, columns - left, rows - first, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
     return np.clip(np.asarray(result, dtype=np.float32), 0, 255)
 
 
@@ -146,8 +153,8 @@ def _around(bounds: Bounds, margin_m: float, gsd_m: float) -> Grid:
 
 
 def _created(
-    path: Path, grid: Grid, bands: int, dtype: str, options: dict[str, object]
-) -> "rasterio.io.DatasetWriter":
+    path: Path, grid: Grid, bands: int, dtype: str, options: Mapping[str, Any]
+) -> DatasetWriter:
     path.parent.mkdir(parents=True, exist_ok=True)
     gsd = grid.ground_sample_distance_m
     return rasterio.open(
@@ -169,7 +176,7 @@ def _created(
 
 
 def _tint(scene: Scene, grid: Grid) -> tuple[UInt8[np.ndarray, "_ _ 3"], Grid]:
-    """Colour of the ground at every fourth pixel: 128 times red, green, blue of mean luminance 1."""
+    """Colour at every fourth pixel: 128 times red, green, blue of mean luminance 1."""
     gsd = grid.ground_sample_distance_m * COARSE
     coarse = Grid(grid.west, grid.north, gsd, -(-grid.columns // COARSE), -(-grid.rows // COARSE))
     picture = np.full((coarse.rows, coarse.columns, 3), _coded((0.95, 1.05, 0.83)), dtype=np.uint8)

@@ -121,8 +121,13 @@ class _Brush:
         """Number of the tract each pixel lies in, 0 for none."""
         labels = np.zeros((part.rows, part.columns), dtype=np.int32)
         for number in _touching(self.boxes, part, 0.0):
-            cv2.fillPoly(labels, [fixed_pixels(self.outlines[number], part)], int(number) + 1,
-                         cv2.LINE_8, SHIFT)
+            cv2.fillPoly(
+                labels,
+                [fixed_pixels(self.outlines[number], part)],
+                int(number) + 1,
+                cv2.LINE_8,
+                SHIFT,
+            )
         return labels
 
     def _woods(self, land: Field, part: Grid, fine: Field) -> Field:
@@ -136,7 +141,7 @@ class _Brush:
         crowns = _filtered(fine, 1.3 / gsd) - 0.8 * _filtered(fine, 2.9 / gsd)
         crowns /= max(float(crowns.std()), 1e-6)
         east, north = self.scene.sun.towards
-        step = (int(round(1.6 * east / gsd)), int(round(-1.6 * north / gsd)))
+        step = (round(1.6 * east / gsd), round(-1.6 * north / gsd))
         lit = crowns - np.roll(crowns, step[::-1], (0, 1))
         canopy = 62.0 + 8.0 * crowns - 15.0 * lit
         canopy += 0.9 * smooth_step(slow.mottle, slow.grid, part)
@@ -148,8 +153,15 @@ class _Brush:
         thick = max(1, round(0.9 / part.ground_sample_distance_m))
         for number in _touching(self.boxes, part, 2.0):
             tone = 96.0 if (int(number) * 7) % 5 else 138.0
-            cv2.polylines(picture, [fixed_pixels(self.outlines[number], part)], True, (tone,), thick,
-                          cv2.LINE_AA, SHIFT)
+            cv2.polylines(
+                picture,
+                [fixed_pixels(self.outlines[number], part)],
+                True,
+                (tone,),
+                thick,
+                cv2.LINE_AA,
+                SHIFT,
+            )
 
     def _roads(self, picture: Picture, part: Grid, fine: Field) -> None:
         """Verges, carriageways, and the wear that makes both uneven."""
@@ -188,7 +200,9 @@ class _Brush:
     ) -> None:
         # OpenCV's smooth lines come out about one pixel wider than asked.
         thick = max(1, round(width_m / part.ground_sample_distance_m - 0.8))
-        cv2.polylines(picture, [fixed_pixels(line, part)], False, (tone,), thick, cv2.LINE_AA, SHIFT)
+        cv2.polylines(
+            picture, [fixed_pixels(line, part)], False, (tone,), thick, cv2.LINE_AA, SHIFT
+        )
 
     def _objects(self, picture: Picture, part: Grid) -> None:
         """Shadows first, then what throws them."""
@@ -235,8 +249,10 @@ class _Brush:
         one, two = (corners[0] + corners[3]) / 2, (corners[1] + corners[2]) / 2
         outward = corners[0] - corners[3]
         facing = float(outward @ np.array(self.scene.sun.towards) / np.linalg.norm(outward))
-        for half, sign in ((np.vstack([corners[:2], two, one]), 1.0),
-                           (np.vstack([one, two, corners[2:]]), -1.0)):
+        for half, sign in (
+            (np.vstack([corners[:2], two, one]), 1.0),
+            (np.vstack([one, two, corners[2:]]), -1.0),
+        ):
             value = float(np.clip(tone * (1.0 + 0.32 * sign * facing), 20, 250))
             cv2.fillConvexPoly(picture, fixed_pixels(half, part), (value,), cv2.LINE_AA, SHIFT)
 

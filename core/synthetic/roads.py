@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import shapely
+from pyogrio.raw import write as write_vector
 from shapely.geometry import LineString
 
 from core.synthetic.network import Network, Road, swayed
@@ -104,7 +104,7 @@ def _write_layer(path: Path, name: str, pieces: list[tuple[PlanPoints, int]]) ->
         np.arange(1, len(pieces) + 1, dtype=np.int32),
         np.array([values[(route // 5) % 2] for _, route in pieces], dtype=object),
     ]
-    pyogrio.raw.write(
+    write_vector(
         path,
         geometry=geometry,
         field_data=attributes,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from shapely.geometry import LineString, Polygon
 
 from core.arrays import Scalars, locked
@@ -68,8 +68,11 @@ def make_houses(network: Network, seed: int, recency: float) -> tuple[list[House
     for place, direction, barn, old in sites:
         stays = 0.55 + 0.33 * recency
         lot = float(rng.random())
-        size = (rng.uniform(12, 26), rng.uniform(6.5, 9)) if barn else (
-            rng.uniform(9, 19), rng.uniform(7, 10))
+        size = (
+            (rng.uniform(12, 26), rng.uniform(6.5, 9))
+            if barn
+            else (rng.uniform(9, 19), rng.uniform(7, 10))
+        )
         corners = _rectangle(place, direction, size)
         height = float(rng.uniform(5.0, 8.5))
         if old and lot < stays + (1 - stays) * 0.35:
@@ -106,7 +109,7 @@ def _apart(sites: list[Site], network: Network, rng: np.random.Generator) -> lis
     if not sites:
         return []
     places = np.vstack([site[0] for site in sites])
-    close = cKDTree(places).query_ball_point(places, 16.0)
+    close = KDTree(places).query_ball_point(places, 16.0)
     lines = [LineString(line) for road in network.roads for line in (road.now, road.then)]
     tree = shapely.STRtree(lines)
     blocked = set(tree.query(shapely.points(places), "dwithin", 8.5)[0].tolist())
@@ -129,8 +132,9 @@ def _along(line: PlanPoints, at_m: float) -> tuple[PlanPoints, PlanPoints]:
 def _rectangle(place: PlanPoints, way: PlanPoints, size_m: tuple[float, float]) -> PlanPoints:
     left = np.array([[-way[0, 1], way[0, 0]]])
     half, deep = way * size_m[0] / 2, left * size_m[1] / 2
-    return np.vstack([place - half - deep, place + half - deep, place + half + deep,
-                      place - half + deep])
+    return np.vstack(
+        [place - half - deep, place + half - deep, place + half + deep, place - half + deep]
+    )
 
 
 def _halls(network: Network, rng: np.random.Generator) -> list[House]:
@@ -139,7 +143,8 @@ def _halls(network: Network, rng: np.random.Generator) -> list[House]:
     for village in network.villages:
         turn = float(rng.uniform(0, 2 * np.pi))
         middle = np.array(village.centre) + (village.radius_m + 70.0) * np.array(
-            [np.cos(turn), np.sin(turn)])
+            [np.cos(turn), np.sin(turn)]
+        )
         way = np.array([[np.cos(turn + 0.4), np.sin(turn + 0.4)]])
         left = np.array([[-way[0, 1], way[0, 0]]])
         for number in range(int(rng.integers(2, 5))):
@@ -168,8 +173,11 @@ def make_trees(
 def _avenue(road: Road, past: bool, seed: int) -> PlanPoints:
     """Rows of trees beside a road; most of the old fruit trees are gone today."""
     rng = seeded(seed, "avenue", road.route, past)
-    share = {"main": 0.7, "street": 0.15, "track": 0.22} if past else {
-        "main": 0.4, "street": 0.3, "track": 0.2}
+    share = (
+        {"main": 0.7, "street": 0.15, "track": 0.22}
+        if past
+        else {"main": 0.4, "street": 0.3, "track": 0.2}
+    )
     if rng.random() > share[road.kind]:
         return np.zeros((0, 2))
     rng = seeded(seed, "avenue", road.start, road.end, past)
@@ -186,9 +194,7 @@ def _avenue(road: Road, past: bool, seed: int) -> PlanPoints:
     return np.vstack(rows) if rows else np.zeros((0, 2))
 
 
-def _in_tract(
-    tract: Tract, network: Network, past: bool, rng: np.random.Generator
-) -> PlanPoints:
+def _in_tract(tract: Tract, network: Network, past: bool, rng: np.random.Generator) -> PlanPoints:
     outline = Polygon(tract.outline)
     rows = [np.zeros((0, 2))]
     if tract.cover == "orchard":

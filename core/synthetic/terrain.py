@@ -44,7 +44,13 @@ class Terrain:
 
 
 def make_terrain(bounds: Bounds, relief_m: float, rng: np.random.Generator) -> Terrain:
-    """A landscape of hills and valleys: power-law spectrum below a longest wave of some 2 km."""
+    """A landscape of hills and valleys: power-law spectrum below a longest wave of some 2 km.
+
+    Args:
+        bounds: Area of the lattice, metres; it should reach beyond what is seen.
+        relief_m: Highest minus lowest ground in the middle half of the area, metres.
+        rng: Source of chance.
+    """
     grid = Grid.over(bounds, LATTICE_M)
     rows, columns = grid.rows, grid.columns
     frequency = np.hypot(
@@ -55,6 +61,7 @@ def make_terrain(bounds: Bounds, relief_m: float, rng: np.random.Generator) -> T
     amplitude *= np.exp(-((frequency * 60.0) ** 2))
     noise = np.fft.rfft2(rng.standard_normal((rows, columns)))
     shape = np.fft.irfft2(noise * amplitude, s=(rows, columns))
-    shape = (shape - shape.min()) / max(float(np.ptp(shape)), 1e-12)
+    middle = shape[rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4]
+    shape = (shape - middle.min()) / max(float(np.ptp(middle)), 1e-12)
     heights = float(rng.uniform(190.0, 280.0)) + relief_m * shape
     return Terrain(grid, ndimage.spline_filter(heights, order=3, mode="nearest"))

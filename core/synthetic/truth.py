@@ -151,8 +151,8 @@ def _photo(name: str, eo: Mapping[str, Any], data: Mapping[str, Any]) -> Exposur
         float(eo.get("refraction_K", data["refraction_K"])),
         float(data.get("curvature_per_m", 1.0 / (2.0 * EARTH_RADIUS_M))),
     )
-    # A scan shows the film about its middle; the truth does not say how large the scan is.
-    size = np.round(2.0 * to_pixel[:, 2]).astype(int)
+    # Without a size: a scan shows the film about its middle.
+    size = eo.get("size_px", np.round(2.0 * to_pixel[:, 2]).astype(int))
     return Exposure(
         name,
         ExteriorOrientation(centre, *angles),

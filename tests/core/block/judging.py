@@ -1,6 +1,7 @@
 """Tie points judged by true orientations: intersected, and compared with their rays."""
 
 import numpy as np
+
 from core.block.block import Block, TiePoints
 from core.block.matches import rays_of
 

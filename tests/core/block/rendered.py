@@ -5,6 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rasterio
+from scipy.ndimage import map_coordinates
+
 from core.block.block import Block, ExteriorPrior, Photo
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
@@ -25,11 +27,12 @@ CENTRES = {
 
 
 def ground_texture(rng: np.random.Generator) -> np.ndarray:
+    """Grey values with structure of all sizes."""
     side = int(SIDE_M / CELL_M)
     total = np.zeros((side, side), dtype=np.float32)
-    for sigma in (1.8, 3.5, 7.0, 14.0, 30.0):
-        layer = cv2.GaussianBlur(rng.normal(size=(side, side)).astype(np.float32), (0, 0), sigma)
-        total += layer / layer.std()
+    for cell in (2, 4, 8, 16, 32):
+        coarse = rng.normal(size=(side // cell, side // cell)).astype(np.float32)
+        total += cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC)
     return 120 + 22 * total
 
 
@@ -37,7 +40,7 @@ def terrain(east: np.ndarray, north: np.ndarray, relief_m: float) -> np.ndarray:
     return 100 + relief_m * np.sin(east / 130) * np.cos(north / 170 + 1.0)
 
 
-def rendered_block(folder: Path, relief_m: float, noise: float = 4.0, seed: int = 1):
+def rendered_block(folder: Path, relief_m: float, noise: float = 10.0, seed: int = 1):
     """The block with approximate orientations, and the same with the true ones."""
     rng = np.random.default_rng(seed)
     texture = ground_texture(rng)
@@ -64,14 +67,25 @@ def rendered_block(folder: Path, relief_m: float, noise: float = 4.0, seed: int 
 
 def rendered(photo: Photo, texture: np.ndarray, relief_m: float) -> np.ndarray:
     """Grey values of a photo, each from the ground its middle sees."""
-    grid = np.stack(np.meshgrid(*(np.arange(side) + 0.5 for side in SIZE_PX)), axis=-1)
-    pixels = grid.reshape(-1, 2)
-    heights = np.full(len(pixels), 100.0)
-    for _ in range(8):
-        ground = photo.object_from_pixel(pixels, heights, CAMERA)
-        heights = terrain(ground[:, 0], ground[:, 1], relief_m)
-    place = (ground[:, :2] / CELL_M - 0.5).astype(np.float32).reshape(*SIZE_PX[::-1], 2)
+    low, high = (lines_of_sight(photo, height) for height in (0.0, 200.0))
+    heights = np.full(low.shape[:2], 100.0)
+    for _ in range(12):
+        ground = low + (high - low) * heights[..., None] / 200.0
+        heights = terrain(ground[..., 0], ground[..., 1], relief_m)
+    place = (ground / CELL_M - 0.5).astype(np.float32)
     return cv2.remap(texture, place[..., 0], texture.shape[0] - 1 - place[..., 1], cv2.INTER_CUBIC)
+
+
+def lines_of_sight(photo: Photo, height: float, step: int = 6) -> np.ndarray:
+    """Where the middle of each pixel sees a level plane (rows, columns, 2), from a coarse grid."""
+    nodes = [np.arange(0.0, side + step, step) for side in SIZE_PX]
+    grid = np.stack(np.meshgrid(*nodes), axis=-1)
+    pixels = grid.reshape(-1, 2)
+    ground = photo.object_from_pixel(pixels, np.full(len(pixels), height), CAMERA)[:, :2]
+    ground = ground.reshape(grid.shape)
+    row, column = ((np.arange(side) + 0.5) / step for side in SIZE_PX[::-1])
+    where = np.meshgrid(row, column, indexing="ij")
+    return np.stack([map_coordinates(ground[..., axis], where, order=1) for axis in (0, 1)], -1)
 
 
 def write(path: Path, gray: np.ndarray) -> None:

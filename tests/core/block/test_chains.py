@@ -1,10 +1,11 @@
 """Chains: one ground detail, one place per photo."""
 
 import numpy as np
-from core.block.block import TiePoints
-from core.block.chains import common_rays, join, rays_per_point, with_rays
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from core.block.block import TiePoints
+from core.block.chains import common_rays, join, rays_per_point, with_rays
 
 OWNERS = st.lists(st.integers(0, 4), min_size=2, max_size=25)
 

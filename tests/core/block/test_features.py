@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from core.block.features import FeatureOptions, detect_features, strongest_per_cell
 from core.block.matches import match_features
 from core.scan.raster import ScanFile, open_scan
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 
 def texture(rows: int, columns: int, seed: int = 1) -> np.ndarray:

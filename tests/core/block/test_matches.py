@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+
 from core.block.features import Features
 from core.block.matches import MatchOptions, like_neighbours, match_features
 

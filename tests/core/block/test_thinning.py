@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from core.block.block import Block, ExteriorPrior, Photo, TiePoints
 from core.block.chains import common_rays, rays_per_point
 from core.block.thinning import ThinningOptions, frame_cells, thin_ties

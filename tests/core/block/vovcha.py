@@ -20,7 +20,10 @@ def vovcha_block(folder: Path) -> Block:
         "archive",
         151.92,
         (180.0, 180.0),
-        fiducials_mm={name: tuple(place) for name, place in truth["camera"]["fiducials"].items()},
+        fiducials_mm={
+            name: (float(place[0]), float(place[1]))
+            for name, place in truth["camera"]["fiducials"].items()
+        },
     )
     photos = {}
     for name, entry in sorted(truth["eo"].items()):

@@ -1,6 +1,7 @@
 """Projectivities: fit, apply, derive."""
 
 import numpy as np
+
 from core.geometry.projectivity import apply_projectivity, fit_projectivity, jacobians
 
 MATRIX = np.array([[-1.02, 0.05, 4000.0], [-0.04, -0.98, 3900.0], [1e-6, -2e-6, 1.0]])

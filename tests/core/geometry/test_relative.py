@@ -1,7 +1,10 @@
 """Relative orientation: parallaxes, robust search, and what chance cannot do."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.relative import (
@@ -108,5 +111,5 @@ def test_same_seed_same_orientation__law():
 
 def test_more_agreement_is_less_likely_by_chance__law():
     nfas = [log10_false_alarms(100, agreeing, 2.0, (3000.0, 3000.0)) for agreeing in range(6, 100)]
-    assert all(later < earlier for earlier, later in zip(nfas[4:], nfas[5:], strict=False))
+    assert all(later < earlier for earlier, later in pairwise(nfas[4:]))
     assert log10_false_alarms(100, 5, 2.0, (3000.0, 3000.0)) == 0.0

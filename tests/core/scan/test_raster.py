@@ -94,14 +94,14 @@ def test_sixteen_bits_keep_their_values__truth(tmp_path: Path) -> None:
 
 
 def test_missing_file_says_so__truth(tmp_path: Path) -> None:
-    with pytest.raises(ScanError, match="missing.*Check the path"):
+    with pytest.raises(ScanError, match=r"missing.*Check the path"):
         open_scan(tmp_path / "gone.tif")
 
 
 def test_empty_file_says_so__truth(tmp_path: Path) -> None:
     path = tmp_path / "empty.tif"
     path.touch()
-    with pytest.raises(ScanError, match="empty.*Copy the scan again"):
+    with pytest.raises(ScanError, match=r"empty.*Copy the scan again"):
         open_scan(path)
 
 

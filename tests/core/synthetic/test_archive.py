@@ -24,10 +24,10 @@ from tests.core.synthetic.conftest import OPTIONS
 
 def _digests(folder: Path) -> dict[str, str]:
     # A GeoPackage carries the time it was made.
-    files = sorted(p for p in folder.rglob("*") if p.is_file() and p.suffix not in (".gpkg", ".dbf"))
-    return {
-        str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files
-    }
+    files = sorted(
+        p for p in folder.rglob("*") if p.is_file() and p.suffix not in (".gpkg", ".dbf")
+    )
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
 def test_same_options_give_same_files__law(tiny_block, tmp_path):

@@ -96,8 +96,10 @@ def test_fiducials_lie_where_the_certificate_says__truth(tiny_block):
             near = np.hypot(x - column, y - row) < 2.7 / 0.18
             weight = window * near
             found.append(
-                ((weight * x).sum() / weight.sum() - column,
-                 (weight * y).sum() / weight.sum() - row)
+                (
+                    (weight * x).sum() / weight.sum() - column,
+                    (weight * y).sum() / weight.sum() - row,
+                )
             )
         assert np.median(np.abs(found)) < 0.1, name
         assert np.abs(found).max() < 0.3, name  # a speck of dust may lie on one

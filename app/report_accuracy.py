@@ -1,0 +1,112 @@
+"""Statistics of independent differences, as METHODS 9.1 defines them; JSON-able."""
+
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from app.report_content import ReportContent
+from core.arrays import ObjectPoints
+from core.ground.comparison import OUTLIER_RULE, MosaicAccuracy, rms_interval
+
+ASPRS_LEAST = 30
+"""Check points below which the ASPRS standard (Ed. 2, 2023) allows no statement."""
+
+
+def check_accuracy(content: ReportContent) -> dict[str, Any]:
+    """Check points one by one and together; `count` is 0 where there are none."""
+    surveyed = content.report.block.surveyed
+    checks = content.report.checks
+    points = [
+        {
+            "point_id": check.point_id,
+            "position": surveyed[check.point_id].position.tolist(),
+            "difference_m": check.difference_m.tolist(),
+            "used_scans": check.used_scans,
+        }
+        for check in checks
+    ]
+    if not checks:
+        return {"count": 0, "points": []}
+    differences = np.array([check.difference_m for check in checks], dtype=np.float64)
+    intersected = np.array([check.used_scans > 1 for check in checks])
+    sigma = np.array([surveyed[check.point_id].sigma_m for check in checks])
+    return {
+        "count": len(checks),
+        "points": points,
+        **horizontal(differences),
+        **_heights(differences[intersected, 2]),
+        "survey_rms_horizontal": float(np.sqrt(np.mean(np.sum(sigma[:, :2] ** 2, axis=1)))),
+        "asprs_least": ASPRS_LEAST,
+        "asprs_enough": len(checks) >= ASPRS_LEAST,
+    }
+
+
+def horizontal(differences: ObjectPoints) -> dict[str, Any]:
+    """Plan figures of differences in metres (n, 3)."""
+    plan, count = differences[:, :2], len(differences)
+    m_x, m_y = np.sqrt(np.mean(plan**2, axis=0))
+    mean, median = plan.mean(axis=0), np.median(plan, axis=0)
+    deviation = plan.std(axis=0, ddof=1) if count > 1 else np.full(2, np.nan)
+    m_p = float(np.hypot(m_x, m_y))
+    lengths = np.linalg.norm(plan, axis=1)
+    return {
+        "m_x": float(m_x),
+        "m_y": float(m_y),
+        "m_p": m_p,
+        "m_p_interval": list(rms_interval(m_p, 2 * count)),
+        "mean_shift": mean.tolist(),
+        "deviation": deviation.tolist(),
+        "mean_significant": [_differs_from_nought(axis) for axis in plan.T],
+        "median_shift": median.tolist(),
+        "nmad": (1.4826 * np.median(np.abs(plan - median), axis=0)).tolist(),
+        "mean_length": float(lengths.mean()),
+        "largest": float(lengths.max()),
+        "circular_error_90": float(1.5175 * m_p / np.sqrt(2)),
+    }
+
+
+def comparison_accuracy(name: str, accuracy: MosaicAccuracy) -> dict[str, Any]:
+    """A mosaic against another ortho."""
+    used = accuracy.places.used
+    return {
+        "name": name,
+        "count": accuracy.n,
+        "m_x": accuracy.m_x,
+        "m_y": accuracy.m_y,
+        "m_p": accuracy.m_p,
+        "m_p_interval": list(accuracy.m_p_interval),
+        "mean_shift": list(accuracy.mean_shift),
+        "deviation": list(accuracy.deviation),
+        "median_shift": list(accuracy.median_shift),
+        "nmad": list(accuracy.nmad),
+        "largest": accuracy.largest,
+        "m_p_with_mismatches": accuracy.m_p_with_mismatches,
+        "circular_error_90": float(accuracy.circular_error_90),
+        "refused": dict(accuracy.refused),
+        "ground_sample_distance_m": accuracy.ground_sample_distance_m,
+        "rule": OUTLIER_RULE,
+        "vectors": np.hstack([accuracy.places.positions, accuracy.places.shifts_m])[used].tolist(),
+    }
+
+
+def _heights(differences: np.ndarray) -> dict[str, Any]:
+    """Height figures; only points seen in two photos have a height of their own."""
+    if not len(differences):
+        return {"heights": 0, "m_z": None, "mean_z": None, "linear_error_95": None}
+    m_z = float(np.sqrt(np.mean(differences**2)))
+    return {
+        "heights": len(differences),
+        "m_z": m_z,
+        "mean_z": float(differences.mean()),
+        "linear_error_95": 1.96 * m_z,
+    }
+
+
+def _differs_from_nought(values: np.ndarray) -> bool:
+    """True when a t-test at 5 % says the mean is not nought."""
+    count = len(values)
+    if count < 3 or float(np.ptp(values)) == 0:
+        return False
+    t = abs(float(values.mean())) / (float(values.std(ddof=1)) / np.sqrt(count))
+    return bool(t > stats.t.ppf(0.975, count - 1))

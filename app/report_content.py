@@ -1,0 +1,45 @@
+"""What the accuracy report is made from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from shapely.geometry import Polygon
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block
+from core.doubts import Doubt
+from core.ground.comparison import MosaicAccuracy
+from core.ground.seams import Seam
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportContent:
+    """Everything a report tells of; what is left out is left out of the report."""
+
+    name: str
+    """Name of the block."""
+    report: AdjustmentReport
+    """The adjusted block and its figures."""
+    before: Block | None = None
+    """The block before the adjustment, for the changes of the cameras."""
+    heights: str = ""
+    """Height system in words."""
+    doubts: Sequence[Doubt] = ()
+    """What the engine is unsure of."""
+    set_aside: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Scans that could not be used, with the reason."""
+    reference_sigma_m: tuple[float, float] | None = None
+    """Accuracy of the reference ortho and DEM, metres."""
+    footprints: Mapping[str, Polygon] = field(default_factory=dict[str, Polygon])
+    """Footprint of each photo; over level ground when left out."""
+    mosaic: Path | None = None
+    """The mosaic."""
+    seams: Sequence[Seam] = ()
+    """Its seams."""
+    comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
+    """Mosaic against other orthos, by their name."""
+    timings_s: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Seconds of each stage."""
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Versions, options, digests, times."""

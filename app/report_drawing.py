@@ -1,0 +1,311 @@
+"""Drawings of the accuracy report as SVG, from its figures alone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, floor, hypot, log10
+from typing import Any
+
+from markupsafe import Markup
+from shapely.geometry import Polygon
+
+Figures = dict[str, Any]
+WIDTH = 1000.0
+"""Width of the block figure in its own units."""
+MARGIN = 46.0
+TALLEST = 1100.0
+VECTOR_SHARE = 0.045
+"""A large residual vector is drawn this long, as a share of the width."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sheet:
+    """Paper coordinates of easting and northing: x right, y down."""
+
+    west: float
+    north: float
+    per_metre: float
+    height: float
+
+    def at(self, position: Sequence[float]) -> tuple[float, float]:
+        return (
+            MARGIN + (position[0] - self.west) * self.per_metre,
+            MARGIN + (self.north - position[1]) * self.per_metre,
+        )
+
+
+def draw_map(figures: Figures) -> tuple[Markup, float | None]:
+    """The block figure, and how many times its vectors are enlarged (None without vectors)."""
+    sheet = _sheet(figures)
+    enlarged = _enlargement(figures, sheet)
+    parts = [_frame(sheet)]
+    parts += [_ring(sheet, ring, "footprint") for ring in figures["footprints"].values()]
+    parts += [_dot(sheet, place, "tie", 1.4) for place in figures["ties"]]
+    parts += [_cross(sheet, place) for place in figures["left_out"]]
+    parts += [part for p in figures["control"] for part in _point(sheet, p, "control", enlarged)]
+    parts += [part for p in figures["checks"] for part in _point(sheet, p, "check", enlarged)]
+    names = _short_names(list(figures["centres"]))
+    for name, centre in figures["centres"].items():
+        parts += _centre(sheet, centre, names[name])
+    parts.append(_scale_bar(sheet))
+    if enlarged is not None:
+        parts.append(_vector_bar(sheet, enlarged))
+    box = f"0 0 {WIDTH:.0f} {sheet.height:.0f}"
+    scale = None if enlarged is None else enlarged / sheet.per_metre
+    return _tag("svg", Markup("").join(parts), viewBox=box, class_="map", role="img"), scale
+
+
+def draw_seams(mosaic: Figures) -> Markup:
+    """Seams over the picture of the mosaic, in shares of its width and height."""
+    west, south, east, north = mosaic["bounds"]
+    names = _short_names([seam["scan"] for seam in mosaic["seams"]])
+    wide, tall = WIDTH, WIDTH * (north - south) / (east - west)
+    parts: list[Markup] = []
+    for seam in mosaic["seams"]:
+        for ring in seam["rings"]:
+            places = [
+                (wide * (x - west) / (east - west), tall * (north - y) / (north - south))
+                for x, y in ring
+            ]
+            parts.append(_tag("polygon", points=_points(places), class_="seam"))
+        inside = Polygon(max(seam["rings"], key=len)).representative_point()
+        x, y = inside.x, inside.y
+        parts.append(
+            _tag(
+                "text",
+                names[seam["scan"]],
+                class_="seamname",
+                x=wide * (x - west) / (east - west),
+                y=tall * (north - y) / (north - south),
+            )
+        )
+    return _tag(
+        "svg",
+        Markup("").join(parts),
+        viewBox=f"0 0 {wide:.0f} {tall:.0f}",
+        class_="overlay",
+        preserveAspectRatio="none",
+    )
+
+
+def draw_bars(counts: dict[str, int], unit: str) -> Markup:
+    """A bar for every number of rays."""
+    if not counts:
+        return Markup("")
+    keys = sorted(counts, key=int)
+    most, step, base = max(counts.values()), 70.0, 150.0
+    parts: list[Markup] = []
+    for index, key in enumerate(keys):
+        x, tall = 20 + index * step, 120.0 * counts[key] / most
+        parts += [
+            _tag("rect", x=x, y=base - tall, width=step - 22, height=max(tall, 0.8), class_="bar"),
+            _tag(
+                "text",
+                f"{counts[key]:,}",
+                x=x + (step - 22) / 2,
+                y=base - tall - 6,
+                class_="barcount",
+            ),
+            _tag("text", key, x=x + (step - 22) / 2, y=base + 17, class_="barname"),
+        ]
+    width = 20 + len(keys) * step + 60
+    parts.append(_tag("line", x1=10, y1=base, x2=width - 60, y2=base, class_="axis"))
+    parts.append(_tag("text", unit, x=width - 54, y=base + 17, class_="unit"))
+    return _tag(
+        "svg",
+        Markup("").join(parts),
+        viewBox=f"0 0 {width:.0f} 176",
+        class_="bars",
+        style=f"width:{width:.0f}px",
+    )
+
+
+def draw_coverage(photo: Figures) -> Markup:
+    """Nine cells of a photo: how much control, and a bar for its ties."""
+    side = 34.0
+    most = max(max(row) for row in photo["ties"]) or 1
+    parts: list[Markup] = []
+    for row in range(3):
+        for column in range(3):
+            count, ties = photo["control"][row][column], photo["ties"][row][column]
+            x, y = column * side, row * side
+            style = "cell full" if count else "cell empty"
+            parts.append(
+                _tag("rect", x=x + 1, y=y + 1, width=side - 2, height=side - 2, class_=style)
+            )
+            parts.append(
+                _tag("text", str(count), x=x + side / 2, y=y + side / 2 + 2, class_="cellcount")
+            )
+            width = (side - 8) * ties / most
+            parts.append(
+                _tag("rect", x=x + 4, y=y + side - 7, width=width, height=3, class_="celltie")
+            )
+    return _tag("svg", Markup("").join(parts), viewBox="0 0 102 102", class_="nine")
+
+
+def _sheet(figures: Figures) -> _Sheet:
+    places = [place for ring in figures["footprints"].values() for place in ring]
+    places += [point["position"] for key in ("control", "checks") for point in figures[key]]
+    places += [centre["position"] for centre in figures["centres"].values()]
+    places = places or [[0.0, 0.0]]
+    west, east = min(p[0] for p in places), max(p[0] for p in places)
+    south, north = min(p[1] for p in places), max(p[1] for p in places)
+    wide, tall = max(east - west, 1.0), max(north - south, 1.0)
+    per_metre = min((WIDTH - 2 * MARGIN) / wide, (TALLEST - 2 * MARGIN) / tall)
+    # A tall block is drawn in the middle of the width.
+    west -= ((WIDTH - 2 * MARGIN) / per_metre - wide) / 2
+    return _Sheet(west, north, per_metre, tall * per_metre + 2 * MARGIN + 34)
+
+
+def _enlargement(figures: Figures, sheet: _Sheet) -> float | None:
+    """Paper units per metre of residual, a round number of times the map's."""
+    lengths = sorted(
+        hypot(*point["vector_m"])
+        for key in ("control", "checks")
+        for point in figures[key]
+        if None not in point["vector_m"]
+    )
+    if not lengths or lengths[-1] <= 0:
+        return None
+    large = lengths[int(0.9 * (len(lengths) - 1))] or lengths[-1]
+    return _round_down(VECTOR_SHARE * WIDTH / large / sheet.per_metre) * sheet.per_metre
+
+
+def _frame(sheet: _Sheet) -> Markup:
+    """Neat line with coordinates at round distances, and grid north."""
+    right, bottom = WIDTH - MARGIN, sheet.height - MARGIN - 34 + 0.0
+    parts = [
+        _tag(
+            "rect",
+            x=MARGIN - 14,
+            y=MARGIN - 14,
+            width=right - MARGIN + 28,
+            height=bottom - MARGIN + 28,
+            class_="neat",
+        )
+    ]
+    step = _round_down((right - MARGIN) / sheet.per_metre / 4)
+    easting = ceil(sheet.west / step) * step
+    while MARGIN + (easting - sheet.west) * sheet.per_metre <= right:
+        x = MARGIN + (easting - sheet.west) * sheet.per_metre
+        parts.append(_tag("line", x1=x, y1=MARGIN - 14, x2=x, y2=MARGIN - 20, class_="axis"))
+        parts.append(
+            _tag(
+                "text", f"{easting:,.0f}".replace(",", " "), x=x, y=MARGIN - 25, class_="coordinate"
+            )
+        )
+        easting += step
+    northing = floor(sheet.north / step) * step
+    while MARGIN + (sheet.north - northing) * sheet.per_metre <= bottom:
+        y = MARGIN + (sheet.north - northing) * sheet.per_metre
+        parts.append(_tag("line", x1=MARGIN - 14, y1=y, x2=MARGIN - 20, y2=y, class_="axis"))
+        parts.append(
+            _tag(
+                "text",
+                f"{northing:,.0f}".replace(",", " "),
+                x=MARGIN - 25,
+                y=y,
+                class_="coordinate",
+                transform=f"rotate(-90 {MARGIN - 25:.1f} {y:.1f})",
+            )
+        )
+        northing -= step
+    x = right - 6
+    parts.append(_tag("path", d=f"M{x} {MARGIN - 4} l6 20 l-6 -5 l-6 5 z", class_="north"))
+    parts.append(_tag("text", "N", x=x, y=MARGIN + 30, class_="northname"))
+    return Markup("").join(parts)
+
+
+def _centre(sheet: _Sheet, centre: Figures, name: str) -> list[Markup]:
+    x, y = sheet.at(centre["position"])
+    style = "centre" if centre["oriented"] else "centre loose"
+    return [
+        _tag("path", d=f"M{x:.1f} {y - 6:.1f} l5.5 10 h-11 z", class_=style),
+        _tag("text", name, x=x + 9, y=y + 5, class_="name"),
+    ]
+
+
+def _point(sheet: _Sheet, point: Figures, style: str, enlarged: float | None) -> list[Markup]:
+    parts = [_dot(sheet, point["position"], style, 3.4, title=point["point_id"])]
+    if enlarged is not None and None not in point["vector_m"]:
+        x, y = sheet.at(point["position"])
+        east, north = point["vector_m"]
+        end = {"x2": x + east * enlarged, "y2": y - north * enlarged}
+        parts.insert(0, _tag("line", x1=x, y1=y, **end, class_=f"vector {style}line"))
+    return parts
+
+
+def _dot(
+    sheet: _Sheet, place: Sequence[float], style: str, radius: float, title: str = ""
+) -> Markup:
+    x, y = sheet.at(place)
+    inner = _tag("title", title) if title else Markup("")
+    return _tag("circle", inner, cx=x, cy=y, r=radius, class_=style)
+
+
+def _cross(sheet: _Sheet, place: Sequence[float]) -> Markup:
+    x, y = sheet.at(place)
+    return _tag("path", d=f"M{x - 3:.1f} {y - 3:.1f} l6 6 m0 -6 l-6 6", class_="leftout")
+
+
+def _ring(sheet: _Sheet, ring: Sequence[Sequence[float]], style: str) -> Markup:
+    return _tag("polygon", points=_points([sheet.at(place) for place in ring]), class_=style)
+
+
+def _scale_bar(sheet: _Sheet) -> Markup:
+    metres = _round_down(WIDTH / 5 / sheet.per_metre)
+    x, y = MARGIN, sheet.height - 22
+    name = f"{metres / 1000:g} km" if metres >= 1000 else f"{metres:g} m"
+    return Markup("").join(
+        [
+            _tag("path", d=f"M{x} {y - 5} v5 h{metres * sheet.per_metre:.1f} v-5", class_="scale"),
+            _tag("text", name, x=x, y=y - 9, class_="scalename"),
+        ]
+    )
+
+
+def _vector_bar(sheet: _Sheet, enlarged: float) -> Markup:
+    metres = _round_down(VECTOR_SHARE * 1.6 * WIDTH / enlarged)
+    x, y = WIDTH - MARGIN - metres * enlarged, sheet.height - 22
+    return Markup("").join(
+        [
+            _tag(
+                "path",
+                d=f"M{x:.1f} {y - 5} v5 h{metres * enlarged:.1f} v-5",
+                class_="scale vectorscale",
+            ),
+            _tag(
+                "text",
+                f"residual of {metres:g} m",
+                x=WIDTH - MARGIN,
+                y=y - 9,
+                class_="scalename right",
+            ),
+        ]
+    )
+
+
+def _short_names(names: list[str]) -> dict[str, str]:
+    """The last part of each name where that tells them apart."""
+    short = {name: name.replace("_", ".").split(".")[-1] for name in names}
+    return short if len(set(short.values())) == len(names) else {name: name for name in names}
+
+
+def _round_down(value: float) -> float:
+    """The largest 1, 2 or 5 times a power of ten below a value."""
+    power = 10.0 ** floor(log10(max(value, 1e-12)))
+    return power * max(m for m in (1.0, 2.0, 5.0) if m * power <= value * (1 + 1e-9))
+
+
+def _points(places: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+
+
+def _tag(name: str, inner: str | Markup = "", **attributes: str | float) -> Markup:
+    """One element; text and attributes are escaped unless they are markup already."""
+    told = Markup("").join(
+        Markup(' {}="{}"').format(
+            key.rstrip("_"), f"{value:.1f}" if isinstance(value, float) else value
+        )
+        for key, value in attributes.items()
+    )
+    return Markup("<{0}{1}>{2}</{0}>").format(Markup(name), told, inner)

@@ -1,0 +1,334 @@
+"""Every figure of the accuracy report, as one JSON-able value; the page shows nothing else."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+import shapely
+from shapely.geometry import Polygon
+
+from app.report_accuracy import check_accuracy, comparison_accuracy
+from app.report_content import ReportContent
+from app.results import final_status
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Block, Measurement, Photo
+from core.geometry.camera import Camera
+from core.ground.seams import Seam
+
+CELLS = 3
+"""Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
+SHOWN_TIES = 4000
+"""Tie points drawn in the block figure at most."""
+
+
+def gather(content: ReportContent) -> dict[str, Any]:
+    """All figures of a report, with nothing that JSON cannot hold: NaN becomes null."""
+    report = content.report
+    block = report.block
+    footprints = {
+        name: content.footprints.get(name) or _level_footprint(photo, block.camera_of(name))
+        for name, photo in block.photos.items()
+    }
+    figures = {
+        "block": _block_figures(content),
+        "adjustment": _adjustment_figures(report),
+        "checks": check_accuracy(content),
+        "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
+        "control": _control_figures(report),
+        "coverage": _coverage(report),
+        "ties": _tie_figures(report),
+        "overlaps": _overlaps(block, footprints),
+        "exterior": _exterior_figures(report),
+        "interior": [_interior_figures(photo) for photo in block.photos.values()],
+        "cameras": _camera_figures(content),
+        "doubts": [
+            {
+                "kind": doubt.kind,
+                "subject": doubt.subject,
+                "message": doubt.message,
+                "gravity": doubt.gravity,
+                "evidence": dict(doubt.evidence),
+            }
+            for doubt in sorted(content.doubts, key=lambda doubt: -doubt.gravity)
+        ],
+        "set_aside": dict(content.set_aside),
+        "map": _map_figures(report, footprints),
+        "mosaic": None
+        if content.mosaic is None
+        else _mosaic_figures(content.mosaic, content.seams),
+        "timings_s": dict(content.timings_s),
+        "provenance": dict(content.provenance),
+    }
+    return _plain(figures)
+
+
+def _block_figures(content: ReportContent) -> dict[str, Any]:
+    block = content.report.block
+    sigma = content.reference_sigma_m or (None, None)
+    return {
+        "name": content.name,
+        "crs": block.crs,
+        "heights": content.heights,
+        "photos": len(block.photos),
+        "oriented": sum(photo.oriented for photo in block.photos.values()),
+        "cameras": len(block.cameras),
+        "reference_ortho_sigma_m": sigma[0],
+        "reference_dem_sigma_m": sigma[1],
+    }
+
+
+def _adjustment_figures(report: AdjustmentReport) -> dict[str, Any]:
+    return {
+        "sigma_nought": report.sigma_nought,
+        "redundancy": report.redundancy,
+        "iterations": report.iterations,
+        "converged": report.converged,
+        "rms_px": dict(report.rms_px),
+        "rms_m": dict(report.rms_m),
+    }
+
+
+def _control_figures(report: AdjustmentReport) -> dict[str, Any]:
+    """Measurements by status, and every one that was not used with its reason."""
+    block = report.block
+    final = {key: final_status(report, m) for key, m in block.measurements.items()}
+    control = [key for key in final if block.surveyed[key[0]].role == "control"]
+    used = [key for key in control if final[key][0] in ("auto", "accepted")]
+    redundancy = [report.redundancy_numbers.get(key) for key in used]
+    unchecked = [key for key, r in zip(used, redundancy, strict=True) if r is not None and r < 0.1]
+    return {
+        "points_used": len({point for point, _ in used}),
+        "by_status": dict(Counter(final[key][0] for key in control)),
+        "unchecked": [{"point_id": point, "scan": scan} for point, scan in unchecked],
+        "left_out": [
+            {
+                "point_id": point,
+                "scan": scan,
+                "status": final[point, scan][0],
+                "reason": final[point, scan][1],
+                "residual_px": list(report.residuals_px.get((point, scan), (np.nan, np.nan))),
+            }
+            for point, scan in sorted(control)
+            if final[point, scan][0] not in ("auto", "accepted")
+        ],
+    }
+
+
+def _coverage(report: AdjustmentReport) -> list[dict[str, Any]]:
+    """Used control and tie points in the nine cells of each photo, top row first."""
+    block, ties = report.block, report.block.ties
+    in_use = np.isfinite(report.tie_residuals_px).all(axis=1)
+    coverage: list[dict[str, Any]] = []
+    for name, photo in block.photos.items():
+        used = [m for m in block.measurements.values() if m.photo_id == name]
+        used = [m for m in used if _steers(report, m)]
+        control = np.array([[m.column, m.row] for m in used], dtype=np.float64).reshape(-1, 2)
+        number = ties.photo_ids.index(name) if name in ties.photo_ids else -1
+        tied = ties.pixels[(ties.photo == number) & in_use]
+        camera = block.camera_of(name)
+        cells = _cells(photo, camera, control)
+        coverage.append(
+            {
+                "scan": name,
+                "control": cells,
+                "ties": _cells(photo, camera, tied),
+                "control_cells": int(np.count_nonzero(cells)),
+                "rms_px": _rms([report.residuals_px.get(m.key, (np.nan, np.nan)) for m in used]),
+            }
+        )
+    return coverage
+
+
+def _steers(report: AdjustmentReport, measurement: Measurement) -> bool:
+    role = report.block.surveyed[measurement.point_id].role
+    return role == "control" and measurement.used and measurement.key not in report.rejected
+
+
+def _cells(photo: Photo, camera: Camera, pixels: np.ndarray) -> list[list[int]]:
+    film = photo.interior.film_from_pixel(pixels) / np.array(camera.frame_mm) + 0.5
+    columns, rows = np.clip((film * CELLS).astype(int), 0, CELLS - 1).T
+    counts = np.zeros((CELLS, CELLS), dtype=int)
+    np.add.at(counts, (CELLS - 1 - rows, columns), 1)
+    return counts.tolist()
+
+
+def _rms(residuals: list[tuple[float, float]]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else None
+
+
+def _tie_figures(report: AdjustmentReport) -> dict[str, Any]:
+    """How many tie points have how many rays, and how many rays each photo has."""
+    ties = report.block.ties
+    in_use = np.isfinite(report.tie_residuals_px).all(axis=1)
+    rays = np.bincount(ties.point[in_use], minlength=ties.count)
+    counts = np.bincount(rays[rays > 0])
+    per_photo = np.bincount(ties.photo[in_use], minlength=len(ties.photo_ids))
+    return {
+        "points": int(np.count_nonzero(rays)),
+        "rays": int(in_use.sum()),
+        "left_out_rays": int((~in_use).sum()),
+        "points_by_rays": {str(n): int(c) for n, c in enumerate(counts) if c},
+        "rays_by_scan": dict(zip(ties.photo_ids, per_photo.tolist(), strict=True)),
+    }
+
+
+def _overlaps(block: Block, footprints: Mapping[str, Polygon]) -> list[dict[str, Any]]:
+    """Pairs of photos that overlap: share of the smaller footprint, and common tie points."""
+    ties = block.ties
+    seen = {
+        name: set(ties.point[ties.photo == number].tolist())
+        for number, name in enumerate(ties.photo_ids)
+    }
+    names = list(footprints)
+    pairs: list[dict[str, Any]] = []
+    for index, first in enumerate(names):
+        for second in names[index + 1 :]:
+            one, other = footprints[first], footprints[second]
+            share = one.intersection(other).area / max(min(one.area, other.area), 1e-9)
+            if share > 0.01:
+                common = seen.get(first, set()) & seen.get(second, set())
+                pairs.append({"scans": [first, second], "share": share, "common_ties": len(common)})
+    return pairs
+
+
+def _exterior_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for name, photo in report.block.photos.items():
+        exterior, sigmas = photo.exterior, report.exterior_sigmas.get(name)
+        rows.append(
+            {
+                "scan": name,
+                "oriented": photo.oriented,
+                "centre_m": exterior.centre.tolist(),
+                "angles_deg": np.degrees([exterior.omega, exterior.phi, exterior.kappa]).tolist(),
+                "sigma_centre_m": None if sigmas is None else sigmas.centre_m.tolist(),
+                "sigma_angles_deg": None if sigmas is None else np.degrees(sigmas.angles).tolist(),
+                "moved_m": float(np.linalg.norm(exterior.centre - photo.approximate.centre)),
+            }
+        )
+    return rows
+
+
+def _interior_figures(photo: Photo) -> dict[str, Any]:
+    interior = photo.interior
+    return {
+        "scan": photo.photo_id,
+        "model": interior.model,
+        "pixel_um": interior.pixel_size_mm * 1000,
+        "sigma_um": interior.sigma_um,
+        "rms_um": interior.rms_um,
+        "residuals_um": dict(zip(interior.names, interior.residuals_um.tolist(), strict=True)),
+    }
+
+
+def _camera_figures(content: ReportContent) -> list[dict[str, Any]]:
+    """Constants after the adjustment, and what it changed."""
+    rows: list[dict[str, Any]] = []
+    for name, camera in content.report.block.cameras.items():
+        row: dict[str, Any] = {"camera": name, "adjusted": _constants(camera)}
+        if content.before is not None and name in content.before.cameras:
+            row["before"] = _constants(content.before.cameras[name])
+        rows.append(row)
+    return rows
+
+
+def _constants(camera: Camera) -> dict[str, Any]:
+    k1, k2, k3 = camera.radial_distortion
+    corner = float(np.hypot(*camera.frame_mm)) / 2
+    at_corner = corner * (k1 * corner**2 + k2 * corner**4 + k3 * corner**6)
+    return {
+        "principal_distance_mm": camera.principal_distance_mm,
+        "principal_point_mm": list(camera.principal_point_mm),
+        "radial_distortion": [k1, k2, k3],
+        "distortion_at_corner_um": at_corner * 1000,
+    }
+
+
+def _map_figures(report: AdjustmentReport, footprints: Mapping[str, Polygon]) -> dict[str, Any]:
+    """What the block figure draws, in the block's CRS."""
+    block = report.block
+    ties = report.tie_positions[np.isfinite(report.tie_positions).all(axis=1), :2]
+    ties = ties[:: max(1, -(-len(ties) // SHOWN_TIES))]
+    control = [
+        {
+            "point_id": name,
+            "position": block.surveyed[name].position[:2].tolist(),
+            "vector_m": (position - block.surveyed[name].position)[:2].tolist(),
+        }
+        for name, position in report.surveyed_positions.items()
+        if block.surveyed[name].role == "control"
+    ]
+    left_out = {key[0] for key in block.measurements} - set(report.surveyed_positions)
+    return {
+        "footprints": {
+            name: [[round(x, 2), round(y, 2)] for x, y, *_ in polygon.exterior.coords]
+            for name, polygon in footprints.items()
+        },
+        "centres": {
+            name: {"position": photo.exterior.centre[:2].tolist(), "oriented": photo.oriented}
+            for name, photo in block.photos.items()
+        },
+        "ties": np.round(ties, 1).tolist(),
+        "control": control,
+        "checks": [
+            {
+                "point_id": check.point_id,
+                "position": block.surveyed[check.point_id].position[:2].tolist(),
+                "vector_m": check.difference_m[:2].tolist(),
+            }
+            for check in report.checks
+        ],
+        "left_out": [
+            block.surveyed[name].position[:2].tolist()
+            for name in sorted(left_out)
+            if block.surveyed[name].role == "control"
+        ],
+    }
+
+
+def _mosaic_figures(path: Path, seams: Sequence[Seam]) -> dict[str, Any]:
+    with rasterio.open(path) as file:
+        bounds, columns, rows, gsd = file.bounds, file.width, file.height, file.res[0]
+    return {
+        "file": path.name,
+        "columns": columns,
+        "rows": rows,
+        "ground_sample_distance_m": gsd,
+        "bounds": list(bounds),
+        "seams": [
+            {
+                "scan": seam.photo_id,
+                "date": seam.date,
+                "area_km2": seam.area.area / 1e6,
+                "rings": [
+                    [[round(x, 1), round(y, 1)] for x, y, *_ in part.exterior.coords]
+                    for part in shapely.get_parts(seam.area)
+                ],
+            }
+            for seam in seams
+        ],
+    }
+
+
+def _level_footprint(photo: Photo, camera: Camera) -> Polygon:
+    corners = photo.interior.pixel_from_film(camera.frame_corners_mm)
+    heights = np.full(len(corners), photo.ground_height_m)
+    return Polygon(photo.object_from_pixel(corners, heights, camera)[:, :2])
+
+
+def _plain(value: Any) -> Any:
+    """The same value in JSON's own types."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (np.bool_, np.integer)):
+        return value.item()
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value if isinstance(value, (str, int, bool)) or value is None else str(value)

@@ -1,0 +1,229 @@
+"""Every sentence of the accuracy report, in one place, so that it can be told in Czech as well."""
+
+from typing import Any
+
+Figures = dict[str, Any]
+
+TEXT = {
+    "title": "{name}: {oriented} of {photos} photos oriented",
+    "subtitle": "Accuracy report of the block · {crs}{heights}",
+    "headline_checks": (
+        "m_p = {m_p:.2f} m in plan at {count} check points "
+        "(95 % interval {low:.2f} to {high:.2f} m)."
+    ),
+    "headline_relative": (
+        "There are no check points: what follows says how well the block fits the reference "
+        "ortho{sigma}, not how well the mosaic lies on the ground."
+    ),
+    "sigma_of_reference": " (sigma {ortho:g} m, DEM {dem:g} m)",
+    "sigma_fits": (
+        "Sigma nought {value:.2f}: residuals are as large as the a-priori standard deviations say."
+    ),
+    "sigma_large": (
+        "Sigma nought {value:.2f}: residuals are larger than expected. Measurements are worse than "
+        "stated, or something systematic is left (film, DEM, a false control point)."
+    ),
+    "sigma_small": (
+        "Sigma nought {value:.2f}: residuals are smaller than expected. The a-priori standard "
+        "deviations are too cautious; all sigmas below are scaled with sigma nought."
+    ),
+    "sigma_none": "Sigma nought cannot be stated: there are no redundant measurements.",
+    "converged": "The adjustment settled after {iterations} steps with {redundancy} redundant "
+    "observations.",
+    "not_converged": "The adjustment did not settle: orientations are the last sound ones. Do not "
+    "use the mosaic before the doubts are decided.",
+    "doubts_none": "No doubts are open",
+    "doubts_one": "One doubt is open: {subject}",
+    "doubts_many": "{count} doubts are open, the gravest about {subject}",
+    "map": "Where the photos, the control and the ties lie",
+    "map_caption": (
+        "Residual vectors of control (adjusted minus known) and of check points (computed minus "
+        "known), enlarged {scale:,.0f} times. Grey dots are tie points."
+    ),
+    "map_caption_plain": "Footprints, photo centres, control points; grey dots are tie points.",
+    "checks": "Check points: m_p {m_p:.2f} m, {bias}",
+    "bias_none": "no systematic shift",
+    "bias_some": "shifted by {east:+.2f} m east, {north:+.2f} m north",
+    "checks_none": "No check points: accuracy is relative to the reference ortho",
+    "checks_none_text": (
+        "The figures of this report say how well the block fits what it was fitted to. For a "
+        "statement of accuracy, measure at least {least} independent points with role = check."
+    ),
+    "asprs_enough": (
+        "{count} check points allow a statement by ASPRS Ed. 2 (2023): RMSE_H = {total:.2f} m, the "
+        "error of the check points themselves ({survey:.2f} m) included."
+    ),
+    "asprs_few": (
+        "{count} check points are fewer than the {least} that ASPRS Ed. 2 (2023) asks for: the "
+        "figures are not sufficient for a statement by that standard."
+    ),
+    "comparison": "Against {name}: m_p {m_p:.2f} m at {count} places",
+    "residuals": "Residuals by class",
+    "control": "{used} measurements at {points} control points steer the block; {left} left out",
+    "control_none": "No control steers the block: it lies where its approximate orientation put it",
+    "unchecked": (
+        "{count} control measurements have a redundancy number below 0.1: no other measurement "
+        "would show them wrong."
+    ),
+    "coverage": "{good} of {photos} photos have control in at least five of nine cells",
+    "coverage_text": (
+        "Each square is the picture area of a photo, divided as the Gruber points lie; figures are "
+        "used control measurements, bars below them tie points. Empty cells are marked."
+    ),
+    "ties": "{points} tie points, {share:.0f} % of them in three photos or more",
+    "ties_none": "No tie points: every photo stands on its control alone",
+    "overlaps": "{pairs} pairs of photos overlap; {untied} of them share no tie point",
+    "overlaps_all": "{pairs} pairs of photos overlap, all of them tied",
+    "exterior": (
+        "Perspective centres are known to {median:.2f} m, the worst ({scan}) to {worst:.2f} m"
+    ),
+    "exterior_plain": "Exterior orientation",
+    "interior": "Fiducials fit to {median:.0f} µm, the worst scan ({scan}) to {worst:.0f} µm",
+    "interior_none": "No fiducials: interior orientation is nominal, from the middle of the scans",
+    "cameras": "Cameras: principal distance changed by at most {change:.3f} mm",
+    "cameras_plain": "Cameras",
+    "set_aside": "{count} scans were set aside",
+    "set_aside_one": "One scan was set aside",
+    "set_aside_none": "No scan was set aside",
+    "mosaic": "The mosaic: {columns} × {rows} pixels of {gsd:g} m from {photos} photos",
+    "provenance": "How this was made",
+}
+
+
+def tell(key: str, **values: Any) -> str:
+    """One sentence with its figures filled in."""
+    return TEXT[key].format(**values)
+
+
+def findings(figures: Figures) -> dict[str, str]:
+    """Headings that say what was found, by section."""
+    block = figures["block"]
+    heights = f" · {block['heights']}" if block["heights"] else ""
+    return {
+        "title": tell("title", **block),
+        "subtitle": tell("subtitle", crs=block["crs"], heights=heights),
+        "headline": _headline(figures),
+        "sigma": _sigma(figures["adjustment"]),
+        "settled": tell(
+            "converged" if figures["adjustment"]["converged"] else "not_converged",
+            **figures["adjustment"],
+        ),
+        "doubts": _doubts(figures["doubts"]),
+        "checks": _checks(figures["checks"]),
+        "asprs": _asprs(figures["checks"]),
+        "control": _control(figures["control"]),
+        "coverage": tell(
+            "coverage",
+            good=sum(photo["control_cells"] >= 5 for photo in figures["coverage"]),
+            photos=len(figures["coverage"]),
+        ),
+        "ties": _ties(figures["ties"]),
+        "overlaps": _overlaps(figures["overlaps"]),
+        "exterior": _exterior(figures["exterior"]),
+        "interior": _interior(figures["interior"]),
+        "cameras": _cameras(figures["cameras"]),
+        "set_aside": _set_aside(len(figures["set_aside"])),
+    }
+
+
+def _set_aside(count: int) -> str:
+    key = {0: "set_aside_none", 1: "set_aside_one"}.get(count, "set_aside")
+    return tell(key, count=count)
+
+
+def _headline(figures: Figures) -> str:
+    checks, block = figures["checks"], figures["block"]
+    if checks["count"]:
+        low, high = checks["m_p_interval"]
+        return tell("headline_checks", m_p=checks["m_p"], count=checks["count"], low=low, high=high)
+    ortho, dem = block["reference_ortho_sigma_m"], block["reference_dem_sigma_m"]
+    known = ortho is not None and dem is not None
+    sigma = tell("sigma_of_reference", ortho=ortho, dem=dem) if known else ""
+    return tell("headline_relative", sigma=sigma)
+
+
+def _sigma(adjustment: Figures) -> str:
+    value = adjustment["sigma_nought"]
+    if value is None or adjustment["redundancy"] <= 0:
+        return tell("sigma_none")
+    if value > 1.2:
+        return tell("sigma_large", value=value)
+    return tell("sigma_small" if value < 0.8 else "sigma_fits", value=value)
+
+
+def _doubts(doubts: list[Figures]) -> str:
+    if not doubts:
+        return tell("doubts_none")
+    key = "doubts_one" if len(doubts) == 1 else "doubts_many"
+    return tell(key, count=len(doubts), subject=doubts[0]["subject"])
+
+
+def _checks(checks: Figures) -> str:
+    if not checks["count"]:
+        return tell("checks_none")
+    east, north = checks["mean_shift"]
+    shifted = any(checks["mean_significant"])
+    bias = tell("bias_some", east=east, north=north) if shifted else tell("bias_none")
+    return tell("checks", m_p=checks["m_p"], bias=bias)
+
+
+def _asprs(checks: Figures) -> str:
+    if not checks["count"]:
+        return ""
+    survey = checks["survey_rms_horizontal"]
+    total = (checks["m_p"] ** 2 + survey**2) ** 0.5
+    key = "asprs_enough" if checks["asprs_enough"] else "asprs_few"
+    least = checks["asprs_least"]
+    return tell(key, count=checks["count"], least=least, total=total, survey=survey)
+
+
+def _control(control: Figures) -> str:
+    used = sum(control["by_status"].get(status, 0) for status in ("auto", "accepted"))
+    if not used:
+        return tell("control_none")
+    left = len(control["left_out"])
+    return tell("control", used=used, points=control["points_used"], left=left)
+
+
+def _ties(ties: Figures) -> str:
+    if not ties["points"]:
+        return tell("ties_none")
+    several = sum(count for rays, count in ties["points_by_rays"].items() if int(rays) >= 3)
+    return tell("ties", points=ties["points"], share=100 * several / ties["points"])
+
+
+def _overlaps(overlaps: list[Figures]) -> str:
+    untied = sum(pair["common_ties"] == 0 for pair in overlaps)
+    key = "overlaps" if untied else "overlaps_all"
+    return tell(key, pairs=len(overlaps), untied=untied)
+
+
+def _exterior(rows: list[Figures]) -> str:
+    known = [
+        (max(row["sigma_centre_m"]), row["scan"])
+        for row in rows
+        if row["sigma_centre_m"] is not None and None not in row["sigma_centre_m"]
+    ]
+    if not known:
+        return tell("exterior_plain")
+    worst, scan = max(known)
+    median = sorted(value for value, _ in known)[len(known) // 2]
+    return tell("exterior", median=median, worst=worst, scan=scan)
+
+
+def _interior(rows: list[Figures]) -> str:
+    fitted = [(row["rms_um"], row["scan"]) for row in rows if row["residuals_um"]]
+    if not fitted:
+        return tell("interior_none")
+    worst, scan = max(fitted)
+    median = sorted(value for value, _ in fitted)[len(fitted) // 2]
+    return tell("interior", median=median, worst=worst, scan=scan)
+
+
+def _cameras(cameras: list[Figures]) -> str:
+    changes = [
+        abs(row["adjusted"]["principal_distance_mm"] - row["before"]["principal_distance_mm"])
+        for row in cameras
+        if "before" in row
+    ]
+    return tell("cameras", change=max(changes)) if changes else tell("cameras_plain")

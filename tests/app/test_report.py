@@ -1,0 +1,184 @@
+"""The accuracy report: what it says, that it says all of it, and that it needs no network."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from app.report import render, write_report
+from app.report_accuracy import horizontal
+from app.report_content import ReportContent
+from app.report_wording import findings
+from core.block.block import TiePoints
+from core.ground.comparison import ComparedPlaces, MosaicAccuracy
+
+
+@pytest.fixture(scope="module")
+def written(content, tmp_path_factory):
+    html, figures = write_report(tmp_path_factory.mktemp("report"), content)
+    return html.read_text(encoding="utf-8"), json.loads(figures.read_text(encoding="utf-8"))
+
+
+class Texts(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.open, self.text, self.urls = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.urls += [v for k, v in attrs if k in ("src", "href") and v]
+        if tag not in ("meta", "img", "br", "link"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.text.append(data)
+
+
+def parsed(page):
+    parser = Texts()
+    parser.feed(page)
+    assert not parser.open
+    return parser
+
+
+def text_of(page):
+    return re.sub(r"\s+", " ", " ".join(parsed(page).text))
+
+
+def test_page_is_well_formed_and_needs_no_network__law(written):
+    parser = parsed(written[0])
+    assert "script" not in parser.tags
+    assert "link" not in parser.tags
+    assert all(url.startswith("data:") for url in parser.urls)
+    assert "url(" not in written[0]
+    assert "@import" not in written[0]
+
+
+def test_page_is_a_function_of_the_json__law(written):
+    page, figures = written
+    picture = re.search(r'src="(data:image/jpeg;base64,[^"]+)"', page).group(1)
+    assert render(figures, picture) == page
+
+
+def test_text_of_the_data_is_escaped__law(written):
+    page, figures = written
+    assert figures["block"]["name"] == "kobyli-1938 <script>"
+    assert "kobyli-1938 &lt;script&gt;" in page
+    assert "<b>rejected</b>" not in page
+
+
+def test_headings_say_the_finding__truth(written):
+    page, figures = written
+    text = text_of(page)
+    assert "6 of 6 photos oriented" in text
+    assert "3 doubts are open, the gravest about junction 118" in text
+    assert f"m_p = {figures['checks']['m_p']:.2f} m in plan at" in text
+    assert "residuals are as large as the a-priori standard deviations say" in text
+    assert "One scan was set aside" in text
+    assert "The file ends after 3 of 9 MB" in text
+    assert "fewer than the 30 that ASPRS" in text
+    assert text.index("junction 118") < text.index("Fiducial 3") < text.index("The DEM has a gap")
+
+
+def test_statistics_follow_their_definitions__paper():
+    # METHODS 9.1: c, s, m and m_p of differences written out by hand.
+    differences = np.array([[0.3, -0.4, 0.0], [0.1, 0.0, 0.0], [-0.1, 0.4, 0.0], [0.1, 0.2, 0.0]])
+    found = horizontal(differences)
+    assert found["mean_shift"] == pytest.approx([0.1, 0.05])
+    assert found["deviation"] == pytest.approx([np.sqrt(0.08 / 3), np.sqrt(0.35 / 3)])
+    assert found["m_x"] == pytest.approx(np.sqrt(0.03))
+    assert found["m_y"] == pytest.approx(np.sqrt(0.09))
+    assert found["m_p"] == pytest.approx(np.sqrt(0.12))
+    assert found["largest"] == pytest.approx(0.5)
+    assert found["mean_significant"] == [False, False]
+    low, high = found["m_p_interval"]
+    assert low < found["m_p"] < high
+
+
+def test_without_check_points_accuracy_is_relative__law(content, tmp_path):
+    bare = replace(content, report=replace(content.report, checks=()), mosaic=None, seams=())
+    html, _ = write_report(tmp_path, bare)
+    text = text_of(html.read_text(encoding="utf-8"))
+    assert "There are no check points" in text
+    assert "(sigma 0.25 m, DEM 0.5 m)" in text
+    assert "No check points: accuracy is relative to the reference ortho" in text
+
+
+def test_barest_block_still_makes_a_report__law(content, tmp_path):
+    block = replace(content.report.block, surveyed={}, measurements={}, ties=TiePoints.none())
+    report = replace(
+        content.report,
+        block=block,
+        exterior_sigmas={},
+        residuals_px={},
+        surveyed_positions={},
+        surveyed_sigmas_m={},
+        redundancy_numbers={},
+        tie_positions=np.zeros((0, 3)),
+        tie_sigmas_m=np.zeros((0, 3)),
+        tie_residuals_px=np.zeros((0, 2)),
+        checks=(),
+        rms_px={},
+        rms_m={},
+        rejected={},
+        sigma_nought=float("nan"),
+        redundancy=0,
+        converged=False,
+    )
+    html, figures = write_report(tmp_path, ReportContent("bare", report))
+    text = text_of(html.read_text(encoding="utf-8"))
+    assert "The adjustment did not settle" in text
+    assert "No control steers the block" in text
+    assert "No tie points" in text
+    told = json.loads(figures.read_text(encoding="utf-8"))
+    assert told["adjustment"]["sigma_nought"] is None
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(1.0, "as large as"), (1.5, "larger"), (0.5, "smaller")]
+)
+def test_sigma_nought_is_put_into_words__law(written, value, said):
+    figures = json.loads(json.dumps(written[1]))
+    figures["adjustment"]["sigma_nought"] = value
+    assert said in findings(figures)["sigma"]
+
+
+def test_coverage_counts_all_used_control__law(written):
+    figures = written[1]
+    used = sum(figures["control"]["by_status"].get(s, 0) for s in ("auto", "accepted"))
+    assert sum(np.sum(photo["control"]) for photo in figures["coverage"]) == used
+    rays = sum(int(n) * count for n, count in figures["ties"]["points_by_rays"].items())
+    assert rays == figures["ties"]["rays"]
+
+
+def test_comparison_with_truth_is_told__law(content, tmp_path):
+    verdicts = ("used", "used", "low")
+    places = ComparedPlaces(np.zeros((3, 2)), np.full((3, 2), 0.1), np.ones(3), verdicts)
+    accuracy = MosaicAccuracy(
+        n=2,
+        m_x=0.1,
+        m_y=0.1,
+        m_p=0.1414,
+        m_p_interval=(0.1, 0.3),
+        mean_shift=(0.1, 0.1),
+        deviation=(0.0, float("nan")),
+        median_shift=(0.1, 0.1),
+        nmad=(0.0, 0.0),
+        largest=0.14,
+        m_p_with_mismatches=0.15,
+        refused={"low": 1},
+        ground_sample_distance_m=0.5,
+        places=places,
+    )
+    html, figures = write_report(tmp_path, replace(content, comparisons={"truth": accuracy}))
+    text = text_of(html.read_text(encoding="utf-8"))
+    assert "Against truth: m_p 0.14 m at 2 places" in text
+    told = json.loads(figures.read_text(encoding="utf-8"))
+    assert len(told["comparisons"][0]["vectors"]) == 2
