@@ -265,7 +265,7 @@ function measuredMark(context, [x, y], colour) {
 }
 
 function surveyedMark(context, [x, y]) {
-  const colour = point.role === "check" ? "#d9c2ff" : start.palette.current;
+  const colour = point.role === "check" ? start.palette.check : start.palette.current;
   halo(context, colour, 1.6, () => {
     if (point.role === "check") context.rect(x - 8, y - 8, 16, 16);
     else { context.moveTo(x, y - 10); context.lineTo(x + 9, y + 6); context.lineTo(x - 9, y + 6); context.closePath(); }

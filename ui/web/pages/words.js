@@ -42,7 +42,7 @@ export function stateGlyph(state, size = 14) {
   return glyph(look.glyph, look.colour, size);
 }
 
-export const roleGlyph = (role, size = 13) => glyph(role === "check" ? "check" : "control", role === "check" ? "#d9c2ff" : "#9aa5b4", size);
+export const roleGlyph = (role, size = 13) => glyph(role === "check" ? "check" : "control", role === "check" ? start.palette.check : "#9aa5b4", size);
 
 let prefix = "";
 
