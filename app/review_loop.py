@@ -243,6 +243,9 @@ class ReviewLoop:
         for seat in self._present_seats():
             if seat.current == trial.key:
                 self._screen.show(seat.seat_id, {"point": self._point(seat)})
+        for seat in self._present_seats():
+            if seat.current not in self._trials:
+                self._try_out(seat.current)
 
     def _remake(self, seat: Seat) -> None:
         if self._remaker is None or self._remaker.busy:

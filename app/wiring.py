@@ -19,7 +19,6 @@ from core.errors import PhotogrammetryError
 from sessions.session import Session
 from ui.review.compare import (
     Drawn,
-    DrawnPhoto,
     HeightSource,
     PlanePoints,
     drawn_from_block,
@@ -164,7 +163,11 @@ def open_desk(desk: DeskInputs) -> Desk:
     worker, remaker = Worker(desk.adjust, loop.submit), Remaker(desk.remake, loop.submit)
     worker.start()
     loop.start(worker, remaker)
-    illustrator = _Illustrator(drawn_from_block(state.oriented), tiles, scene)
+    bounds = _block_bounds(desk, state.oriented)
+    illustrator = _Illustrator(
+        lambda: terrain_glb(desk.ortho, desk.dem, bounds, desk.block.origin, desk.terrain),
+        drawn_from_block(state.oriented),
+    )
     parts = [front, illustrator, remaker, worker, loop, scene, tiles]
     opened = Desk(front, access, desk.host, parts)
     try:
@@ -176,7 +179,7 @@ def open_desk(desk: DeskInputs) -> Desk:
             f"cannot be listened on ({error.strerror or error}).",
             "Choose another port with --port, or close the desk that is open there.",
         ) from error
-    illustrator.start()
+    illustrator.start(tiles, scene)
     return opened
 
 
@@ -200,29 +203,32 @@ class _Joints:
 
 
 class _Illustrator:
-    """Makes the frustums' pictures one after the other: large scans must not keep the desk shut."""
+    """Makes drape and frustums' pictures while the desk is open already: they read large files."""
 
-    def __init__(self, drawn: Drawn, tiles: TileStore, scene: SceneServer) -> None:
-        self._drawn, self._tiles, self._scene = drawn, tiles, scene
+    def __init__(self, drape: Callable[[], bytes], drawn: Drawn) -> None:
+        self._drape, self._drawn = drape, drawn
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="thumbnails", daemon=True)
+        self._threads: list[threading.Thread] = []
 
-    def start(self) -> None:
-        self._thread.start()
+    def start(self, tiles: TileStore, scene: SceneServer) -> None:
+        for work in (self._lay, self._picture):
+            thread = threading.Thread(target=work, args=(tiles, scene), daemon=True)
+            self._threads.append(thread)
+            thread.start()
 
     def close(self) -> None:
         self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=10)
+        for thread in self._threads:
+            thread.join(timeout=30)
 
-    def _run(self) -> None:
-        for photo in self._drawn.values():
+    def _lay(self, tiles: TileStore, scene: SceneServer) -> None:
+        survived(lambda _: scene.drape(self._drape()), scene)
+
+    def _picture(self, tiles: TileStore, scene: SceneServer) -> None:
+        for name, photo in self._drawn.items():
             if self._stop.is_set():
                 return
-            survived(self._picture, photo)
-
-    def _picture(self, photo: DrawnPhoto) -> None:
-        self._scene.picture(photo.photo.photo_id, self._tiles.thumbnail(photo))
+            survived(lambda p, name=name: scene.picture(name, tiles.thumbnail(p)), photo)
 
 
 def _screen(
@@ -281,17 +287,15 @@ def _finest_pixel_m(desk: DeskInputs, state: DeskState) -> float:
 
 
 def _stage(desk: DeskInputs, state: DeskState) -> Stage:
-    """The drape: made once, while the desk opens."""
+    """How large the block is, and where its middle lies."""
     oriented = state.oriented
     bounds = _block_bounds(desk, oriented)
-    origin = desk.block.origin
     middle = np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
     heights = [photo.ground_height_m for photo in oriented.photos.values()]
     middle[2] = float(np.median(heights)) if heights else 0.0
     return Stage(
-        terrain=terrain_glb(desk.ortho, desk.dem, bounds, origin, desk.terrain),
         extent_m=max(bounds[2] - bounds[0], bounds[3] - bounds[1]),
-        middle=middle - origin,
+        middle=middle - desk.block.origin,
     )
 
 

@@ -84,6 +84,9 @@ def test_nothing_overlaps_and_nothing_needs_scrolling__law(sit):
                 or there["y"] + there["height"] <= box["y"] + 0.5
             )
             assert apart or name == other, (name, other)
+    header = page.locator("#layers").bounding_box()
+    last = page.locator("#layers button").last.bounding_box()
+    assert last["x"] + last["width"] <= header["x"] + header["width"] + 0.5
     clipped = page.evaluate(
         "[...document.querySelectorAll('button:not([hidden]), .item, h2')]"
         ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML)"

@@ -34,6 +34,8 @@ LOOKS: dict[ShownState, Look] = {
 
 CURRENT = "#ffffff"
 """What is worked on now."""
+CHECK = "#d9c2ff"
+"""Check points, on pictures and in 3D."""
 PREDICTED = "#e69fd0"
 """Where the orientation says a point should be."""
 PEAK = "#f3b13c"
@@ -58,6 +60,7 @@ def page_palette() -> dict[str, object]:
     return {
         "states": {name: {"colour": k.colour, "glyph": k.glyph} for name, k in LOOKS.items()},
         "current": CURRENT,
+        "check": CHECK,
         "predicted": PREDICTED,
         "peak": PEAK,
     }

@@ -19,6 +19,10 @@ IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
 NOWHERE = np.zeros((1, 3))
 FIELD_OF_VIEW = float(np.radians(45))
+POINT_SHARE = 0.0062
+"""Size of a point as a share of the block's extent, when the whole block is in sight."""
+FIT_SHARE = 1.9
+"""Distance of the eye from the block, in extents, when the whole block is in sight."""
 FROM_SOUTH = np.array([0.0, -0.66, 1.0])
 """Where the eye is at first, seen from the middle of the block."""
 RING_PARTS = 28
@@ -30,8 +34,6 @@ LIFT = 0.006
 class Stage:
     """What does not change while the desk is open."""
 
-    terrain: bytes
-    """The drape as GLB."""
     extent_m: float
     """Longer side of the block on the ground, metres."""
     middle: Position
@@ -56,20 +58,25 @@ class BlockView:
         self._scene = client.scene
         self._stage = stage
         self._lift = np.array([0.0, 0.0, LIFT * stage.extent_m])
-        self._point_m = 0.0062 * stage.extent_m
+        self._point_m = POINT_SHARE * stage.extent_m
+        self._sizes: dict[str, float] = {}
+        self._pointed: Pointed | None = None
         self._frustums: dict[str, viser.CameraFrustumHandle] = {}
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._labels: dict[str, viser.LabelHandle] = {}
         self._sent: dict[str, object] = {}
-        self._terrain = self._scene.add_glb(names.TERRAIN, stage.terrain, cast_shadow=False)
+        self._terrain: viser.GlbHandle | None = None
+        self._terrain_shown = True
         self._build(picture)
         self.fit(None)
 
     def show(self, picture: ScenePicture, options: SceneOptions, pointed: Pointed | None) -> None:
         """Bring the scene up to date with a picture and a seat's switches."""
         hidden = options.hidden
-        self._terrain.visible = "terrain" not in hidden
+        self._terrain_shown = "terrain" not in hidden
+        if self._terrain is not None:
+            self._terrain.visible = self._terrain_shown
         for frustum in picture.frustums:
             self._show_frustum(frustum, picture.depth_m, "photos" not in hidden)
         for state, points in picture.points.items():
@@ -81,10 +88,25 @@ class BlockView:
         self._show_labels(picture.labels, "labels" not in hidden)
         self._show_current(pointed)
 
+    def drape(self, terrain: bytes) -> None:
+        """Lay the terrain, a GLB, under everything."""
+        self._terrain = self._scene.add_glb(
+            names.TERRAIN, terrain, cast_shadow=False, visible=self._terrain_shown
+        )
+
     def picture(self, photo_id: str, thumbnail: Colour) -> None:
         """Put a photo's small picture, in the film frame, into its frustum."""
         if photo_id in self._frustums:
             self._frustums[photo_id].image = thumbnail
+
+    def seen_from(self, distance_m: float) -> None:
+        """Draw points and ring nearly as large on the screen from wherever they are seen."""
+        reach = self._stage.extent_m
+        nearness = min(distance_m / (FIT_SHARE * reach), 2.0)
+        self._point_m = POINT_SHARE * reach * nearness**0.7
+        for name, cloud in self._clouds.items():
+            cloud.point_size = self._sizes[name] * self._point_m
+        self._show_current(self._pointed)
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""
@@ -107,10 +129,10 @@ class BlockView:
 
     def _build(self, picture: ScenePicture) -> None:
         for state, look in LOOKS.items():
-            size = self._point_m * look.cloud_size
-            self._add_cloud(names.points_node(state), look.colour, look.cloud_shape, size)
-        self._add_cloud(names.CHECKS, "#d9c2ff", "square", self._point_m * 1.1)
-        self._add_cloud(names.TIES, palette.TIE, "square", self._point_m * 0.3)
+            size, shape = look.cloud_size, look.cloud_shape
+            self._add_cloud(names.points_node(state), look.colour, shape, size)
+        self._add_cloud(names.CHECKS, palette.CHECK, "square", 1.1)
+        self._add_cloud(names.TIES, palette.TIE, "square", 0.3)
         for name, colour, thickness in (
             (names.FOOTPRINTS, palette.FOOTPRINT, 1.4),
             (names.VECTORS, palette.CURRENT, 2.4),
@@ -128,8 +150,9 @@ class BlockView:
             self._add_frustum(frustum, picture.depth_m)
 
     def _add_cloud(self, name: str, colour: str, shape: palette.CloudShape, size: float) -> None:
+        self._sizes[name] = size
         self._clouds[name] = self._scene.add_point_cloud(
-            name, NOWHERE, rgb(colour), point_size=size, point_shape=shape,
+            name, NOWHERE, rgb(colour), point_size=size * self._point_m, point_shape=shape,
             precision="float32", point_shading="flat", visible=False,
         )  # fmt: skip
 
@@ -206,6 +229,7 @@ class BlockView:
 
     def _show_current(self, pointed: Pointed | None) -> None:
         """A ring about the current point, and its ray to the photo it is looked at in."""
+        self._pointed = pointed
         if pointed is not None:
             turn = np.linspace(0, 2 * np.pi, RING_PARTS + 1)
             around = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, cast
 
+import numpy as np
 import viser
 import websockets.asyncio.server as websockets_server
 from viser import _messages as viser_messages  # pyright: ignore[reportPrivateUsage]
@@ -56,6 +57,8 @@ class SceneServer:
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
         self._wanted: dict[str, Shown] = {}
+        self._distances: dict[int, float] = {}
+        self._terrain = b""
         self._pictures: dict[str, Colour] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
         # Viser prints an address that nobody can open; ours is printed by the caller.
@@ -80,6 +83,10 @@ class SceneServer:
         """Bring every scene of a seat up to date, in the scene thread."""
         self._wanted[seat_id] = shown
         self._thread.submit(self._told, self._show, seat_id)
+
+    def drape(self, terrain: bytes) -> None:
+        """Lay the terrain, a GLB, under every scene, those opened later included."""
+        self._thread.submit(self._told, self._drape, terrain)
 
     def picture(self, photo_id: str, thumbnail: Colour) -> None:
         """Show a photo's small picture in every scene, those opened later included."""
@@ -115,6 +122,7 @@ class SceneServer:
         async def _(client: viser.ClientHandle) -> None:  # pyright: ignore[reportUnusedFunction]
             self._clients.pop(client.client_id, None)
             self._views.pop(client.client_id, None)
+            self._distances.pop(client.client_id, None)
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         connection = getattr(self._infrastructure, "_live_connections").get(client.client_id)  # noqa: B009
@@ -129,6 +137,14 @@ class SceneServer:
         # Typed for plain functions only, but coroutines are what keeps clicks in order.
         client.scene.on_click()(cast(Any, clicked))
 
+        async def moved(camera: viser.CameraHandle) -> None:
+            distance = float(np.linalg.norm(camera.position - camera.look_at))
+            before = self._distances.get(client.client_id, 0.0)
+            if not 0.85 * before < distance < 1.15 * before:
+                self._distances[client.client_id] = distance
+                self._thread.submit(self._told, self._resize, client.client_id)
+
+        client.camera.on_update(cast(Any, moved))
         self._opened(seat_id)
 
     def _show(self, seat_id: str) -> None:
@@ -141,10 +157,24 @@ class SceneServer:
             view = self._views.get(client_id)
             if view is None:
                 view = self._views[client_id] = BlockView(client, self._stage, shown.picture)
+                if self._terrain:
+                    view.drape(self._terrain)
                 for photo_id, thumbnail in self._pictures.items():
                     view.picture(photo_id, thumbnail)
+                if client_id in self._distances:
+                    view.seen_from(self._distances[client_id])
             with client.atomic():
                 view.show(shown.picture, shown.options, shown.pointed)
+
+    def _resize(self, client_id: int) -> None:
+        view = self._views.get(client_id)
+        if view is not None:
+            view.seen_from(self._distances[client_id])
+
+    def _drape(self, terrain: bytes) -> None:
+        self._terrain = terrain
+        for view in list(self._views.values()):
+            view.drape(terrain)
 
     def _picture(self, photo_id: str, thumbnail: Colour) -> None:
         self._pictures[photo_id] = thumbnail

@@ -35,7 +35,7 @@ class TerrainOptions:
 
     vertices: int = 160
     """Vertices along the longer side."""
-    texture_px: int = 2048
+    texture_px: int = 1600
     """Pixels of the texture along the longer side."""
     jpeg_quality: int = 82
     """Of the texture."""

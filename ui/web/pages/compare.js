@@ -1,5 +1,5 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
-import { byId, number, start, word } from "/pages/words.js";
+import { byId, number, shortName, start, word } from "/pages/words.js";
 import { drawLayer, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
 
 const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, blink: false };
@@ -137,7 +137,7 @@ function drawPicture(pane) {
   if (showsRaw(name)) {
     const frame = rawFrame(width, height);
     drawLayer(context, rawLayer(photo, point.scan.version, point.scan.size, state.wallis), frame, width, height);
-    pane.label.textContent = word("pane.raw", { scan: photo });
+    pane.label.textContent = word("pane.raw", { scan: shortName(photo) });
     return;
   }
   const frame = groundFrame(width, height);
@@ -153,7 +153,7 @@ function drawPicture(pane) {
     context.restore();
   }
   const both = name === "swipe" || name === "blend";
-  pane.label.textContent = both ? `${word("pane.ortho")} | ${word("pane.scan", { scan: photo })}` : name === "ortho" ? word("pane.ortho") : word("pane.scan", { scan: photo });
+  pane.label.textContent = both ? `${word("pane.ortho")} | ${word("pane.scan", { scan: shortName(photo) })}` : name === "ortho" ? word("pane.ortho") : word("pane.scan", { scan: shortName(photo) });
 }
 
 // Layer coordinates of ground tiles: metres east and south of the lattice's corner.
@@ -265,7 +265,7 @@ function measuredMark(context, [x, y], colour) {
 }
 
 function surveyedMark(context, [x, y]) {
-  const colour = point.role === "check" ? "#d9c2ff" : start.palette.current;
+  const colour = point.role === "check" ? start.palette.check : start.palette.current;
   halo(context, colour, 1.6, () => {
     if (point.role === "check") context.rect(x - 8, y - 8, 16, 16);
     else { context.moveTo(x, y - 10); context.lineTo(x + 9, y + 6); context.lineTo(x - 9, y + 6); context.closePath(); }

@@ -51,11 +51,15 @@ const letterOf = (event) => (/^[a-z]$/i.test(event.key) ? `Key${event.key.toUppe
 window.gruberKey = (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return false;
   const inScene = event.view !== window;
+  if (byId("help").open) {
+    // Nothing is decided behind an open sheet of keys.
+    if (event.type === "keydown" && (event.key === "Escape" || letterOf(event) === "KeyH")) toggleHelp();
+    return true;
+  }
   if (event.key === " ") {
     blink(event.type === "keydown");
     return true;
   }
-  if (event.key === "Escape" && byId("help").open) { if (event.type === "keydown") toggleHelp(); return true; }
   if (ARROWS[event.key] && !inScene) {
     if (event.type === "keydown") arrow(event);
     return true;
@@ -195,7 +199,7 @@ function toggleHelp() {
   const looks = ["auto", "accepted", "dubious", "rejected", "unused"].map((state) => element("span", { title: word(`state.${state}.long`) }, stateGlyph(state, 15), word(`state.${state}`)));
   dialog.replaceChildren(element("h2", {}, word("help.title")),
     element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)), element("table", {}, ...lines.slice(half))),
-    element("div", { class: "marks-key" }, ...looks, element("span", {}, glyph("control", "#ffffff", 15), word("role.control")), element("span", {}, glyph("check", "#d9c2ff", 15), word("role.check")), element("span", {}, glyph("circle", palette.predicted, 15), word("mark.predicted")), element("span", {}, glyph("square", palette.peak, 15), word("mark.peak"))),
+    element("div", { class: "marks-key" }, ...looks, element("span", {}, glyph("control", "#ffffff", 15), word("role.control")), element("span", {}, glyph("check", palette.check, 15), word("role.check")), element("span", {}, glyph("circle", palette.predicted, 15), word("mark.predicted")), element("span", {}, glyph("square", palette.peak, 15), word("mark.peak"))),
     element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")));
   dialog.showModal();
 }

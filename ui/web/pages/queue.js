@@ -1,5 +1,5 @@
 // The queue: a virtual table; only the rows in sight exist.
-import { byId, element, number, roleGlyph, shortName, start, stateGlyph, word } from "/pages/words.js";
+import { byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
 
 const ROW = 25;
 const STATES = ["all", "open", "dubious", "accepted", "rejected", "unused"];
@@ -46,7 +46,10 @@ const sieve = (change) => send({ kind: "filter", ...queue.filter, ...change });
 const sort = (column, descending) => send({ kind: "sort", column, descending });
 
 export function showQueue(newRows, newQueue) {
-  if (newRows) rows = newRows;
+  if (newRows) {
+    if (newRows.length !== rows.length) learnPoints([...new Set(newRows.map((row) => row[POINT]))]);
+    rows = newRows;
+  }
   const before = queue?.current;
   const shownBefore = queue?.shown.length;
   if (newQueue) queue = newQueue;
@@ -114,7 +117,7 @@ function write(line, index) {
   line.replaceChildren(
     stateGlyph(row[STATE]),
     roleGlyph(row[ROLE], 12),
-    element("span", { class: "name" }, row[POINT]),
+    element("span", { class: "name" }, shortPoint(row[POINT])),
     element("span", { class: "scan" }, shortName(row[PHOTO])),
     element("span", { class: `right${row[RESIDUAL] > 3 ? " large" : ""}` }, number(row[RESIDUAL], row[RESIDUAL] >= 100 ? 0 : 2)),
     element("span", { class: "right" }, number(row[SCORE], 2)),

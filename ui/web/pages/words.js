@@ -42,7 +42,7 @@ export function stateGlyph(state, size = 14) {
   return glyph(look.glyph, look.colour, size);
 }
 
-export const roleGlyph = (role, size = 13) => glyph(role === "check" ? "check" : "control", role === "check" ? "#d9c2ff" : "#9aa5b4", size);
+export const roleGlyph = (role, size = 13) => glyph(role === "check" ? "check" : "control", role === "check" ? start.palette.check : "#9aa5b4", size);
 
 let prefix = "";
 
@@ -57,6 +57,27 @@ export function learnNames(names) {
 }
 
 export const shortName = (name) => (prefix.length > 2 && name.startsWith(prefix) ? name.slice(prefix.length) : name);
+
+let halves = null;
+
+// Names made of two long coordinates: what all have in common at the beginning of either is left out.
+export function learnPoints(names) {
+  const parts = names.map((name) => /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/.exec(name)).filter(Boolean);
+  halves = null;
+  if (parts.length < 2) return;
+  const common = (place) => {
+    let length = 0;
+    const texts = parts.map((part) => part[place]);
+    while (texts.every((text) => length < text.length - 3 && text[length] === texts[0][length])) length += 1;
+    return length;
+  };
+  halves = [common(2), common(3)];
+}
+
+export function shortPoint(name) {
+  const part = halves && /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/.exec(name);
+  return part ? `${part[1]} ${part[2].slice(halves[0])} ${part[3].slice(halves[1])}` : name;
+}
 
 export function number(value, digits, unit = "") {
   if (value === null || value === undefined) return "\u2013";
