@@ -112,7 +112,13 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window) -> Pair:
     """Read a window of a scan and warp the reference into it with the current orientation."""
     size = window.reduction
     grey = read_window(
-        opened.scan, window.column, window.row, window.columns * size, window.rows * size, size
+        opened.scan,
+        window.column,
+        window.row,
+        window.columns * size,
+        window.rows * size,
+        size,
+        outside="edge",
     )
     image, known = warped_reference(opened, reference, window)
     return Pair(window, np.asarray(grey, np.float32), image, known)
