@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -13,6 +14,8 @@ from app.settings import default_operator
 from app.terminal import JsonLines, Terminal, Voice
 from core.errors import Cancelled, PhotogrammetryError
 
+Verbs = Any
+"""What `add_subparsers` returns; argparse keeps the name of its type to itself."""
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
 
 
@@ -48,14 +51,14 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def add_new(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_new(added: Verbs) -> None:
     """`new`."""
     verb = added.add_parser("new", help="look through a folder and write its block.toml")
     verb.add_argument("folder", type=Path)
     verb.set_defaults(verb=verbs.new)
 
 
-def add_run(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_run(added: Verbs) -> None:
     """`run`."""
     verb = added.add_parser("run", help="the automatic stages, resuming where the last run stopped")
     add_block(verb)
@@ -67,7 +70,7 @@ def add_run(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> Non
     verb.set_defaults(verb=verbs.run)
 
 
-def add_review(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_review(added: Verbs) -> None:
     """`review`."""
     verb = added.add_parser("review", help="the review desk in the browser")
     add_block(verb)
@@ -75,14 +78,14 @@ def add_review(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     verb.set_defaults(verb=verbs.review)
 
 
-def add_report(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_report(added: Verbs) -> None:
     """`report`."""
     verb = added.add_parser("report", help="results/report.html and report.json")
     add_block(verb)
     verb.set_defaults(verb=verbs.report)
 
 
-def add_demo(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_demo(added: Verbs) -> None:
     """`demo`."""
     verb = added.add_parser("demo", help="a synthetic block with known truth, run and opened")
     verb.add_argument("--size", choices=["tiny", "small", "full"], default="small")
@@ -95,7 +98,7 @@ def add_demo(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> No
     verb.set_defaults(verb=verbs.demo, workers=os.cpu_count() or 1)
 
 
-def add_doctor(added: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_doctor(added: Verbs) -> None:
     """`doctor`."""
     verb = added.add_parser("doctor", help="what this machine and this block lack")
     add_block(verb, default=None)

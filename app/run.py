@@ -2,13 +2,16 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from app.described import described
 from app.executors import Threads
 from app.project import Project
+from app.report import write_report
+from app.report_content import ReportContent
 from app.results import write_results
 from app.terminal import Voice
 from core.block.adjusted import AdjustmentReport
@@ -169,15 +172,28 @@ class Run:
 
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
-        dem = self.dem()
-        block = self.adjusted.block
-        write_results(self.session.results, self.adjusted)
-        outlines = {
-            name: footprint_of(photo, block.camera_of(name), dem)
-            for name, photo in block.photos.items()
-        }
-        self.session.write_layers(block, self.adjusted, outlines)
-        return str(self.session.results)
+        write_all(self.session, self.content(), self.dem())
+        return str(self.session.results / "report.html")
+
+    def content(self) -> ReportContent:
+        """What the report tells."""
+        mosaic: MosaicProduct = self.made["mosaic"]
+        return ReportContent(
+            name=self.project.block.name,
+            report=self.adjusted,
+            before=self.made["georeference"].block,
+            heights=self.project.block.heights,
+            doubts=self.doubts(),
+            set_aside=self.set_aside(),
+            reference_sigma_m=(self.given.ortho_sigma_m, self.given.dem_sigma_m),
+            mosaic=self.session.results / "mosaic.tif",
+            seams=mosaic.seams,
+            timings_s=self.seconds,
+            provenance={
+                "gruber": version("gruber"),
+                **{f"digest of {name}": digest[:16] for name, digest in self.digests.items()},
+            },
+        )
 
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first."""
@@ -264,6 +280,18 @@ def make_mosaic(
         )
     session.products.save_value("mosaic", digest, product)
     return product
+
+
+def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
+    """Tables, GeoPackage layers, and the report of an adjusted block."""
+    block = content.report.block
+    outlines = {
+        name: footprint_of(photo, block.camera_of(name), dem)
+        for name, photo in block.photos.items()
+    }
+    write_results(session.results, content.report)
+    session.write_layers(block, content.report, outlines)
+    write_report(session.results, replace(content, footprints=outlines))
 
 
 def told(value: Any) -> str:

@@ -1,12 +1,18 @@
 """What each verb does: parsed arguments in, work done, sentences to the operator."""
 
 import argparse
+import webbrowser
 from pathlib import Path
 
+from app.demo import make_demo, tell_truth
+from app.desk import desk_inputs
+from app.doctor import examine
 from app.new_block import recognise, write_block_toml
 from app.project import read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.terminal import Voice
+from app.wiring import open_desk
+from core.synthetic.options import SyntheticOptions
 from sessions.session import Session
 
 
@@ -30,25 +36,46 @@ def walked(block: Path, voice: Voice, options: RunOptions) -> Run:
 
 
 def new(given: argparse.Namespace, voice: Voice) -> None:
-    """Write the `block.toml` of a folder."""
+    """Write the `block.toml` of a folder, and say what was recognised and what was not."""
     found = recognise(given.folder)
     path = write_block_toml(found)
-    voice.say(f"{path} written.")
-    for sentence in (*found.found, *found.gaps, *found.notes):
+    for sentence in (f"{path} written.", *found.found, *found.gaps, *found.notes):
         voice.say(str(sentence))
 
 
 def review(given: argparse.Namespace, voice: Voice) -> None:
-    """The review desk."""
+    """The review desk, until Ctrl-C."""
+    project = read_project(given.block)
+    with Session.open(project.folder, given.operator) as session:
+        inputs = desk_inputs(project, session, given.operator, given.host, given.port)
+        with open_desk(inputs) as desk:
+            voice.say(f"The desk is open at {desk.url}  (Ctrl-C closes it; nothing is lost)")
+            if not given.no_browser:
+                webbrowser.open(desk.url)
+            desk.wait()
 
 
 def report(given: argparse.Namespace, voice: Voice) -> None:
-    """The accuracy report."""
+    """The accuracy report of the block as it stands; what is not fresh is computed first."""
+    walk = walked(given.block, voice, RunOptions())
+    voice.say(str(walk.session.results / "report.html"))
 
 
 def demo(given: argparse.Namespace, voice: Voice) -> None:
-    """A synthetic block."""
+    """A synthetic block: made, run, compared with its truth, opened."""
+    options = SyntheticOptions(given.size, given.epoch, float(given.relief), given.seed)
+    make_demo(given.out, options, voice)
+    walk = walked(given.out, voice, RunOptions(workers=given.workers))
+    tell_truth(given.out, walk.adjusted, voice)
+    if given.headless:
+        voice.say(f"Results: {walk.session.results}")
+        voice.say(f"Review:  gruber review {given.out}")
+        return
+    given.block = given.out
+    review(given, voice)
 
 
 def doctor(given: argparse.Namespace, voice: Voice) -> None:
-    """What is lacking."""
+    """What this machine, and a block, lack."""
+    for finding in examine(given.block):
+        voice.say(finding)
