@@ -32,7 +32,7 @@ TABLE_4_2 = [
 
 def shift_um(principal_mm: float, above_m: float, ground_m: float, air: Atmosphere) -> float:
     """How far an image point at the radius is moved outwards by what the light goes through."""
-    camera = Camera("wide", float(principal_mm), (260.0, 260.0))
+    camera = Camera("wide", principal_mm, (260.0, 260.0))
     exterior = ExteriorOrientation(np.array([0.0, 0.0, ground_m + above_m]), 0.0, 0.0, 0.3)
     away = RADIUS_MM / principal_mm * above_m
     point = np.array([[0.6 * away, 0.8 * away, ground_m]])
