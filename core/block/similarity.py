@@ -91,12 +91,17 @@ def detect_peaks(surface: Surface, count: int, separation_px: int) -> tuple[Surf
     rim = min(separation_px, (min(surface.shape) - 1) // 2)
     inner[rim:-rim, rim:-rim] = True
     maxima &= inner
+    maxima &= surface > middle + FLAT
     rows, columns = np.nonzero(maxima)
-    order = np.argsort(-surface[rows, columns], kind="stable")[:count]
-    return tuple(
-        measure_peak(surface, int(rows[index]), int(columns[index]), middle, spread)
-        for index in order
-    )
+    order = np.argsort(-surface[rows, columns], kind="stable")
+    apart: list[tuple[int, int]] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        # Neighbouring pixels of one flat top are all maxima: the first stands for them.
+        if all(max(abs(row - r), abs(column - c)) > separation_px for r, c in apart):
+            apart.append((row, column))
+        if len(apart) == count:
+            break
+    return tuple(measure_peak(surface, row, column, middle, spread) for row, column in apart)
 
 
 def measure_peak(
