@@ -22,9 +22,6 @@ from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.progress import Progress
 from core.reference.reference import Reference
 
-LOCAL_CHANGE_M = 0.4
-"""How far a detail that persists may have moved between the epochs, metres per axis."""
-
 
 @dataclass(frozen=True, slots=True)
 class OrientationOptions:

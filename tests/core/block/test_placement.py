@@ -174,7 +174,5 @@ def test_a_placed_photo_knows_its_middle_better_than_its_corners__truth(tiny):
     opened = tiny.opened(tiny.names[0])
     covariance = placement_covariance(opened, 5.0)
     assert (np.linalg.eigvalsh(covariance) > 0).all()
-    prior = np.concatenate(
-        [opened.photo.prior.sigma_centre_m, opened.photo.prior.sigma_angles]
-    )
+    prior = np.concatenate([opened.photo.prior.sigma_centre_m, opened.photo.prior.sigma_angles])
     assert (np.sqrt(np.diag(covariance)) <= prior + 1e-9).all()
