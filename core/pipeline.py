@@ -39,6 +39,8 @@ from core.scan.orientation import ScanOrientation, orient_scan
 
 Mapper = Callable[..., Iterable[Any]]
 """Runs a function over items, such as `map` or the `map` of a pool of threads."""
+BEYOND_DOUBT = -15.0
+"""A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
 Made = Mapping[str, Any]
 """What earlier stages made, by name of the stage."""
 
@@ -341,6 +343,8 @@ def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, Orient
             rng = random_for(given.name, photo.photo_id, str(number))
             found = orient_photo(opened, reference, features.points, given.orientation, rng)
             best = likelier(best, found)
+            if isinstance(best, OrientedPhoto) and best.log10_nfa < BEYOND_DOUBT:
+                break
         return best
 
     photos = list(block.photos.values())
