@@ -18,7 +18,7 @@ from scipy import fft
 from core.arrays import Mask, Matrix, PixelPoints, Position
 from core.block.block import Photo
 from core.block.patches import OpenPhoto, filled
-from core.block.similarity import Image, doubled_angle_field
+from core.block.similarity import Image, Surface, doubled_angle_field
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.geometry.grid import Grid
@@ -200,7 +200,7 @@ class Level:
             surface[low[0] : int(row) + 5, low[1] : int(column) + 5] = middle
         return found
 
-    def similarity(self, template: Spectrum, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
+    def similarity(self, template: Spectrum, mask: Mask) -> Surface:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
         common = inverse(self.field * np.conj(forward(template, self.shape)))
