@@ -57,7 +57,7 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
 
 def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first."""
-    walk = walked(given.block, voice, RunOptions())
+    walk = walked(given.block, voice, RunOptions(workers=given.workers))
     voice.say(str(walk.session.results / "report.html"))
 
 
