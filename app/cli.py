@@ -19,15 +19,31 @@ Verbs = Any
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
 
 
+def program() -> None:
+    """The program `gruber`: a verb, then out.
+
+    After Ctrl-C it does not wait for threads that still compute: nothing they do is kept.
+    """
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if code == CANCELLED:
+        os._exit(code)
+    sys.exit(code)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; 0 done, 1 the data cannot be used, 2 wrong use, 130 cancelled."""
-    given = parser().parse_args(arguments)
+    top = parser()
+    given = top.parse_args(arguments)
+    if wrong := wrong_order(given):
+        top.error(wrong)
     voice: Voice = JsonLines() if given.log_json else Terminal()
     verb: Callable[[argparse.Namespace, Voice], None] = given.verb
     try:
         verb(given, voice)
     except PhotogrammetryError as error:
-        voice.close()
+        voice.failed(error)
         print(f"gruber: {error}", file=sys.stderr)
         return UNUSABLE
     except (KeyboardInterrupt, Cancelled):
@@ -65,7 +81,7 @@ def add_run(added: Verbs) -> None:
     names = verbs.stage_names()
     verb.add_argument("--from", dest="first", choices=names, help="make this stage anew")
     verb.add_argument("--until", dest="last", choices=names, help="stop after this stage")
-    verb.add_argument("--workers", type=positive, default=os.cpu_count() or 1)
+    verb.add_argument("--workers", type=whole_number(1), default=os.cpu_count() or 1)
     verb.add_argument("--executor", choices=["local"], default="local")
     verb.set_defaults(verb=verbs.run)
 
@@ -91,7 +107,7 @@ def add_demo(added: Verbs) -> None:
     verb.add_argument("--size", choices=["tiny", "small", "full"], default="small")
     verb.add_argument("--epoch", type=int, choices=[1938, 1984], default=1938)
     verb.add_argument("--relief", type=float, default=60.0, metavar="M")
-    verb.add_argument("--seed", type=int, default=1)
+    verb.add_argument("--seed", type=whole_number(0), default=1)
     verb.add_argument("--out", type=Path, default=Path("gruber-demo"))
     verb.add_argument("--headless", action="store_true", help="print the results and end")
     add_desk(verb)
@@ -112,19 +128,34 @@ def add_block(verb: argparse.ArgumentParser, default: Path | None = Path()) -> N
 
 def add_desk(verb: argparse.ArgumentParser) -> None:
     """Where the desk is served, and who sits at it."""
-    verb.add_argument("--port", type=int, default=8765)
+    verb.add_argument("--port", type=whole_number(0, 65535), default=8765)
     verb.add_argument("--host", default="127.0.0.1")
     verb.add_argument("--operator", default=default_operator())
     verb.add_argument("--no-browser", action="store_true")
 
 
-def positive(text: str) -> int:
-    """A whole number above nought."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return value
+def wrong_order(given: argparse.Namespace) -> str:
+    """What is wrong with `--from` and `--until`; empty when nothing is."""
+    first, last = getattr(given, "first", None), getattr(given, "last", None)
+    names = verbs.stage_names()
+    if first and last and names.index(last) < names.index(first):
+        return f"--until {last} comes before --from {first}; the stages are {', '.join(names)}"
+    return ""
+
+
+def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Reads a whole number within limits."""
+
+    def number(text: str) -> int:
+        if not text.lstrip("-").isdecimal():
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
+        if int(text) < least or (most is not None and int(text) > most):
+            limits = f"{least} or more" if most is None else f"from {least} to {most}"
+            raise argparse.ArgumentTypeError(f"must be {limits}, not {text}")
+        return int(text)
+
+    return number
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

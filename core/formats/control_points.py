@@ -4,6 +4,8 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from core.errors import ProjectError
 
 COLUMNS = ("id", "X", "Y", "Z")
@@ -39,16 +41,20 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
     Raises:
         ProjectError: A column is missing, a number is none, a role is unknown, a name stands twice.
     """
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = csv.DictReader(file)
-        missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
-        if missing:
-            raise ProjectError(
-                path,
-                f"the column {missing[0]} is missing.",
-                "The header row must be id,X,Y,Z,sigma_xy,sigma_z,role.",
-            )
-        points = tuple(listed(path, number, row) for number, row in enumerate(rows, start=2))
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        remedy = "Save it as a UTF-8 text file that you may read."
+        raise ProjectError(path, f"cannot be read ({error}).", remedy) from error
+    rows = csv.DictReader(text.splitlines())
+    missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+    if missing:
+        raise ProjectError(
+            path,
+            f"the column {missing[0]} is missing.",
+            "The header row must be id,X,Y,Z,sigma_xy,sigma_z,role.",
+        )
+    points = tuple(listed(path, number, row) for number, row in enumerate(rows, start=2))
     names = [point.point_id for point in points]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -70,5 +76,11 @@ def listed(path: Path, line: int, row: dict[str, str | None]) -> ListedPoint:
         raise ProjectError(
             path, f"line {line}: {error}.", "Numbers have a decimal point and no unit."
         ) from error
+    if not np.isfinite([east, north, height]).all() or min(plan, vertical) <= 0:
+        raise ProjectError(
+            path,
+            f"line {line}: a coordinate is not finite, or a sigma is not above nought.",
+            "Write metres; leave a sigma empty for 0.1 m.",
+        )
     name = (row["id"] or "").strip()
     return ListedPoint(name, east, north, height, plan, vertical, role)
