@@ -136,12 +136,7 @@ def stood_up(
         if isinstance(found, OrientedPhoto):
             photos[photo_id] = photos[photo_id].with_exterior(found.exterior, oriented=True)
     if not any(photo.oriented for photo in photos.values()):
-        raise OrientationError(
-            "block",
-            "none of the photos could be placed on the reference ortho.",
-            "Check the georeference, the principal distance and the scan pixel size, "
-            "or give an approximate position for at least one photo.",
-        )
+        raise nothing_stands(block, oriented)
     doubts: list[Doubt] = []
     waiting = [name for name, photo in photos.items() if not photo.oriented]
     for photo_id in sorted(waiting):
@@ -156,6 +151,23 @@ def stood_up(
         message = f"Photo {photo_id} did not stand on the reference ({why}); {said}."
         doubts.append(Doubt("photo-orientation", photo_id, message, gravity))
     return block.with_photos(photos), tuple(doubts)
+
+
+def nothing_stands(
+    block: Block, oriented: Mapping[str, OrientedPhoto | Failure]
+) -> OrientationError:
+    """The error of a block without a single photo on the reference, with the first one's reason."""
+    first, count = min(block.photos), len(block.photos)
+    failure = oriented.get(first)
+    why = failure.reason.rstrip(".") if isinstance(failure, Failure) else "it was not tried"
+    return OrientationError(
+        block.photos[first].scan,
+        f"neither this photo ({why}) nor any other of {count} stands on the reference ortho."
+        if count > 1
+        else f"the photo does not stand on the reference ortho: {why}.",
+        "Check that ortho, DEM and roads cover the photos and that no mask hides them; then the "
+        "georeference, the principal distance and the scan pixel size.",
+    )
 
 
 def held_together(

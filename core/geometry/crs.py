@@ -320,7 +320,7 @@ def _hint(crs: CRS, points: PlanePoints) -> str:
         return f"They look like degrees: reproject the file to {name}, or state its true CRS."
     for known, (west, south, east, north) in KNOWN_RANGES:
         if known != name and _within(points, (west, east), (south, north)):
-            return f"They look like {known}: check the CRS of this file and `crs` in [block]."
+            return f"They look like {known}. Check the CRS of this file, and `crs` in [block]."
     if _outside_m(crs, points[:, ::-1]) == 0:
         return f"They fit {name} when swapped: give easting first, then northing."
     if _outside_m(crs, -points) == 0:
