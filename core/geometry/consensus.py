@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 from scipy.special import gammaln
 
-from core.arrays import Indices, Matrix, PixelPoints, Scalars
+from core.arrays import Flags, Indices, Matrix, PixelPoints, Scalars
 
 Design = Float64[np.ndarray, "candidates 2 unknowns"]
 """Derivatives of the place of each candidate by the unknowns."""
@@ -104,7 +104,7 @@ class Consensus:
         weight = self.candidates.weight / self.candidates.weight.sum()
         drawn = rng.choice(len(weight), size=(self.options.hypotheses, SAMPLE), p=weight)
         point = self.candidates.point[drawn]
-        distinct = (
+        distinct: Flags = np.asarray(
             (point[:, 0] != point[:, 1])
             & (point[:, 0] != point[:, 2])
             & (point[:, 1] != point[:, 2])
