@@ -1,4 +1,4 @@
-"""What all tests share: real data beside the checkout, one BLAS thread, one tiny block and its run."""
+"""What all tests share: real data beside the checkout, one BLAS thread, one tiny block."""
 
 import os
 from dataclasses import dataclass

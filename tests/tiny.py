@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import locked
-from core.block.block import Block, ExteriorPrior, Photo
+from core.block.block import Block, ExteriorPrior, Photo, TiePoints
 from core.block.patches import OpenPhoto
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
@@ -109,3 +109,32 @@ def write_check_points(folder: Path, points: dict[str, np.ndarray]) -> None:
     ]
     text = "\n".join(["id,X,Y,Z,sigma_xy,sigma_z,role", *rows, ""])
     (folder / "points.csv").write_text(text, encoding="utf-8")
+
+
+def ground_over(tiny: Tiny, count: int = 24) -> np.ndarray:
+    """True ground on a lattice over the whole block."""
+    centres = np.array([photo.exterior.centre[:2] for photo in tiny.photos.values()])
+    low, high = centres.min(axis=0) - 300, centres.max(axis=0) + 300
+    plan = np.stack(np.meshgrid(*np.linspace(low, high, count).T), axis=-1).reshape(-1, 2)
+    flat = np.column_stack([plan, np.full(len(plan), 0.0)])
+    flat[:, 2] = tiny.truth.heights_at(flat)
+    return flat
+
+
+def true_ties(tiny: Tiny, noise_px: float = 0.3) -> TiePoints:
+    """Ground seen by two photos or more, measured where it truly shows."""
+    ground, rng = ground_over(tiny), np.random.default_rng(0)
+    rays = []
+    for index, name in enumerate(tiny.names):
+        photo = tiny.photos[name]
+        pixels = photo.pixel_from_object(ground, tiny.truth.camera)
+        inside = ((pixels > 60) & (pixels < np.array(photo.size_px) - 60)).all(axis=1)
+        rays += [(int(point), index, *pixels[point]) for point in np.flatnonzero(inside)]
+    rays = np.array(sorted(rays))
+    _, inverse, seen = np.unique(rays[:, 0], return_inverse=True, return_counts=True)
+    rays = rays[seen[inverse] >= 2]
+    point = np.unique(rays[:, 0], return_inverse=True)[1]
+    pixels = rays[:, 2:] + rng.normal(size=(len(rays), 2)) * noise_px
+    return TiePoints(
+        tuple(tiny.names), point, rays[:, 1].astype(int), pixels, np.full(len(rays), 0.5)
+    )

@@ -122,7 +122,7 @@ def test_a_placement_is_the_turn_about_the_nadir_it_says__law(tiny):
     there = placed(opened, turn, 5.0).exterior
     was = opened.photo.exterior
     ground = opened.photo.ground_height_m
-    np.testing.assert_allclose(there.centre[:2], was.centre[:2] + [30.0, -20.0])
+    np.testing.assert_allclose(there.centre[:2], was.centre[:2] + np.array([30.0, -20.0]))
     assert there.centre[2] - ground == pytest.approx(1.1 * (was.centre[2] - ground))
     about = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
     share = np.array([[0.3, 0.4], [0.7, 0.6]]) * np.array(opened.photo.size_px)

@@ -15,8 +15,10 @@ from core.geometry.interior import InteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, difference, moved, resect_photo
 from tests.core.geometry.planted import PIXEL_MM, PRIOR_SIGMA, SIDE_PX, START, planted
 
+QUICK = ConsensusOptions(refined=4)
 
-def resected(case, seed=0, options=ConsensusOptions(refined=4), start=START):
+
+def resected(case, seed=0, options=QUICK, start=START):
     rng = np.random.default_rng(seed)
     return resect_photo(case.model, start, case.prior, case.points, case.candidates, options, rng)
 
