@@ -1,22 +1,11 @@
-"""One tiny synthetic block for all journeys; each test works on a copy of it."""
+"""Copies of the tiny synthetic block, to be spoilt."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from core.progress import Silent
-from core.synthetic.archive import make_block
-from core.synthetic.options import SyntheticOptions
 from tests.journeys.copies import BlockCopy, copied
-
-
-@pytest.fixture(scope="session")
-def tiny_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A synthetic block of six small scans, never written to."""
-    folder = tmp_path_factory.mktemp("tiny") / "block"
-    make_block(folder, SyntheticOptions("tiny"), Silent())
-    return folder
 
 
 @pytest.fixture
