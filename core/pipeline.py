@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from core.block.approximation import Approximation
-from core.block.assembly import Assembly, AssemblyOptions, Site, assemble_block
+from core.block.assembly import Assembly, AssemblyOptions, assemble_block
 from core.block.block import Block, Photo, SurveyedPoint, TiePoints
 from core.block.features import usable_from_mask
 from core.block.georeference import Georeference, georeference_photo, open_archive
@@ -21,6 +21,7 @@ from core.block.orientation import OrientationOptions, OrientedPhoto, orient_pho
 from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
 from core.block.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.standing import Site
 from core.block.tie_points import TieOptions, match_ties
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
@@ -39,6 +40,8 @@ from core.scan.orientation import ScanOrientation, orient_scan
 
 Mapper = Callable[..., Iterable[Any]]
 """Runs a function over items, such as `map` or the `map` of a pool of threads."""
+BEYOND_DOUBT = -15.0
+"""A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
 Made = Mapping[str, Any]
 """What earlier stages made, by name of the stage."""
 
@@ -341,6 +344,8 @@ def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, Orient
             rng = random_for(given.name, photo.photo_id, str(number))
             found = orient_photo(opened, reference, features.points, given.orientation, rng)
             best = likelier(best, found)
+            if isinstance(best, OrientedPhoto) and best.log10_nfa < BEYOND_DOUBT:
+                break
         return best
 
     photos = list(block.photos.values())
