@@ -251,6 +251,25 @@ def _named_paths(page: str) -> list[str]:
     return [word for word in words if "/" in word and word.split("/")[0] in folders]
 
 
+def test_messages_in_the_manual_are_those_of_the_program__law() -> None:
+    said = {text for name in named(".py", rooms=ROOMS) for text in _texts(tree_of(name))}
+    told = re.findall(r"(?<![*\w])\*([^*|]+)\*(?![*\w])", text_of("docs/troubleshooting.md"))
+    pieces = {piece.strip(" .,;:") for message in told for piece in message.split("...")}
+    assert not {piece for piece in pieces if not any(piece in text for text in said)}
+
+
+def _texts(tree: ast.Module) -> list[str]:
+    """Every text of a module; the places of an f-string as a mark that no message holds."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.append(node.value)
+        elif isinstance(node, ast.JoinedStr):
+            parts = [v.value if isinstance(v, ast.Constant) else "\0" for v in node.values]
+            found.append("".join(map(str, parts)))
+    return found
+
+
 def test_links_between_documents_lead_somewhere__law() -> None:
     lost = []
     for name in named(".md"):
