@@ -30,15 +30,31 @@ Exit codes: 0 done; 1 the data cannot be used; 2 wrong use; 130 cancelled.
 """
 
 
+def program() -> None:
+    """The program `gruber`: a verb, then out.
+
+    After Ctrl-C it does not wait for threads that still compute: nothing they do is kept.
+    """
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if code == CANCELLED:
+        os._exit(code)
+    sys.exit(code)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; 0 done, 1 the data cannot be used, 2 wrong use, 130 cancelled."""
-    given = parser().parse_args(arguments)
+    top = parser()
+    given = top.parse_args(arguments)
+    if wrong := wrong_order(given):
+        top.error(wrong)
     voice: Voice = JsonLines() if given.log_json else Terminal()
     verb: Callable[[argparse.Namespace, Voice], None] = given.verb
     try:
         verb(given, voice)
     except PhotogrammetryError as error:
-        voice.close()
+        voice.failed(error)
         print(f"gruber: {error}", file=sys.stderr)
         return UNUSABLE
     except (KeyboardInterrupt, Cancelled):
@@ -158,7 +174,9 @@ def add_demo(added: Verbs) -> None:
         "--relief", type=float, default=60.0, metavar="M",
         help="highest minus lowest ground, metres (%(default)g)",
     )  # fmt: skip
-    verb.add_argument("--seed", type=int, default=1, metavar="N", help="any number (%(default)s)")
+    verb.add_argument(
+        "--seed", type=whole_number(0), default=1, metavar="N", help="any number (%(default)s)"
+    )
     verb.add_argument(
         "--out", type=Path, default=Path("gruber-demo"), metavar="FOLDER",
         help="where the block is made (%(default)s)",
@@ -192,7 +210,7 @@ def add_block(verb: argparse.ArgumentParser, default: Path | None = Path()) -> N
 def add_workers(verb: argparse.ArgumentParser) -> None:
     """How much runs side by side."""
     verb.add_argument(
-        "--workers", type=positive, default=Settings().workers, metavar="N",
+        "--workers", type=whole_number(1), default=Settings().workers, metavar="N",
         help="pieces of a stage that run side by side (%(default)s)",
     )  # fmt: skip
 
@@ -201,7 +219,7 @@ def add_desk(verb: argparse.ArgumentParser) -> None:
     """Where the desk is served, and who sits at it."""
     settings = Settings()
     verb.add_argument(
-        "--port", type=int, default=settings.port, metavar="P",
+        "--port", type=whole_number(0, 65535), default=settings.port, metavar="P",
         help="port of the desk; 0 takes any that is free (%(default)s)",
     )  # fmt: skip
     verb.add_argument(
@@ -223,13 +241,28 @@ def add_log(parsed: argparse.ArgumentParser, default: object) -> None:
     )  # fmt: skip
 
 
-def positive(text: str) -> int:
-    """A whole number above nought."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return value
+def wrong_order(given: argparse.Namespace) -> str:
+    """What is wrong with `--from` and `--until`; empty when nothing is."""
+    first, last = getattr(given, "first", None), getattr(given, "last", None)
+    names = verbs.stage_names()
+    if first and last and names.index(last) < names.index(first):
+        return f"--until {last} comes before --from {first}; the stages are {', '.join(names)}"
+    return ""
+
+
+def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Reads a whole number within limits."""
+
+    def number(text: str) -> int:
+        if not text.lstrip("-").isdecimal():
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
+        if int(text) < least or (most is not None and int(text) > most):
+            limits = f"{least} or more" if most is None else f"from {least} to {most}"
+            raise argparse.ArgumentTypeError(f"must be {limits}, not {text}")
+        return int(text)
+
+    return number
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

@@ -179,6 +179,8 @@ class Level:
         if mask.mean() < 0.05:
             return []
         template = complex_field(filled(image, mask)) * mask
+        if not template.any():  # a blank photo is like nothing
+            return []
         surface = self.similarity(template, mask)
         middle = float(np.median(surface))
         spread = 1.4826 * float(np.median(np.abs(surface - middle))) + 1e-9

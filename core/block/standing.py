@@ -68,13 +68,25 @@ def stand_up(
             {**standing.photos, name: replace(block.photos[name], oriented=False)}
         )
     if not any(photo.oriented for photo in standing.photos.values()):
-        raise OrientationError(
-            "block",
-            "none of the photos could be placed on the reference ortho.",
-            "Check the georeference, the principal distance and the scan pixel size, "
-            "or give an approximate position for at least one photo.",
-        )
+        raise nothing_stands(block, oriented)
     return carry_the_rest(standing, site, why, rng)
+
+
+def nothing_stands(
+    block: Block, oriented: Mapping[str, OrientedPhoto | Failure]
+) -> OrientationError:
+    """The error of a block without a single photo on the reference, with the first one's reason."""
+    first, count = min(block.photos), len(block.photos)
+    failure = oriented.get(first)
+    why = failure.reason.rstrip(".") if isinstance(failure, Failure) else "it was not tried"
+    return OrientationError(
+        block.photos[first].scan,
+        f"neither this photo ({why}) nor any other of {count} stands on the reference ortho."
+        if count > 1
+        else f"the photo does not stand on the reference ortho: {why}.",
+        "Check that ortho, DEM and roads cover the photos and that no mask hides them; then the "
+        "georeference, the principal distance and the scan pixel size.",
+    )
 
 
 def contradicted(

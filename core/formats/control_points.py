@@ -45,9 +45,8 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ProjectError(
-            path, f"cannot be read ({error}).", "The list of points is UTF-8 text."
-        ) from error
+        remedy = "Save it as a UTF-8 text file that you may read."
+        raise ProjectError(path, f"cannot be read ({error}).", remedy) from error
     rows = csv.DictReader(text.splitlines())
     missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
     if missing:

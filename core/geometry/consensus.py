@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 from scipy.special import gammaln
 
-from core.arrays import Indices, Matrix, PixelPoints, Scalars
+from core.arrays import Flags, Indices, Matrix, PixelPoints, Scalars
 
 Design = Float64[np.ndarray, "candidates 2 unknowns"]
 """Derivatives of the place of each candidate by the unknowns."""
@@ -85,7 +85,8 @@ class Consensus:
             options: Limits.
         """
         self.candidates, self.options = candidates, options
-        placed = np.isfinite(offset).all(axis=1) & np.isfinite(design).all(axis=(1, 2))
+        seen = np.isfinite(offset).all(axis=1) & np.isfinite(design).all(axis=(1, 2))
+        placed = np.asarray(seen)
         self.offset = np.where(placed[:, None], offset, NOWHERE_PX)
         self.design = np.where(placed[:, None, None], design, 0.0)
         self.prior_information: Any = np.linalg.inv(prior_covariance)
@@ -104,7 +105,7 @@ class Consensus:
         weight = self.candidates.weight / self.candidates.weight.sum()
         drawn = rng.choice(len(weight), size=(self.options.hypotheses, SAMPLE), p=weight)
         point = self.candidates.point[drawn]
-        distinct = (
+        distinct: Flags = np.asarray(
             (point[:, 0] != point[:, 1])
             & (point[:, 0] != point[:, 2])
             & (point[:, 1] != point[:, 2])

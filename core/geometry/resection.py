@@ -100,7 +100,7 @@ def resect_photo(
     Returns:
         The orientation with its agreeing candidates, or why none stands.
     """
-    known = np.unique(candidates.point)
+    known = np.unique(candidates.point[candidates.weight > 0])
     if len(known) < SAMPLE + 2:
         return Failure(f"only {len(known)} known points have a candidate in this photo")
     search = Search(model, start, prior_covariance, points, candidates, options)

@@ -12,6 +12,7 @@ from viser import _messages as viser_messages
 from app.wiring import open_desk
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of
 from tests.ui.desk_block import desk_inputs, tiny_block
+from ui.review.compare import made_with
 from ui.views import names
 from ui.views.server import SECRET_HEADER
 
@@ -265,7 +266,7 @@ def test_orthos_are_made_again_with_progress_while_deciding_goes_on__law(chromiu
             time.sleep(0.05)
         made.append(photo_ids)
 
-    inputs = desk_inputs(tmp_path / "other", remake=slow, made=tiny_block().block)
+    inputs = desk_inputs(tmp_path / "other", remake=slow, made=made_with(tiny_block().block))
     with open_desk(inputs) as desk:
         page = sit(desk.url, scene=False)
         page.click("#remake-start")
