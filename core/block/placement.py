@@ -202,7 +202,7 @@ class Level:
             surface[low[0] : int(row) + 5, low[1] : int(column) + 5] = middle
         return found
 
-    def similarity(self, template: Spectrum, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
+    def similarity(self, template: Spectrum, mask: Mask) -> Float32[np.ndarray, "down across"]:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
         common = inverse(self.field * np.conj(forward(template, self.shape)))
@@ -210,7 +210,7 @@ class Level:
         under = self.energy_under(mask)[:reach, :reach]
         return np.asarray(common[:reach, :reach] / np.sqrt(own * under), np.float32)
 
-    def energy_under(self, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
+    def energy_under(self, mask: Mask) -> Float32[np.ndarray, "down across"]:
         """Energy of the reference under the photo at every shift, never far below the most.
 
         Of masks of about one size the first serves for all: turning hardly changes their shape.
