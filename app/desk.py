@@ -1,23 +1,36 @@
 """The review desk of a block that has been run: what it works on, and what it may set off."""
 
+import io
+import os
+import secrets
 from collections.abc import Sequence
+from pathlib import Path
 from typing import cast
+
+import numpy as np
 
 from app.described import described
 from app.project import Project
-from app.results import write_results
-from app.run import make_mosaic, make_orthos
+from app.run import Run, RunOptions, make_mosaic, make_orthos, write_all
 from app.scan_files import ScanFiles
+from app.terminal import JsonLines
 from app.wiring import DeskInputs
 from core.block.adjusted import AdjustmentReport
 from core.block.assembly import Assembly, adjusted_without_gross
-from core.block.block import Block
+from core.block.block import Block, Photo
+from core.block.orientation import OrientationOptions
 from core.errors import ProjectError
-from core.ground.picture import footprint_of
+from core.geometry.camera import Camera
 from core.pipeline import BlockInput, Georeferenced, open_reference, search_bounds
-from core.progress import Progress
+from core.progress import Part, Progress
 from core.reference.reference import Reference
-from sessions.session import Session
+from sessions.products import digest_of
+from sessions.session import HIDDEN, Session
+from ui.review.compare import ground_pixel_m
+from ui.review.state import Made
+
+MOSAIC_WORK = 2.0
+"""Making the mosaic takes about as long as this many orthos."""
 
 
 def desk_inputs(
@@ -40,7 +53,7 @@ def desk_inputs(
     reference = open_reference(given, search_bounds(placed.block))
     block = assembly.report.block
     report = adjusted(given, session.replayed(block))
-    made = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
+    latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
         name=project.block.name,
         block=block,
@@ -51,10 +64,15 @@ def desk_inputs(
         read_scan=ScanFiles(project.folder),
         adjust=lambda block, progress: adjusted(given, block),
         remake=Remaking(project, reference, operator),
-        made=made.block if made is not None else block,
+        made=ortho_orientations(session, block if latest is None else latest.block),
+        written=latest is not None and same_results(latest, report),
         operator=operator,
         host=host,
         port=port,
+        token=lasting_token(project.folder / HIDDEN),
+        template_m=template_m(
+            report.block, reference.ortho.ground_sample_distance_m, given.assembly.orientation
+        ),
     )
 
 
@@ -63,8 +81,17 @@ def adjusted(given: BlockInput, block: Block) -> AdjustmentReport:
     return adjusted_without_gross(block, given.assembly.adjustment)
 
 
+def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
+    """True when two adjustments come to the same tables."""
+    states = [
+        {key: item.status for key, item in report.block.measurements.items()}
+        for report in (one, other)
+    ]
+    return one.sigma_nought == other.sigma_nought and states[0] == states[1]
+
+
 class Remaking:
-    """Makes orthos, mosaic and tables again from the desk's worker thread."""
+    """Makes orthos, mosaic, tables and report again from the desk's worker thread."""
 
     def __init__(self, project: Project, reference: Reference, operator: str) -> None:
         self.project, self.reference, self.operator = project, reference, operator
@@ -73,19 +100,58 @@ class Remaking:
         self, photo_ids: Sequence[str], progress: Progress, report: AdjustmentReport
     ) -> None:
         """Orthos of these photos, then the mosaic and all that is written beside it."""
+        orthos_end = len(photo_ids) / (len(photo_ids) + MOSAIC_WORK)
         with Session.open(self.project.folder, self.operator) as session, session.running():
             orthos = make_orthos(
                 session,
                 self.project,
                 report.block,
                 self.reference.dem,
-                progress,
+                Part(progress, 0.0, orthos_end),
                 only=frozenset(photo_ids),
             )
-            make_mosaic(session, orthos, progress)
-            write_results(session.results, report)
-            outlines = {
-                name: footprint_of(photo, report.block.camera_of(name), self.reference.dem)
-                for name, photo in report.block.photos.items()
-            }
-            session.write_layers(report.block, report, outlines)
+            mosaic = make_mosaic(session, orthos, Part(progress, orthos_end, 0.97))
+            progress.report(0.97, 1.0, "results")
+            walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
+            walk.stand_in(report, mosaic)
+            write_all(session, walk.content(), self.reference.dem)
+            decisions = [recorded.decision_id for recorded in session.decisions()]
+            session.products.save_value("adjustment", digest_of("desk", decisions), report)
+            walk.threads.close()
+
+
+def ortho_orientations(session: Session, adjusted: Block) -> Made:
+    """What each ortho on disk was made with; the adjusted block where that was not kept."""
+    made: dict[str, tuple[Photo, Camera]] = {}
+    for name, photo in adjusted.photos.items():
+        kept = cast("tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}"))
+        made[name] = kept or (photo, adjusted.camera_of(name))
+    return made
+
+
+def template_m(block: Block, ortho_gsd_m: float, options: OrientationOptions) -> float:
+    """Half the side of the patches that were compared, metres on the ground; 0 without photos."""
+    sides: list[float] = []
+    for name, photo in block.photos.items():
+        pixel = ground_pixel_m(photo, block.camera_of(name))
+        finest = max(options.finest_gsd_m, pixel, ortho_gsd_m)
+        reduction = max(1, int(np.floor(finest / pixel + 0.25)))
+        sides.append(options.template_half_px * reduction * pixel)
+    return float(np.median(sides)) if sides else 0.0
+
+
+def lasting_token(hidden: Path) -> str:
+    """The desk's secret, kept for its owner only, so that pages find a desk opened again."""
+    path = hidden / "desk-token"
+    try:
+        kept = path.read_text(encoding="ascii").strip()
+        if len(kept) >= 32:
+            return kept
+        path.unlink()
+    except (FileNotFoundError, UnicodeDecodeError):
+        path.unlink(missing_ok=True)
+    token = secrets.token_urlsafe(24)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(token)
+    return token

@@ -36,8 +36,14 @@ from ui.review.picture import (
     status_part,
 )
 from ui.review.queue import Row, queue_rows
-from ui.review.scene import ScenePicture, Segments, footprints, scene_picture
-from ui.review.state import Key, Notice, Remaking, Seat
+from ui.review.scene import (
+    ScenePicture,
+    Segments,
+    footprints,
+    readable_scale,
+    scene_picture,
+)
+from ui.review.state import Key, Notice, Remaking, SceneOptions, Seat
 from ui.review.tools import Desk, Meaning, kept_up, meaning, seated
 from ui.review.trial import Trial, trial_of, tried_block
 
@@ -185,7 +191,7 @@ class ReviewLoop:
     def _decided(self) -> None:
         """Something new is on disk: lay it over the block, show it, and adjust."""
         self._replay()
-        self._state = replace(self._state, adjusting=True)
+        self._state = replace(self._state, adjusting=True, written=False)
         self._show_all()
         self._adjust()
 
@@ -227,7 +233,7 @@ class ReviewLoop:
         """Find out what turning a measurement would do, while the operator looks at it."""
         if key is None or key in self._trials or self._state.adjusting or self._worker is None:
             return
-        block = tried_block(self._state.block, key)
+        block = tried_block(self._state, key)
         self._tried += 1
         if block is not None:
             self._trying = key
@@ -250,7 +256,7 @@ class ReviewLoop:
     def _remake(self, seat: Seat) -> None:
         if self._remaker is None or self._remaker.busy:
             return
-        if not self._stale:
+        if self._state.written and not self._stale:
             self._screen.tell(seat.seat_id, Notice("notice.remake-none"))
             return
         self._state = replace(self._state, remaking=Remaking())
@@ -272,7 +278,9 @@ class ReviewLoop:
         else:
             made = replace(self._state, report=event.made_with).oriented
             self._state = with_made(self._state, event.photo_ids, made)
-            notice = Notice("notice.remade")
+            written = event.made_with is self._state.report and not self._state.adjusting
+            self._state = replace(self._state, written=written)
+            notice = Notice("notice.remade" if event.photo_ids else "notice.written")
         self._reorient()
         self._scene = None
         self._screen.tell("", notice)
@@ -291,7 +299,9 @@ class ReviewLoop:
 
     def _seat(self, seat_id: str) -> Seat:
         if seat_id not in self._seats:
-            self._seats[seat_id] = seated(Seat(seat_id, self._inputs.operator), self._rows)
+            scene = SceneOptions(vector_scale=readable_scale(self._state))
+            fresh = Seat(seat_id, self._inputs.operator, scene=scene)
+            self._seats[seat_id] = seated(fresh, self._rows)
         return self._seats[seat_id]
 
     def _present_seats(self) -> list[Seat]:

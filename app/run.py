@@ -34,7 +34,7 @@ from core.pipeline import (
     open_reference,
     search_bounds,
 )
-from core.progress import Progress, Silent
+from core.progress import Part, Progress
 from core.reference.dem import Dem
 from sessions.products import digest_of
 from sessions.session import Session
@@ -179,6 +179,12 @@ class Run:
         self.made["mosaic"] = mosaic
         return str(self.session.results / "mosaic.tif")
 
+    def stand_in(self, report: AdjustmentReport, mosaic: MosaicProduct) -> None:
+        """Take what was made last instead of walking, with another adjustment and mosaic."""
+        for stage in STAGES:
+            self.made[stage.name] = self.session.products.latest_value(stage.name)
+        self.made["adjustment"], self.made["mosaic"] = report, mosaic
+
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
         write_all(self.session, self.content(), self.dem())
@@ -242,8 +248,9 @@ def make_orthos(
     photos = [photo for photo in block.photos.values() if photo.oriented]
     gsd = project.ortho.gsd_m or default_gsd_m(block)
     orthos: list[OrthoProduct] = []
-    for done, photo in enumerate(photos):
-        progress.report(done, len(photos), photo.photo_id)
+    wanted = len(photos) if only is None else max(len(only), 1)
+    made_now = 0
+    for photo in photos:
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
         inputs = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, Path(photo.scan))
@@ -253,14 +260,18 @@ def make_orthos(
         if only is not None and photo.photo_id not in only:
             kept = session.products.latest_value(stage) or kept
         if kept is None or not target.is_file():
+            part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
+            part.report(0, 1, photo.photo_id)
             with whole_file(target) as temporary:
-                made = rectify_photo(
-                    photo, camera, dem, gsd, temporary, block.crs, progress=Silent()
-                )
+                made = rectify_photo(photo, camera, dem, gsd, temporary, block.crs, progress=part)
             kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
             session.products.save_value(stage, digest_of(inputs, target), kept)
+            session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
+            made_now += 1
+        elif only is None:
+            made_now += 1
         orthos.append(kept)
-    progress.report(len(photos), len(photos))
+    progress.report(1, 1)
     return orthos
 
 

@@ -1,9 +1,10 @@
 """Build session, loop, worker, scene and front, and join them; the only such place."""
 
 import logging
+import secrets
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,11 +24,12 @@ from ui.review.compare import (
     PlanePoints,
     drawn_from_block,
     ground_pixel_m,
+    made_with,
 )
 from ui.review.palette import page_palette
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
-from ui.review.state import DeskState, Notice, Seat
+from ui.review.state import DeskState, Made, Notice, Seat
 from ui.review.tiles import Lattice, OrthoSource, ScanWindow
 from ui.review.wording import KEYS, sentence, words
 from ui.views.block_view import Pointed, Stage
@@ -71,8 +73,10 @@ class DeskInputs:
     """(photo_ids, progress, report): orthos of these photos and the mosaic, made again."""
     read_scan: ScanWindow = field(default_factory=ScanFiles)
     """(path, column, row, columns, rows, reduction) -> grey values."""
-    made: Block | None = None
-    """The orientations the orthos on disk were made with; those of `report` by default."""
+    made: Made | None = None
+    """What the orthos on disk were made with; the orientations of `report` by default."""
+    written: bool = True
+    """False when tables and report on disk are older than the decisions."""
     operator: str = "operator"
     """Who decides."""
     host: str = "127.0.0.1"
@@ -87,6 +91,10 @@ class DeskInputs:
     """Told of every adjustment the desk shows."""
     terrain: TerrainOptions = field(default_factory=TerrainOptions)
     """How fine the drape is."""
+    token: str = ""
+    """Secret of the desk; a new one when empty."""
+    template_m: float = 0.0
+    """Half the side of the patches the engine compared, metres; 0 when it compared none."""
 
 
 class Desk:
@@ -144,12 +152,12 @@ def open_desk(desk: DeskInputs) -> Desk:
     Raises:
         PhotogrammetryError: The port cannot be had.
     """
-    state = DeskState(desk.block, desk.report, made=desk.report.block)
-    state = replace(state, made=desk.made or state.oriented)
+    made = made_with(desk.report.block) if desk.made is None else desk.made
+    state = DeskState(desk.block, desk.report, made=made, written=desk.written)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
     tiles = TileStore(Sources(desk.ortho, desk.dem, desk.read_scan, lattice))
     joints = _Joints()
-    access = Access(desk.host)
+    access = Access(desk.host, desk.token) if desk.token else Access(desk.host)
     scene = SceneServer(_stage(desk, state), SEAT_HEADER, joints.hand_in, joints.scene_opened)
     channel = Channel(joints.hand_in, joints.seat_taken, joints.seat_left)
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
@@ -265,6 +273,8 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
     """What a page needs once."""
     return {
         "name": desk.name,
+        "edition": secrets.token_urlsafe(6),
+        "template": desk.template_m,
         "words": words(desk.language),
         "language": desk.language,
         "keys": [list(pair) for pair in KEYS],

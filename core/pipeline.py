@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from core.block.approximation import Approximation
-from core.block.assembly import Assembly, AssemblyOptions, Site, assemble_block
+from core.block.assembly import Assembly, AssemblyOptions, assemble_block
 from core.block.block import Block, Photo, SurveyedPoint, TiePoints
 from core.block.features import usable_from_mask
 from core.block.georeference import Archive, Georeference, georeference_photo, open_archive
@@ -21,6 +21,7 @@ from core.block.orientation import OrientationOptions, OrientedPhoto, orient_pho
 from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
 from core.block.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.standing import Site
 from core.block.tie_points import TieOptions, match_ties
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError

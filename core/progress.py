@@ -22,6 +22,19 @@ class Silent:
         """Accept the report and do nothing."""
 
 
+class Part:
+    """Progress of one part of a longer work, passed on as that part's share of the whole."""
+
+    def __init__(self, whole: Progress, begin: float, end: float) -> None:
+        """A part from `begin` to `end`, shares of the whole between 0 and 1."""
+        self._whole, self._begin, self._end = whole, begin, end
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Pass the report on."""
+        share = done / total if total else 1.0
+        self._whole.report(self._begin + (self._end - self._begin) * share, 1.0, what)
+
+
 def tracked(items: Iterable[T], total: int, progress: Progress, what: str = "") -> Iterator[T]:
     """Yield the items, reporting before each one and once at the end."""
     for done, item in enumerate(items):

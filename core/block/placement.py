@@ -18,7 +18,7 @@ from scipy import fft
 from core.arrays import Mask, Matrix, PixelPoints, Position
 from core.block.block import Photo
 from core.block.patches import OpenPhoto, filled
-from core.block.similarity import Image, doubled_angle_field
+from core.block.similarity import Image, Surface, doubled_angle_field
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.geometry.grid import Grid
@@ -202,7 +202,7 @@ class Level:
             surface[low[0] : int(row) + 5, low[1] : int(column) + 5] = middle
         return found
 
-    def similarity(self, template: Spectrum, mask: Mask) -> Float32[np.ndarray, "down across"]:
+    def similarity(self, template: Spectrum, mask: Mask) -> Surface:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
         common = inverse(self.field * np.conj(forward(template, self.shape)))
@@ -210,7 +210,7 @@ class Level:
         under = self.energy_under(mask)[:reach, :reach]
         return np.asarray(common[:reach, :reach] / np.sqrt(own * under), np.float32)
 
-    def energy_under(self, mask: Mask) -> Float32[np.ndarray, "down across"]:
+    def energy_under(self, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
         """Energy of the reference under the photo at every shift, never far below the most.
 
         Of masks of about one size the first serves for all: turning hardly changes their shape.

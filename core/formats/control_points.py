@@ -39,7 +39,8 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
         path: CSV with a header row; sigma_xy and sigma_z default to 0.1 m, role to control.
 
     Raises:
-        ProjectError: A column is missing, a number is none, a role is unknown, a name stands twice.
+        ProjectError: Not UTF-8; a column is missing; a number is none or cannot be; a role is
+            unknown; a name is missing or stands twice.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -76,11 +77,13 @@ def listed(path: Path, line: int, row: dict[str, str | None]) -> ListedPoint:
         raise ProjectError(
             path, f"line {line}: {error}.", "Numbers have a decimal point and no unit."
         ) from error
-    if not np.isfinite([east, north, height]).all() or min(plan, vertical) <= 0:
+    name = (row["id"] or "").strip()
+    if not name:
+        raise ProjectError(path, f"line {line}: the point has no name.", "Give every point one.")
+    if not np.isfinite([east, north, height]).all() or not (plan > 0 and vertical > 0):
         raise ProjectError(
             path,
-            f"line {line}: a coordinate is not finite, or a sigma is not above nought.",
-            "Write metres; leave a sigma empty for 0.1 m.",
+            f"line {line}: {name} has a coordinate or a standard deviation that cannot be.",
+            "Coordinates are finite; standard deviations are in metres and above 0.",
         )
-    name = (row["id"] or "").strip()
     return ListedPoint(name, east, north, height, plan, vertical, role)

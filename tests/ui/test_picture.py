@@ -9,11 +9,19 @@ import numpy as np
 import pytest
 
 from tests.ui.desk_block import adjust, tiny_block
-from ui.review.compare import drawn_from_block, overlay_of, redrawn, stale_photos, with_made
+from ui.review.compare import (
+    drawn_from_block,
+    made_with,
+    overlay_of,
+    redrawn,
+    stale_photos,
+    with_made,
+)
 from ui.review.palette import LOOKS, rgb
 from ui.review.picture import Pictured, point_part, queue_part, rows_part, scene_part, status_part
 from ui.review.queue import counts, queue_rows
-from ui.review.scene import footprints, ground_residuals_m, scene_picture
+from ui.review.misfit import misfits
+from ui.review.scene import footprints, scene_picture
 from ui.review.state import DeskState, Seat, Sieve
 from ui.review.tools import seated
 from ui.review.wording import ENGLISH, KEYS, sentence, words
@@ -26,7 +34,7 @@ PAGES = Path(__file__).resolve().parents[2] / "ui" / "web" / "pages"
 def state() -> DeskState:
     block = tiny_block().block
     report = adjust(block)
-    return DeskState(block, report, made=report.block, before=report)
+    return DeskState(block, report, made=made_with(report.block), before=report)
 
 
 def test_every_part_can_be_sent__law(state):
@@ -56,7 +64,9 @@ def test_a_block_without_measurements_can_be_shown__law(state):
 def test_counts_add_up__law(state):
     rows = queue_rows(state)
     tally = counts(rows, Sieve())
-    assert tally["all"] == len(rows) == sum(n for name, n in tally.items() if name != "all")
+    states = sum(n for name, n in tally.items() if name not in ("all", "review"))
+    assert tally["all"] == len(rows) == states
+    assert tally["review"] == len(rows) - tally["unused"]
 
 
 def test_overlays_lie_within_a_pixel_of_what_they_mark__truth(state):
@@ -72,12 +82,26 @@ def test_overlays_lie_within_a_pixel_of_what_they_mark__truth(state):
     assert np.median(offsets) < 0.5
 
 
-def test_residuals_on_the_ground_are_pixels_times_pixel_size__law(state):
-    vectors = ground_residuals_m(state, state.oriented)
+def test_misfits_on_the_ground_are_pixels_times_pixel_size__law(state):
     pixel_m = 0.15 * 1650 / 210
-    for key, vector in vectors.items():
-        pixels = np.hypot(*state.report.residuals_px[key])
-        assert np.hypot(*vector) == pytest.approx(pixels * pixel_m, rel=0.12, abs=0.02)
+    for misfit in misfits(state).values():
+        pixels = np.hypot(*misfit.pixels)
+        assert np.hypot(*misfit.metres) == pytest.approx(pixels * pixel_m, rel=0.12, abs=0.02)
+
+
+def test_misfits_do_not_shrink_when_a_point_gives_way__law(state):
+    """Residuals do: with weak coordinates the point follows its measurement."""
+    away = misfits(state)
+    for key in tiny_block().blunders:
+        assert np.hypot(*away[key].pixels) > 0.9 * np.hypot(*state.report.residuals_px[key])
+    points = {name: replace(p, sigma_m=p.sigma_m * 20) for name, p in state.block.surveyed.items()}
+    weak = adjust(replace(state.block, surveyed=points))
+    loose = misfits(replace(state, report=weak))
+    sums = [
+        sum(np.hypot(*weak.residuals_px[key]) for key in tiny_block().blunders),
+        sum(np.hypot(*loose[key].pixels) for key in tiny_block().blunders),
+    ]
+    assert sums[0] < 0.5 * sums[1]
 
 
 def test_footprints_are_closed_outlines__law(state):
@@ -99,7 +123,7 @@ def test_photos_are_drawn_anew_only_when_they_moved__law(state):
 
 def test_orthos_are_stale_until_they_are_made_again__law(state):
     assert stale_photos(state, 0.1) == ()
-    older = replace(state, made=state.block)
+    older = replace(state, made=made_with(state.block))
     stale = stale_photos(older, 0.1)
     assert set(stale) == set(state.block.photos)
     assert stale_photos(with_made(older, stale, older.oriented), 0.1) == ()

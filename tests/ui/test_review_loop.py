@@ -21,6 +21,7 @@ from ui.review.gestures import (
     Stepped,
     Undone,
 )
+from ui.review.compare import made_with
 from ui.review.state import DeskState
 
 
@@ -64,7 +65,7 @@ class Opened:
         self.glass, self.made = Glass(), []
         report = adjust(tiny.block)
         self.session = Session.open(folder, "anna")
-        state = DeskState(tiny.block, report, made=made or report.block)
+        state = DeskState(tiny.block, report, made=made_with(made or report.block))
         nothing = lambda *_: None  # noqa: E731
         inputs = LoopInputs(tiny.block, state, self.session, tiny.land.dem, "anna", 0.1, nothing)
         screen = Screen(self.glass.show, self.glass.tell, nothing, nothing, nothing)
@@ -238,6 +239,6 @@ def test_a_decision_shows_new_numbers_within_a_second__law(desk):
 
 def test_a_desk_state_never_changes__law():
     block = tiny_block().block
-    state = DeskState(block, adjust(block), made=block)
+    state = DeskState(block, adjust(block), made=made_with(block))
     assert replace(state, decided=3).decided == 3
     assert state.decided == 0

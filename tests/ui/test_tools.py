@@ -15,7 +15,7 @@ from sessions.decisions import (
     SetRole,
 )
 from tests.ui.desk_block import adjust, tiny_block
-from ui.review.compare import drawn_from_block, ground_from_pixel
+from ui.review.compare import drawn_from_block, ground_from_pixel, made_with
 from ui.review.gestures import (
     Explained,
     Filtered,
@@ -40,7 +40,7 @@ from ui.review.tools import Desk, kept_up, meaning, seated
 def desk() -> Desk:
     tiny = tiny_block()
     report = adjust(tiny.block)
-    state = DeskState(tiny.block, report, made=report.block)
+    state = DeskState(tiny.block, report, made=made_with(report.block))
     rows = {row.key: row for row in queue_rows(state)}
     return Desk(state, rows, drawn_from_block(state.oriented), tiny.land.dem)
 

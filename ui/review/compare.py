@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from core.arrays import ObjectPoints, PixelPoints, Scalars
 from core.block.block import Block, Photo
 from core.geometry.camera import Camera
-from ui.review.state import DeskState, Key
+from ui.review.state import DeskState, Key, Made
 
 REDRAW_PX = 0.3
 """A photo is drawn anew when the newest orientation moves it by more than this, scan pixels."""
@@ -158,11 +158,10 @@ def stale_photos(state: DeskState, tolerance_m: float) -> tuple[str, ...]:
     oriented = state.oriented
     stale: list[str] = []
     for name, photo in oriented.photos.items():
-        made = state.made.photos.get(name)
-        if made is None or not photo.oriented:
+        if name not in state.made or not photo.oriented:
             continue
-        old_camera, camera = state.made.camera_of(name), oriented.camera_of(name)
-        metres = shift_px(made, old_camera, photo, camera) * ground_pixel_m(photo, camera)
+        camera = oriented.camera_of(name)
+        metres = shift_px(*state.made[name], photo, camera) * ground_pixel_m(photo, camera)
         if metres > tolerance_m:
             stale.append(name)
     return tuple(stale)
@@ -176,6 +175,10 @@ def ground_pixel_m(photo: Photo, camera: Camera) -> float:
 
 def with_made(state: DeskState, photo_ids: tuple[str, ...], oriented: Block) -> DeskState:
     """The state once the orthos of some photos were made with the orientations of a block."""
-    photos = {**state.made.photos, **{name: oriented.photos[name] for name in photo_ids}}
-    made = replace(state.made, photos=photos, cameras=oriented.cameras)
-    return replace(state, made=made)
+    fresh = made_with(oriented)
+    return replace(state, made={**state.made, **{name: fresh[name] for name in photo_ids}})
+
+
+def made_with(oriented: Block) -> Made:
+    """All orthos as if made with the orientations of a block."""
+    return {name: (photo, oriented.camera_of(name)) for name, photo in oriented.photos.items()}

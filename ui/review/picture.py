@@ -9,11 +9,15 @@ import numpy as np
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_pixel_m, overlay_of
-from ui.review.queue import Row, counts, visible
-from ui.review.scene import ground_residuals_m
+from ui.review.misfit import controllability, misfits
+from ui.review.queue import Row, coming, counts, visible
 from ui.review.state import LAYERS, DeskState, Key, Seat
 from ui.review.trial import Trial
 
+IN_USE = ("auto", "accepted")
+"""States in which a measurement of a control point takes part in the adjustment."""
+AHEAD = 2
+"""Measurements whose pictures are fetched before they are needed."""
 Part = dict[str, Any] | list[Any] | None
 
 
@@ -21,7 +25,7 @@ def rows_part(rows: Mapping[Key, Row]) -> Part:
     """The table, one short list per measurement, in the order of `rows`."""
     return [
         [*row.key, row.role, row.state, int(row.human), _short(row.doubt, 2),
-         _short(row.residual_px, 2), _short(row.score, 2)]
+         _short(row.misfit_px, 2), _short(row.score, 2)]
         for row in rows.values()
     ]  # fmt: skip
 
@@ -56,7 +60,7 @@ def status_part(
     report, before = state.report, state.before
     tally = dict.fromkeys(("used", "open", "rejected", "dubious"), 0)
     for row in rows.values():
-        tally["used"] += row.role == "control" and row.state in ("auto", "accepted")
+        tally["used"] += row.role == "control" and row.state in IN_USE
         tally["open"] += row.state == "auto"
         tally["rejected"] += row.state == "rejected"
         tally["dubious"] += row.state == "dubious"
@@ -73,6 +77,7 @@ def status_part(
         "operator": seat.operator,
         "adjusting": state.adjusting,
         "stale": list(stale),
+        "written": state.written,
         "remaking": None if making is None else {
             "share": _short(making.done / making.total if making.total else 0.0, 3),
             "what": making.what,
@@ -130,6 +135,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
         "peaks": _peaks(measurement),
         "others": _others(rows, drawn, key),
+        "ahead": _ahead(state, seat, rows, drawn),
         "trial": _trial(state, pictured.trial),
     }
 
@@ -168,22 +174,23 @@ def _raw(overlay: Overlay) -> Part:
 
 
 def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
-    residual = state.residual_px(row.key)
-    old = state.before.residuals_px.get(row.key) if state.before else None
     point = state.block.surveyed[row.key[0]]
-    vector = ground_residuals_m(state, state.oriented, (row.key,)).get(row.key)
+    now = misfits(state, (row.key,)).get(row.key)
+    old = misfits(state, (row.key,), state.before).get(row.key) if state.before else None
     return {
-        "residual": _pair(residual, 2),
-        "residual_before": _pair(old, 2),
-        "ground": _pair(vector, 2),
+        "misfit": _pair(now.pixels if now else None, 2),
+        "misfit_before": _pair(old.pixels if old else None, 2),
+        "ground": _pair(now.metres if now else None, 2),
+        "ratio": _short(now.ratio if now else None, 1),
+        "residual": _pair(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": _short(measurement.sigma_px, 2),
         "score": _short(measurement.score, 2),
-        "redundancy": _short(state.report.redundancy_numbers.get(row.key), 2),
+        "redundancy": _short(controllability(state).get(row.key), 2),
         "place": [_short(measurement.column, 1), _short(measurement.row, 1)],
         "source": point.source,
         "surveyed": [_short(value, 1) for value in point.position],
         "surveyed_sigma": [_short(value, 2) for value in point.sigma_m],
-        "remark": measurement.reason or state.report.rejected.get(row.key, ""),
+        "remark": state.remark(measurement),
     }
 
 
@@ -207,7 +214,7 @@ def _others(rows: Mapping[Key, Row], drawn: Drawn, key: Key) -> Part:
         {
             "photo": row.key[1],
             "state": row.state,
-            "residual": _short(row.residual_px, 1),
+            "misfit": _short(row.misfit_px, 1),
             "version": drawn[row.key[1]].version,
         }
         for row in rows.values()
@@ -215,8 +222,22 @@ def _others(rows: Mapping[Key, Row], drawn: Drawn, key: Key) -> Part:
     ]
 
 
+def _ahead(state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn) -> Part:
+    """Photo, version and place of what comes next, so that its pictures are there in time."""
+    return [
+        [key[1], drawn[key[1]].version, *_places(state.block.surveyed[key[0]].position[:2])]
+        for key in coming(rows, seat)[:AHEAD]
+        if key[1] in drawn
+    ]
+
+
+def _places(position: Any) -> list[float | None]:
+    return [_short(float(value), 2) for value in position]
+
+
 def _value_of(text: str, value: float) -> str:
-    return f"{value:.0f}" if text == "doubt.peaks" else f"{value:.2f}"
+    digits = {"doubt.peaks": 0, "doubt.misfit": 1}.get(text, 2)
+    return f"{value:.{digits}f}"
 
 
 def _short(value: float | None, digits: int) -> float | None:

@@ -5,11 +5,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from core.block.block import Measurement
+from ui.review.misfit import Misfit, controllability, misfits
 from ui.review.palette import ShownState
-from ui.review.state import DeskState, Key, Seat, Sieve, Sorting
+from ui.review.state import STATE_FILTERS, DeskState, Key, Seat, Sieve, Sorting, StateFilter
 
 INFLUENCE_FLOOR = 0.4
 """Share of the gain that does not depend on how much a measurement steers the block."""
+UNUSED_GAIN = 0.02
+"""What the engine left out comes after what steers the block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +43,8 @@ class Row:
     """How doubtful, 0 to 1."""
     gain: float
     """What looking at it is expected to bring, 0 to 1."""
-    residual_px: float
-    """Length of the residual, pixels; NaN when there is none."""
+    misfit_px: float
+    """Distance from where the block expects it, scan pixels; NaN when that is not known."""
     score: float
     """Likeness, 0 to 1."""
     grounds: tuple[Ground, ...]
@@ -50,9 +53,10 @@ class Row:
 
 def queue_rows(state: DeskState) -> tuple[Row, ...]:
     """Every measurement of a surveyed point, in the order of point and photo."""
+    away, controlled = misfits(state), controllability(state)
     return tuple(
-        _row(state, measurement)
-        for _, measurement in sorted(state.block.measurements.items())
+        _row(state, measurement, away.get(key), controlled.get(key))
+        for key, measurement in sorted(state.block.measurements.items())
         if measurement.point_id in state.block.surveyed
     )
 
@@ -81,6 +85,7 @@ def passes(row: Row, sieve: Sieve) -> bool:
     """True when a sieve lets a row through."""
     state_fits = {
         "all": True,
+        "review": row.state != "unused",
         "open": row.state == "auto",
     }.get(sieve.state, row.state == sieve.state)
     return state_fits and sieve.photo_id in ("", row.key[1]) and sieve.role in ("", row.role)
@@ -102,56 +107,71 @@ def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
     return ahead[-1] if ahead else shown[0]
 
 
-def counts(rows: Iterable[Row], sieve: Sieve) -> dict[str, int]:
+def coming(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
+    """Measurements of the queue nobody has looked at: those behind the current one, then before."""
+    shown = visible(rows, seat)
+    here = shown.index(seat.current) if seat.current in shown else -1
+    turned = (*shown[here + 1 :], *shown[: max(here, 0)])
+    return tuple(key for key in turned if rows[key].state == "auto")
+
+
+def counts(rows: Iterable[Row], sieve: Sieve) -> dict[StateFilter, int]:
     """Rows by state within the photo and role of a sieve, for the queue's own buttons."""
     within = [row for row in rows if passes(row, Sieve("all", sieve.photo_id, sieve.role))]
-    tally = {"all": len(within), "open": 0, "dubious": 0, "accepted": 0, "rejected": 0, "unused": 0}
+    tally = dict.fromkeys(STATE_FILTERS, 0)
     for row in within:
         tally["open" if row.state == "auto" else row.state] += 1
+    tally["all"] = len(within)
+    tally["review"] = len(within) - tally["unused"]
     return tally
 
 
-def _row(state: DeskState, measurement: Measurement) -> Row:
+def _row(
+    state: DeskState, measurement: Measurement, misfit: Misfit | None, controlled: float | None
+) -> Row:
     shown = state.shown_state(measurement)
-    grounds = _grounds(state, measurement)
+    grounds = _grounds(measurement, misfit, controlled)
     doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
     human = measurement.status in ("accepted", "rejected", "dubious")
-    residual = state.residual_px(measurement.key)
-    influence = 1 - state.report.redundancy_numbers.get(measurement.key, 0.8)
-    gain = 0.0 if human else doubt * (INFLUENCE_FLOOR + (1 - INFLUENCE_FLOOR) * influence)
+    if human:
+        gain = 0.0
+    elif shown == "unused":
+        # What the block nearly agrees with is the likeliest to be taken in after all.
+        gain = UNUSED_GAIN / (1 + (misfit.ratio if misfit else 9.0))
+    else:
+        influence = 1 - (controlled if controlled is not None else 0.8)
+        gain = doubt * (INFLUENCE_FLOOR + (1 - INFLUENCE_FLOOR) * influence)
     return Row(
         key=measurement.key,
         role=state.block.surveyed[measurement.point_id].role,
         state=shown,
         human=human,
         doubt=doubt,
-        gain=gain * (0.3 if shown == "unused" else 1.0),
-        residual_px=math.hypot(*residual) if residual else math.nan,
+        gain=gain,
+        misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
         score=measurement.score,
         grounds=grounds,
     )
 
 
-def _grounds(state: DeskState, measurement: Measurement) -> tuple[Ground, ...]:
+def _grounds(
+    measurement: Measurement, misfit: Misfit | None, controlled: float | None
+) -> tuple[Ground, ...]:
     found = [
-        _ground_of_residual(state, measurement),
+        _ground_of_misfit(misfit),
         _ground_of_peaks(measurement),
         _ground_of_score(measurement),
-        _ground_of_redundancy(state, measurement),
+        _ground_of_control(controlled),
     ]
     kept = [ground for ground in found if ground is not None and ground.weight > 0.02]
     return tuple(sorted(kept, key=lambda ground: -ground.weight))
 
 
-def _ground_of_residual(state: DeskState, measurement: Measurement) -> Ground | None:
-    """Residual against its standard deviation: normal up to 1.5, certain trouble from 4."""
-    residual = state.residual_px(measurement.key)
-    if residual is None or not math.isfinite(residual[0] + residual[1]):
+def _ground_of_misfit(misfit: Misfit | None) -> Ground | None:
+    """Misfit against its standard deviation: normal below one, certain trouble from 3.5."""
+    if misfit is None:
         return None
-    redundancy = max(state.report.redundancy_numbers.get(measurement.key, 1.0), 0.05)
-    sigma = measurement.sigma_px * max(state.report.sigma_nought, 0.5) * math.sqrt(redundancy)
-    ratio = math.hypot(*residual) / math.sqrt(2) / sigma
-    return Ground("doubt.residual", ratio, _share((ratio - 1.5) / 2.5))
+    return Ground("doubt.misfit", misfit.ratio, _share((misfit.ratio - 0.8) / 2.7))
 
 
 def _ground_of_peaks(measurement: Measurement) -> Ground | None:
@@ -159,20 +179,19 @@ def _ground_of_peaks(measurement: Measurement) -> Ground | None:
     if len(measurement.peaks) < 2 or measurement.peaks[0].score <= 0:
         return None
     ratio = float(measurement.peaks[1].score / measurement.peaks[0].score)
-    return Ground("doubt.peaks", 100 * ratio, 0.9 * _share((ratio - 0.7) / 0.3))
+    return Ground("doubt.peaks", 100 * ratio, 0.5 * _share((ratio - 0.7) / 0.3))
 
 
 def _ground_of_score(measurement: Measurement) -> Ground:
-    weight = 0.8 * _share((0.6 - measurement.score) / 0.5)
+    weight = 0.5 * _share((0.6 - measurement.score) / 0.5)
     return Ground("doubt.score", measurement.score, weight)
 
 
-def _ground_of_redundancy(state: DeskState, measurement: Measurement) -> Ground | None:
-    """Below a redundancy number of 0.1 no other measurement could find an error in this one."""
-    number = state.report.redundancy_numbers.get(measurement.key)
-    if number is None:
+def _ground_of_control(controlled: float | None) -> Ground | None:
+    """Below a tenth no other measurement could find an error in this one."""
+    if controlled is None:
         return None
-    return Ground("doubt.redundancy", number, 0.6 * _share((0.3 - number) / 0.3))
+    return Ground("doubt.redundancy", controlled, 0.6 * _share((0.3 - controlled) / 0.3))
 
 
 def _share(value: float) -> float:
@@ -185,8 +204,8 @@ def _figure(row: Row, sorting: Sorting) -> float | tuple[str, str]:
             return row.key[1], row.key[0]
         case "point":
             return row.key
-        case "residual":
-            return row.residual_px
+        case "misfit":
+            return row.misfit_px
         case "doubt":
             return row.doubt
         case "score":

@@ -1,6 +1,6 @@
 """The block as the 3D scene shows it: arrays in the local frame, ready for a screen."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,10 @@ from core.arrays import Position
 from core.block.block import Block
 from core.frames import local_from_object
 from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
+from ui.review.misfit import misfits
 from ui.review.palette import LOOKS, ShownState
 from ui.review.picking import frustum_depth_m
-from ui.review.state import DeskState, Key
+from ui.review.state import DeskState
 
 Segments = Float64[np.ndarray, "n 2 3"]
 """Line segments, local frame, metres."""
@@ -20,6 +21,8 @@ Points = Float64[np.ndarray, "n 3"]
 """Points, local frame, metres."""
 EDGE_PARTS = 12
 """Parts of each edge of a footprint, so that it follows the terrain."""
+VECTOR_SHARE = 0.03
+"""A misfit of ordinary size is drawn at most as long as this share of the block."""
 WORST: tuple[ShownState, ...] = ("rejected", "dubious", "auto", "accepted", "unused")
 """Which state a point shows that has several measurements: the first of these it has."""
 
@@ -59,7 +62,7 @@ class ScenePicture:
     checks: Points
     """Check points."""
     vectors: Segments
-    """Ground place of each used measurement, and the end of its residual at true length."""
+    """Surveyed point of each used measurement, and the end of its misfit at true length."""
     vector_states: tuple[ShownState, ...]
     """State of each vector."""
     ties: Points
@@ -72,7 +75,7 @@ def scene_picture(state: DeskState, stale: tuple[str, ...], outlines: Segments) 
     """The scene of a state; the photos' outlines come from `footprints`."""
     oriented, origin = state.oriented, state.block.origin
     states = point_states(state)
-    vectors, vector_states = residual_vectors(state, ground_residuals_m(state, oriented))
+    vectors, vector_states = misfit_vectors(state)
     surveyed = state.block.surveyed
     ties = state.report.tie_positions
     ties = ties[np.all(np.isfinite(ties), axis=1)]
@@ -125,51 +128,33 @@ def point_states(state: DeskState) -> dict[str, ShownState]:
     }
 
 
-def residual_vectors(
-    state: DeskState, residuals_m: Mapping[Key, tuple[float, float]]
-) -> tuple[Segments, tuple[ShownState, ...]]:
-    """Residuals of all measurements that take part or judge, as displacements on the ground."""
+def misfit_vectors(state: DeskState) -> tuple[Segments, tuple[ShownState, ...]]:
+    """Misfits of all measurements that take part or judge, as displacements on the ground."""
     segments: list[np.ndarray] = []
     states: list[ShownState] = []
-    for key, vector in residuals_m.items():
+    for key, misfit in misfits(state).items():
         shown = state.shown_state(state.block.measurements[key])
         if shown in ("unused", "rejected"):
             continue
         start = state.block.surveyed[key[0]].position - state.block.origin
-        segments.append(np.array([start, start + np.array([*vector, 0.0])]))
+        segments.append(np.array([start, start + np.array([*misfit.metres, 0.0])]))
         states.append(shown)
     return np.array(segments).reshape(-1, 2, 3), tuple(states)
 
 
-def ground_residuals_m(
-    state: DeskState, oriented: Block, keys: Iterable[Key] | None = None
-) -> dict[Key, tuple[float, float]]:
-    """Residuals (all, or those of some keys) as displacements on the ground (east, north), metres.
-
-    A residual (computed minus measured, pixels) is turned into metres by the photo's own mapping
-    of the ground about the point.
-    """
-    by_photo: dict[str, list[Key]] = {}
-    for key in state.block.measurements if keys is None else keys:
-        residual = state.residual_px(key)
-        known = key[0] in state.block.surveyed and key[1] in oriented.photos
-        if known and residual is not None and np.all(np.isfinite(residual)):
-            by_photo.setdefault(key[1], []).append(key)
-    found: dict[Key, tuple[float, float]] = {}
-    for photo_id, within in by_photo.items():
-        positions = np.array([state.block.surveyed[point_id].position for point_id, _ in within])
-        steps = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        around = (positions[:, None, :] + steps).reshape(-1, 3)
-        photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)
-        pixels = photo.pixel_from_object(around, camera).reshape(-1, 3, 2)
-        matrices = np.swapaxes(pixels[:, 1:] - pixels[:, :1], 1, 2)
-        sound = np.isfinite(matrices).all(axis=(1, 2)) & (abs(np.linalg.det(matrices)) > 1e-9)
-        residuals = np.array([state.residual_px(key) for key in within])
-        matrices[~sound] = np.eye(2)
-        vectors = np.linalg.solve(matrices, residuals[:, :, None])[:, :, 0]
-        pairs = zip(within, vectors, sound, strict=True)
-        found |= {key: (float(v[0]), float(v[1])) for key, v, good in pairs if good}
-    return found
+def readable_scale(state: DeskState) -> float:
+    """How many times longer than on the ground vectors must be drawn to be seen: 1, 2 or 5 tens."""
+    vectors, _ = misfit_vectors(state)
+    if not len(vectors):
+        return 1.0
+    lengths = np.linalg.norm(vectors[:, 1] - vectors[:, 0], axis=1)
+    extent = float(np.max(np.ptp(vectors[:, 0, :2], axis=0)))
+    typical = float(np.sqrt(np.mean(lengths**2)))
+    if typical < 1e-9 or extent <= 0:
+        return 1.0
+    wanted = min(max(VECTOR_SHARE * extent / typical, 1.0), 1000.0)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
 
 
 def _positions(block: Block, names: list[str]) -> Points:

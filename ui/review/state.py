@@ -5,16 +5,19 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement
+from core.block.block import Block, Measurement, Photo
+from core.geometry.camera import Camera
 from ui.review.palette import ShownState
 
 Key = tuple[str, str]
 """Point and photo: what names a measurement."""
-SortColumn = Literal["gain", "doubt", "residual", "photo", "point", "score"]
-SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "residual", "photo", "point", "score")
-StateFilter = Literal["all", "open", "accepted", "rejected", "dubious", "unused"]
+Made = Mapping[str, tuple[Photo, Camera]]
+"""Photos, each with the orientation and the camera its ortho was made with."""
+SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
+SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
+StateFilter = Literal["review", "all", "open", "accepted", "rejected", "dubious", "unused"]
 STATE_FILTERS: tuple[StateFilter, ...] = (
-    "all", "open", "dubious", "accepted", "rejected", "unused",
+    "review", "all", "open", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 LAYERS: tuple[str, ...] = (
     "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "labels",
@@ -36,8 +39,8 @@ class Sorting:
 class Sieve:
     """What a queue lets through."""
 
-    state: StateFilter = "all"
-    """One state, or all; `open` is what no human has looked at."""
+    state: StateFilter = "review"
+    """One state; `review`: all but what the engine left out; `open`: used and not looked at."""
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""
@@ -112,8 +115,8 @@ class DeskState:
     """The engine's block with the standing decisions laid over it."""
     report: AdjustmentReport
     """The newest adjustment."""
-    made: Block
-    """The orientations and cameras the orthos on disk were made with."""
+    made: Made
+    """What the orthos on disk were made with."""
     before: AdjustmentReport | None = None
     """The adjustment before the newest, for the old numbers; None until something moved."""
     decided: int = 0
@@ -122,6 +125,8 @@ class DeskState:
     """True while the numbers shown are older than the decisions."""
     remaking: Remaking | None = None
     """Set while orthos are being made."""
+    written: bool = True
+    """False while tables and report on disk are older than the decisions."""
 
     @property
     def oriented(self) -> Block:
@@ -134,8 +139,21 @@ class DeskState:
 
     def shown_state(self, measurement: Measurement) -> ShownState:
         """The state on screen: what the adjustment left out by itself shows as unused."""
-        left_out = measurement.status == "auto" and measurement.key in self.report.rejected
-        return "unused" if left_out else measurement.status
+        if measurement.status == "auto" and self.left_out(measurement.key):
+            return "unused"
+        return measurement.status
+
+    def left_out(self, key: Key) -> str:
+        """Why the adjustment did not use a measurement it might have used; empty when it did."""
+        judged = self.report.block.measurements.get(key)
+        if judged is not None and judged.status == "unused":
+            return judged.reason or "left out"
+        return self.report.rejected.get(key, "")
+
+    def remark(self, measurement: Measurement) -> str:
+        """Why a measurement is not used, or who placed it, in words."""
+        left_out = self.left_out(measurement.key) if measurement.status == "auto" else ""
+        return measurement.reason or left_out
 
     def residual_px(self, key: Key) -> tuple[float, float] | None:
         """Residual (column, row) of one measurement, pixels; None before it was adjusted."""

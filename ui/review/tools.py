@@ -42,7 +42,7 @@ from ui.review.gestures import (
     Verdict,
 )
 from ui.review.picking import Picked, pick
-from ui.review.queue import Row, neighbour, ordered, visible
+from ui.review.queue import Row, coming, neighbour, ordered, visible
 from ui.review.state import DeskState, Key, Notice, Seat, Sieve, Sorting
 
 Act = Literal["", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current"]
@@ -147,7 +147,12 @@ def _judge(gesture: Judged, seat: Seat, desk: Desk) -> Meaning:
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
     rejected = verdict == "reject" and not stands
     after = replace(after, explaining=gesture.key if rejected else None)
-    return Meaning(after, decision=None if stands else _decision_of(verdict, gesture.key))
+    last = here and desk.rows[gesture.key].state == "auto" and not coming(desk.rows, seat)
+    return Meaning(
+        after,
+        decision=None if stands else _decision_of(verdict, gesture.key),
+        notice=Notice("notice.queue-done") if last else None,
+    )
 
 
 def _decision_of(verdict: Verdict, key: Key) -> Decision:
@@ -176,13 +181,8 @@ def _standing_verdict(status: str, reason: str) -> Verdict | None:
 
 def _next_open(seat: Seat, desk: Desk) -> Key | None:
     """The next measurement in the queue nobody has looked at; else simply the next."""
-    shown = visible(desk.rows, seat)
-    if seat.current in shown:
-        here = shown.index(seat.current)
-        for key in shown[here + 1 :]:
-            if desk.rows[key].state == "auto":
-                return key
-    return neighbour(shown, seat, +1)
+    following = coming(desk.rows, seat)
+    return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
 
 
 def _explain(gesture: Explained, seat: Seat) -> Meaning:

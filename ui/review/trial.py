@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from core.block.adjusted import AdjustmentReport
-from core.block.block import Block
+from core.block.block import USED, Block, Measurement
 from ui.review.compare import ground_pixel_m, shift_px
 from ui.review.state import DeskState, Key
 
@@ -24,14 +24,14 @@ class Trial:
     """The photo that would shift most."""
 
 
-def tried_block(block: Block, key: Key) -> Block | None:
+def tried_block(state: DeskState, key: Key) -> Block | None:
     """The block with one measurement turned; None where that can change nothing."""
-    measurement = block.measurements.get(key)
-    point = block.surveyed.get(key[0])
+    measurement = state.block.measurements.get(key)
+    point = state.block.surveyed.get(key[0])
     if measurement is None or point is None or point.role == "check":
         return None
-    status = "rejected" if measurement.used else "accepted"
-    return block.with_measurement(replace(measurement, status=status))
+    status = "rejected" if _takes_part(state, measurement) else "accepted"
+    return state.block.with_measurement(replace(measurement, status=status))
 
 
 def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | None:
@@ -47,4 +47,9 @@ def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | No
         if name in then.photos
     }
     most = max(shifts, key=lambda name: shifts[name], default="")
-    return Trial(key, measurement.used, report.sigma_nought, shifts.get(most, 0.0), most)
+    return Trial(key, _takes_part(state, measurement), report.sigma_nought, shifts.get(most, 0.0), most)
+
+
+def _takes_part(state: DeskState, measurement: Measurement) -> bool:
+    """True when the adjustment on screen used it."""
+    return state.shown_state(measurement) in USED

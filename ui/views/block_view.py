@@ -23,7 +23,7 @@ POINT_SHARE = 0.0062
 """Size of a point as a share of the block's extent, when the whole block is in sight."""
 FIT_SHARE = 1.9
 """Distance of the eye from the block, in extents, when the whole block is in sight."""
-FROM_SOUTH = np.array([0.0, -0.66, 1.0])
+FROM_SOUTH = np.array([0.0, -0.5, 1.0])
 """Where the eye is at first, seen from the middle of the block."""
 RING_PARTS = 28
 LIFT = 0.006

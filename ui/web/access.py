@@ -1,5 +1,6 @@
 """Who may come in: an access token kept in a cookie, and a guard on Host and Origin."""
 
+import hashlib
 import hmac
 import ipaddress
 import secrets
@@ -22,8 +23,11 @@ class Access:
     """Address the port listens on."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """Secret in the address the operator opens; a cookie afterwards."""
-    cookie: str = field(default_factory=lambda: f"gruber_{secrets.token_hex(4)}")
-    """Name of the cookie, its own for every desk: cookies do not know ports."""
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie, its own for every desk: cookies do not know ports."""
+        return f"gruber_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
     def guard(self) -> Middleware:
         """The middleware that every request passes first."""

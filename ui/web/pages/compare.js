@@ -1,8 +1,9 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
 import { byId, number, shortName, start, word } from "/pages/words.js";
-import { drawLayer, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
+import { drawLayer, fetchAhead, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
 
-const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, blink: false };
+const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
+const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, blink: false, scale: 0 };
 let point = null;
 let view = null; // {east, north: middle; scale: css pixels per metre}
 let cursor = null; // {east, north, raw}
@@ -31,7 +32,19 @@ export function setUpCompare(sender) {
   byId("swipe").title = word("swipe.tip");
   byId("contrast-label").title = word("contrast.tip");
   onTile(redraw);
-  setMode("side");
+  remember();
+  byId("swipe").value = 100 * state.share;
+  byId("contrast").value = 100 * state.contrast;
+  setMode(state.mode);
+}
+
+// How one likes to look stays through a reload.
+function remember() {
+  try { Object.assign(state, JSON.parse(sessionStorage.getItem("gruber.look"))); } catch { /* Looks as at first. */ }
+  window.addEventListener("pagehide", () => {
+    const kept = Object.fromEntries(KEPT.map((name) => [name, state[name]]));
+    sessionStorage.setItem("gruber.look", JSON.stringify({ ...kept, scale: view?.scale ?? 0 }));
+  });
 }
 
 export function comparePoint(fresh) {
@@ -40,9 +53,28 @@ export function comparePoint(fresh) {
   nudged = null;
   if (!point) return redraw();
   if (before !== point.key.join("|")) {
-    const scale = view?.scale ?? defaultScale();
+    const scale = view?.scale ?? (state.scale || defaultScale());
     view = { east: point.marks.surveyed[0], north: point.marks.surveyed[1], scale };
+    clearTimeout(comparePoint.later);
+    comparePoint.later = setTimeout(lookAhead, 200);
   }
+  redraw();
+}
+
+function lookAhead() {
+  for (const [photo, version, east, north] of point?.ahead ?? []) {
+    for (const { room } of Object.values(panes)) {
+      const [width, height] = [room.clientWidth, room.clientHeight];
+      if (!width) continue;
+      const frame = groundFrame(width, height, { east, north });
+      for (const layer of [orthoLayer(state.wallis), scanLayer(photo, version, state.wallis)]) fetchAhead(layer, frame, width, height);
+    }
+  }
+}
+
+export function zoomCompare(factor) {
+  if (!view) return;
+  view.scale = bounded(view.scale * factor);
   redraw();
 }
 
@@ -82,11 +114,12 @@ export function nudge(right, down) {
 function setMode(mode) {
   state.mode = mode;
   byId("panes").dataset.mode = mode;
-  byId("swipe").disabled = mode === "side";
+  byId("swipe").hidden = mode === "side";
   for (const button of byId("modes").children) button.classList.toggle("on", button.dataset.mode === mode);
   redraw();
 }
 
+const bounded = (scale) => Math.min(Math.max(scale, 0.01), 400 / Math.max(start.ortho_pixel, 0.01));
 const defaultScale = () => 2.2 / Math.max(start.ortho_pixel, point?.scan.pixel ?? 0);
 
 function redraw() {
@@ -157,8 +190,8 @@ function drawPicture(pane) {
 }
 
 // Layer coordinates of ground tiles: metres east and south of the lattice's corner.
-function groundFrame(width, height) {
-  return { x: view.east - start.lattice.west - width / 2 / view.scale, y: start.lattice.north - view.north - height / 2 / view.scale, scale: view.scale };
+function groundFrame(width, height, { east, north } = view) {
+  return { x: east - start.lattice.west - width / 2 / view.scale, y: start.lattice.north - north - height / 2 / view.scale, scale: view.scale };
 }
 
 // The raw scan about the point: an affine map of the ground, drawn with the scan's own axes.
@@ -218,6 +251,7 @@ function drawMarks(pane) {
   const [context, width, height] = canvas(pane.marks);
   if (pane.kind === "swipe") line(context, width * state.share, 0, width * state.share, height, "#ffffffa0", 1);
   if (state.marks) {
+    template(context, pane);
     if (pane.kind !== "scan") surveyedMark(context, toScreen(pane, point.marks.surveyed));
     if (pane.kind !== "ortho") scanMarks(context, pane);
   }
@@ -241,6 +275,28 @@ function scanMarks(context, pane) {
   halo(context, palette.predicted, 1.6, () => context.arc(to[0], to[1], 9, 0, 7));
   context.setLineDash([]);
   measuredMark(context, from, palette.states[point.state].colour);
+}
+
+// Corners of the patch the engine compared: along the scan's axes, about the point.
+function template(context, pane) {
+  if (!start.template) return;
+  const raw = showsRaw(pane.kind);
+  const half = start.template * rawPerMetre();
+  const middle = pane.kind === "scan" ? point.raw.measured : point.raw.predicted;
+  const shift = pane.kind === "scan" ? [0, 0] : [point.marks.surveyed[0] - point.marks.predicted[0], point.marks.surveyed[1] - point.marks.predicted[1]];
+  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => {
+    const place = [middle[0] + x * half, middle[1] + y * half];
+    const ground = groundFromRaw(...place);
+    return toScreen(pane, [ground[0] + shift[0], ground[1] + shift[1]], raw ? place : null);
+  });
+  context.globalAlpha = 0.75;
+  halo(context, "#ffffff", 1, () => corners.forEach((corner, index) => {
+    for (const other of [corners[(index + 1) % 4], corners[(index + 3) % 4]]) {
+      context.moveTo(...corner);
+      context.lineTo(corner[0] + 0.12 * (other[0] - corner[0]), corner[1] + 0.12 * (other[1] - corner[1]));
+    }
+  }));
+  context.globalAlpha = 1;
 }
 
 function halo(context, colour, width, path) {
@@ -386,7 +442,7 @@ function listen(pane) {
     const [x, y] = at(event);
     const fixed = fromScreen(pane, x, y);
     const factor = Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015));
-    view.scale = Math.min(Math.max(view.scale * factor, 0.01), 400 / Math.max(start.ortho_pixel, 0.01));
+    view.scale = bounded(view.scale * factor);
     const now = fromScreen(pane, x, y);
     view.east += fixed.east - now.east;
     view.north += fixed.north - now.north;

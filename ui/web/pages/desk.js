@@ -1,8 +1,8 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
-import { byId, element, glyph, learnNames, number, start, stateGlyph, word } from "/pages/words.js";
+import { byId, element, glyph, learnNames, number, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
 import { setUpQueue, showQueue } from "/pages/queue.js";
 import { setUpPoint, showPoint } from "/pages/point.js";
-import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare } from "/pages/compare.js";
+import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare } from "/pages/compare.js";
 import { showStatus } from "/pages/status.js";
 
 const parts = {};
@@ -10,6 +10,7 @@ let seat = "";
 let socket = null;
 let waiting = 250;
 let explained = 0;
+let wanted = null;
 
 function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
@@ -58,6 +59,10 @@ window.gruberKey = (event) => {
   }
   if (event.key === " ") {
     blink(event.type === "keydown");
+    return true;
+  }
+  if (["+", "=", "-"].includes(event.key)) {
+    if (event.type === "keydown") zoomCompare(event.key === "-" ? 1 / 1.25 : 1.25);
     return true;
   }
   if (ARROWS[event.key] && !inScene) {
@@ -114,7 +119,7 @@ function setUpButtons() {
     const tip = start.words[`${name}.tip`];
     button.title = [tip ?? word(name), key ? `(${key})` : ""].join(" ").trim();
     button.replaceChildren(...(marks[act] ? [stateGlyph(marks[act], 14)] : []), word(name));
-    if (key && !button.closest("#tools")) button.append(element("kbd", {}, key));
+    if (key && !button.classList.contains("toggle")) button.append(element("kbd", {}, key));
     if (act === "blink") {
       for (const [type, on] of [["pointerdown", true], ["pointerup", false], ["pointerleave", false]]) button.addEventListener(type, () => blink(on));
     } else button.addEventListener("click", () => { ACTS[act](); button.blur(); });
@@ -152,8 +157,7 @@ function showReasons(explaining) {
   explained = explaining ? Date.now() + 6000 : 0;
   if (!explaining) return;
   const choices = [1, 2, 3, 4, 5].map((digit) => element("button", { onclick: () => explain(digit) }, element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
-  room.replaceChildren(element("p", {}, stateGlyph("rejected", 13), word("reason.ask", { point: explaining.join(" \u00b7 ") })), element("div", {}, ...choices));
-  room.firstChild.style.cssText = "display:flex;gap:6px;align-items:center";
+  room.replaceChildren(element("p", {}, stateGlyph("rejected", 13), word("reason.ask", { point: `${shortPoint(explaining[0])} \u00b7 ${shortName(explaining[1])}` })), ...choices);
   showReasons.later = setTimeout(() => { room.hidden = true; }, 6000);
 }
 
@@ -161,28 +165,71 @@ function receive(message) {
   const { notices, ...fresh } = message;
   Object.assign(parts, fresh);
   if (fresh.rows || fresh.queue) showQueue(fresh.rows, fresh.queue);
-  if (fresh.queue) showReasons(fresh.queue.explaining);
+  if (fresh.queue) { showReasons(fresh.queue.explaining); keepPlace(fresh.queue); }
   if (fresh.status) showStatus(fresh.status);
   if (fresh.scene) showScene(fresh.scene);
   if ("point" in fresh) { showPoint(parts.point); comparePoint(parts.point); }
   for (const notice of notices ?? []) tell(notice);
+  if (wanted) { comeBack(wanted); wanted = null; }
 }
 
+// Where one was, for a desk that has been opened anew meanwhile and knows of no seat.
+function keepPlace(queue) {
+  const row = parts.rows?.[queue.current];
+  const place = JSON.stringify({ edition: start.edition, key: row && [row[0], row[1]], filter: queue.filter, sort: queue.sort });
+  for (const storage of [sessionStorage, localStorage]) storage.setItem(`gruber.place.${start.name}`, place);
+}
+
+function keptPlace() {
+  const text = sessionStorage.getItem(`gruber.place.${start.name}`) ?? localStorage.getItem(`gruber.place.${start.name}`);
+  const place = text && JSON.parse(text);
+  return place && place.edition !== start.edition ? place : null;
+}
+
+function comeBack({ key, filter, sort }) {
+  send({ kind: "sort", ...sort });
+  send({ kind: "filter", ...filter });
+  if (key) send({ kind: "select", key });
+}
+
+// What went wrong stays until it is clicked away, or a while.
 function tell({ text, grave }) {
-  const box = element("div", { class: `notice${grave ? " grave" : ""}` }, text);
+  const same = [...byId("notices").children].find((box) => box.textContent === text);
+  same?.remove();
+  const box = element("div", { class: `notice${grave ? " grave" : ""}`, onclick: () => box.remove() }, text);
   byId("notices").append(box);
-  setTimeout(() => box.remove(), grave ? 9000 : 3500);
+  setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
 function connect() {
   socket = new WebSocket(`${location.origin.replace(/^http/, "ws")}/desk/${seat}`);
-  socket.onopen = () => { waiting = 250; showWire(true); };
+  socket.onopen = () => { waiting = 250; showWire(true); showLost(""); };
   socket.onmessage = (event) => receive(JSON.parse(event.data));
   socket.onclose = () => {
     showWire(false);
-    setTimeout(connect, waiting);
-    waiting = Math.min(waiting * 1.6, 5000);
+    later();
   };
+}
+
+function later() {
+  setTimeout(again, waiting);
+  waiting = Math.min(waiting * 1.6, 3000);
+}
+
+// A desk opened anew has other pictures behind the same addresses: then the page is loaded anew too.
+async function again() {
+  let answer;
+  try { answer = await fetch(`/start?seat=${encodeURIComponent(seat)}&own=1`); } catch { showLost("lost.text"); return later(); }
+  if (answer.status === 401) { showLost("lost.stranger"); return later(); }
+  if (!answer.ok) return later();
+  const { edition } = await answer.json();
+  if (edition === start.edition) connect();
+  else location.reload();
+}
+
+function showLost(text) {
+  byId("lost").hidden = !text;
+  byId("lost").replaceChildren(...(text ? [element("b", {}, word("lost.title")), word(text)] : []));
 }
 
 function showWire(on) {
@@ -249,6 +296,7 @@ async function open() {
   setUpScene();
   listenToKeys();
   showWire(false);
+  wanted = keptPlace();
   connect();
   window.gruber = { parts, compareState };
 }

@@ -28,35 +28,38 @@ const length = (pair) => (pair && pair[0] !== null ? Math.hypot(pair[0], pair[1]
 const span = (text, kind) => element("span", { class: kind }, text);
 
 function showFigures(figures) {
-  const now = length(figures.residual);
-  const then = length(figures.residual_before);
-  const residual = [`${number(now, 2)} px`];
+  const now = length(figures.misfit);
+  const then = length(figures.misfit_before);
+  const misfit = [`${number(now, 2)} px`];
   if (then !== null && now !== null && Math.abs(then - now) > 0.005) {
-    residual.unshift(span(number(then, 2), "old"), span("\u2192", "arrow"));
+    misfit.unshift(span(number(then, 2), "old"), span("\u2192", "arrow"));
   }
-  if (figures.residual) residual.push(span(` (${number(figures.residual[0], 2)}, ${number(figures.residual[1], 2)})`, "faint"));
+  if (figures.misfit) misfit.push(span(` (${number(figures.misfit[0], 2)}, ${number(figures.misfit[1], 2)})`, "faint"));
+  const residual = figures.residual ? [`${number(length(figures.residual), 2)} px`, span(` (${number(figures.residual[0], 2)}, ${number(figures.residual[1], 2)})`, "faint")] : ["\u2013"];
   const ground = figures.ground ? [`${number(length(figures.ground), 2)} m`, span(` (E ${number(figures.ground[0], 2)}, N ${number(figures.ground[1], 2)})`, "faint")] : ["\u2013"];
   const redundancy = figures.redundancy === null ? ["\u2013"] : [span(number(figures.redundancy, 2), figures.redundancy < 0.1 ? "worse" : "")];
   const sigma = figures.surveyed_sigma;
-  put("residual", residual);
+  put("misfit", misfit);
   put("ground", ground);
+  put("residual", residual);
   put("sigma", [`${number(figures.sigma, 2)} px`]);
   put("score", [number(figures.score, 2)]);
   put("redundancy", redundancy, figures.redundancy !== null && figures.redundancy < 0.1 ? word("unchecked") : "");
   put("place", [`${number(figures.place[0], 1)}, ${number(figures.place[1], 1)} px`]);
   put("surveyed", [`${number(figures.surveyed[0], 1)}  ${number(figures.surveyed[1], 1)}  ${number(figures.surveyed[2], 1)} m`]);
   put("source", [word(`source.${figures.source}`), span(` \u00b1${number(sigma[0], 2)} \u00b1${number(sigma[2], 2)} m`, "faint")]);
-  put("reason", [figures.remark || "\u2013"], figures.remark);
 }
 
 function put(name, content, tip = "") {
-  byId("figures").append(element("div", { class: "figure", "data-figure": name, title: tip || null }, element("span", {}, word(`figure.${name}`)), element("span", {}, ...content)));
+  byId("figures").append(element("div", { class: "figure", "data-figure": name, title: tip || (start.words[`figure.${name}.tip`] ?? null) }, element("span", {}, word(`figure.${name}`)), element("span", {}, ...content)));
 }
 
 function showWhy(point) {
   const list = element("ul");
+  const { remark } = point.figures;
+  if (remark) list.append(element("li", { class: "remark" }, word(`remark.${["unused", "rejected"].includes(point.state) ? point.state : "other"}`, { remark })));
   for (const [text, value] of point.why) list.append(element("li", {}, word(text, { value })));
-  if (!point.why.length) list.append(element("li", { class: "fine" }, word("why.not")));
+  if (!point.why.length && !remark) list.append(element("li", { class: "fine" }, word("why.not")));
   byId("why").append(element("h3", {}, word("why")), list);
 }
 
@@ -78,8 +81,8 @@ function showPeaks(point) {
   byId("peaks").append(element("h3", {}, word("peaks")));
   point.peaks.forEach((peak, index) => {
     const here = peak.away < 0.05;
-    byId("peaks").append(element("button", { class: `peak${here ? " on" : ""}`, title: word("peak.tip"), onclick: () => send({ kind: "peak", key: point.key, index }) },
-      element("span", {}, `${index + 1}`), element("span", {}, number(peak.score, 2)), element("span", {}, peak.operator),
+    byId("peaks").append(element("button", { class: `peak${here ? " on" : ""}`, title: `${peak.operator} \u00b7 ${word("peak.tip")}`, onclick: () => send({ kind: "peak", key: point.key, index }) },
+      element("span", {}, `${index + 1}`), element("b", {}, number(peak.score, 1)),
       element("span", {}, here ? word("mark.measured") : word("peak.away", { distance: number(peak.away, 1) }))));
   });
 }
@@ -94,10 +97,10 @@ function showOthers(point) {
   const [east, north] = point.marks.surveyed;
   const pixel = Math.max(start.ortho_pixel, point.scan.pixel) * 0.8;
   for (const other of point.others) {
-    const address = `/tiles/point/${encodeURIComponent(other.photo)}/${other.version}/${east}/${north}/${pixel.toFixed(4)}`;
+    const address = `/tiles/point/${encodeURIComponent(other.photo)}/${other.version}/${east}/${north}/${pixel.toFixed(4)}?e=${start.edition}`;
     const button = element("button", { class: `other${other.photo === point.key[1] ? " on" : ""}`, title: other.photo, onclick: () => send({ kind: "select", key: [point.key[0], other.photo] }) },
       element("img", { src: address, alt: "", draggable: "false" }),
-      element("span", {}, stateGlyph(other.state, 11), element("em", {}, shortName(other.photo)), number(other.residual, 1)));
+      element("span", {}, stateGlyph(other.state, 11), element("em", {}, shortName(other.photo)), number(other.misfit, 1)));
     strip.append(button);
     if (other.photo === point.key[1]) queueMicrotask(() => { strip.scrollLeft = Math.max(0, button.offsetLeft - strip.clientWidth / 2); });
   }

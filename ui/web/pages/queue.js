@@ -2,9 +2,9 @@
 import { byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
 
 const ROW = 25;
-const STATES = ["all", "open", "dubious", "accepted", "rejected", "unused"];
-const COLUMNS = [["point", "point", ""], ["photo", "photo", ""], ["residual", "residual", "right"], ["score", "score", "right"], ["doubt", "doubt", ""]];
-const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, RESIDUAL, SCORE] = [0, 1, 2, 3, 4, 5, 6, 7];
+const STATES = ["review", "all", "open", "dubious", "accepted", "rejected", "unused"];
+const COLUMNS = [["point", "point", ""], ["photo", "photo", ""], ["misfit", "misfit", "right"], ["score", "score", "right"], ["doubt", "doubt", ""]];
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 let rows = [];
 let queue = null;
@@ -14,18 +14,18 @@ const drawn = new Map();
 export function setUpQueue(sender) {
   send = sender;
   for (const state of STATES) {
-    const mark = state === "all" ? null : stateGlyph(state === "open" ? "auto" : state, 13);
-    byId("chips").append(element("button", { class: "chip", "data-state": state, onclick: () => sieve({ state }) }, mark, word(`state.${state}`), element("b")));
+    const mark = state === "all" || state === "review" ? null : stateGlyph(state === "open" ? "auto" : state, 13);
+    byId("chips").append(element("button", { class: "chip", "data-state": state, title: word(`state.${state}.long`), onclick: () => sieve({ state }) }, mark, word(`state.${state}`), element("b")));
   }
   fill("sieve-photo", [["", word("photo.all")], ...start.photos.map((name) => [name, shortName(name)])], (photo) => sieve({ photo }));
   fill("sieve-role", [["", word("role.both")], ["control", word("role.control")], ["check", word("role.check")]], (role) => sieve({ role }));
-  fill("sort-column", ["gain", "doubt", "residual", "score", "photo", "point"].map((name) => [name, word(`sort.${name}`)]), (column) => sort(column, !["photo", "point", "score"].includes(column)));
+  fill("sort-column", ["gain", "doubt", "misfit", "score", "photo", "point"].map((name) => [name, word(`sort.${name}`)]), (column) => sort(column, !["photo", "point", "score"].includes(column)));
   byId("sort-column").title = word("sort.by");
   byId("sort-turn").title = word("sort.turn");
   byId("sort-turn").addEventListener("click", () => sort(queue.sort.column, !queue.sort.descending));
   byId("columns").append(element("span"), element("span"));
   for (const [column, name, side] of COLUMNS) {
-    const heading = element("span", { class: side, "data-column": column, title: `${word("sort.by")}: ${word(`sort.${column}`)}` }, word(`column.${name}`));
+    const heading = element("span", { class: side, "data-column": column, title: `${word("sort.by")}: ${word(`sort.${column}.long`)}` }, word(`column.${name}`));
     heading.addEventListener("click", () => {
       const same = queue.sort.column === column;
       sort(column, same ? !queue.sort.descending : !["photo", "point", "score"].includes(column));
@@ -119,7 +119,7 @@ function write(line, index) {
     roleGlyph(row[ROLE], 12),
     element("span", { class: "name" }, shortPoint(row[POINT])),
     element("span", { class: "scan" }, shortName(row[PHOTO])),
-    element("span", { class: `right${row[RESIDUAL] > 3 ? " large" : ""}` }, number(row[RESIDUAL], row[RESIDUAL] >= 100 ? 0 : 2)),
+    element("span", { class: `right${row[MISFIT] > 3 && row[STATE] !== "unused" ? " large" : ""}` }, number(row[MISFIT], row[MISFIT] >= 100 ? 0 : 2)),
     element("span", { class: "right" }, number(row[SCORE], 2)),
     element("span", { class: "doubt" }, bar),
   );

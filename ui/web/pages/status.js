@@ -1,5 +1,5 @@
 // The status line, and the making of orthos.
-import { byId, element, number, stateGlyph, word } from "/pages/words.js";
+import { byId, element, number, shortName, start, stateGlyph, word } from "/pages/words.js";
 
 let lastSigma = null;
 
@@ -11,7 +11,7 @@ export function showStatus(status) {
   if (lastSigma !== null && lastSigma !== status.sigma) flash(sigma);
   lastSigma = status.sigma;
   byId("mp").title = word("status.mp.tip");
-  byId("mp").replaceChildren(word("status.mp"), ...(status.mp === null ? [word("status.mp.none")] : change(status.mp_before, status.mp, 3, "m")));
+  byId("mp").replaceChildren(...(status.mp === null ? [word("status.mp.none")] : [word("status.mp"), ...change(status.mp_before, status.mp, 3, "m")]));
   byId("tally").replaceChildren(...[["used", "accepted"], ["open", "auto"], ["dubious", "dubious"], ["rejected", "rejected"]].map(([name, look]) =>
     element("span", { class: "part", "data-tally": name }, stateGlyph(look, 12), element("b", {}, `${status.counts[name]}`), element("span", { class: "muted" }, word(`status.${name}`)))));
   const working = byId("working");
@@ -37,15 +37,16 @@ function flash(item) {
 
 function showMaking(status) {
   const making = status.remaking;
-  byId("stale").textContent = making ? "" : status.stale.length ? word("remake.stale", { count: status.stale.length }) : word("remake.fresh");
-  byId("stale").title = status.stale.join(", ");
-  byId("stale").classList.toggle("some", status.stale.length > 0);
+  byId("stale").textContent = making ? "" : status.stale.length ? word("remake.stale", { count: status.stale.length }) : word(status.written ? "remake.fresh" : "remake.unwritten");
+  byId("stale").title = status.stale.map(shortName).join(", ");
+  byId("stale").classList.toggle("some", status.stale.length > 0 || !status.written);
   byId("remake-start").hidden = making !== null;
-  byId("remake-start").disabled = status.stale.length === 0;
+  byId("remake-start").disabled = status.stale.length === 0 && status.written;
+  byId("remake-start").textContent = word(status.stale.length || status.written ? "remake" : "remake.write");
   byId("remake-cancel").hidden = making === null;
   byId("making").hidden = making === null;
   if (!making) return;
   byId("remake-cancel").disabled = making.cancelling;
   byId("making-share").firstChild.style.width = `${100 * making.share}%`;
-  byId("making-what").textContent = [making.what, making.left === null ? "" : word("remake.left", { seconds: Math.ceil(making.left) })].filter(Boolean).join(" \u00b7 ");
+  byId("making-what").textContent = [start.words[`remake.${making.what}`] ?? shortName(making.what), making.left === null ? "" : word("remake.left", { seconds: Math.ceil(making.left) })].filter(Boolean).join(" \u00b7 ");
 }

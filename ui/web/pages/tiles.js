@@ -7,7 +7,7 @@ const images = new Map();
 let redraw = () => {};
 export function onTile(callback) { redraw = callback; }
 
-function image(address) {
+function image(address, ahead = false) {
   let found = images.get(address);
   if (found) {
     images.delete(address);
@@ -16,6 +16,7 @@ function image(address) {
   }
   found = new Image();
   found.decoding = "async";
+  if (ahead) found.fetchPriority = "low";
   found.onload = () => { found.ready = true; redraw(); };
   found.onerror = () => { found.failed = true; };
   found.src = address;
@@ -28,11 +29,7 @@ function image(address) {
 // y down in units of `pixel` at level 0. `view` gives the layer coordinates of the canvas' corner and
 // css pixels per unit.
 export function drawLayer(context, layer, view, width, height) {
-  const perPixel = view.scale * layer.pixel * (window.devicePixelRatio || 1);
-  const level = Math.min(layer.levels - 1, Math.max(0, Math.floor(Math.log2(1 / perPixel) + 0.35)));
-  const size = SIDE * layer.pixel * 2 ** level;
-  const first = [Math.floor(view.x / size), Math.floor(view.y / size)];
-  const last = [Math.floor((view.x + width / view.scale) / size), Math.floor((view.y + height / view.scale) / size)];
+  const { level, size, first, last } = covering(layer, view, width, height);
   context.imageSmoothingEnabled = true;
   context.imageSmoothingQuality = "high";
   const at = (value, corner) => Math.round((value - corner) * view.scale);
@@ -43,6 +40,23 @@ export function drawLayer(context, layer, view, width, height) {
       const box = [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
       drawTile(context, layer, level, column, row, box);
     }
+  }
+}
+
+function covering(layer, view, width, height) {
+  const perPixel = view.scale * layer.pixel * (window.devicePixelRatio || 1);
+  const level = Math.min(layer.levels - 1, Math.max(0, Math.floor(Math.log2(1 / perPixel) + 0.35)));
+  const size = SIDE * layer.pixel * 2 ** level;
+  const first = [Math.floor(view.x / size), Math.floor(view.y / size)];
+  const last = [Math.floor((view.x + width / view.scale) / size), Math.floor((view.y + height / view.scale) / size)];
+  return { level, size, first, last };
+}
+
+// Ask for the tiles of a view that will be looked at soon.
+export function fetchAhead(layer, view, width, height) {
+  const { level, first, last } = covering(layer, view, width, height);
+  for (let row = first[1]; row <= last[1]; row += 1) {
+    for (let column = first[0]; column <= last[0]; column += 1) image(layer.address(level, column, row), true);
   }
 }
 
@@ -65,19 +79,22 @@ function drawTile(context, layer, level, column, row, box) {
   }
 }
 
+// The browser keeps tiles for a day: an address must never mean another block or another day's desk.
+const query = (wallis) => `?e=${start.edition}${wallis ? "&wallis=1" : ""}`;
+
 export function orthoLayer(wallis) {
   const { pixel, levels } = start.lattice;
-  return { pixel, levels, address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${wallis ? "?wallis=1" : ""}` };
+  return { pixel, levels, address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${query(wallis)}` };
 }
 
 export function scanLayer(photo, version, wallis) {
   const { pixel, levels } = start.lattice;
   const name = encodeURIComponent(photo);
-  return { pixel, levels, address: (l, c, r) => `/tiles/scan/${name}/${version}/${l}/${c}/${r}${wallis ? "?wallis=1" : ""}` };
+  return { pixel, levels, address: (l, c, r) => `/tiles/scan/${name}/${version}/${l}/${c}/${r}${query(wallis)}` };
 }
 
 export function rawLayer(photo, version, size, wallis) {
   const levels = 1 + Math.max(0, Math.ceil(Math.log2(Math.max(...size) / 512)));
   const name = encodeURIComponent(photo);
-  return { pixel: 1, levels, address: (l, c, r) => `/tiles/raw/${name}/${version}/${l}/${c}/${r}${wallis ? "?wallis=1" : ""}` };
+  return { pixel: 1, levels, address: (l, c, r) => `/tiles/raw/${name}/${version}/${l}/${c}/${r}${query(wallis)}` };
 }

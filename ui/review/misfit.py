@@ -1,0 +1,114 @@
+"""How far measurements lie from where the block expects their surveyed points: the misfit.
+
+A control point with weak coordinates gives way to its measurement, so that the residual of the
+adjustment stays small even where the place is wrong. The misfit does not: it is the projection of
+the *given* coordinates minus the measurement, with the standard deviations of both.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.block.adjusted import AdjustmentReport
+from core.block.block import Measurement, Photo, SurveyedPoint
+from core.geometry.camera import Camera
+from ui.review.state import DeskState, Key
+
+STEPS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""A point and its neighbours a metre to the east and to the north."""
+Matrices = Float64[np.ndarray, "n 2 2"]
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """One measurement against the given coordinates of its point, expected minus measured."""
+
+    pixels: tuple[float, float]
+    """Column and row, scan pixels."""
+    metres: tuple[float, float]
+    """The same on the ground, east and north, metres."""
+    ratio: float
+    """Length in standard deviations per axis, those of the coordinates included."""
+
+
+def misfits(
+    state: DeskState,
+    keys: Iterable[Key] | None = None,
+    report: AdjustmentReport | None = None,
+) -> dict[Key, Misfit]:
+    """Misfits of all measurements, or of those with some keys, that can be projected.
+
+    Args:
+        state: The block with its decisions.
+        keys: Measurements; all by default.
+        report: Another adjustment than the newest, for the old figures.
+    """
+    told = report or state.report
+    block, oriented = state.block, told.block
+    by_photo: dict[str, list[Measurement]] = {}
+    for key in block.measurements if keys is None else keys:
+        measurement = block.measurements.get(key)
+        if measurement is not None and key[0] in block.surveyed and key[1] in oriented.photos:
+            by_photo.setdefault(key[1], []).append(measurement)
+    unit = max(told.sigma_nought, 0.5)
+    found: dict[Key, Misfit] = {}
+    for photo_id, within in by_photo.items():
+        photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)
+        found |= _in_photo(photo, camera, within, block.surveyed, unit)
+    return found
+
+
+def controllability(state: DeskState) -> Mapping[Key, float]:
+    """Share of an error in a measurement that would show up in its misfit, 0 to 1.
+
+    The redundancy number of the measurement, and its share of that of the point's coordinates,
+    which are observations too.
+    """
+    report = state.report
+    surveyed = state.block.surveyed
+    scans: dict[str, int] = {}
+    for point_id, _ in report.redundancy_numbers:
+        scans[point_id] = scans.get(point_id, 0) + 1
+    unit = max(report.sigma_nought, 1e-6)
+    found: dict[Key, float] = {}
+    for key, own in report.redundancy_numbers.items():
+        after, point = report.surveyed_sigmas_m.get(key[0]), surveyed.get(key[0])
+        shared = 0.0
+        if after is not None and point is not None:
+            share = 1 - float(np.mean((after[:2] / unit / point.sigma_m[:2]) ** 2))
+            shared = min(max(share, 0.0), 1.0) / scans[key[0]]
+        found[key] = min(own + shared, 1.0)
+    return found
+
+
+def _in_photo(
+    photo: Photo,
+    camera: Camera,
+    measured: list[Measurement],
+    surveyed: Mapping[str, SurveyedPoint],
+    unit: float,
+) -> dict[Key, Misfit]:
+    """Misfits within one photo; `unit` is the standard deviation of unit weight."""
+    points = [surveyed[item.point_id] for item in measured]
+    around = np.array([point.position for point in points])[:, None, :] + STEPS
+    pixels = photo.pixel_from_object(around.reshape(-1, 3), camera).reshape(-1, 3, 2)
+    matrices: Matrices = np.swapaxes(pixels[:, 1:] - pixels[:, :1], 1, 2)
+    sound = np.isfinite(matrices).all(axis=(1, 2)) & (abs(np.linalg.det(matrices)) > 1e-9)
+    matrices[~sound] = np.eye(2)
+    away = pixels[:, 0] - np.array([[item.column, item.row] for item in measured])
+    metres = np.linalg.solve(matrices, away[:, :, None])[:, :, 0]
+    per_metre = np.sqrt(abs(np.linalg.det(matrices)))
+    ground = np.array([float(np.hypot(*point.sigma_m[:2])) for point in points]) / np.sqrt(2)
+    sigma = unit * np.hypot([item.sigma_px for item in measured], ground * per_metre)
+    ratio = np.hypot(away[:, 0], away[:, 1]) / np.sqrt(2) / sigma
+    return {
+        item.key: Misfit(_pair(away[i]), _pair(metres[i]), float(ratio[i]))
+        for i, item in enumerate(measured)
+        if sound[i]
+    }
+
+
+def _pair(values: Float64[np.ndarray, " 2"]) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
