@@ -61,9 +61,10 @@ class Document:
             self.text = path.read_text(encoding="utf-8-sig")
             self.values: dict[str, Any] = tomllib.loads(self.text)
         except FileNotFoundError as error:
-            raise ProjectError(
-                path, "is not there.", f"`gruber new {path.parent}` writes one."
-            ) from error
+            remedy = "Name the block's folder, or its block.toml."
+            if path.parent.is_dir() and path.suffix == ".toml":
+                remedy = f"`gruber new {path.parent}` writes one."
+            raise ProjectError(path, "is not there.", remedy) from error
         except (OSError, UnicodeDecodeError) as error:
             remedy = "Save it as a UTF-8 text file that you may read."
             raise ProjectError(path, f"cannot be read ({error}).", remedy) from error

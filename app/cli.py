@@ -4,30 +4,57 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app import verbs
-from app.settings import default_operator
+from app.settings import Settings
 from app.terminal import JsonLines, Terminal, Voice
 from core.errors import Cancelled, PhotogrammetryError
 
 Verbs = Any
 """What `add_subparsers` returns; argparse keeps the name of its type to itself."""
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
+DESCRIPTION = """\
+Review app for archival aerial photogrammetry: from scans of film to a mosaic,
+with every doubtful point laid before a human.
+"""
+ENDING = """\
+A block is a folder with a block.toml; left out, it is the current folder.
+`gruber VERB --help` says more, with examples.
+
+Exit codes: 0 done; 1 the data cannot be used; 2 wrong use; 130 cancelled.
+"""
+
+
+def program() -> None:
+    """The program `gruber`: a verb, then out.
+
+    After Ctrl-C it does not wait for threads that still compute: nothing they do is kept.
+    """
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if code == CANCELLED:
+        os._exit(code)
+    sys.exit(code)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; 0 done, 1 the data cannot be used, 2 wrong use, 130 cancelled."""
-    given = parser().parse_args(arguments)
+    top = parser()
+    given = top.parse_args(arguments)
+    if wrong := wrong_order(given):
+        top.error(wrong)
     voice: Voice = JsonLines() if given.log_json else Terminal()
     verb: Callable[[argparse.Namespace, Voice], None] = given.verb
     try:
         verb(given, voice)
     except PhotogrammetryError as error:
-        voice.close()
+        voice.failed(error)
         print(f"gruber: {error}", file=sys.stderr)
         return UNUSABLE
     except (KeyboardInterrupt, Cancelled):
@@ -42,89 +69,200 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """All verbs with their arguments."""
     top = argparse.ArgumentParser(
-        prog="gruber", description="Review app for archival aerial photogrammetry."
+        prog="gruber",
+        description=DESCRIPTION,
+        epilog=ENDING,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("--log-json", action="store_true", help="one JSON object a line")
+    top.add_argument("--version", action="version", version=f"gruber {version('gruber')}")
+    add_log(top, default=False)
     added = top.add_subparsers(title="verbs", required=True, metavar="VERB")
     for build in (add_new, add_run, add_review, add_report, add_demo, add_doctor):
         build(added)
     return top
 
 
+def add_verb(
+    added: Verbs, name: str, summary: str, examples: dict[str, str]
+) -> argparse.ArgumentParser:
+    """One verb with its help: a sentence, and examples with what they do."""
+    width = max(len(example) for example in examples)
+    lines = [f"  {example:<{width}}   {does}" for example, does in examples.items()]
+    verb = added.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.",
+        epilog="\n".join(["examples:", *lines]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    # Understood before the verb and after it; left out here, what stood before it holds.
+    add_log(verb, default=argparse.SUPPRESS)
+    verb.set_defaults(verb=getattr(verbs, name))
+    return verb
+
+
 def add_new(added: Verbs) -> None:
     """`new`."""
-    verb = added.add_parser("new", help="look through a folder and write its block.toml")
-    verb.add_argument("folder", type=Path)
-    verb.set_defaults(verb=verbs.new)
+    summary = "look through a folder and write the block.toml of what it holds"
+    verb = add_verb(added, "new", summary, {"gruber new kobyli-1938": "says what it lacks, too"})
+    verb.add_argument("folder", type=Path, metavar="FOLDER", help="folder of scans and reference")
 
 
 def add_run(added: Verbs) -> None:
     """`run`."""
-    verb = added.add_parser("run", help="the automatic stages, resuming where the last run stopped")
+    examples = {
+        "gruber run kobyli-1938": "every stage; what is fresh is kept",
+        "gruber run kobyli-1938 --until georeference": "stop once the photos are placed",
+        "gruber run kobyli-1938 --from ties": "make the tie points anew, and what follows",
+    }
+    summary = "run the automatic stages, resuming where the last run stopped"
+    verb = add_verb(added, "run", summary, examples)
     add_block(verb)
     names = verbs.stage_names()
-    verb.add_argument("--from", dest="first", choices=names, help="make this stage anew")
-    verb.add_argument("--until", dest="last", choices=names, help="stop after this stage")
-    verb.add_argument("--workers", type=positive, default=os.cpu_count() or 1)
-    verb.add_argument("--executor", choices=["local"], default="local")
-    verb.set_defaults(verb=verbs.run)
+    stages = f"one of {', '.join(names)}"
+    verb.add_argument(
+        "--from", dest="first", choices=names, metavar="STAGE", help="make this stage and all after"
+        f" it anew; {stages}",
+    )  # fmt: skip
+    verb.add_argument(
+        "--until", dest="last", choices=names, metavar="STAGE", help="stop after this stage"
+    )
+    add_workers(verb)
+    verb.add_argument(
+        "--executor", choices=["local"], default="local", help="where the work runs (%(default)s)"
+    )
 
 
 def add_review(added: Verbs) -> None:
     """`review`."""
-    verb = added.add_parser("review", help="the review desk in the browser")
+    examples = {
+        "gruber review kobyli-1938": "opens the desk in the browser",
+        "gruber review kobyli-1938 --operator anna": "decisions are recorded under this name",
+        "gruber review kobyli-1938 --no-browser": "prints the address only",
+    }
+    verb = add_verb(added, "review", "open the review desk in the browser", examples)
     add_block(verb)
     add_desk(verb)
-    verb.set_defaults(verb=verbs.review)
 
 
 def add_report(added: Verbs) -> None:
     """`report`."""
-    verb = added.add_parser("report", help="results/report.html and report.json")
+    summary = "write results/report.html and report.json; what is not fresh is computed first"
+    verb = add_verb(added, "report", summary, {"gruber report kobyli-1938": "prints where it is"})
     add_block(verb)
-    verb.set_defaults(verb=verbs.report)
+    verb.set_defaults(workers=Settings().workers)
 
 
 def add_demo(added: Verbs) -> None:
     """`demo`."""
-    verb = added.add_parser("demo", help="a synthetic block with known truth, run and opened")
-    verb.add_argument("--size", choices=["tiny", "small", "full"], default="small")
-    verb.add_argument("--epoch", type=int, choices=[1938, 1984], default=1938)
-    verb.add_argument("--relief", type=float, default=60.0, metavar="M")
-    verb.add_argument("--seed", type=int, default=1)
-    verb.add_argument("--out", type=Path, default=Path("gruber-demo"))
-    verb.add_argument("--headless", action="store_true", help="print the results and end")
+    examples = {
+        "gruber demo": "six scans of 1938, run, compared with their truth, opened",
+        "gruber demo --size tiny --headless": "the quickest look, without a browser",
+        "gruber demo --epoch 1984 --seed 7 --out other": "another place, flight and film",
+    }
+    summary = "make a synthetic block with known truth, run it and open the desk"
+    verb = add_verb(added, "demo", summary, examples)
+    verb.add_argument(
+        "--size", choices=["tiny", "small", "full"], default="small",
+        help="scans of about 1100, 3200 or 12 900 pixels a side (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--epoch", type=int, choices=[1938, 1984], default=1938,
+        help="much has changed since 1938, little since 1984 (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--relief", type=float, default=60.0, metavar="M",
+        help="highest minus lowest ground, metres (%(default)g)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--seed", type=whole_number(0), default=1, metavar="N", help="any number (%(default)s)"
+    )
+    verb.add_argument(
+        "--out", type=Path, default=Path("gruber-demo"), metavar="FOLDER",
+        help="where the block is made (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--headless", action="store_true", help="end with the results instead of opening the desk"
+    )
+    add_workers(verb)
     add_desk(verb)
-    verb.set_defaults(verb=verbs.demo, workers=os.cpu_count() or 1)
 
 
 def add_doctor(added: Verbs) -> None:
     """`doctor`."""
-    verb = added.add_parser("doctor", help="what this machine and this block lack")
+    examples = {
+        "gruber doctor": "GDAL drivers, PROJ grids, browser, memory",
+        "gruber doctor kobyli-1938": "its files and the disk as well",
+    }
+    summary = "say what this machine and a block lack; lines with ! need attention"
+    verb = add_verb(added, "doctor", summary, examples)
     add_block(verb, default=None)
-    verb.set_defaults(verb=verbs.doctor)
 
 
 def add_block(verb: argparse.ArgumentParser, default: Path | None = Path()) -> None:
     """The block: a folder or its block.toml; the current folder when left out."""
-    verb.add_argument("block", type=Path, nargs="?", default=default, metavar="BLOCK")
+    verb.add_argument(
+        "block", type=Path, nargs="?", default=default, metavar="BLOCK",
+        help="the block's folder or its block.toml",
+    )  # fmt: skip
+
+
+def add_workers(verb: argparse.ArgumentParser) -> None:
+    """How much runs side by side."""
+    verb.add_argument(
+        "--workers", type=whole_number(1), default=Settings().workers, metavar="N",
+        help="pieces of a stage that run side by side (%(default)s)",
+    )  # fmt: skip
 
 
 def add_desk(verb: argparse.ArgumentParser) -> None:
     """Where the desk is served, and who sits at it."""
-    verb.add_argument("--port", type=int, default=8765)
-    verb.add_argument("--host", default="127.0.0.1")
-    verb.add_argument("--operator", default=default_operator())
-    verb.add_argument("--no-browser", action="store_true")
+    settings = Settings()
+    verb.add_argument(
+        "--port", type=whole_number(0, 65535), default=settings.port, metavar="P",
+        help="port of the desk; 0 takes any that is free (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--host", default=settings.host, metavar="H",
+        help="address the desk listens at (%(default)s: this machine only)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--operator", default=settings.operator, metavar="NAME",
+        help="name under which decisions are recorded (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument("--no-browser", action="store_true", help="print the address only")
 
 
-def positive(text: str) -> int:
-    """A whole number above nought."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return value
+def add_log(parsed: argparse.ArgumentParser, default: object) -> None:
+    """How it is told."""
+    parsed.add_argument(
+        "--log-json", action="store_true", default=default,
+        help="tell everything as one JSON object a line, for machines",
+    )  # fmt: skip
+
+
+def wrong_order(given: argparse.Namespace) -> str:
+    """What is wrong with `--from` and `--until`; empty when nothing is."""
+    first, last = getattr(given, "first", None), getattr(given, "last", None)
+    names = verbs.stage_names()
+    if first and last and names.index(last) < names.index(first):
+        return f"--until {last} comes before --from {first}; the stages are {', '.join(names)}"
+    return ""
+
+
+def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Reads a whole number within limits."""
+
+    def number(text: str) -> int:
+        if not text.lstrip("-").isdecimal():
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
+        if int(text) < least or (most is not None and int(text) > most):
+            limits = f"{least} or more" if most is None else f"from {least} to {most}"
+            raise argparse.ArgumentTypeError(f"must be {limits}, not {text}")
+        return int(text)
+
+    return number
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

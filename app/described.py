@@ -1,18 +1,21 @@
 """`block.toml` in the engine's own terms."""
 
+from pathlib import Path
+
 import numpy as np
 
 from app.project import Project
 from core.block.block import SurveyedPoint
 from core.block.georeference import Georeference
 from core.formats.control_points import ListedPoint, read_control_points
+from core.geometry.crs import check_range, read_crs
 from core.pipeline import BlockInput, ScanInput
 
 
 def described(project: Project) -> BlockInput:
     """What the engine is given of a project."""
     scans, reference = project.scans, project.reference
-    listed = read_control_points(project.control.points) if project.control.points else ()
+    listed = listed_points(project.control.points, project.block.crs)
     return BlockInput(
         name=project.block.name,
         crs=project.block.crs,
@@ -30,6 +33,16 @@ def described(project: Project) -> BlockInput:
         ortho_sigma_m=reference.ortho_sigma_m,
         dem_sigma_m=reference.dem_sigma_m,
     )
+
+
+def listed_points(file: Path | None, crs: str) -> tuple[ListedPoint, ...]:
+    """The user's own points; their coordinates must be possible in the block's CRS."""
+    if file is None:
+        return ()
+    listed = read_control_points(file)
+    places = np.array([(point.easting, point.northing) for point in listed]).reshape(-1, 2)
+    check_range(read_crs(crs, file), places, file)
+    return listed
 
 
 def surveyed(point: ListedPoint) -> SurveyedPoint:

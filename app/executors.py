@@ -25,6 +25,6 @@ class Threads:
             for future in futures:
                 future.cancel()
 
-    def close(self) -> None:
-        """Let go of the threads."""
-        self.pool.shutdown(wait=True, cancel_futures=True)
+    def close(self, wait: bool = True) -> None:
+        """Let go of the threads, having waited for what they do unless told not to."""
+        self.pool.shutdown(wait=wait, cancel_futures=True)

@@ -328,7 +328,8 @@ def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribut
         present = list(pyogrio.read_info(path)["fields"])
     except (DataSourceError, DataLayerError) as error:
         remedy = "Give a vector file that GDAL can open, such as a GeoPackage."
-        raise table.error(file_key, f"{path.name} cannot be opened ({error}).", remedy) from error
+        cause = f"{path.name} cannot be opened: GDAL does not know what it is."
+        raise table.error(file_key, cause, remedy) from error
     if attribute not in present:
         cause = f'{path.name} has no attribute "{attribute}".'
         raise table.error(key, cause, f"It has {', '.join(present) or 'none at all'}.")

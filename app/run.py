@@ -10,6 +10,7 @@ from typing import Any
 from app.described import described
 from app.executors import Threads
 from app.project import Project
+from app.remarks import remarks
 from app.report import write_report
 from app.report_content import ReportContent
 from app.results import write_results
@@ -18,6 +19,7 @@ from core.block.adjusted import AdjustmentReport
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block
 from core.doubts import Doubt
+from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
 from core.ground.ortho import OrthoProduct, rectify_photo
 from core.ground.picture import footprint_of
@@ -44,6 +46,7 @@ LAST_STAGES = {
     "mosaic": "Mosaic",
     "report": "Results and report",
 }
+PAGE = "report.html"
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -75,13 +78,19 @@ class Run:
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
         with self.session.running():
+            waits = True
             try:
                 for name in STAGE_NAMES:
                     self.step(name)
                     if name == self.options.last:
-                        return
+                        break
+            except (KeyboardInterrupt, Cancelled):
+                waits = False
+                raise
             finally:
-                self.threads.close()
+                self.threads.close(waits)
+        for line in remarks(self.set_aside(), self.doubts(), str(self.session.results / PAGE)):
+            self.voice.say(line)
 
     def step(self, name: str) -> None:
         """One stage, made or found fresh, with one line said about it."""
@@ -162,7 +171,7 @@ class Run:
             self.anew("orthos"),
         )
         self.made["orthos"] = orthos
-        return f"{len(orthos)} orthos at {orthos[0].grid.ground_sample_distance_m:g} m"
+        return f"{counted(len(orthos), 'ortho')} at {orthos[0].grid.ground_sample_distance_m:g} m"
 
     def compose(self, progress: Progress) -> str:
         """The mosaic and its seams."""
@@ -179,7 +188,7 @@ class Run:
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
         write_all(self.session, self.content(), self.dem())
-        return str(self.session.results / "report.html")
+        return str(self.session.results / PAGE)
 
     def content(self) -> ReportContent:
         """What the report tells."""
@@ -204,15 +213,16 @@ class Run:
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first."""
         every: list[Doubt] = []
-        for name in ("scans", "georeference", "ties", "control"):
-            every.extend(self.made[name].doubts)
+        for name in ("scans", "georeference", "reference", "ties", "control"):
+            every.extend(self.made[name].doubts if name in self.made else ())
         return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
 
     def set_aside(self) -> dict[str, str]:
         """Scans that could not be used, with the reason."""
-        scans: ScanSet = self.made["scans"]
-        placed: Georeferenced = self.made["georeference"]
-        return {**scans.set_aside, **placed.set_aside}
+        reasons: dict[str, str] = {}
+        for name in ("scans", "georeference"):
+            reasons.update(self.made[name].set_aside if name in self.made else {})
+        return reasons
 
 
 def make_orthos(
@@ -309,11 +319,13 @@ def told(value: Any) -> str:
     """One line about what a stage made."""
     match value:
         case ScanSet():
+            rms = [scan.interior.rms_um for scan in value.oriented.values() if scan.interior.names]
+            fiducials = f"fiducials {sum(rms) / len(rms):.1f} um rms" if rms else "no fiducials"
             aside = f", {len(value.set_aside)} set aside" if value.set_aside else ""
-            rms = [scan.interior.rms_um for scan in value.oriented.values()]
-            return f"{len(rms)} scans{aside}, fiducials {sum(rms) / len(rms):.1f} um rms"
+            return f"{counted(len(value.oriented), 'scan')}{aside}, {fiducials}"
         case Georeferenced():
-            return f"{len(value.block.photos)} photos placed"
+            aside = f", {len(value.set_aside)} set aside" if value.set_aside else ""
+            return f"{counted(len(value.block.photos), 'photo')} placed{aside}"
         case Tied():
             return f"{value.ties.count} tie points, {len(value.ties.point)} rays"
         case Assembly():
@@ -327,6 +339,11 @@ def told(value: Any) -> str:
                 f"sigma nought {value.sigma_nought:.2f}"
             )
         case dict():
-            return f"{len(value)} photos searched"
+            return f"{counted(len(value), 'photo')} searched"
         case _:
             return f"{len(value.sources)} points" if hasattr(value, "sources") else ""
+
+
+def counted(number: int, thing: str) -> str:
+    """`1 scan`, `2 scans`."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

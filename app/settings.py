@@ -27,7 +27,7 @@ class Settings:
     """Processes that work side by side."""
     operator: str = field(default_factory=default_operator)
     """Name under which decisions are recorded."""
-    port: int = 8080
+    port: int = 8765
     """TCP port of the desk."""
     host: str = "127.0.0.1"
     """Address the desk listens at; this machine only by default."""

@@ -15,6 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from core.errors import PhotogrammetryError
+
 
 class StageProgress:
     """One stage's bar; satisfies `core.progress.Progress`."""
@@ -61,6 +63,10 @@ class Terminal:
         """A sentence for the operator."""
         self.console.print(text, markup=False)
 
+    def failed(self, error: PhotogrammetryError) -> None:
+        """The work cannot go on; the message itself goes to the standard error output."""
+        self.close()
+
     def close(self) -> None:
         """Leave the terminal as it was, whatever happened."""
         if self.bars is not None:
@@ -102,6 +108,11 @@ class JsonLines:
     def say(self, text: str) -> None:
         """A sentence for the operator."""
         self.write({"event": "message", "text": text})
+
+    def failed(self, error: PhotogrammetryError) -> None:
+        """The work cannot go on."""
+        parts = {"file": error.file, "cause": error.cause, "remedy": error.remedy}
+        self.write({"event": "error", **parts})
 
     def close(self) -> None:
         """Nothing to put in order."""

@@ -39,8 +39,9 @@ def new(given: argparse.Namespace, voice: Voice) -> None:
     """Write the `block.toml` of a folder, and say what was recognised and what was not."""
     found = recognise(given.folder)
     path = write_block_toml(found)
-    for sentence in (f"{path} written.", *found.found, *found.gaps, *found.notes):
-        voice.say(str(sentence))
+    gaps = [f"! Missing: {gap.what}\n  leaves out {gap.leaves_out}" for gap in found.gaps]
+    for sentence in (f"{path} written.", "", *found.found, "", *gaps, *found.notes):
+        voice.say(sentence)
 
 
 def review(given: argparse.Namespace, voice: Voice) -> None:
@@ -57,7 +58,7 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
 
 def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first."""
-    walk = walked(given.block, voice, RunOptions())
+    walk = walked(given.block, voice, RunOptions(workers=given.workers))
     voice.say(str(walk.session.results / "report.html"))
 
 

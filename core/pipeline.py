@@ -5,7 +5,7 @@ value. Nothing here knows of folders, sessions or screens; `app.run` walks this 
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -13,22 +13,23 @@ from typing import Any
 import numpy as np
 
 from core.block.approximation import Approximation
-from core.block.assembly import Assembly, AssemblyOptions, Site, assemble_block
+from core.block.assembly import Assembly, AssemblyOptions, assemble_block
 from core.block.block import Block, Photo, SurveyedPoint, TiePoints
 from core.block.features import usable_from_mask
-from core.block.georeference import Georeference, georeference_photo, open_archive
+from core.block.georeference import Archive, Georeference, georeference_photo, open_archive
 from core.block.orientation import OrientationOptions, OrientedPhoto, orient_photo
 from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
 from core.block.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.standing import Site
 from core.block.tie_points import TieOptions, match_ties
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, read_crs
+from core.geometry.crs import Bounds, distance_m, read_crs
 from core.progress import Progress
 from core.reference.coverage import check_coverage
-from core.reference.dem import open_dem
+from core.reference.dem import Dem, open_dem
 from core.reference.junctions import JunctionOptions, find_junctions
 from core.reference.ortho import open_ortho
 from core.reference.planar import planar_graph
@@ -39,6 +40,8 @@ from core.scan.orientation import ScanOrientation, orient_scan
 
 Mapper = Callable[..., Iterable[Any]]
 """Runs a function over items, such as `map` or the `map` of a pool of threads."""
+BEYOND_DOUBT = -15.0
+"""A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
 Made = Mapping[str, Any]
 """What earlier stages made, by name of the stage."""
 
@@ -209,37 +212,74 @@ def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
 def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferenced:
     """Give every photo its approximate exterior orientation.
 
+    A photo whose own sources are missing or cannot be used is set aside; the rest goes on.
+
     Raises:
-        OrientationError: Nothing is known of any photo.
-        PhotogrammetryError: The reference misses the block, or the CRS does not fit.
+        PhotogrammetryError: No photo has a source that can be used, the reference misses the
+            block, or the CRS does not fit.
     """
     scans: ScanSet = made["scans"]
     reference = open_reference(given)
     archive = open_archive(given.georeference, given.crs, scans.oriented)
     cameras = {scan.path.stem: scan.camera for scan in given.scans}
     found: dict[str, Approximation] = {}
-    set_aside: dict[str, str] = {}
-    photos: dict[str, Photo] = {}
+    failed: dict[str, PhotogrammetryError] = {}
     for done, (name, scan) in enumerate(scans.oriented.items()):
         work.progress.report(done, len(scans.oriented), name)
-        result = georeference_photo(scan, given.cameras[cameras[name]], archive, reference.dem)
-        if isinstance(result, Failure):
-            set_aside[name] = result.reason
+        result = approximated(scan, given.cameras[cameras[name]], archive, reference.dem)
+        if isinstance(result, PhotogrammetryError):
+            failed[name] = result
         else:
             found[name] = result
-            photos[name] = approximate_photo(scan, cameras[name], result, reference)
-    if not photos:
-        raise OrientationError(
-            "block.toml",
-            next(iter(set_aside.values())),
-            "Give world files, footprints, QGIS .points or an EO list under [scans].",
-        )
-    block = Block(given.crs, given.cameras, dict(sorted(photos.items())))
+    if not found:
+        raise next(iter(failed.values()))
+    photos = {
+        name: approximate_photo(scans.oriented[name], cameras[name], result, reference)
+        for name, result in sorted(found.items())
+    }
+    set_aside = {name: str(error) for name, error in failed.items()}
+    block = Block(given.crs, given.cameras, photos)
+    lost = far_from_reference(block, reference)
+    set_aside |= lost
+    block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
     coverage = check_coverage(reference.dem, reference.ortho, block_bounds(block))
     doubts = [doubt for result in found.values() for doubt in result.doubts]
     doubts += [Doubt("scan-set-aside", name, why, 0.8) for name, why in set_aside.items()]
-    doubts += [*coverage, *reference.ortho.notes, *reference.dem.notes]
+    doubts += [*archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
     return Georeferenced(block, found, set_aside, tuple(doubts))
+
+
+def approximated(
+    scan: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | PhotogrammetryError:
+    """Where a photo roughly is, or why nobody can say: that concerns this one scan alone."""
+    try:
+        found = georeference_photo(scan, camera, archive, dem)
+    except PhotogrammetryError as error:
+        return error
+    if isinstance(found, Approximation):
+        return found
+    remedy = "Give a world file, a footprint, QGIS .points or an EO list under [scans]."
+    return OrientationError(scan.scan.path, found.reason, remedy)
+
+
+def far_from_reference(block: Block, reference: Reference) -> dict[str, str]:
+    """Photos that lie far outside ortho or DEM, where others do not, with the reason.
+
+    As far as two footprints beside it a photo may still be joined to the others by tie points.
+    """
+    far: dict[str, str] = {}
+    for name, photo in block.photos.items():
+        own = footprint(photo, block.camera_of(name)).bounds
+        room = 2 * max(own[2] - own[0], own[3] - own[1])
+        for what, area in (("ortho", reference.ortho.bounds), ("DEM", reference.dem.bounds)):
+            apart = distance_m((own[0], own[1], own[2], own[3]), area)
+            if apart > room:
+                far[name] = (
+                    f"{photo.scan}: By its georeference it lies {apart / 1000:.1f} km outside the "
+                    f"{what}. Correct its world file, points, footprint or row in the EO list."
+                )
+    return far if len(far) < len(block.photos) else {}
 
 
 def approximate_photo(
@@ -295,7 +335,8 @@ def find_reference_points(given: BlockInput, made: Made, work: Work) -> Referenc
     mask = read_mask_polygons(given.mask, crs, bounds) if given.mask else None
     bridges = read_mask_polygons(given.bridges, crs, bounds) if given.bridges else None
     options = JunctionOptions(ortho_sigma_m=given.ortho_sigma_m, dem_sigma_m=given.dem_sigma_m)
-    graph = planar_graph(read_roads(given.roads, given.crs, bounds))
+    roads = read_roads(given.roads, given.crs, bounds)
+    graph = planar_graph(roads)
     junctions = find_junctions(graph, reference.dem, options, bounds, mask, bridges)
     sizes = [
         (opened.width_m, opened.ground_pixel_m)
@@ -303,9 +344,10 @@ def find_reference_points(given: BlockInput, made: Made, work: Work) -> Referenc
         for opened in [OpenPhoto(photo, block.cameras[photo.camera], scan_of(made, photo))]
     ]
     width, pixel = np.median(np.array(sizes), axis=0)
-    return gather_reference_points(
+    features = gather_reference_points(
         reference, junctions, bounds, float(width), float(pixel), mask, work.progress
     )
+    return replace(features, doubts=roads.notes)
 
 
 def scan_of(made: Made, photo: Photo) -> Any:
@@ -341,6 +383,8 @@ def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, Orient
             rng = random_for(given.name, photo.photo_id, str(number))
             found = orient_photo(opened, reference, features.points, given.orientation, rng)
             best = likelier(best, found)
+            if isinstance(best, OrientedPhoto) and best.log10_nfa < BEYOND_DOUBT:
+                break
         return best
 
     photos = list(block.photos.values())

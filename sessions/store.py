@@ -183,6 +183,8 @@ def _told(path: Path) -> Generator[None]:
 def _explained(error: sqlite3.Error, path: Path) -> tuple[str, str]:
     """Cause and remedy of a SQLite error; the extended codes keep the base code in the low byte."""
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
+    if path.is_dir():
+        return "is a folder where the session file belongs.", "Rename it or move it elsewhere."
     if code in _EXPLANATIONS:
         return _EXPLANATIONS[code]
     return f"could not be used ({error}).", f"Make a copy of {path.name}, then try again."

@@ -330,8 +330,10 @@ def check_place(middle: np.ndarray, ground: Ground, file: Path) -> None:
         raise CrsError(
             file,
             f"the position ({middle[0]:.0f}, {middle[1]:.0f}) lies {outside_m / 1000:.0f} km "
-            "outside the DEM.",
-            "Check its CRS, the signs and the order of its axes against `crs` in [block].",
+            f"outside the DEM, which covers E {low[0]:.0f} to {high[0]:.0f}, N {low[1]:.0f} to "
+            f"{high[1]:.0f}.",
+            "One of the two is misplaced: check the CRS, the signs and the order of the axes of "
+            "both against `crs` in [block].",
         )
 
 

@@ -6,24 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from core.arrays import locked
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import adjust_block
-from core.block.block import Block, Measurement, Photo, Source
+from core.block.block import Block, Measurement, Photo
 from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
 from core.block.datum import DatumOptions, lay_on_reference
 from core.block.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
-from core.block.patches import OpenPhoto, object_on_ground
-from core.block.placement import prior_covariance
+from core.block.patches import OpenPhoto
+from core.block.standing import MIN_TIES, Site, stand_up
 from core.doubts import Doubt, Failure
-from core.errors import OrientationError
-from core.geometry.consensus import Candidates, ConsensusOptions
-from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.progress import Progress, Silent
-from core.reference.reference import Reference
-from core.scan.raster import ScanFile
 
-MIN_TIES = 8
 GROSS = 3.5
 """A control point is left out when its ground correction exceeds this many standard deviations."""
 
@@ -57,20 +50,6 @@ class Assembly:
     """Photos left out, photos carried by ties alone."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Site:
-    """All that the rounds look at and that stays the same."""
-
-    reference: Reference
-    """Ortho and heights."""
-    scans: Mapping[str, ScanFile]
-    """Scans by photo."""
-    points: ReferencePoints
-    """Junctions and salient points."""
-    sources: Mapping[str, Source]
-    """Where each point comes from."""
-
-
 def assemble_block(
     block: Block,
     site: Site,
@@ -95,7 +74,7 @@ def assemble_block(
         OrientationError: No photo stands on the reference.
     """
     watch = progress or Silent()
-    standing, doubts = stood_up(block, site, oriented, rng)
+    standing, doubts = stand_up(block, site, oriented, rng)
     watch.report(0, options.rounds + 2, "ties")
     standing = held_together(standing, site, oriented, options)
     watch.report(1, options.rounds + 2, "datum")
@@ -122,40 +101,6 @@ def assemble_block(
         standing = report.block
     assert report is not None
     return Assembly(report, doubts)
-
-
-def stood_up(
-    block: Block,
-    site: Site,
-    oriented: Mapping[str, OrientedPhoto | Failure],
-    rng: np.random.Generator,
-) -> tuple[Block, tuple[Doubt, ...]]:
-    """Photos with their first orientations: found on the reference, or carried by ties."""
-    photos = dict(block.photos)
-    for photo_id, found in oriented.items():
-        if isinstance(found, OrientedPhoto):
-            photos[photo_id] = photos[photo_id].with_exterior(found.exterior, oriented=True)
-    if not any(photo.oriented for photo in photos.values()):
-        raise OrientationError(
-            "block",
-            "none of the photos could be placed on the reference ortho.",
-            "Check the georeference, the principal distance and the scan pixel size, "
-            "or give an approximate position for at least one photo.",
-        )
-    doubts: list[Doubt] = []
-    waiting = [name for name, photo in photos.items() if not photo.oriented]
-    for photo_id in sorted(waiting):
-        carried = carried_by_ties(block.with_photos(photos), photo_id, site, rng)
-        failure = oriented.get(photo_id)
-        why = failure.reason if isinstance(failure, Failure) else "it was not tried"
-        if isinstance(carried, Photo):
-            photos[photo_id] = carried
-            said, gravity = "it is carried by tie points to its neighbours", 0.5
-        else:
-            said, gravity = f"it is left out: {carried.reason}", 0.9
-        message = f"Photo {photo_id} did not stand on the reference ({why}); {said}."
-        doubts.append(Doubt("photo-orientation", photo_id, message, gravity))
-    return block.with_photos(photos), tuple(doubts)
 
 
 def held_together(
@@ -194,60 +139,6 @@ def agreed_measurement(
     match = next(match for match in found.found if match.point == point)
     peak = match.peaks[0]
     return Measurement(points.ids[point], photo_id, peak.column, peak.row, 2 * peak.sigma_px)
-
-
-def carried_by_ties(
-    block: Block, photo_id: str, site: Site, rng: np.random.Generator
-) -> Photo | Failure:
-    """Resect a photo on tie points that oriented neighbours see, laid on the reference heights."""
-    ties, photo, camera = block.ties, block.photos[photo_id], block.camera_of(photo_id)
-    if photo_id not in ties.photo_ids:
-        return Failure("it has no tie points")
-    own = ties.photo == ties.photo_ids.index(photo_id)
-    ground: dict[int, np.ndarray] = {}
-    for index, name in enumerate(ties.photo_ids):
-        neighbour = block.photos[name]
-        rays = (ties.photo == index) & np.isin(ties.point, ties.point[own])
-        if name == photo_id or not neighbour.oriented or not rays.any():
-            continue
-        places = object_on_ground(
-            neighbour, block.camera_of(name), ties.pixels[rays], site.reference.dem
-        )
-        ground.update(dict(zip(ties.point[rays].tolist(), places, strict=True)))
-    rays = np.nonzero(own)[0]
-    rays = rays[[int(ties.point[ray]) in ground for ray in rays]]
-    points = np.array([ground[int(ties.point[ray])] for ray in rays]).reshape(-1, 3)
-    seen = np.all(np.isfinite(points), axis=1)
-    if seen.sum() < MIN_TIES:
-        return Failure(f"only {int(seen.sum())} tie points to photos that stand")
-    candidates = tie_candidates(ties.pixels[rays[seen]], photo)
-    model = PhotoModel(photo.interior, camera, photo.atmosphere)
-    result = resect_photo(
-        model,
-        photo.exterior,
-        prior_covariance(photo),
-        points[seen],
-        candidates,
-        ConsensusOptions(gate=4.0),
-        rng,
-    )
-    if isinstance(result, Resection):
-        return photo.with_exterior(result.exterior, oriented=True)
-    return result
-
-
-def tie_candidates(pixels: np.ndarray, photo: Photo) -> Candidates:
-    """Tie points as candidates: one a point, found anywhere in the photo."""
-    count = len(pixels)
-    area = float(photo.size_px[0] * photo.size_px[1])
-    return Candidates(
-        np.arange(count),
-        locked(pixels),
-        np.full(count, 4.0),
-        np.ones(count),
-        np.ones(count),
-        np.full(count, 1.0 / area),
-    )
 
 
 def proposals(

@@ -1,6 +1,6 @@
 """Where each photo roughly is: the archive's sources opened once, and asked photo by photo."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -62,27 +62,35 @@ class Archive:
     """Rows of the EO list by photo."""
     directions: Mapping[str, float]
     """Directions of flight by photo, radians from grid east, where positions give them."""
+    doubts: tuple[Doubt, ...] = ()
+    """Sources that say nothing of any photo of the block."""
 
 
-def open_archive(georeference: Georeference, crs: str, photo_ids: Iterable[str]) -> Archive:
+def open_archive(georeference: Georeference, crs: str, photo_ids: Collection[str]) -> Archive:
     """Read the EO list and the footprints of a block.
 
     Raises:
         ProjectError: One of the files is missing, unreadable, or lacks a column or attribute.
         CrsError: The footprints name no CRS and do not give it away, or one they cannot be in.
     """
+    doubts: list[Doubt] = []
     footprints: Mapping[str, Footprint] = {}
     if georeference.footprints is not None:
         read = read_footprints(georeference.footprints, georeference.footprint_name, photo_ids)
         footprints = footprints_in_block(read, crs)
+        if not footprints:
+            doubts.append(_names_none(georeference.footprints, "footprints", photo_ids))
     records: dict[str, EoRecord] = {}
     if georeference.exterior is not None:
         listed = {
             name.lower(): record for name, record in read_eo_list(georeference.exterior).items()
         }
         records = {name: listed[name.lower()] for name in photo_ids if name.lower() in listed}
+        if not records:
+            doubts.append(_names_none(georeference.exterior, "rows", photo_ids))
     centres = {name: np.array(record.centre) for name, record in records.items()}
-    return Archive(georeference, crs, footprints, records, flight_directions(centres))
+    directions = flight_directions(centres)
+    return Archive(georeference, crs, footprints, records, directions, tuple(doubts))
 
 
 def georeference_photo(
@@ -218,4 +226,17 @@ def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:
         f"There is no {wanted} for this scan; it was placed by its {used} instead.",
         0.3,
         {"wanted": wanted, "used": used},
+    )
+
+
+def _names_none(file: Path, what: str, photo_ids: Collection[str]) -> Doubt:
+    """The doubt of a source in which no scan of the block is found by its name."""
+    example = next(iter(sorted(photo_ids)), "")
+    return Doubt(
+        "georeference-unused",
+        str(file),
+        f"The {what} in {file.name} name no scan of this block and were not used. The names must "
+        f"be those of the scan files, such as {example}.",
+        0.5,
+        {"scans": len(photo_ids)},
     )

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64, Int
 
 from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
 from core.block.block import Peak
@@ -23,6 +24,10 @@ from core.geometry.resection import PhotoModel
 from core.progress import Progress, Silent
 from core.reference.reference import Reference
 
+Members = Int[np.ndarray, "members"]
+"""Indices of some of the points."""
+Pixel = Float64[np.ndarray, "2"]
+"""One place, column and row."""
 TILE_PX = 1536
 SEPARATION_PX = 4
 """No two peaks of a surface, and no peak and its rim, are closer than this (window pixels)."""
@@ -144,8 +149,8 @@ def search_half_px(prediction: Prediction, options: MatchingOptions) -> Indices:
 
 
 def tiles(
-    pixels: PixelPoints, todo: Indices, half: Indices, options: MatchingOptions
-) -> Iterator[tuple[Window, Indices]]:
+    pixels: PixelPoints, todo: Members, half: Indices, options: MatchingOptions
+) -> Iterator[tuple[Window, Members]]:
     """Group the points by tile of the scan, each window with room for search and template."""
     if not len(todo):
         return
@@ -176,7 +181,7 @@ def prepared(pair: Pair, options: MatchingOptions) -> Images:
 
 
 def match_point(
-    images: Images, point: int, pixel: PixelPoints, half: int, options: MatchingOptions
+    images: Images, point: int, pixel: Pixel, half: int, options: MatchingOptions
 ) -> Found | None:
     """Peaks of both operators for one point; None where the reference is not known."""
     place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]

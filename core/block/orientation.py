@@ -98,6 +98,8 @@ def orient_photo(
     """
     failure = Failure("the photo could not be placed on the reference at all")
     for search in options.placements:
+        if search.most_turn < float(opened.photo.prior.sigma_angles[2]) / 2:
+            continue
         placements = place_photo(opened, reference, search, progress)
         coarse = [
             coarse_pass(opened, reference, placed, points, options, rng) for placed in placements

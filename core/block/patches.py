@@ -156,7 +156,9 @@ def grid_over(points: Float64[np.ndarray, "n 2"], gsd_m: float) -> Grid:
     return Grid.over((float(west), float(south), float(east), float(north)), gsd_m)
 
 
-def upsampled(nodes: Float64[np.ndarray, "rows columns"], shape: tuple[int, int]) -> Image:
+def upsampled(
+    nodes: Float64[np.ndarray, "node_rows node_columns"], shape: tuple[int, int]
+) -> Image:
     """Values of lattice nodes (every LATTICE_PX pixels from the corner) at all pixel centres.
 
     Bilinear by matrices: the resampling of OpenCV quantises its weights to 1/32.

@@ -18,7 +18,7 @@ from scipy import fft
 from core.arrays import Mask, Matrix, PixelPoints, Position
 from core.block.block import Photo
 from core.block.patches import OpenPhoto, filled
-from core.block.similarity import Image, doubled_angle_field
+from core.block.similarity import Image, Surface, doubled_angle_field
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.geometry.grid import Grid
@@ -125,7 +125,7 @@ def refined_turn(
     opened: OpenPhoto, reference: Reference, turn: Turn, options: PlacementOptions
 ) -> Turn:
     """The same placement sought again at a finer scale close to a first one."""
-    step = 1.5 / options.coarse_px
+    step = 2.0 / options.coarse_px
     level = Level(opened, reference, opened.width_m / options.fine_px, turn, options)
     trials = product((-step, 0.0, step), (-step, 0.0, step))
     found = [
@@ -137,8 +137,8 @@ def refined_turn(
 
 
 def trial_turns(photo: Photo, options: PlacementOptions) -> Iterator[tuple[float, float]]:
-    """Turns and scales to try: steps that move the photo's corner by about 1.5 coarse pixels."""
-    step = 3.0 / options.coarse_px
+    """Turns and scales to try: steps that move the photo's corner by about 2 coarse pixels."""
+    step = 4.0 / options.coarse_px
     kappa = min(options.search_sigmas * float(photo.prior.sigma_angles[2]), options.most_turn)
     above = float(photo.approximate.centre[2]) - photo.ground_height_m
     scale = min(
@@ -171,6 +171,7 @@ class Level:
         self.shape = tuple(fft.next_fast_len(side) for side in field.shape)
         self.field = forward(field, self.shape)
         self.energy = forward(np.abs(field) ** 2, self.shape)
+        self.energies: dict[int, np.ndarray] = {}
 
     def peaks(self, kappa: float, scale: float, count: int) -> list[Turn]:
         """Best shifts of one turn and scale."""
@@ -178,6 +179,8 @@ class Level:
         if mask.mean() < 0.05:
             return []
         template = complex_field(filled(image, mask)) * mask
+        if not template.any():  # a blank photo is like nothing
+            return []
         surface = self.similarity(template, mask)
         middle = float(np.median(surface))
         spread = 1.4826 * float(np.median(np.abs(surface - middle))) + 1e-9
@@ -199,17 +202,25 @@ class Level:
             surface[low[0] : int(row) + 5, low[1] : int(column) + 5] = middle
         return found
 
-    def similarity(self, template: Spectrum, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
+    def similarity(self, template: Spectrum, mask: Mask) -> Surface:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
         common = inverse(self.field * np.conj(forward(template, self.shape)))
-        energy = inverse(self.energy * np.conj(forward(mask.astype(np.float32), self.shape)))
-        seen = np.maximum(energy[:reach, :reach], 0)
         own = float(np.sum(np.abs(template) ** 2))
-        floor = 0.3 * float(np.max(seen)) + 1e-6
-        return np.asarray(
-            common[:reach, :reach] / np.sqrt(own * np.maximum(seen, floor)), np.float32
-        )
+        under = self.energy_under(mask)[:reach, :reach]
+        return np.asarray(common[:reach, :reach] / np.sqrt(own * under), np.float32)
+
+    def energy_under(self, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
+        """Energy of the reference under the photo at every shift, never far below the most.
+
+        Of masks of about one size the first serves for all: turning hardly changes their shape.
+        """
+        key = round(10 * float(np.log(mask.sum())))
+        if key not in self.energies:
+            spectrum = np.conj(forward(mask.astype(np.float32), self.shape))
+            energy = inverse(self.energy * spectrum)
+            self.energies[key] = np.maximum(energy, 0.3 * float(np.max(energy)) + 1e-6)
+        return self.energies[key]
 
 
 def search_radius_m(photo: Photo, options: PlacementOptions) -> float:

@@ -7,6 +7,7 @@ from shapely.geometry.base import BaseGeometry
 
 from core.block.block import Source
 from core.block.orientation import ReferencePoints
+from core.doubts import Doubt
 from core.geometry.crs import Bounds
 from core.progress import Progress
 from core.reference.junctions import Junction
@@ -27,6 +28,8 @@ class ReferenceFeatures:
     """Places and accuracies."""
     sources: dict[str, Source]
     """Junction or salient, by name."""
+    doubts: tuple[Doubt, ...] = ()
+    """Road layers that give nothing here."""
 
 
 def gather_reference_points(

@@ -15,7 +15,9 @@ from jaxtyping import Float32
 Operator = Literal["ncc", "gradient"]
 Image = Float32[np.ndarray, "rows columns"]
 Field = Float32[np.ndarray, "rows columns 2"]
-Surface = Float32[np.ndarray, "rows columns"]
+Template = Float32[np.ndarray, "template_rows template_columns"]
+TemplateField = Float32[np.ndarray, "template_rows template_columns 2"]
+Surface = Float32[np.ndarray, "shifts_down shifts_right"]
 
 GRAIN_SIGMA_PX = 0.7
 GRADIENT_SIGMA_PX = 1.2
@@ -59,12 +61,12 @@ def doubled_angle_field(image: Image) -> Field:
     return np.asarray(field / (squared + tau_squared)[:, :, None], dtype=np.float32)
 
 
-def ncc_surface(window: Image, template: Image) -> Surface:
+def ncc_surface(window: Image, template: Template) -> Surface:
     """Normalised cross-correlation of a template at every place within a window."""
     return finite(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
 
 
-def gradient_surface(window: Field, template: Field) -> Surface:
+def gradient_surface(window: Field, template: TemplateField) -> Surface:
     """Re sum(conj(z_T) z_S) / sqrt(sum |z_T|^2 sum |z_S|^2) at every place within a window."""
     return finite(cv2.matchTemplate(window, template, cv2.TM_CCORR_NORMED))
 
@@ -89,12 +91,17 @@ def detect_peaks(surface: Surface, count: int, separation_px: int) -> tuple[Surf
     rim = min(separation_px, (min(surface.shape) - 1) // 2)
     inner[rim:-rim, rim:-rim] = True
     maxima &= inner
+    maxima &= surface > middle + FLAT
     rows, columns = np.nonzero(maxima)
-    order = np.argsort(-surface[rows, columns], kind="stable")[:count]
-    return tuple(
-        measure_peak(surface, int(rows[index]), int(columns[index]), middle, spread)
-        for index in order
-    )
+    order = np.argsort(-surface[rows, columns], kind="stable")
+    apart: list[tuple[int, int]] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        # Neighbouring pixels of one flat top are all maxima: the first stands for them.
+        if all(max(abs(row - r), abs(column - c)) > separation_px for r, c in apart):
+            apart.append((row, column))
+        if len(apart) == count:
+            break
+    return tuple(measure_peak(surface, row, column, middle, spread) for row, column in apart)
 
 
 def measure_peak(

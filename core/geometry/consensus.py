@@ -9,13 +9,27 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 from scipy.special import gammaln
 
-from core.arrays import Indices, Matrix, PixelPoints, Scalars
+from core.arrays import Flags, Indices, Matrix, PixelPoints, Scalars
 
 Design = Float64[np.ndarray, "candidates 2 unknowns"]
+"""Derivatives of the place of each candidate by the unknowns."""
+Step = Float64[np.ndarray, "unknowns"]
+"""One value of the unknowns."""
+Steps = Float64[np.ndarray, "hypotheses unknowns"]
+"""Many values of the unknowns."""
+Costs = Float64[np.ndarray, "hypotheses"]
+"""One cost a hypothesis."""
+Chosen = Int[np.ndarray, "chosen"]
+"""Indices of candidates, at most one a point."""
 SAMPLE = 3
+IDLE = 0.5
+"""A point whose gate covers this share of its search window agrees by chance as often as not:
+whether it does says nothing."""
+NOWHERE_PX = 1e9
+"""Offset of a candidate whose point has no predicted place: it never agrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,24 +85,26 @@ class Consensus:
             options: Limits.
         """
         self.candidates, self.options = candidates, options
-        self.offset, self.design = offset, design
+        placed = np.isfinite(offset).all(axis=1) & np.isfinite(design).all(axis=(1, 2))
+        self.offset = np.where(placed[:, None], offset, NOWHERE_PX)
+        self.design = np.where(placed[:, None, None], design, 0.0)
         self.prior_information: Any = np.linalg.inv(prior_covariance)
         self.first = np.unique(candidates.point, return_index=True)[1]
         self.limit = 2 * options.gate**2
 
-    def hypotheses(self, rng: np.random.Generator) -> Matrix:
+    def hypotheses(self, rng: np.random.Generator) -> Steps:
         """The best of many samples, best first, with the prior itself among them."""
         steps = np.vstack([np.zeros((1, self.design.shape[2])), self.sampled(rng)])
         parts = np.array_split(steps, len(steps) * len(self.offset) // 100_000 + 1)
         costs = np.concatenate([self.cost(part) for part in parts])
         return steps[np.argsort(costs, kind="stable")[: self.options.refined]]
 
-    def sampled(self, rng: np.random.Generator) -> Matrix:
+    def sampled(self, rng: np.random.Generator) -> Steps:
         """Unknowns (hypotheses, unknowns), each from three candidates and the prior."""
         weight = self.candidates.weight / self.candidates.weight.sum()
         drawn = rng.choice(len(weight), size=(self.options.hypotheses, SAMPLE), p=weight)
         point = self.candidates.point[drawn]
-        distinct = (
+        distinct: Flags = np.asarray(
             (point[:, 0] != point[:, 1])
             & (point[:, 0] != point[:, 2])
             & (point[:, 1] != point[:, 2])
@@ -100,7 +116,7 @@ class Consensus:
         right = np.einsum("hsai,hs,hsa->hi", design, weight_px, self.offset[drawn], optimize=True)
         return np.linalg.solve(normal + self.prior_information, right[:, :, None])[:, :, 0]
 
-    def cost(self, steps: Matrix) -> Scalars:
+    def cost(self, steps: Steps) -> Costs:
         """MSAC cost of each hypothesis: one candidate a point, truncated, plus the prior."""
         residual = self.offset - np.einsum("cai,hi->hca", self.design, steps)
         squared = np.sum(residual**2, axis=2) / self.candidates.sigma_px**2
@@ -112,7 +128,7 @@ class Consensus:
         """What a candidate at a normalised squared distance costs."""
         return self.limit - self.candidates.trust * np.maximum(self.limit - squared, 0)
 
-    def agreeing(self, residual: PixelPoints) -> tuple[Indices, float]:
+    def agreeing(self, residual: PixelPoints) -> tuple[Chosen, float]:
         """Best candidate of each point where it lies within the gate, and the cost of them all."""
         squared = np.sum(residual**2, axis=1) / self.candidates.sigma_px**2
         squared = np.where(np.isfinite(squared), squared, np.inf)
@@ -122,8 +138,8 @@ class Consensus:
         return best[squared[best] < self.limit], float(missed[best].sum())
 
     def solved(
-        self, chosen: Indices, residual: PixelPoints, design: Design, at: Scalars
-    ) -> tuple[Scalars, Matrix]:
+        self, chosen: Indices, residual: PixelPoints, design: Design, at: Step
+    ) -> tuple[Step, Matrix]:
         """Step and covariance by least squares over the chosen candidates and the prior.
 
         Args:
@@ -137,7 +153,7 @@ class Consensus:
         right = np.einsum("nai,n,na->i", design, weight, residual) - self.prior_information @ at
         return np.linalg.solve(normal, right), np.linalg.inv(normal)
 
-    def refined(self, step: Scalars) -> tuple[float, Scalars, Indices]:
+    def refined(self, step: Step) -> tuple[float, Step, Chosen]:
         """Local optimisation of the linear model: choose, solve, choose again."""
         chosen, cost = self.agreeing(self.offset - self.design @ step)
         for _ in range(8):
@@ -148,18 +164,21 @@ class Consensus:
             chosen, cost = self.agreeing(self.offset - self.design @ step)
         return cost + float(step @ self.prior_information @ step), step, chosen
 
-    def log10_nfa(self, chosen: Indices) -> float:
+    def log10_nfa(self, chosen: Chosen) -> float:
         """Number of false alarms of the agreeing candidates, as a power of ten.
 
-        Each point counts by its own chance to agree: one whose gate fills its whole search window
-        agrees always and says nothing.
+        Each point counts by its own chance to agree: one whose gate fills its search window agrees
+        wherever it lies, and is left out.
         """
         area = np.pi * self.limit * self.candidates.sigma_px**2
-        share = np.minimum(np.add.reduceat(area * self.candidates.chance, self.first), 1.0)
+        share = np.add.reduceat(area * self.candidates.chance, self.first)
         points = self.candidates.point[self.first]
-        agreeing = np.isin(points, self.candidates.point[chosen])
-        choices = SAMPLE * np.log10(len(self.candidates.point) / len(points))
-        return log10_false_alarms(len(points), np.log(share[agreeing])) + float(choices)
+        telling = share < IDLE
+        agreeing = telling & np.isin(points, self.candidates.point[chosen])
+        each = np.add.reduceat(np.ones(len(area)), self.first)[telling]
+        choices = SAMPLE * np.log10(each.mean()) if len(each) else 0.0
+        count = int(telling.sum())
+        return log10_false_alarms(count, np.log(share[agreeing])) + float(choices)
 
 
 def log10_false_alarms(count: int, log_chance: Scalars) -> float:

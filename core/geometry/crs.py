@@ -78,6 +78,12 @@ def shared_bounds(one: Bounds, other: Bounds) -> Bounds:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
+def distance_m(one: Bounds, other: Bounds) -> float:
+    """How far two bounds lie apart; nought where they touch."""
+    west, south, east, north = shared_bounds(one, other)
+    return float(np.hypot(max(west - east, 0.0), max(south - north, 0.0)))
+
+
 def read_crs(text: str, where: str | Path) -> CRS:
     """Any CRS PROJ knows; `CrsError` where there is none or it is unknown."""
     if not text.strip():
@@ -287,7 +293,9 @@ def _outside_m(crs: CRS, points: PlanePoints) -> float:
 def _area_bounds(wkt: str) -> Bounds:
     """Bounds of the CRS's area of use in its own coordinates, metres."""
     crs = CRS(wkt)
-    area = crs.area_of_use
+    # The WKT that GDAL hands over names no area, but often the code under which PROJ lists one.
+    authority = crs.to_authority()
+    area = crs.area_of_use or (CRS.from_authority(*authority).area_of_use if authority else None)
     if area is None:
         # A CRS written out by hand names no area: whatever fits on the Earth is taken.
         return -2.1e7, -2.1e7, 2.1e7, 2.1e7
@@ -310,6 +318,9 @@ def _hint(crs: CRS, points: PlanePoints) -> str:
     name = short_name(crs)
     if _is_degrees(points):
         return f"They look like degrees: reproject the file to {name}, or state its true CRS."
+    for known, (west, south, east, north) in KNOWN_RANGES:
+        if known != name and _within(points, (west, east), (south, north)):
+            return f"They look like {known}. Check the CRS of this file, and `crs` in [block]."
     if _outside_m(crs, points[:, ::-1]) == 0:
         return f"They fit {name} when swapped: give easting first, then northing."
     if _outside_m(crs, -points) == 0:

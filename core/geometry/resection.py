@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import Indices, Matrix, ObjectPoints, PixelPoints, Scalars
+from core.arrays import Indices, Matrix, ObjectPoints, PixelPoints
 from core.doubts import Failure
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.collinearity import film_from_object
-from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions
+from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions, Step
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 
@@ -100,7 +100,7 @@ def resect_photo(
     Returns:
         The orientation with its agreeing candidates, or why none stands.
     """
-    known = np.unique(candidates.point)
+    known = np.unique(candidates.point[candidates.weight > 0])
     if len(known) < SAMPLE + 2:
         return Failure(f"only {len(known)} known points have a candidate in this photo")
     search = Search(model, start, prior_covariance, points, candidates, options)
@@ -132,7 +132,7 @@ class Search:
             options,
         )
 
-    def refined(self, step: Scalars) -> tuple[float, ExteriorOrientation]:
+    def refined(self, step: Step) -> tuple[float, ExteriorOrientation]:
         """Local optimisation by the full model: choose, solve, choose again."""
         exterior = moved(self.start, step)
         cost = np.inf
@@ -182,7 +182,7 @@ class Search:
         return Resection(exterior, covariance, chosen, residual, nfa)
 
 
-def difference(exterior: ExteriorOrientation, start: ExteriorOrientation) -> np.ndarray:
+def difference(exterior: ExteriorOrientation, start: ExteriorOrientation) -> Step:
     """X, Y, Z, omega, phi, kappa of one orientation less another; kappa within half a turn."""
     turn = exterior.kappa - start.kappa
     turn = float(np.arctan2(np.sin(turn), np.cos(turn)))

@@ -15,7 +15,7 @@ from core.geometry.grid import Grid
 from core.reference.composite import ReadOptions, read_onto
 from core.reference.gaps import LARGEST_GAP_PX, fill_gaps, small_gaps
 from core.reference.resampling import Kernel
-from core.reference.sheets import SheetSet, open_raster, open_sheets
+from core.reference.sheets import SheetSet, damage_told, open_raster, open_sheets
 
 MARGIN_PX = LARGEST_GAP_PX + 2
 """Read round every window, so that a gap at its edge is filled as it would be in its middle."""
@@ -260,7 +260,7 @@ def _own_grid(sheets: SheetSet) -> Grid:
 
 def _refuse_empty(path: str | Path) -> None:
     """A DEM file of nothing but nodata was cut in the wrong place."""
-    with open_raster(path) as raster:
+    with open_raster(path) as raster, damage_told(path):
         if raster.width * raster.height > LOOKED_THROUGH_PX:
             return
         shape = (min(raster.height, 500), min(raster.width, 500))

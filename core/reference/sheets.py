@@ -4,6 +4,7 @@ Sheets of one pixel size and phase share a lattice, on which neighbours join wit
 resampling kernel that crosses a sheet edge finds the neighbour's pixels there.
 """
 
+import os
 import warnings
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
@@ -160,12 +161,20 @@ def open_raster(path: str | Path, **options: Any) -> rasterio.DatasetReader:
     try:
         return rasterio.open(path, **options)
     except RasterioError as error:
-        exists = Path(path).exists()
-        raise ReferenceDataError(
-            path,
-            "the file cannot be read as a raster." if exists else "the file is not there.",
-            f"GDAL says: {error}" if exists else "Correct the path under [reference].",
-        ) from error
+        cause, remedy = _why_not(Path(path))
+        raise ReferenceDataError(path, cause, remedy) from error
+
+
+def _why_not(path: Path) -> tuple[str, str]:
+    """Cause and remedy of a file that GDAL does not open."""
+    if not path.exists():
+        return "the file is not there.", "Correct the path under [reference]."
+    if not os.access(path, os.R_OK):
+        return "the file may not be read.", "Give yourself the right to read it."
+    return (
+        "the file cannot be read as a raster: GDAL does not know what it is.",
+        "Copy it again from its source, or take it out of [reference].",
+    )
 
 
 @contextmanager
@@ -176,7 +185,7 @@ def damage_told(path: str | Path) -> Generator[None]:
     except RasterioError as error:
         raise ReferenceDataError(
             path,
-            f"the file is damaged or cut off: GDAL cannot read its pixels ({error}).",
+            "the file is damaged or cut off: GDAL cannot read its pixels.",
             "Copy it again from its source.",
         ) from error
 

@@ -10,7 +10,7 @@ import numpy as np
 import pyogrio
 import shapely
 from pyogrio import raw
-from pyogrio.errors import DataLayerError, DataSourceError
+from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
 from pyproj import CRS
 from shapely.geometry.base import BaseGeometry
 
@@ -71,10 +71,10 @@ def read_layers(
             )
         chosen = [wanted] if wanted else names
         return tuple(_read_layer(file, name, crs, bounds, attributes) for name in chosen)
-    except (DataSourceError, DataLayerError) as error:
+    except (DataSourceError, DataLayerError, FeatureError) as error:
         raise ReferenceDataError(
             file,
-            f"the file cannot be read as vector data ({error}).",
+            "the file cannot be read as vector data: GDAL does not know it, or it is damaged.",
             "Export it again, for example as GeoPackage.",
         ) from error
 

@@ -158,7 +158,11 @@ def _read_gray(scan: ScanFile, window: Window, shape: tuple[int, int]) -> GrayWi
                 resampling=Resampling.average,
             )
         except (RasterioError, OSError) as error:
-            raise _cut_off(scan.path) from error
+            raise ScanError(
+                scan.path,
+                "Part of its pixels cannot be read: the file is damaged, or was cut off.",
+                "Copy the scan again from the archive.",
+            ) from error
         if dataset.colorinterp[0] == ColorInterp.palette:
             values = _through_palette(values, dataset.colormap(1))
     return np.einsum("b,bij->ij", np.array(bands, dtype=np.float32), values)

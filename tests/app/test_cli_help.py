@@ -1,0 +1,71 @@
+"""What the command says of itself, and how wrong use ends."""
+
+import argparse
+from importlib.metadata import version
+
+import pytest
+
+from app.cli import main, parser
+
+VERBS = ("new", "run", "review", "report", "demo", "doctor")
+
+
+def help_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 0
+    return capsys.readouterr().out
+
+
+def test_version_is_the_installed_one__truth(capsys: pytest.CaptureFixture[str]) -> None:
+    assert help_of(["--version"], capsys) == f"gruber {version('gruber')}\n"
+
+
+def test_help_names_every_verb_and_exit_code__truth(capsys: pytest.CaptureFixture[str]) -> None:
+    told = help_of(["--help"], capsys)
+    assert all(f"    {verb} " in told for verb in VERBS)
+    assert all(f"{code} " in told for code in (0, 1, 2, 130))
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_shows_an_example__truth(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = help_of([verb, "--help"], capsys)
+    assert f"examples:\n  gruber {verb}" in told
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        [],
+        ["fly"],
+        ["run", "--until", "breakfast"],
+        ["run", "--workers", "0"],
+        ["demo", "--size", "x"],
+    ],
+)
+def test_wrong_use_ends_with_two__truth(wrong: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(wrong)
+    assert ended.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "json"),
+    [
+        (["run", "block"], False),
+        (["--log-json", "run", "block"], True),
+        (["run", "block", "--log-json"], True),
+    ],
+)
+def test_log_json_stands_before_the_verb_or_after_it__law(arguments: list[str], json: bool) -> None:
+    given: argparse.Namespace = parser().parse_args(arguments)
+    assert given.log_json is json
+
+
+def test_examples_parse__law(capsys: pytest.CaptureFixture[str]) -> None:
+    for verb in VERBS:
+        told = help_of([verb, "--help"], capsys).split("examples:\n")[1]
+        for line in told.splitlines():
+            example = line.strip().split("   ")[0].split()
+            assert example[0] == "gruber"
+            assert parser().parse_args(example[1:]).verb is not None

@@ -1,0 +1,117 @@
+"""Copies of a block to be spoilt, and the command line run on them."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.cli import main
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class BlockCopy:
+    """A block whose files may be replaced; they are links to those of the original."""
+
+    folder: Path
+
+    @property
+    def scans(self) -> list[Path]:
+        return sorted((self.folder / "scans").glob("*.tif"))
+
+    @property
+    def results(self) -> Path:
+        return self.folder / "results"
+
+    def setting(self, key: str, value: str) -> None:
+        """Set a key of block.toml that is there."""
+        path = self.folder / "block.toml"
+        text, count = re.subn(
+            rf"^{key} = .*$", lambda _: f"{key} = {value}", path.read_text(), flags=re.MULTILINE
+        )
+        assert count == 1, key
+        self.replace("block.toml", text)
+
+    def replace(self, name: str | Path, content: str | bytes) -> Path:
+        """Put another file in the place of one; the original keeps its content."""
+        path = self.folder / name
+        path.unlink(missing_ok=True)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    def own(self, name: str | Path) -> Path:
+        """A file that may be written to without changing the original."""
+        path = self.folder / name
+        return self.replace(path, path.read_bytes())
+
+    def report(self) -> dict[str, Any]:
+        return json.loads((self.results / "report.json").read_text(encoding="utf-8"))
+
+
+def copied(block: Path, folder: Path, scans: int) -> BlockCopy:
+    """A copy made of links, with the first so many scans."""
+    left_out = {path.stem for path in sorted((block / "scans").glob("*.tif"))[scans:]}
+
+    def passed_over(_: str, names: list[str]) -> set[str]:
+        return {name for name in names if Path(name).stem in left_out} | {"truth"} & set(names)
+
+    shutil.copytree(block, folder, copy_function=os.link, ignore=passed_over)
+    return BlockCopy(folder)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the program said and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def message(self) -> str:
+        """The one message of a program that could not go on: file, cause and remedy, no more."""
+        assert self.code == 1, f"{self.code}\n{self.out}\n{self.err}"
+        lines = self.err.splitlines()
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("gruber: "), self.err
+        assert "Traceback" not in self.out + self.err
+        return lines[0]
+
+    def refuses(self, *words: str | Path) -> None:
+        """One message that has these words in this order, ignoring case."""
+        rest = self.message.lower()
+        for word in words:
+            _, found, rest = rest.partition(str(word).lower())
+            assert found, f"{word!r} not in: {self.message}"
+
+
+def gruber(capsys: pytest.CaptureFixture[str], *arguments: object) -> Told:
+    """The command line in this process."""
+    capsys.readouterr()
+    try:
+        code = main([str(argument) for argument in arguments])
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    told = capsys.readouterr()
+    return Told(code, told.out, told.err)
+
+
+def started(*arguments: object, **given: Any) -> subprocess.Popen[str]:
+    """The command line as a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "app", *map(str, arguments)],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        **given,
+    )

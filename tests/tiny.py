@@ -1,0 +1,111 @@
+"""The tiny synthetic block that many tests share, opened at its true orientations."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core.arrays import locked
+from core.block.block import Block, ExteriorPrior, Photo
+from core.block.patches import OpenPhoto
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import InteriorOrientation
+from core.reference.dem import Dem, open_dem
+from core.reference.ortho import open_ortho
+from core.reference.reference import Reference
+from core.scan.raster import ScanFile, open_scan
+from core.synthetic.archive import make_block
+from core.synthetic.options import SyntheticOptions
+from core.synthetic.orthos import CRS
+from core.synthetic.truth import Truth, read_truth
+
+CHECK_POINTS = 6
+
+
+@dataclass(frozen=True)
+class Tiny:
+    """A synthetic block's truth, its reference, and its photos as they truly stood."""
+
+    folder: Path
+    truth: Truth
+    reference: Reference
+    photos: dict[str, Photo]
+    scans: dict[str, ScanFile]
+
+    @property
+    def names(self) -> list[str]:
+        return sorted(self.photos)
+
+    @property
+    def block(self) -> Block:
+        return Block(CRS, {self.truth.camera.name: self.truth.camera}, self.photos)
+
+    def opened(self, name: str, exterior: ExteriorOrientation | None = None) -> OpenPhoto:
+        """A photo with its scan, at its true orientation or another."""
+        opened = OpenPhoto(self.photos[name], self.truth.camera, self.scans[name])
+        return opened if exterior is None else opened.at(exterior)
+
+    def archival(self) -> Reference:
+        """The ground of the archival epoch as if it were that of today."""
+        ortho = open_ortho([self.truth.archival_ortho], CRS)
+        return Reference(ortho, self.reference.dem, 0.1, 0.2)
+
+
+def open_tiny(folder: Path) -> Tiny:
+    truth = read_truth(folder)
+    ortho = open_ortho(sorted((folder / "ortho").glob("*.tif")), CRS)
+    dem = open_dem([folder / "dem.tif"], CRS)
+    dem = dem.cropped(dem.bounds)
+    photos = {name: true_photo(truth, name, dem) for name in truth.photos}
+    scans = {name: open_scan(Path(photo.scan)) for name, photo in photos.items()}
+    return Tiny(folder, truth, Reference(ortho, dem, 0.25, 0.5), photos, scans)
+
+
+def true_photo(truth: Truth, name: str, dem: Dem) -> Photo:
+    true = truth.photos[name]
+    linear = np.linalg.inv(true.pixel_from_film[:, :2])
+    matrix = np.column_stack([linear, -linear @ true.pixel_from_film[:, 2]])
+    none = np.zeros((0, 2))
+    return Photo(
+        name,
+        str(truth.folder / "scans" / f"{name}.tif"),
+        true.size_px,
+        truth.camera.name,
+        InteriorOrientation("affine", matrix, (), none, none, float("nan")),
+        true.exterior,
+        true.exterior,
+        ExteriorPrior(locked([10.0] * 3), locked([0.01] * 3)),
+        dem.mean_height(),
+        oriented=True,
+    )
+
+
+def make_tiny(folder: Path) -> None:
+    """The block with a list of check points that nobody has measured yet."""
+    make_block(folder, SyntheticOptions(size="tiny"))
+    write_check_points(folder, check_points(open_tiny(folder)))
+    with (folder / "block.toml").open("a", encoding="utf-8") as file:
+        file.write('[control]\npoints = "points.csv"\n')
+
+
+def check_points(tiny: Tiny) -> dict[str, np.ndarray]:
+    """True ground in the middle of the block, on a lattice of two by three."""
+    centres = np.array([photo.exterior.centre[:2] for photo in tiny.photos.values()])
+    low, high = centres.min(axis=0), centres.max(axis=0)
+    plan = [
+        low + (high - low) * [(across + 0.5) / 3, (along + 0.5) / 2]
+        for along in range(2)
+        for across in range(3)
+    ]
+    flat = np.column_stack([np.array(plan), np.full(CHECK_POINTS, np.nan)])
+    flat[:, 2] = tiny.truth.heights_at(flat)
+    return {f"CHK{number}": place for number, place in enumerate(flat, start=1)}
+
+
+def write_check_points(folder: Path, points: dict[str, np.ndarray]) -> None:
+    rows = [
+        f"{name},{','.join(f'{value:.3f}' for value in place)},0.05,0.05,check"
+        for name, place in points.items()
+    ]
+    text = "\n".join(["id,X,Y,Z,sigma_xy,sigma_z,role", *rows, ""])
+    (folder / "points.csv").write_text(text, encoding="utf-8")
