@@ -85,7 +85,8 @@ class Consensus:
             options: Limits.
         """
         self.candidates, self.options = candidates, options
-        placed = np.isfinite(offset).all(axis=1) & np.isfinite(design).all(axis=(1, 2))
+        seen = np.isfinite(offset).all(axis=1) & np.isfinite(design).all(axis=(1, 2))
+        placed = np.asarray(seen)
         self.offset = np.where(placed[:, None], offset, NOWHERE_PX)
         self.design = np.where(placed[:, None, None], design, 0.0)
         self.prior_information: Any = np.linalg.inv(prior_covariance)
