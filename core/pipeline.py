@@ -357,6 +357,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference",),
         lambda given: (given.orientation,),
         orient_photos,
+        version=2,
     ),
     Stage(
         "control",
