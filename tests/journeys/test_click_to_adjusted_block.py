@@ -25,6 +25,7 @@ def rasters(folder):
 def rejected(tiny_run: Tiny):
     """Before; a used control measurement rejected and the block run again; afterwards undone."""
     folder = tiny_run.folder
+    assert main(["run", str(folder)]) == 0  # nothing to do, unless another journey changed it
     before = tables(folder), product(folder, "adjustment"), rasters(folder)
     used = [
         row
