@@ -1,7 +1,7 @@
 """The desk on a block that was really run: everything shown, decided, adjusted, made again."""
 
 import csv
-import os
+import io
 import re
 import statistics
 import subprocess
@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from app.desk import adjusted
 from app.described import described
+from app.desk import adjusted
 from app.project import read_project
 from app.terminal import JsonLines
 from app.verbs import RunOptions, walked
@@ -67,9 +67,7 @@ def test_what_the_engine_left_out_waits_behind_its_own_button__law(real_desk, si
     page = sit_at(real_desk.desk.url, scene=False)
     tally = page.evaluate("gruber.parts.queue.counts")
     assert page.evaluate("gruber.parts.queue.shown.length") == tally["all"] - tally["unused"]
-    doubts = page.evaluate(
-        "gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])"
-    )
+    doubts = page.evaluate("gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])")
     half = len(doubts) // 2
     assert statistics.mean(doubts[:half]) > statistics.mean(doubts[half:])
     page.click('.chip[data-state="unused"]')
@@ -116,9 +114,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
         rows = {(row["point_id"], row["scan"]): row for row in csv.DictReader(file)}
     assert rows[name, scan]["status"] == "rejected"
     shown = sigma(page)
-    walk = walked(
-        real_desk.folder, JsonLines(open(os.devnull, "w")), RunOptions(last="adjustment")
-    )
+    walk = walked(real_desk.folder, JsonLines(io.StringIO()), RunOptions(last="adjustment"))
     assert round(walk.adjusted.sigma_nought, 4) == shown
     again = adjusted(
         described(read_project(real_desk.folder)),
