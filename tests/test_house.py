@@ -91,7 +91,7 @@ def test_every_module_says_what_it_is__law() -> None:
 
 
 def test_files_are_short__law() -> None:
-    lengths = {name: text_of(name).count("\n") for name in named(".py", ".js", rooms=ROOMS)}
+    lengths = {name: text_of(name).count("\n") for name in named(".py", rooms=ROOMS)}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_FILE}
 
 

@@ -77,9 +77,11 @@ def real_desk(tiny_run, tmp_path):
     folder = tmp_path / "block"
     shutil.copytree(tiny_run.folder, folder)
     project = read_project(folder)
-    with Session.open(project.folder, "anna") as session:
-        with open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened:
-            yield RealDesk(opened, session, folder)
+    with (
+        Session.open(project.folder, "anna") as session,
+        open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened,
+    ):
+        yield RealDesk(opened, session, folder)
 
 
 @pytest.fixture
