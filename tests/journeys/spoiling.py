@@ -120,8 +120,6 @@ def exterior_placed(copy: BlockCopy, axes: Axes) -> None:
 
 
 def points_placed(copy: BlockCopy, axes: Axes) -> None:
-    """A list of surveyed points, written in another way."""
+    """The list of surveyed points, written in another way."""
     east, north = axes(-577776.0, -1192961.0)
     copy.replace("points.csv", f"id,X,Y,Z,sigma_xy,sigma_z,role\nA,{east},{north},240,,,\n")
-    text = (copy.folder / "block.toml").read_text()
-    copy.replace("block.toml", text + '\n[control]\npoints = "points.csv"\n')

@@ -5,7 +5,6 @@ Each goes through the command line itself, on a copy of one synthetic block.
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,7 +206,7 @@ REFUSED: dict[str, tuple[Spoil, tuple[str, ...]]] = {
     ),
     "another CRS of the block": (
         lambda copy: copy.setting("crs", '"EPSG:32633"'),
-        (".tfw", "outside the area EPSG:32633", "look like EPSG:5514"),
+        ("points.csv", "outside the area EPSG:32633", "look like EPSG:5514"),
     ),
     "the DEM under a false CRS": (
         lambda copy: raster_placed(copy, "dem.tif", shifted(0), crs="EPSG:32633"),
@@ -401,70 +400,3 @@ def test_a_blank_scan_is_left_out_by_its_photo__truth(copy_of: CopyOf, capsys: C
     pixels_changed(copy, f"scans/{copy.scans[0].name}", lambda values: np.full_like(values, 128))
     told = gruber(capsys, "run", copy.folder)
     told.refuses(copy.scans[0], "could not be placed", "Check that ortho")
-
-
-def test_a_file_where_the_results_belong_is_told__truth(copy_of: CopyOf, capsys: Capsys) -> None:
-    copy = copy_of(1)
-    copy.replace("results", "here")
-    told = gruber(capsys, "run", copy.folder)
-    told.refuses(copy.results, "a file stands where a folder is needed", "Rename or remove")
-    assert Path(copy.results).read_text() == "here"
-
-
-def test_a_session_that_is_none_is_told__truth(copy_of: CopyOf, capsys: Capsys) -> None:
-    copy = copy_of(1)
-    copy.replace("session.gpkg", b"garbage " * 999)
-    told = gruber(capsys, "run", copy.folder)
-    told.refuses("session.gpkg", "is not a session", "Move it out")
-    (copy.folder / "session.gpkg").unlink()
-    (copy.folder / "session.gpkg").mkdir()
-    told = gruber(capsys, "run", copy.folder)
-    told.refuses("session.gpkg", "is a folder", "Rename it")
-
-
-def test_folders_without_a_block_are_told__truth(tmp_path: Path, capsys: Capsys) -> None:
-    gruber(capsys, "run", tmp_path).refuses("block.toml", "is not there", f"gruber new {tmp_path}")
-    told = gruber(capsys, "run", tmp_path / "nowhere")
-    told.refuses("nowhere", "is not there", "Name the block's folder")
-    gruber(capsys, "new", tmp_path / "nowhere").refuses(
-        "nowhere", "is no folder", "Name the folder"
-    )
-    gruber(capsys, "report", tmp_path).refuses("block.toml", "is not there")
-    gruber(capsys, "review", tmp_path).refuses("block.toml", "is not there")
-
-
-def test_a_desk_before_the_first_run_is_told__truth(copy_of: CopyOf, capsys: Capsys) -> None:
-    copy = copy_of(1)
-    told = gruber(capsys, "review", copy.folder)
-    told.refuses("block.toml", "no control points to review yet", "Run it first")
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        ("run", "BLOCK", "--from", "ties", "--until", "scans"),
-        ("run", "BLOCK", "--until", "nowhere"),
-        ("run", "BLOCK", "--workers", "0"),
-        ("run", "BLOCK", "--workers", "two"),
-        ("review", "BLOCK", "--port", "99999"),
-        ("demo", "--seed", "-1"),
-        ("fly",),
-        (),
-    ],
-)
-def test_wrong_use_is_told_with_code_two__truth(
-    wrong: tuple[str, ...], tmp_path: Path, capsys: Capsys
-) -> None:
-    told = gruber(capsys, *(str(tmp_path) if word == "BLOCK" else word for word in wrong))
-    assert told.code == 2
-    assert told.err.splitlines()[-1].startswith("gruber")
-    assert "Traceback" not in told.err
-
-
-def test_machines_read_the_error_as_well__truth(copy_of: CopyOf, capsys: Capsys) -> None:
-    copy = copy_of(1)
-    copy.setting("files", '"scan/*.tif"')
-    told = gruber(capsys, "--log-json", "run", copy.folder)
-    said = json.loads(told.out)
-    assert said["event"] == "error"
-    assert told.message == f"gruber: {said['file']}: {said['cause']} {said['remedy']}"
