@@ -21,9 +21,10 @@ from core.block.block import Block, Photo
 from core.block.orientation import OrientationOptions
 from core.errors import ProjectError
 from core.geometry.camera import Camera
-from core.pipeline import BlockInput, Georeferenced, open_reference, search_bounds
+from core.pipeline import open_reference, search_bounds
 from core.progress import Part, Progress
 from core.reference.reference import Reference
+from core.stages import BlockInput, Georeferenced
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m
@@ -124,7 +125,9 @@ def ortho_orientations(session: Session, adjusted: Block) -> Made:
     """What each ortho on disk was made with; the adjusted block where that was not kept."""
     made: dict[str, tuple[Photo, Camera]] = {}
     for name, photo in adjusted.photos.items():
-        kept = cast("tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}"))
+        kept = cast(
+            "tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}")
+        )
         made[name] = kept or (photo, adjusted.camera_of(name))
     return made
 

@@ -23,19 +23,10 @@ from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
 from core.ground.ortho import OrthoProduct, rectify_photo
 from core.ground.picture import footprint_of
-from core.pipeline import (
-    STAGES,
-    BlockInput,
-    Georeferenced,
-    ScanSet,
-    Stage,
-    Tied,
-    Work,
-    open_reference,
-    search_bounds,
-)
+from core.pipeline import STAGES, open_reference, search_bounds
 from core.progress import Part, Progress
 from core.reference.dem import Dem
+from core.stages import BlockInput, Georeferenced, ScanSet, Stage, Tied, Work
 from sessions.products import digest_of
 from sessions.session import Session
 from sessions.whole import whole_file

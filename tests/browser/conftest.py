@@ -2,11 +2,15 @@
 
 import os
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from app.wiring import open_desk
+from app.desk import desk_inputs as run_inputs
+from app.project import read_project
+from app.wiring import Desk, open_desk
+from sessions.session import Session
 from tests.ui.desk_block import desk_inputs
 
 ARGUMENTS = [
@@ -54,18 +58,44 @@ def desk(tmp_path):
     inputs.session.close()
 
 
+@dataclass(frozen=True)
+class RealDesk:
+    """A desk open on a copy of the block that was run."""
+
+    desk: Desk
+    session: Session
+    folder: Path
+
+    @property
+    def results(self) -> Path:
+        return self.folder / "results"
+
+
 @pytest.fixture
-def sit(chromium, desk):
-    """Open the desk in a browser of its own; every call is another operator's machine."""
+def real_desk(tiny_run, tmp_path):
+    """A desk on the tiny block as `gruber run` left it."""
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    project = read_project(folder)
+    with (
+        Session.open(project.folder, "anna") as session,
+        open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened,
+    ):
+        yield RealDesk(opened, session, folder)
+
+
+@pytest.fixture
+def sit_at(chromium):
+    """Open a desk in a browser of its own; every call is another operator's machine."""
     contexts = []
 
-    def sit_down(url: str = "", scene: bool = True):
+    def sit_down(url: str, scene: bool = True):
         # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
         context = chromium.new_context(viewport=SIZE, bypass_csp=True)
         context.set_default_timeout(PATIENCE_MS)
         contexts.append(context)
         page = context.new_page()
-        page.goto(url or desk.url)
+        page.goto(url)
         page.wait_for_selector(".row.current")
         if scene:
             scene_of(page)
@@ -74,6 +104,12 @@ def sit(chromium, desk):
     yield sit_down
     for context in contexts:
         context.close()
+
+
+@pytest.fixture
+def sit(sit_at, desk):
+    """Open the desk on the made-up block, or another."""
+    return lambda url="", scene=True: sit_at(url or desk.url, scene)
 
 
 def scene_of(page):

@@ -11,34 +11,13 @@ from viser import _messages as viser_messages
 
 from app.wiring import open_desk
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of
+from tests.browser.hands import current, press, sigma, state_of
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
 from ui.views import names
 from ui.views.server import SECRET_HEADER
 
 pytestmark = pytest.mark.browser
-
-
-def sigma(page) -> float:
-    return float(page.get_attribute("#sigma", "data-value"))
-
-
-def current(page) -> str:
-    return page.get_attribute(".row.current", "data-key")
-
-
-def state_of(page, key: str) -> str:
-    return page.get_attribute(f'.row[data-key="{key}"]', "data-state")
-
-
-def press(page, key: str) -> tuple[str, float, float]:
-    """Press a key on the current point: its name, sigma nought before, seconds until it changed."""
-    point, before = current(page), page.get_attribute("#sigma", "data-value")
-    begun = time.perf_counter()
-    page.keyboard.press(key)
-    changed = "before => document.getElementById('sigma').dataset.value !== before"
-    page.wait_for_function(changed, arg=before, polling=10)
-    return point, float(before), time.perf_counter() - begun
 
 
 def test_everything_of_the_block_is_in_the_scene__truth(sit):
@@ -146,7 +125,7 @@ def test_a_digit_gives_the_reason_of_a_rejection__law(sit):
     page.keyboard.press("2")
     page.wait_for_selector("#reasons", state="hidden")
     page.click(f'.row[data-key="{point}"]')
-    page.wait_for_selector('[data-figure="reason"]:has-text("changed")')
+    page.wait_for_selector('#why .remark:has-text("changed")')
     assert page.evaluate("gruber.parts.status.decided") == 1
 
 

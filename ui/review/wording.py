@@ -81,6 +81,8 @@ ENGLISH: dict[str, str] = {
     "marks.tip": "Predicted and measured place and other peaks over the pictures",
     "blink": "Blink",
     "blink.tip": "Hold to exchange the two pictures",
+    "zoom": "Zoom",
+    "zoom.tip": "Larger or smaller, both pictures; the wheel does so about the cursor",
     "pane.ortho": "Ortho",
     "pane.scan": "Scan {scan}",
     "pane.raw": "Scan {scan}, raw",
@@ -228,7 +230,8 @@ LANGUAGES: dict[str, dict[str, str]] = {"en": ENGLISH}
 KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
-    ("C", "act.role"), ("Space", "blink"), ("R", "raw"), ("F", "act.fit"), ("H", "act.help"),
+    ("C", "act.role"), ("Space", "blink"), ("R", "raw"), ("+ \u2212", "zoom"), ("F", "act.fit"),
+    ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the word for what it does."""
 

@@ -50,8 +50,7 @@ export function showQueue(newRows, newQueue) {
     if (newRows.length !== rows.length) learnPoints([...new Set(newRows.map((row) => row[POINT]))]);
     rows = newRows;
   }
-  const before = queue?.current;
-  const shownBefore = queue?.shown.length;
+  const before = queue ? `${queue.current} ${queue.shown.indexOf(queue.current)}` : "";
   if (newQueue) queue = newQueue;
   if (!queue) return;
   for (const chip of byId("chips").children) {
@@ -67,7 +66,7 @@ export function showQueue(newRows, newQueue) {
   byId("queue-place").textContent = word("queue.place", { here: place < 0 ? "\u2013" : place + 1, all: queue.shown.length });
   byId("queue-empty").hidden = queue.shown.length > 0;
   byId("rows").style.height = `${queue.shown.length * ROW}px`;
-  if (before !== queue.current || shownBefore !== queue.shown.length) intoSight(place);
+  if (before !== `${queue.current} ${place}`) intoSight(place);
   for (const line of drawn.values()) line.dataset.stale = "1";
   draw();
 }

@@ -1,0 +1,51 @@
+"""What a hand does at the desk, and what an eye reads off it."""
+
+import time
+
+
+def sigma(page) -> float:
+    return float(page.get_attribute("#sigma", "data-value"))
+
+
+def current(page) -> str:
+    return page.get_attribute(".row.current", "data-key")
+
+
+def state_of(page, key: str) -> str:
+    return page.get_attribute(f'.row[data-key="{key}"]', "data-state")
+
+
+def press(page, key: str) -> tuple[str, float, float]:
+    """Press a key on the current point: its name, sigma nought before, seconds until it changed."""
+    point, before = current(page), page.get_attribute("#sigma", "data-value")
+    begun = time.perf_counter()
+    page.keyboard.press(key)
+    changed = "before => document.getElementById('sigma').dataset.value !== before"
+    page.wait_for_function(changed, arg=before, polling=10)
+    return point, float(before), time.perf_counter() - begun
+
+
+def settled(page) -> None:
+    """Wait until no adjustment is under way."""
+    page.wait_for_function("!gruber.parts.status.adjusting")
+
+
+def changed(page, key: str) -> float:
+    """Press a key; seconds until the figures of the queue or sigma nought are others."""
+    look = "JSON.stringify([gruber.parts.status.sigma, gruber.parts.rows.map(row => row[6])])"
+    page.evaluate(f"window.before = {look}")
+    begun = time.perf_counter()
+    page.keyboard.press(key)
+    page.wait_for_function(f"window.before !== {look}", polling=10)
+    return time.perf_counter() - begun
+
+
+def place_wrongly(page, away_px: float = 60) -> str:
+    """Click beside the measurement in the scan: accepted there, which moves photos."""
+    point = current(page)
+    box = page.locator('.pane[data-pane="right"]').bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.click(middle[0] + away_px, middle[1] - away_px)
+    page.wait_for_function("gruber.parts.point.state === 'accepted'")
+    settled(page)
+    return point

@@ -1,0 +1,167 @@
+"""The desk on a block that was really run: everything shown, decided, adjusted, made again."""
+
+import csv
+import io
+import re
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.described import described
+from app.desk import adjusted
+from app.project import read_project
+from app.terminal import JsonLines
+from app.verbs import RunOptions, walked
+from tests.browser.conftest import scene_of
+from tests.browser.hands import changed, current, place_wrongly, press, settled, sigma, state_of
+from ui.views import names
+
+pytestmark = pytest.mark.browser
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def test_frustums_dem_points_and_vectors_are_shown__truth(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url)
+    scene = scene_of(page)
+    photos = page.evaluate("gruber.parts.rows.map(row => row[1])")
+    assert len(set(photos)) >= 6
+    wanted = [names.TERRAIN, names.VECTORS, names.FOOTPRINTS, names.points_node("auto")]
+    wanted += [names.photo_node(photo) for photo in set(photos)]
+    for name in wanted:
+        scene.wait_for_function(
+            "name => __viserMutable.nodeRefFromName[name]?.visible !== undefined", arg=name
+        )
+    hidden = scene.evaluate(
+        "names => names.filter(name => !__viserMutable.nodeRefFromName[name].visible)", wanted
+    )
+    assert hidden == []
+    assert not scene.get_by_text("Connected").first.is_visible()
+
+
+def test_y_n_u_change_state_and_figures_within_a_second__truth(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url, scene=False)
+    point, before, _ = press(page, "n")
+    assert state_of(page, point) == "rejected"
+    page.wait_for_function("before => gruber.parts.status.sigma !== before", arg=before)
+    accepted = current(page)
+    page.keyboard.press("y")
+    page.wait_for_selector(f'.row[data-key="{accepted}"][data-state="accepted"]')
+    for key in (accepted, point):
+        page.keyboard.press("u")
+        page.wait_for_selector(f'.row[data-key="{key}"][data-state="auto"]')
+    settled(page)
+    assert sigma(page) == pytest.approx(before, abs=1e-4)
+    took = []
+    for _ in range(4):
+        took += [changed(page, "n"), changed(page, "u")]
+        settled(page)
+    # The middle one: other work on the machine may hold up any single one.
+    assert statistics.median(took) < 1.0, took
+    assert max(took) < 5.0, took
+
+
+def test_what_the_engine_left_out_waits_behind_its_own_button__law(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url, scene=False)
+    tally = page.evaluate("gruber.parts.queue.counts")
+    assert page.evaluate("gruber.parts.queue.shown.length") == tally["all"] - tally["unused"]
+    doubts = page.evaluate("gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])")
+    half = len(doubts) // 2
+    assert statistics.mean(doubts[:half]) > statistics.mean(doubts[half:])
+    page.click('.chip[data-state="unused"]')
+    page.wait_for_selector('#state-badge:has-text("Unused")')
+    assert page.locator("#why .remark").inner_text().startswith("Left out: ")
+
+
+def test_a_reload_and_another_browser_find_everything__law(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url, scene=False)
+    point, _, _ = press(page, "n")
+    settled(page)
+    here, number = current(page), sigma(page)
+    page.reload()
+    page.wait_for_selector(".row.current")
+    assert (current(page), sigma(page)) == (here, number)
+    assert state_of(page, point) == "rejected"
+    other = sit_at(real_desk.desk.url, scene=False)
+    assert sigma(other) == number
+    assert state_of(other, point) == "rejected"
+
+
+def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url, scene=False)
+    mosaic = real_desk.results / "mosaic.tif"
+    before = mosaic.stat().st_mtime_ns
+    point = place_wrongly(page)
+    page.wait_for_function("gruber.parts.status.stale.length > 0")
+    page.click("#remake-start")
+    page.wait_for_selector("#making:not([hidden])")
+    page.wait_for_selector(".notice:has-text('made again')")
+    page.wait_for_function("gruber.parts.status.stale.length === 0")
+    wrong = mosaic.stat().st_mtime_ns
+    assert wrong > before
+    page.click(f'.row[data-key="{point}"]')
+    press(page, "n")
+    settled(page)
+    page.wait_for_function("gruber.parts.status.stale.length > 0")
+    page.click("#remake-start")
+    page.wait_for_selector(".notice:has-text('made again')")
+    page.wait_for_function("gruber.parts.status.stale.length === 0 && gruber.parts.status.written")
+    assert mosaic.stat().st_mtime_ns > wrong
+    name, scan = point.split("|")
+    with (real_desk.results / "control_points.csv").open(encoding="utf-8") as file:
+        rows = {(row["point_id"], row["scan"]): row for row in csv.DictReader(file)}
+    assert rows[name, scan]["status"] == "rejected"
+    shown = sigma(page)
+    walk = walked(real_desk.folder, JsonLines(io.StringIO()), RunOptions(last="adjustment"))
+    assert round(walk.adjusted.sigma_nought, 4) == shown
+    again = adjusted(
+        described(read_project(real_desk.folder)),
+        walk.session.replayed(walk.assembly.report.block),
+    )
+    assert again.sigma_nought == walk.adjusted.sigma_nought
+
+
+def served(folder: Path, port: int) -> tuple[subprocess.Popen, str]:
+    """The desk as a process of its own, and its address."""
+    command = [sys.executable, "-m", "app", "review", str(folder), "--no-browser"]
+    process = subprocess.Popen(
+        [*command, "--port", str(port), "--operator", "anna"], cwd=REPOSITORY,
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    found = re.search(r"http://\S+", process.stdout.readline())
+    assert found is not None
+    return process, found.group(0)
+
+
+def test_a_page_comes_back_to_a_desk_that_was_killed__law(tiny_run, sit_at, tmp_path):
+    import shutil
+
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    process, url = served(folder, 0)
+    try:
+        page = sit_at(url, scene=False)
+        page.select_option("#sort-column", "score")
+        page.click('.chip[data-state="open"]')
+        point, _, _ = press(page, "n")
+        settled(page)
+        here, number = current(page), sigma(page)
+        process.kill()
+        process.wait()
+        page.wait_for_selector("#lost:not([hidden])")
+        process, again = served(folder, int(url.partition("127.0.0.1:")[2].partition("/")[0]))
+        assert again == url
+        page.wait_for_selector("#lost", state="hidden")
+        page.wait_for_function(
+            "key => document.querySelector('.row.current')?.dataset.key === key", arg=here
+        )
+        assert sigma(page) == number
+        assert page.locator('.chip.on[data-state="open"]').count() == 1
+        page.click('.chip[data-state="rejected"]')
+        page.wait_for_selector(f'.row[data-key="{point}"][data-state="rejected"]')
+    finally:
+        process.kill()
+        process.wait()
