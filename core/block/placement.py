@@ -210,7 +210,7 @@ class Level:
         under = self.energy_under(mask)[:reach, :reach]
         return np.asarray(common[:reach, :reach] / np.sqrt(own * under), np.float32)
 
-    def energy_under(self, mask: Mask) -> Float32[np.ndarray, "rows columns"]:
+    def energy_under(self, mask: Mask) -> Surface:
         """Energy of the reference under the photo at every shift, never far below the most.
 
         Of masks of about one size the first serves for all: turning hardly changes their shape.
