@@ -72,16 +72,24 @@ class RealDesk:
 
 
 @pytest.fixture
-def real_desk(tiny_run, tmp_path):
+def run_folder(tiny_run, tmp_path):
+    """The tiny block as `gruber run` left it; what is done to it is undone afterwards.
+
+    In its own place, because products are named by the paths of what made them.
+    """
+    shutil.copytree(tiny_run.folder, tmp_path / "kept")
+    yield tiny_run.folder
+    shutil.rmtree(tiny_run.folder)
+    shutil.move(tmp_path / "kept", tiny_run.folder)
+
+
+@pytest.fixture
+def real_desk(run_folder):
     """A desk on the tiny block as `gruber run` left it."""
-    folder = tmp_path / "block"
-    shutil.copytree(tiny_run.folder, folder)
-    project = read_project(folder)
-    with (
-        Session.open(project.folder, "anna") as session,
-        open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened,
-    ):
-        yield RealDesk(opened, session, folder)
+    project = read_project(run_folder)
+    with Session.open(project.folder, "anna") as session:
+        with open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened:
+            yield RealDesk(opened, session, run_folder)
 
 
 @pytest.fixture
