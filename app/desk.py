@@ -124,7 +124,9 @@ def ortho_orientations(session: Session, adjusted: Block) -> Made:
     """What each ortho on disk was made with; the adjusted block where that was not kept."""
     made: dict[str, tuple[Photo, Camera]] = {}
     for name, photo in adjusted.photos.items():
-        kept = cast("tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}"))
+        kept = cast(
+            "tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}")
+        )
         made[name] = kept or (photo, adjusted.camera_of(name))
     return made
 

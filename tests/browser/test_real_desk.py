@@ -64,9 +64,7 @@ def test_what_the_engine_left_out_waits_behind_its_own_button__law(real_desk, si
     page = sit_at(real_desk.desk.url, scene=False)
     tally = page.evaluate("gruber.parts.queue.counts")
     assert page.evaluate("gruber.parts.queue.shown.length") == tally["all"] - tally["unused"]
-    doubts = page.evaluate(
-        "gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])"
-    )
+    doubts = page.evaluate("gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])")
     half = len(doubts) // 2
     assert statistics.mean(doubts[:half]) > statistics.mean(doubts[half:])
     page.click('.chip[data-state="unused"]')

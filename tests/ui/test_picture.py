@@ -17,10 +17,10 @@ from ui.review.compare import (
     stale_photos,
     with_made,
 )
+from ui.review.misfit import misfits
 from ui.review.palette import LOOKS, rgb
 from ui.review.picture import Pictured, point_part, queue_part, rows_part, scene_part, status_part
 from ui.review.queue import counts, queue_rows
-from ui.review.misfit import misfits
 from ui.review.scene import footprints, scene_picture
 from ui.review.state import DeskState, Seat, Sieve
 from ui.review.tools import seated

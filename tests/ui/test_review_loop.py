@@ -12,6 +12,7 @@ from app.worker import Remaker, Worker
 from sessions.decisions import Accept, Reject
 from sessions.session import Session
 from tests.ui.desk_block import adjust, tiny_block
+from ui.review.compare import made_with
 from ui.review.gestures import (
     Explained,
     Judged,
@@ -21,7 +22,6 @@ from ui.review.gestures import (
     Stepped,
     Undone,
 )
-from ui.review.compare import made_with
 from ui.review.state import DeskState
 
 

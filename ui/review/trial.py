@@ -47,7 +47,9 @@ def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | No
         if name in then.photos
     }
     most = max(shifts, key=lambda name: shifts[name], default="")
-    return Trial(key, _takes_part(state, measurement), report.sigma_nought, shifts.get(most, 0.0), most)
+    return Trial(
+        key, _takes_part(state, measurement), report.sigma_nought, shifts.get(most, 0.0), most
+    )
 
 
 def _takes_part(state: DeskState, measurement: Measurement) -> bool:

@@ -230,7 +230,8 @@ LANGUAGES: dict[str, dict[str, str]] = {"en": ENGLISH}
 KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
-    ("C", "act.role"), ("Space", "blink"), ("R", "raw"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
+    ("C", "act.role"), ("Space", "blink"), ("R", "raw"), ("+ \u2212", "zoom"), ("F", "act.fit"),
+    ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the word for what it does."""
 
