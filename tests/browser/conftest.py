@@ -87,9 +87,11 @@ def run_folder(tiny_run, tmp_path):
 def real_desk(run_folder):
     """A desk on the tiny block as `gruber run` left it."""
     project = read_project(run_folder)
-    with Session.open(project.folder, "anna") as session:
-        with open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened:
-            yield RealDesk(opened, session, run_folder)
+    with (
+        Session.open(project.folder, "anna") as session,
+        open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened,
+    ):
+        yield RealDesk(opened, session, run_folder)
 
 
 @pytest.fixture

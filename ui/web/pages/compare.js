@@ -1,5 +1,6 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
 import { byId, number, shortName, start, word } from "/pages/words.js";
+import { canvas, crosshair, halo, line, measuredMark, text } from "/pages/marks.js";
 import { drawLayer, fetchAhead, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
 
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
@@ -150,19 +151,6 @@ function drawAll() {
   }
 }
 
-function canvas(canvasElement) {
-  const ratio = window.devicePixelRatio || 1;
-  const [width, height] = [canvasElement.clientWidth, canvasElement.clientHeight];
-  if (canvasElement.width !== Math.round(width * ratio) || canvasElement.height !== Math.round(height * ratio)) {
-    canvasElement.width = Math.round(width * ratio);
-    canvasElement.height = Math.round(height * ratio);
-  }
-  const context = canvasElement.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
-  return [context, width, height];
-}
-
 function drawPicture(pane) {
   const [context, width, height] = canvas(pane.picture);
   pane.picture.style.filter = state.contrast === 1 ? "" : `contrast(${state.contrast})`;
@@ -299,27 +287,6 @@ function template(context, pane) {
   context.globalAlpha = 1;
 }
 
-function halo(context, colour, width, path) {
-  for (const [ink, wide] of [["#000000b0", width + 2], [colour, width]]) {
-    context.beginPath();
-    path();
-    context.strokeStyle = ink;
-    context.lineWidth = wide;
-    context.stroke();
-  }
-}
-
-function measuredMark(context, [x, y], colour) {
-  halo(context, colour, 1.8, () => {
-    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
-      context.moveTo(x + dx * 4, y + dy * 4);
-      context.lineTo(x + dx * 15, y + dy * 15);
-    }
-  });
-  context.fillStyle = colour;
-  context.fillRect(x - 0.75, y - 0.75, 1.5, 1.5);
-}
-
 function surveyedMark(context, [x, y]) {
   const colour = point.role === "check" ? start.palette.check : start.palette.current;
   halo(context, colour, 1.6, () => {
@@ -328,35 +295,6 @@ function surveyedMark(context, [x, y]) {
   });
   context.fillStyle = colour;
   context.fillRect(x - 1, y - 1, 2, 2);
-}
-
-function crosshair(context, [x, y], width, height) {
-  const [cx, cy] = [Math.round(x) + 0.5, Math.round(y) + 0.5];
-  const gap = 7;
-  for (const [ink, wide] of [["#00000060", 3], ["#ffffffb8", 1]]) {
-    line(context, 0, cy, cx - gap, cy, ink, wide);
-    line(context, cx + gap, cy, width, cy, ink, wide);
-    line(context, cx, 0, cx, cy - gap, ink, wide);
-    line(context, cx, cy + gap, cx, height, ink, wide);
-  }
-}
-
-function line(context, x1, y1, x2, y2, colour, width) {
-  context.beginPath();
-  context.moveTo(x1, y1);
-  context.lineTo(x2, y2);
-  context.strokeStyle = colour;
-  context.lineWidth = width;
-  context.stroke();
-}
-
-function text(context, words, x, y, colour) {
-  context.font = "11px sans-serif";
-  context.lineWidth = 3;
-  context.strokeStyle = "#000000c0";
-  context.strokeText(words, x, y);
-  context.fillStyle = colour;
-  context.fillText(words, x, y);
 }
 
 function scaleBar(context, width, height, pane) {
