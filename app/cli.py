@@ -18,6 +18,7 @@ from core.errors import Cancelled, PhotogrammetryError
 Verbs = Any
 """What `add_subparsers` returns; argparse keeps the name of its type to itself."""
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
+MOST_RELIEF_M = 2000.0
 DESCRIPTION = """\
 Review app for archival aerial photogrammetry: from scans of film to a mosaic,
 with every doubtful point laid before a human.
@@ -171,7 +172,7 @@ def add_demo(added: Verbs) -> None:
         help="much has changed since 1938, little since 1984 (%(default)s)",
     )  # fmt: skip
     verb.add_argument(
-        "--relief", type=float, default=60.0, metavar="M",
+        "--relief", type=metres, default=60.0, metavar="M",
         help="highest minus lowest ground, metres (%(default)g)",
     )  # fmt: skip
     verb.add_argument(
@@ -262,6 +263,17 @@ def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
         return int(text)
 
     return number
+
+
+def metres(text: str) -> float:
+    """Metres of relief, from flat to mountains."""
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from error
+    if not 0 <= value <= MOST_RELIEF_M:
+        raise argparse.ArgumentTypeError(f"must be from 0 to {MOST_RELIEF_M:.0f}, not {text}")
+    return value
 
 
 if __name__ == "__main__":

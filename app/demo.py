@@ -12,6 +12,7 @@ from core.ground.comparison import compare_orthos
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import judge_control, judge_orientations, read_truth
+from sessions.disk import told as disk_told
 from sessions.products import digest_of
 from sessions.whole import whole_file
 
@@ -22,7 +23,7 @@ def make_demo(folder: Path, options: SyntheticOptions, voice: Voice) -> None:
     """Make the block, unless this very block is there already.
 
     Raises:
-        StorageError: The folder holds something else.
+        StorageError: The folder holds something else, or cannot be written.
     """
     stamp, digest = folder / STAMP, digest_of("demo", 1, options)
     if stamp.is_file():
@@ -39,7 +40,8 @@ def make_demo(folder: Path, options: SyntheticOptions, voice: Voice) -> None:
         )
     started = time.monotonic()
     progress = voice.stage("make", "A landscape, a flight, film")
-    make_block(folder, options, progress)
+    with disk_told(folder):
+        make_block(folder, options, progress)
     with whole_file(stamp) as temporary:
         temporary.write_text(digest, encoding="utf-8")
     voice.ended("make", "A landscape, a flight, film", time.monotonic() - started, str(folder))

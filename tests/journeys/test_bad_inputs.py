@@ -32,7 +32,6 @@ Spoil = Callable[[BlockCopy], object]
 Capsys = pytest.CaptureFixture[str]
 ORTHO = "ortho/ORTO24.2022.SYNT25.tif"
 ROADS = "roads/SilniceDalnice.shp"
-UNTIL = {"roads": "reference"}
 
 
 def scan_replaced(content: bytes) -> Spoil:
