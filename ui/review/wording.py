@@ -77,6 +77,8 @@ ENGLISH: dict[str, str] = {
     "wallis.tip": "Even out brightness and contrast of both pictures locally",
     "raw": "Raw",
     "raw.tip": "The scan as it is, not warped to the ground",
+    "likeness": "Likeness",
+    "likeness.tip": "How alike ortho and scan are at every place about the expected one",
     "marks": "Marks",
     "marks.tip": "Predicted and measured place and other peaks over the pictures",
     "blink": "Blink",
@@ -104,6 +106,8 @@ ENGLISH: dict[str, str] = {
     "act.dubious.tip": "Cannot say; not used; go to the next",
     "act.invisible": "Not visible",
     "act.invisible.tip": "The point cannot be seen in this scan; go to the next",
+    "act.refine": "Refine",
+    "act.refine.tip": "Move the measurement onto the peak of likeness beside it; says by how much",
     "act.role": "Control / check",
     "act.role.tip": "Make this a check point, or a control point again",
     "act.undo": "Undo",
@@ -209,6 +213,8 @@ ENGLISH: dict[str, str] = {
     "notice.redo.SetRole": "Again: role of {what}",
     "notice.nothing-to-undo": "Nothing of yours to take back.",
     "notice.nothing-to-redo": "Nothing to decide again.",
+    "notice.refined": "Refined: moved by {distance} px (column {column}, row {row}).",
+    "notice.not-refined": "Not refined: {why}.",
     "notice.outside": "That place lies outside scan {scan}.",
     "notice.nothing-measured": "Nothing is measured for {name}.",
     "notice.not-done": "That was not done: {why}",
@@ -230,8 +236,8 @@ LANGUAGES: dict[str, dict[str, str]] = {"en": ENGLISH}
 KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
-    ("C", "act.role"), ("Space", "blink"), ("R", "raw"), ("+ \u2212", "zoom"), ("F", "act.fit"),
-    ("H", "act.help"),
+    ("C", "act.role"), ("Enter", "act.refine"), ("Space", "blink"), ("R", "raw"),
+    ("L", "likeness"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the word for what it does."""
 

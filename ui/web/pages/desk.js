@@ -31,6 +31,8 @@ const ACTS = {
   previous: () => send({ kind: "step", step: -1 }),
   wallis: () => switchCompare("wallis"),
   raw: () => switchCompare("raw"),
+  likeness: () => switchCompare("likeness"),
+  refine: () => parts.point && send({ kind: "refine", key: parts.point.key }),
   marks: () => switchCompare("marks"),
   fit: () => { fitCompare(); send({ kind: "fit", whole: true }); },
   "fit-whole": () => send({ kind: "fit", whole: true }),
@@ -41,12 +43,12 @@ const ACTS = {
 };
 const KEYS = {
   KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
-  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw",
+  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", Enter: "refine", NumpadEnter: "refine",
 };
 const REPEATS = new Set(["next", "previous"]);
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 // Letters by what is printed on the key; by place only where another alphabet is set.
-const letterOf = (event) => (/^[a-z]$/i.test(event.key) ? `Key${event.key.toUpperCase()}` : event.code);
+const letterOf = (event) => (event.key === "Enter" ? "Enter" : /^[a-z]$/i.test(event.key) ? `Key${event.key.toUpperCase()}` : event.code);
 
 // Also called by viser's page for keys pressed there; true when the key is ours.
 window.gruberKey = (event) => {
@@ -110,7 +112,7 @@ function listenToKeys() {
 
 function setUpButtons() {
   const keyOf = Object.fromEntries(start.keys.map(([key, name]) => [name, key]));
-  const texts = { help: "act.help", wallis: "wallis", raw: "raw", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", "fit-whole": "fit.whole", "fit-current": "fit.current" };
+  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", "fit-whole": "fit.whole", "fit-current": "fit.current" };
   const marks = { accept: "accepted", reject: "rejected", dubious: "dubious" };
   for (const button of document.querySelectorAll("[data-act]")) {
     const act = button.dataset.act;
