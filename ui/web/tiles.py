@@ -202,7 +202,7 @@ def as_veil(values: np.ndarray) -> bytes:
     share = np.clip((values - middle) / max(top - middle, 1e-6), 0.0, 1.0)[..., None]
     low, high = np.array([130.0, 40.0, 200.0]), np.array([60.0, 225.0, 255.0])
     colour = low + share * (high - low)
-    veil = np.concatenate([colour, 235.0 * share**1.5], axis=2)
+    veil = np.concatenate([colour, 235.0 * share**1.25], axis=2)
     done, data = cv2.imencode(".png", np.rint(veil).astype(np.uint8))
     assert done
     return cast(np.ndarray, data).tobytes()

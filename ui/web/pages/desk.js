@@ -11,12 +11,20 @@ let socket = null;
 let waiting = 250;
 let explained = 0;
 let wanted = null;
+let judged = { shown: "", at: 0 };
 
 function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
-const judge = (verdict) => parts.point && send({ kind: "judge", key: parts.point.key, verdict });
+// One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
+function judge(verdict) {
+  if (!parts.point) return;
+  const shown = JSON.stringify([parts.point.key, parts.point.state]);
+  if (judged.shown === shown && Date.now() - judged.at < 2000) return;
+  judged = { shown, at: Date.now() };
+  send({ kind: "judge", key: parts.point.key, verdict });
+}
 
 // What every button and key does. `held` acts take part in key up as well.
 const ACTS = {
@@ -172,6 +180,7 @@ function receive(message) {
   if (fresh.scene) showScene(fresh.scene);
   if ("point" in fresh) { showPoint(parts.point); comparePoint(parts.point); }
   for (const notice of notices ?? []) tell(notice);
+  if (notices?.some((notice) => notice.grave)) judged.shown = "";
   if (wanted) { comeBack(wanted); wanted = null; }
 }
 
