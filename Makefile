@@ -2,24 +2,31 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SIZE   ?= small
 OUT    ?= gruber-demo
 export OPENBLAS_NUM_THREADS ?= 1
+# A user's habit of installing beside the system would break an installation into .venv.
+export PIP_USER := 0
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint browser bench clean
 
 help:  ## this list
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
+	@awk -F ':.*## ' '/^[a-z]+:.*##/ {printf "%-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(VENV)/.installed  ## put the program and its locked packages into .venv
 
 $(VENV)/.installed: requirements.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Gruber needs Python 3.11 or newer: set PYTHON=python3.11")'
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
-	touch $@
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Gruber needs Python 3.11 or newer, this is " + sys.version.split()[0] + ": make $(MAKECMDGOALS) PYTHON=python3.11")'
+	@echo "Installing Python packages into $(VENV), once: this takes a minute or a few."
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV) || { \
+	    rm -rf $(VENV); \
+	    echo "This Python makes no virtual environments. On Debian or Ubuntu: apt-get install python3-venv" >&2; \
+	    exit 1; }
+	@$(PIP) --requirement requirements.lock
+	@$(PIP) --no-build-isolation --no-deps --editable .
+	@touch $@
 
 demo: install  ## make a synthetic block, run every stage, open the desk (HEADLESS=1: end instead)
 	$(BIN)/gruber demo --size $(SIZE) --out $(OUT) $(if $(HEADLESS),--headless)

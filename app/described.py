@@ -9,7 +9,7 @@ from core.block.block import SurveyedPoint
 from core.block.georeference import Georeference
 from core.formats.control_points import ListedPoint, read_control_points
 from core.geometry.crs import check_range, read_crs
-from core.pipeline import BlockInput, ScanInput
+from core.stages import BlockInput, ScanInput
 
 
 def described(project: Project) -> BlockInput:

@@ -23,8 +23,6 @@ Kind = Literal["scan", "ortho", "dem", "other"]
 """What a raster probably is."""
 VECTORS = frozenset({".shp", ".gpkg", ".geojson", ".fgb", ".gml", ".tab", ".dxf"})
 """Suffixes of vector files that are looked into."""
-WORLD_FILES = (".tfw", ".tifw", ".tiffw", ".jgw", ".jpgw", ".pgw", ".j2w", ".wld")
-"""Suffixes of world files."""
 OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg"})
 """Names that Gruber itself writes."""
 DEPTH = 4

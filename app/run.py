@@ -23,19 +23,10 @@ from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
 from core.ground.ortho import OrthoProduct, rectify_photo
 from core.ground.picture import footprint_of
-from core.pipeline import (
-    STAGES,
-    BlockInput,
-    Georeferenced,
-    ScanSet,
-    Stage,
-    Tied,
-    Work,
-    open_reference,
-    search_bounds,
-)
+from core.pipeline import STAGES, open_reference, search_bounds
 from core.progress import Part, Progress
 from core.reference.dem import Dem
+from core.stages import BlockInput, Georeferenced, ScanSet, Stage, Tied, Work
 from sessions.products import digest_of
 from sessions.session import Session
 from sessions.whole import whole_file
@@ -253,19 +244,20 @@ def make_orthos(
     for photo in photos:
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
-        digest = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, Path(photo.scan))
-        kept = None if anew else session.products.load_value(stage, digest)
+        inputs = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, Path(photo.scan))
+        target = session.results / "ortho" / f"{photo.photo_id}.tif"
+        # The file itself counts as well: one that was cut, replaced or removed is made again.
+        kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
         if only is not None and photo.photo_id not in only:
             kept = session.products.latest_value(stage) or kept
-        target = session.results / "ortho" / f"{photo.photo_id}.tif"
         if kept is None or not target.is_file():
             part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
             part.report(0, 1, photo.photo_id)
             with whole_file(target) as temporary:
                 made = rectify_photo(photo, camera, dem, gsd, temporary, block.crs, progress=part)
             kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
-            session.products.save_value(stage, digest, kept)
-            session.products.save_value(f"made-with/{photo.photo_id}", digest, (photo, camera))
+            session.products.save_value(stage, digest_of(inputs, target), kept)
+            session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
             made_now += 1
         elif only is None:
             made_now += 1
@@ -290,16 +282,16 @@ def make_mosaic(
     session: Session, orthos: list[OrthoProduct], progress: Progress, anew: bool = False
 ) -> MosaicProduct:
     """The mosaic of the orthos, unless it is fresh."""
-    digest = digest_of("mosaic", 1, orthos)
+    inputs = digest_of("mosaic", 1, orthos)
     target, seams = session.results / "mosaic.tif", session.results / "seams.gpkg"
-    kept = None if anew else session.products.load_value("mosaic", digest)
-    if kept is not None and target.is_file() and seams.is_file():
+    kept = None if anew else session.products.load_value("mosaic", digest_of(inputs, target))
+    if kept is not None and seams.is_file():
         return kept
     with whole_file(seams) as seams_part, whole_file(target) as mosaic_part:
         product = compose_mosaic(
             orthos, mosaic_grid(orthos), mosaic_part, seams_part, progress=progress
         )
-    session.products.save_value("mosaic", digest, product)
+    session.products.save_value("mosaic", digest_of(inputs, target), product)
     return product
 
 

@@ -4,30 +4,27 @@ Each stage takes the block as its owner describes it and what earlier stages mad
 value. Nothing here knows of folders, sessions or screens; `app.run` walks this list.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from hashlib import sha256
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from core.block.approximation import Approximation
-from core.block.assembly import Assembly, AssemblyOptions, assemble_block
-from core.block.block import Block, Photo, SurveyedPoint, TiePoints
+from core.block.assembly import Assembly, assemble_block
+from core.block.block import Block, Photo
 from core.block.features import usable_from_mask
-from core.block.georeference import Archive, Georeference, georeference_photo, open_archive
-from core.block.orientation import OrientationOptions, OrientedPhoto, orient_photo
+from core.block.georeference import Archive, georeference_photo, open_archive
+from core.block.orientation import OrientedPhoto, orient_photo
 from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
 from core.block.reference_points import ReferenceFeatures, gather_reference_points
 from core.block.standing import Site
-from core.block.tie_points import TieOptions, match_ties
+from core.block.tie_points import match_ties
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds, distance_m, read_crs
-from core.progress import Progress
 from core.reference.coverage import check_coverage
 from core.reference.dem import Dem, open_dem
 from core.reference.junctions import JunctionOptions, find_junctions
@@ -37,127 +34,10 @@ from core.reference.reference import Reference
 from core.reference.roads import read_roads
 from core.reference.vectors import read_mask_polygons
 from core.scan.orientation import ScanOrientation, orient_scan
+from core.stages import BlockInput, Georeferenced, Made, ScanInput, ScanSet, Stage, Tied, Work
 
-Mapper = Callable[..., Iterable[Any]]
-"""Runs a function over items, such as `map` or the `map` of a pool of threads."""
 BEYOND_DOUBT = -15.0
 """A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
-Made = Mapping[str, Any]
-"""What earlier stages made, by name of the stage."""
-
-
-@dataclass(frozen=True, slots=True)
-class ScanInput:
-    """One scan and how it was taken."""
-
-    path: Path
-    """The file."""
-    camera: str
-    """Name of its camera."""
-    scan_pixel_um: float
-    """Nominal size of a scan pixel on the film, micrometres."""
-
-
-@dataclass(frozen=True, slots=True)
-class BlockInput:
-    """A block as its owner describes it."""
-
-    name: str
-    """What it is called."""
-    crs: str
-    """Its CRS."""
-    cameras: Mapping[str, Camera]
-    """Cameras by name."""
-    scans: tuple[ScanInput, ...]
-    """All scans."""
-    georeference: Georeference
-    """Where the photos are placed by at first."""
-    ortho: tuple[Path, ...]
-    """Sheets of the reference ortho."""
-    dem: tuple[Path, ...]
-    """Files of the reference heights."""
-    roads: tuple[Path, ...] = ()
-    """Road layers."""
-    mask: Path | None = None
-    """Polygons in which nothing may be matched."""
-    bridges: Path | None = None
-    """Polygons of bridges."""
-    surveyed: tuple[SurveyedPoint, ...] = ()
-    """Points the user already has."""
-    ortho_sigma_m: float = 0.25
-    """Accuracy of the ortho per axis, metres."""
-    dem_sigma_m: float = 0.5
-    """Accuracy of a height, metres."""
-    orientation: OrientationOptions = field(default_factory=OrientationOptions)
-    """How single photos are oriented."""
-    assembly: AssemblyOptions = field(default_factory=AssemblyOptions)
-    """How the block is brought together."""
-    ties: TieOptions = field(default_factory=TieOptions)
-    """How tie points are found."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanSet:
-    """All scans with their interior orientation, and those that were set aside."""
-
-    oriented: Mapping[str, ScanOrientation]
-    """By photo."""
-    set_aside: Mapping[str, str]
-    """Reason by photo."""
-    doubts: tuple[Doubt, ...]
-    """What is doubtful about them."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Georeferenced:
-    """Photos with approximate orientations."""
-
-    block: Block
-    """The photos; nothing is measured yet."""
-    approximations: Mapping[str, Approximation]
-    """By photo, with every hypothesis."""
-    set_aside: Mapping[str, str]
-    """Reason by photo, for those nothing is known of."""
-    doubts: tuple[Doubt, ...]
-    """What is doubtful about the sources and the reference's coverage."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tied:
-    """The tie points of the block."""
-
-    ties: TiePoints
-    """All rays."""
-    doubts: tuple[Doubt, ...]
-    """Photos and pairs that tie badly."""
-
-
-@dataclass(frozen=True, slots=True)
-class Work:
-    """How a stage is to run."""
-
-    progress: Progress
-    """Told how far it is; asks it to stop."""
-    mapper: Mapper
-    """Runs independent pieces side by side."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stage:
-    """One entry of the table of contents."""
-
-    name: str
-    """Word used on the command line and in the names of products."""
-    title: str
-    """What the operator reads while it runs."""
-    needs: tuple[str, ...]
-    """Stages whose values it takes."""
-    inputs: Callable[[BlockInput], tuple[Any, ...]]
-    """The parts of the description that its value depends on."""
-    run: Callable[[BlockInput, Made, Work], Any]
-    """The work."""
-    version: int = 1
-    """Counted up when the same inputs give another value than before."""
 
 
 def random_for(*names: str) -> np.random.Generator:
@@ -477,6 +357,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference",),
         lambda given: (given.orientation,),
         orient_photos,
+        version=2,
     ),
     Stage(
         "control",

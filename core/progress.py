@@ -10,7 +10,7 @@ T = TypeVar("T")
 class Progress(Protocol):
     """What a stage is handed: it reports its share done, and is told by `Cancelled` to stop."""
 
-    def report(self, done: float, total: float, what: str = "") -> None:
+    def report(self, done: int | float, total: int | float, what: str = "") -> None:
         """Say that `done` of `total` is finished; raises `Cancelled` when asked to stop."""
         ...
 
@@ -18,7 +18,7 @@ class Progress(Protocol):
 class Silent:
     """Progress that nobody watches."""
 
-    def report(self, done: float, total: float, what: str = "") -> None:
+    def report(self, done: int | float, total: int | float, what: str = "") -> None:
         """Accept the report and do nothing."""
 
 

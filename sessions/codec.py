@@ -42,11 +42,11 @@ from core.ground.mosaic import MosaicProduct
 from core.ground.ortho import OrthoProduct
 from core.ground.radiometry import Balance
 from core.ground.seams import Seam
-from core.pipeline import Georeferenced, ScanSet, Tied
 from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import FilmArea
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
+from core.stages import Georeferenced, ScanSet, Tied
 from sessions.decisions import DECISIONS, Recorded
 
 FORMAT = 1

@@ -31,8 +31,8 @@ def storage_error(path: Path, error: BaseException) -> StorageError:
         return StorageError(
             path,
             "could not be written: the disk is full.",
-            f"Free some space on it ({_free(path)} left) and start again; what was finished before "
-            "is kept.",
+            f"Free some space ({_free(path)} left on the disk, less where you have a quota) and "
+            "start again; what was finished before is kept.",
         )
     if number in _FORBIDDEN:
         return StorageError(

@@ -34,6 +34,10 @@ def whole_file(path: Path) -> Generator[Path]:
     with told(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with _temporary(path) as temporary:
+        with told(path):
+            # Whether one may write here is asked first: later a library may hide the answer.
+            temporary.touch()
+            temporary.unlink()
         yield temporary
         assert temporary.exists(), f"nothing was written to {temporary}"
         with told(path):

@@ -1,7 +1,7 @@
-"""What all tests share: real data beside the checkout, one BLAS thread, one tiny block and its run."""
+"""What all tests share: real data beside the checkout, one BLAS thread, one tiny block."""
 
 import os
-from dataclasses import dataclass
+import shutil
 from pathlib import Path
 
 import pytest
@@ -9,7 +9,9 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app.cli import main
-from tests.tiny import Tiny, make_tiny, open_tiny
+from core.synthetic.archive import make_block
+from core.synthetic.options import SyntheticOptions
+from tests.tiny import Tiny, open_tiny, with_check_points
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -25,9 +27,9 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A synthetic block of six small scans, not yet run: only to be read."""
+    """A synthetic block of six small scans, never written to."""
     folder = tmp_path_factory.mktemp("tiny") / "block"
-    make_tiny(folder)
+    make_block(folder, SyntheticOptions("tiny"))
     return folder
 
 
@@ -37,25 +39,12 @@ def tiny(tiny_block: Path) -> Tiny:
     return open_tiny(tiny_block)
 
 
-@dataclass(frozen=True)
-class TinyRun:
-    """The tiny block after `gruber run`."""
-
-    tiny: Tiny
-    said: str
-
-    @property
-    def folder(self) -> Path:
-        return self.tiny.folder
-
-    @property
-    def results(self) -> Path:
-        return self.tiny.folder / "results"
-
-
 @pytest.fixture(scope="session")
-def tiny_run(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
-    """The tiny block run once; whoever changes it puts it back as it was."""
-    log = tmp_path_factory.mktemp("log") / "run.txt"
-    assert main(["run", str(tiny.folder), "--workers", "2"]) == 0
-    return TinyRun(tiny, str(log))
+def tiny_run(tiny_block: Path, tmp_path_factory: pytest.TempPathFactory) -> Tiny:
+    """A copy of the tiny block with check points, run once; whoever changes it puts it back."""
+    folder = tmp_path_factory.mktemp("run") / "block"
+    shutil.copytree(tiny_block, folder)
+    copy = open_tiny(folder)
+    with_check_points(copy)
+    assert main(["run", str(folder)]) == 0
+    return copy

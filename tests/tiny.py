@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import locked
-from core.block.block import Block, ExteriorPrior, Photo
+from core.block.block import Block, ExteriorPrior, Photo, TiePoints
 from core.block.patches import OpenPhoto
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
@@ -14,12 +14,14 @@ from core.reference.dem import Dem, open_dem
 from core.reference.ortho import open_ortho
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile, open_scan
-from core.synthetic.archive import make_block
-from core.synthetic.options import SyntheticOptions
 from core.synthetic.orthos import CRS
 from core.synthetic.truth import Truth, read_truth
+from sessions.decisions import Place
+from sessions.session import Session
 
 CHECK_POINTS = 6
+CONTROL = '[control]\npoints = "points.csv"\n'
+SURVEYOR = "surveyor"
 
 
 @dataclass(frozen=True)
@@ -80,12 +82,33 @@ def true_photo(truth: Truth, name: str, dem: Dem) -> Photo:
     )
 
 
-def make_tiny(folder: Path) -> None:
-    """The block with a list of check points that nobody has measured yet."""
-    make_block(folder, SyntheticOptions(size="tiny"))
-    write_check_points(folder, check_points(open_tiny(folder)))
-    with (folder / "block.toml").open("a", encoding="utf-8") as file:
-        file.write('[control]\npoints = "points.csv"\n')
+def with_check_points(tiny: Tiny) -> None:
+    """Give a block a list of check points, and measure each where its photos truly show it."""
+    points = check_points(tiny)
+    rows = [
+        f"{name},{','.join(f'{value:.3f}' for value in place)},0.05,0.05,check"
+        for name, place in points.items()
+    ]
+    text = "\n".join(["id,X,Y,Z,sigma_xy,sigma_z,role", *rows, ""])
+    (tiny.folder / "points.csv").write_text(text, encoding="utf-8")
+    with (tiny.folder / "block.toml").open("a", encoding="utf-8") as file:
+        file.write(CONTROL)
+    with Session.open(tiny.folder, SURVEYOR) as session:
+        for place in placed(tiny, points):
+            session.record(place)
+
+
+def placed(tiny: Tiny, points: dict[str, np.ndarray]) -> list[Place]:
+    """Points clicked by hand in all photos that show them, to a third of a pixel."""
+    rng = np.random.default_rng(0)
+    found = []
+    for point_id, position in points.items():
+        for name, photo in tiny.photos.items():
+            pixel = photo.pixel_from_object(position[None], tiny.truth.camera)[0]
+            if ((pixel > 60) & (pixel < np.array(photo.size_px) - 60)).all():
+                column, row = pixel + rng.normal(0, 0.3, 2)
+                found.append(Place(point_id, name, float(column), float(row)))
+    return found
 
 
 def check_points(tiny: Tiny) -> dict[str, np.ndarray]:
@@ -102,10 +125,30 @@ def check_points(tiny: Tiny) -> dict[str, np.ndarray]:
     return {f"CHK{number}": place for number, place in enumerate(flat, start=1)}
 
 
-def write_check_points(folder: Path, points: dict[str, np.ndarray]) -> None:
-    rows = [
-        f"{name},{','.join(f'{value:.3f}' for value in place)},0.05,0.05,check"
-        for name, place in points.items()
-    ]
-    text = "\n".join(["id,X,Y,Z,sigma_xy,sigma_z,role", *rows, ""])
-    (folder / "points.csv").write_text(text, encoding="utf-8")
+def ground_over(tiny: Tiny, count: int = 24) -> np.ndarray:
+    """True ground on a lattice over the whole block."""
+    centres = np.array([photo.exterior.centre[:2] for photo in tiny.photos.values()])
+    low, high = centres.min(axis=0) - 300, centres.max(axis=0) + 300
+    plan = np.stack(np.meshgrid(*np.linspace(low, high, count).T), axis=-1).reshape(-1, 2)
+    flat = np.column_stack([plan, np.full(len(plan), 0.0)])
+    flat[:, 2] = tiny.truth.heights_at(flat)
+    return flat
+
+
+def true_ties(tiny: Tiny, noise_px: float = 0.3) -> TiePoints:
+    """Ground seen by two photos or more, measured where it truly shows."""
+    ground, rng = ground_over(tiny), np.random.default_rng(0)
+    rays = []
+    for index, name in enumerate(tiny.names):
+        photo = tiny.photos[name]
+        pixels = photo.pixel_from_object(ground, tiny.truth.camera)
+        inside = ((pixels > 60) & (pixels < np.array(photo.size_px) - 60)).all(axis=1)
+        rays += [(int(point), index, *pixels[point]) for point in np.flatnonzero(inside)]
+    rays = np.array(sorted(rays))
+    _, inverse, seen = np.unique(rays[:, 0], return_inverse=True, return_counts=True)
+    rays = rays[seen[inverse] >= 2]
+    point = np.unique(rays[:, 0], return_inverse=True)[1]
+    pixels = rays[:, 2:] + rng.normal(size=(len(rays), 2)) * noise_px
+    return TiePoints(
+        tuple(tiny.names), point, rays[:, 1].astype(int), pixels, np.full(len(rays), 0.5)
+    )

@@ -11,7 +11,7 @@ from core.block.adjustment import adjust_block
 from core.block.block import Block, Measurement, Photo
 from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
 from core.block.datum import DatumOptions, lay_on_reference
-from core.block.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
+from core.block.orientation import OrientationOptions, OrientedPhoto
 from core.block.patches import OpenPhoto
 from core.block.standing import MIN_TIES, Site, stand_up
 from core.doubts import Doubt, Failure
@@ -118,10 +118,10 @@ def held_together(
     weak = replace(site.points, sigma_m=np.full_like(site.points.sigma_m, options.first_control_m))
     surveyed = surveyed_of(weak, site.sources)
     measured = [
-        agreed_measurement(photo_id, site.points, found, int(point))
+        Measurement(site.points.ids[point], photo_id, peak.column, peak.row, 2 * peak.sigma_px)
         for photo_id, found in oriented.items()
         if isinstance(found, OrientedPhoto) and block.photos[photo_id].oriented
-        for point in found.agreeing
+        for point, peak in zip(found.agreeing.tolist(), found.agreed, strict=True)
     ]
     first = replace(
         block,
@@ -130,15 +130,6 @@ def held_together(
     )
     report = adjust_block(first, replace(options.adjustment, robust=False))
     return block.with_photos(report.block.photos) if report.converged else block
-
-
-def agreed_measurement(
-    photo_id: str, points: ReferencePoints, found: OrientedPhoto, point: int
-) -> Measurement:
-    """The best candidate of a point on which a single photo agreed."""
-    match = next(match for match in found.found if match.point == point)
-    peak = match.peaks[0]
-    return Measurement(points.ids[point], photo_id, peak.column, peak.row, 2 * peak.sigma_px)
 
 
 def proposals(

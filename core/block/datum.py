@@ -6,7 +6,7 @@ reference point of every photo has a voice in them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from core.block.matching import Found, MatchingOptions, candidates_of, match_poi
 from core.block.orientation import (
     OrientationOptions,
     ReferencePoints,
+    finest_gsd_m,
     finest_reduction,
     ground_sigma_px,
 )
@@ -27,6 +28,10 @@ from core.geometry.consensus import Candidates, Consensus, ConsensusOptions
 from core.geometry.resection import PhotoModel
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
+
+LEAST_SHIFT_PX = 4.0
+"""The block's place is never taken to be surer than this many of the finest pixels: a search
+window without room has no place for chance to show itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +79,9 @@ def lay_on_reference(
     """
     photos = [photo for photo in block.photos.values() if photo.oriented]
     about = np.mean([photo.exterior.centre for photo in photos], axis=0)
+    first = OpenPhoto(photos[0], block.cameras[photos[0].camera], scans[photos[0].photo_id])
+    least_m = LEAST_SHIFT_PX * finest_gsd_m(first, reference, orientation)
+    options = replace(options, shift_m=max(options.shift_m, least_m))
 
     def cast(photo: Photo) -> Ballot | None:
         opened = OpenPhoto(photo, block.cameras[photo.camera], scans[photo.photo_id])

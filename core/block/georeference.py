@@ -30,6 +30,8 @@ from core.reference.dem import Dem
 from core.scan.orientation import ScanOrientation
 
 GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
+NAMED = {"world-file": "world file", "points": ".points file", "footprints": "footprint"}
+"""The sources in the words of a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,7 @@ def georeference_photo(
         found = _from_source(kind, oriented, camera, archive, dem)
         if found is None:
             continue
-        if kind == wanted:
+        if wanted in (kind, "none"):
             return found
         return replace(
             found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))
@@ -223,7 +225,7 @@ def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:
     return Doubt(
         "georeference-missing",
         photo_id,
-        f"There is no {wanted} for this scan; it was placed by its {used} instead.",
+        f"There is no {NAMED[wanted]} for this scan; it was placed by its {NAMED[used]} instead.",
         0.3,
         {"wanted": wanted, "used": used},
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from core.arrays import Indices, Matrix, ObjectPoints, Scalars
+from core.block.block import Peak
 from core.block.matching import (
     Found,
     MatchingOptions,
@@ -21,9 +22,6 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.progress import Progress
 from core.reference.reference import Reference
-
-LOCAL_CHANGE_M = 0.4
-"""How far a detail that persists may have moved between the epochs, metres per axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +68,9 @@ class OrientedPhoto:
     found: tuple[Found, ...]
     """Candidates of the reference points of the last pass."""
     agreeing: Indices
-    """Reference points whose candidate agrees with the orientation."""
+    """Reference points of which a candidate agrees with the orientation."""
+    agreed: tuple[Peak, ...]
+    """The candidate of each of them that agrees; not always the best of its point."""
     log10_nfa: float
     """Expected number of false alarms, as a power of ten."""
 
@@ -194,12 +194,17 @@ def fine_passes(
         if isinstance(outcome, Failure):
             break
         result, found = outcome, seen
-    agreeing = np.zeros(0, np.int64)
-    if found:
-        candidates = candidates_of(list(found), np.zeros(len(points.ids)), 0.0)
-        agreeing = candidates.point[result.chosen]
+    every = [(match.point, peak) for match in found for peak in match.peaks]
+    agreed = [every[candidate] for candidate in result.chosen.tolist()] if found else []
     nfa = min(start.log10_nfa, result.log10_nfa)
-    return OrientedPhoto(result.exterior, result.covariance, found, agreeing, nfa)
+    return OrientedPhoto(
+        result.exterior,
+        result.covariance,
+        found,
+        np.array([point for point, _ in agreed], dtype=np.int64),
+        tuple(peak for _, peak in agreed),
+        nfa,
+    )
 
 
 def finest_reduction(opened: OpenPhoto, reference: Reference, options: OrientationOptions) -> int:

@@ -125,7 +125,7 @@ def refined_turn(
     opened: OpenPhoto, reference: Reference, turn: Turn, options: PlacementOptions
 ) -> Turn:
     """The same placement sought again at a finer scale close to a first one."""
-    step = 2.0 / options.coarse_px
+    step = 1.5 / options.coarse_px
     level = Level(opened, reference, opened.width_m / options.fine_px, turn, options)
     trials = product((-step, 0.0, step), (-step, 0.0, step))
     found = [
@@ -137,8 +137,8 @@ def refined_turn(
 
 
 def trial_turns(photo: Photo, options: PlacementOptions) -> Iterator[tuple[float, float]]:
-    """Turns and scales to try: steps that move the photo's corner by about 2 coarse pixels."""
-    step = 4.0 / options.coarse_px
+    """Turns and scales to try: steps that move the photo's corner by about 1.5 coarse pixels."""
+    step = 3.0 / options.coarse_px
     kappa = min(options.search_sigmas * float(photo.prior.sigma_angles[2]), options.most_turn)
     above = float(photo.approximate.centre[2]) - photo.ground_height_m
     scale = min(

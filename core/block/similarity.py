@@ -6,13 +6,11 @@ doubled gradient angles, so that a dark road matches a bright one (METHODS 4.1).
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import cv2
 import numpy as np
 from jaxtyping import Float32
 
-Operator = Literal["ncc", "gradient"]
 Image = Float32[np.ndarray, "rows columns"]
 Field = Float32[np.ndarray, "rows columns 2"]
 Template = Float32[np.ndarray, "template_rows template_columns"]

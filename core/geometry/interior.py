@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from core.arrays import Affine2, FilmPoints, PixelPoints, Scalars, locked
+from core.arrays import Affine2, FilmPoints, PixelPoints, locked
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, fit_affine, fit_similarity
@@ -54,10 +54,6 @@ class InteriorOrientation:
     def rms_um(self) -> float:
         """Root mean square of the fiducial residuals per coordinate, micrometres (0 if none)."""
         return float(np.sqrt(np.mean(self.residuals_um**2))) if len(self.names) else 0.0
-
-    def residual_lengths_um(self) -> Scalars:
-        """Length of each fiducial's residual, micrometres."""
-        return np.linalg.norm(self.residuals_um, axis=1)
 
 
 LIMIT_UM = 30.0

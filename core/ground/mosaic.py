@@ -26,10 +26,13 @@ from core.ground.overview import Overview, read_overview
 from core.ground.radiometry import Balance, BalanceOptions, balance_orthos
 from core.ground.seams import PhotoArea, Seam, SeamOptions, area_of, draw_seams, write_seams
 from core.ground.tiles import (
+    BLOCK_PX,
     NODATA,
     SILENT,
     Pixels,
     Tile,
+    full_disk_told,
+    refuse_incomplete,
     tiled_profile,
     tiles_of,
     window_of,
@@ -129,7 +132,9 @@ def compose_mosaic(
             progress,
             "mosaic",
         )
-        rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)
+        with full_disk_told(path):
+            rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)
+        refuse_incomplete(path, -(-grid.columns // BLOCK_PX) * -(-grid.rows // BLOCK_PX))
     finally:
         tiles_path.unlink(missing_ok=True)
     share = covered / (grid.columns * grid.rows)
@@ -139,7 +144,7 @@ def compose_mosaic(
 RASTERIZING = Lock()
 """rasterio silences a warning of its own while it rasterizes, which is one thread's business."""
 COG = {
-    "blocksize": 512,
+    "blocksize": BLOCK_PX,
     "compress": "deflate",
     "predictor": "yes",
     "overview_resampling": "average",

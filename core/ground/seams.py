@@ -4,6 +4,8 @@ The nearest nadir among the photos that show a place (METHODS 8), as polygons in
 They are exact partitions: straight bisectors between nadirs, cut by what each photo shows.
 """
 
+import errno
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +15,7 @@ import pyogrio.raw
 import rasterio.features
 import shapely
 from affine import Affine
+from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
 from shapely import STRtree
 from shapely.geometry import MultiPolygon, Polygon, shape
 from shapely.geometry.base import BaseGeometry
@@ -114,22 +117,30 @@ def draw_seams(
 
 
 def write_seams(seams: Iterable[Seam], path: Path, crs: str) -> None:
-    """Write `seams.gpkg` (scan, date, polygon) as CONTRACT 4 promises."""
+    """Write `seams.gpkg` (scan, date, polygon) as CONTRACT 4 promises.
+
+    Raises:
+        OSError: The disk is full.
+    """
     seams = tuple(seams)
     areas = [shapely.multipolygons(shapely.get_parts(seam.area)) for seam in seams]
-    pyogrio.raw.write(
-        path,
-        geometry=np.array([shapely.to_wkb(area) for area in areas], dtype=object),
-        field_data=[
-            np.array([seam.photo_id for seam in seams], dtype=object),
-            np.array([seam.date for seam in seams], dtype=object),
-        ],
-        fields=np.array(["scan", "date"], dtype=object),
-        geometry_type="MultiPolygon",
-        crs=crs,
-        driver="GPKG",
-        layer="seams",
-    )
+    try:
+        pyogrio.raw.write(
+            path,
+            geometry=np.array([shapely.to_wkb(area) for area in areas], dtype=object),
+            field_data=[
+                np.array([seam.photo_id for seam in seams], dtype=object),
+                np.array([seam.date for seam in seams], dtype=object),
+            ],
+            fields=np.array(["scan", "date"], dtype=object),
+            geometry_type="MultiPolygon",
+            crs=crs,
+            driver="GPKG",
+            layer="seams",
+        )
+    except (DataSourceError, DataLayerError, FeatureError) as error:
+        # The folder has been found to be writable: only room for what is put in may be lacking.
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
 
 
 def read_seams(path: Path) -> tuple[Seam, ...]:

@@ -50,11 +50,6 @@ class Truth:
         true = ndimage.map_coordinates(heights, place.T[::-1], order=1, cval=np.nan)
         return np.where(np.isfinite(true), true, points[:, 2])
 
-    def pixel_of(self, photo_id: str, points: ObjectPoints) -> PixelPoints:
-        """Where a photo truly shows the ground at points, pixels (corner origin)."""
-        ground = np.column_stack([points[:, :2], self.heights_at(points)])
-        return self.photos[photo_id].pixel_from_object(ground, self.camera)
-
     def ground_of(self, photo_id: str, pixels: PixelPoints, heights: Scalars) -> PlanPoints:
         """Easting and northing that a photo's pixels truly show at given heights, metres."""
         return self.photos[photo_id].object_from_pixel(pixels, heights, self.camera)[:, :2]

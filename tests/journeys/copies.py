@@ -59,9 +59,10 @@ class BlockCopy:
 def copied(block: Path, folder: Path, scans: int) -> BlockCopy:
     """A copy made of links, with the first so many scans."""
     left_out = {path.stem for path in sorted((block / "scans").glob("*.tif"))[scans:]}
+    made = {"truth", "results", ".gruber", "session.gpkg"}
 
     def passed_over(_: str, names: list[str]) -> set[str]:
-        return {name for name in names if Path(name).stem in left_out} | {"truth"} & set(names)
+        return {name for name in names if Path(name).stem in left_out or name in made}
 
     shutil.copytree(block, folder, copy_function=os.link, ignore=passed_over)
     return BlockCopy(folder)

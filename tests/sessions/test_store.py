@@ -264,7 +264,7 @@ def test_a_missing_folder_and_a_folder_in_its_place_are_told__truth(tmp_path: Pa
     with pytest.raises(StorageError, match="cannot be opened"):
         Store.open(tmp_path / "nowhere" / "session.gpkg")
     (tmp_path / "session.gpkg").mkdir()
-    with pytest.raises(StorageError, match="cannot be opened"):
+    with pytest.raises(StorageError, match="is a folder where the session file belongs"):
         Store.open(tmp_path / "session.gpkg")
 
 

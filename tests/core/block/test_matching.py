@@ -91,8 +91,9 @@ def test_the_prediction_is_as_sure_as_orientation_and_ground_are__truth(tiny):
     told = predict_pixels(opened, np.diag(sigma**2), points, ground).sigma_px
     drawn = np.array(
         [
-            opened.at(moved(opened.photo.exterior, rng.normal(size=6) * sigma))
-            .photo.pixel_from_object(
+            opened.at(
+                moved(opened.photo.exterior, rng.normal(size=6) * sigma)
+            ).photo.pixel_from_object(
                 points + rng.normal(size=points.shape) * ground, tiny.truth.camera
             )
             for _ in range(600)
@@ -186,9 +187,7 @@ def test_candidates_carry_their_trust_and_their_accuracy__law():
     candidates = candidates_of(found, ground, floor_px=0.35)
     assert candidates.point.tolist() == [2, 2, 7]
     assert candidates.trust.tolist() == [1.0, NCC_TRUST, 1.0]
-    np.testing.assert_allclose(
-        candidates.sigma_px, np.hypot([0.35, 0.4, DULL * 0.35], 0.6)
-    )
+    np.testing.assert_allclose(candidates.sigma_px, np.hypot([0.35, 0.4, DULL * 0.35], 0.6))
     np.testing.assert_allclose(candidates.chance, [1 / 400, 1 / 400, 1 / 900])
     assert candidates.weight[0] > candidates.weight[1]
 

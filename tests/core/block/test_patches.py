@@ -42,9 +42,7 @@ def test_the_ground_of_its_day_seen_through_the_truth_is_the_scan__truth(tiny):
     for name in tiny.names[:3]:
         for share in PLACES:
             window = window_about(tiny.photos[name], share)
-            shift, likeness = shift_between(
-                read_pair(tiny.opened(name), tiny.archival(), window)
-            )
+            shift, likeness = shift_between(read_pair(tiny.opened(name), tiny.archival(), window))
             shifts.append(shift)
             likenesses.append(likeness)
     assert np.min(likenesses) > 0.6

@@ -21,9 +21,7 @@ def test_every_column_of_a_row__truth(tmp_path):
         "GCP 1,-580000.25,-1190000.5,201.125,0.05,0.08,control\n"
         "7,-580100,-1190100,205,0.5,1,check\n",
     )
-    assert points[0] == ListedPoint(
-        "GCP 1", -580000.25, -1190000.5, 201.125, 0.05, 0.08, "control"
-    )
+    assert points[0] == ListedPoint("GCP 1", -580000.25, -1190000.5, 201.125, 0.05, 0.08, "control")
     assert points[1].point_id == "7"
     assert points[1].role == "check"
 

@@ -22,8 +22,10 @@ def test_photos_and_ground_moved_together_show_the_same__law():
     rng = np.random.default_rng(0)
     step = np.array([12.0, -30.0, 7.0, 0.02, -0.01, 0.4, 0.03])
     similarity = SimilarityInSpace(ABOUT, step)
-    exterior = ExteriorOrientation(ABOUT + [600.0, -400.0, 20.0], 0.03, -0.02, 2.9)
-    points = ABOUT + np.column_stack([rng.uniform(-900, 900, (40, 2)), rng.uniform(-3200, -2900, 40)])
+    exterior = ExteriorOrientation(ABOUT + np.array([600.0, -400.0, 20.0]), 0.03, -0.02, 2.9)
+    points = ABOUT + np.column_stack(
+        [rng.uniform(-900, 900, (40, 2)), rng.uniform(-3200, -2900, 40)]
+    )
     np.testing.assert_allclose(
         film_from_object(carried(similarity, points), similarity.moved(exterior), CAMERA),
         film_from_object(points, exterior, CAMERA),
@@ -32,15 +34,13 @@ def test_photos_and_ground_moved_together_show_the_same__law():
 
 
 def test_no_step_moves_nothing__law():
-    exterior = ExteriorOrientation(ABOUT + [1.0, 2.0, 3.0], 0.03, -0.02, 2.9)
+    exterior = ExteriorOrientation(ABOUT + np.array([1.0, 2.0, 3.0]), 0.03, -0.02, 2.9)
     same = SimilarityInSpace(ABOUT, np.zeros(7)).moved(exterior)
     np.testing.assert_allclose(same.centre, exterior.centre, atol=1e-9)
-    np.testing.assert_allclose(
-        [same.omega, same.phi, same.kappa], [0.03, -0.02, 2.9], atol=1e-12
-    )
+    np.testing.assert_allclose([same.omega, same.phi, same.kappa], [0.03, -0.02, 2.9], atol=1e-12)
 
 
 def test_the_point_it_turns_about_is_only_shifted__law():
     step = np.array([5.0, 6.0, 7.0, 0.1, 0.2, 0.3, 0.5])
     there = SimilarityInSpace(ABOUT, step).moved(ExteriorOrientation(ABOUT, 0.0, 0.0, 0.0))
-    np.testing.assert_allclose(there.centre, ABOUT + [5.0, 6.0, 7.0])
+    np.testing.assert_allclose(there.centre, ABOUT + np.array([5.0, 6.0, 7.0]))

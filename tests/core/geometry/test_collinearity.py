@@ -44,7 +44,11 @@ def test_kappa_turns_the_camera_counter_clockwise__law():
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-3.1, 3.1), st.booleans(), st.integers(0, 9)
+    st.floats(-0.1, 0.1),
+    st.floats(-0.1, 0.1),
+    st.floats(-3.1, 3.1),
+    st.booleans(),
+    st.integers(0, 9),
 )
 def test_down_to_the_ground_and_back__law(omega, phi, kappa, air, seed):
     exterior = ExteriorOrientation(CENTRE, omega, phi, kappa)

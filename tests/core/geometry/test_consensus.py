@@ -14,8 +14,10 @@ from core.geometry.consensus import (
 )
 from tests.core.geometry.planted import PRIOR_SIGMA, START, planted, with_idle
 
+DEFAULT = ConsensusOptions()
 
-def linear(case, options=ConsensusOptions()) -> Consensus:
+
+def linear(case, options=DEFAULT) -> Consensus:
     """The vote of a planted photo in its linear model."""
     pixels, design = case.model.linearised(case.points, START)
     known = case.candidates
@@ -86,7 +88,7 @@ def test_more_agreement_is_less_chance__law():
 def test_only_one_candidate_a_point_agrees_and_the_nearest_of_them__truth():
     case = planted(5, 40, 20, each=3)
     vote = linear(case)
-    step, chosen, number = best(vote, 0)
+    _, chosen, number = best(vote, 0)
     points = case.candidates.point[chosen]
     assert len(set(points.tolist())) == len(points)
     assert set(case.right) <= set(chosen.tolist())

@@ -15,12 +15,12 @@ from core.geometry.interior import InteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, difference, moved, resect_photo
 from tests.core.geometry.planted import PIXEL_MM, PRIOR_SIGMA, SIDE_PX, START, planted
 
+QUICK = ConsensusOptions(refined=4)
 
-def resected(case, seed=0, options=ConsensusOptions(refined=4), start=START):
+
+def resected(case, seed=0, options=QUICK, start=START):
     rng = np.random.default_rng(seed)
-    return resect_photo(
-        case.model, start, case.prior, case.points, case.candidates, options, rng
-    )
+    return resect_photo(case.model, start, case.prior, case.points, case.candidates, options, rng)
 
 
 def test_eleven_right_of_ninety_are_found_to_their_covariance__truth():
@@ -127,9 +127,7 @@ def test_too_few_points_are_a_failure_that_says_so__law():
     found = resected(case)
     assert isinstance(found, Failure)
     assert "4 known points" in found.reason
-    none = Candidates(
-        np.zeros(0, np.int64), np.zeros((0, 2)), *(np.zeros(0) for _ in range(4))
-    )
+    none = Candidates(np.zeros(0, np.int64), np.zeros((0, 2)), *(np.zeros(0) for _ in range(4)))
     empty = resect_photo(
         case.model, START, case.prior, case.points, none, ConsensusOptions(),
         np.random.default_rng(0),

@@ -1,0 +1,151 @@
+"""Walking the stages: what is fresh is kept, what is not is made, what breaks is resumed."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import app.run
+from app.project import read_project
+from app.run import STAGE_NAMES, Run, RunOptions, counted, default_gsd_m, told
+from core.doubts import Doubt, Failure
+from core.errors import Cancelled, OrientationError, StorageError
+from core.pipeline import STAGES, Georeferenced, ScanSet, Stage, Tied
+from core.progress import Progress, Silent
+from sessions.session import Session
+from tests.flights import FlightPlan, fly
+
+
+class Listener:
+    """A voice that remembers what it was told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def stage(self, name: str, title: str) -> Progress:
+        return Silent()
+
+    def ended(self, name: str, title: str, seconds: float, said: str) -> None:
+        self.lines.append(f"{name}: {said}")
+
+    def say(self, text: str) -> None:
+        self.lines.append(text)
+
+
+class Kitchen:
+    """Two stages that count how often they run; the second needs the first."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, tiny_block: Path, folder: Path) -> None:
+        self.made: list[str] = []
+        self.inputs: dict[str, Any] = {"scans": 1, "georeference": 1}
+        self.project = read_project(tiny_block)
+        self.folder = folder
+        stages = tuple(self.stage(stage) for stage in STAGES[:2])
+        monkeypatch.setattr(app.run, "STAGES", stages)
+        self.stages = stages
+
+    def stage(self, stage: Stage) -> Stage:
+        def run(given, made, work):
+            self.made.append(stage.name)
+            before = [made[name] for name in stage.needs]
+            return Doubt("made", stage.name, f"{self.inputs[stage.name]} of {before}")
+
+        return replace(stage, inputs=lambda given: (self.inputs[stage.name],), run=run)
+
+    def walk(self, last: str = "georeference", first: str | None = None) -> list[str]:
+        """Go through the stages; the names of those that were made."""
+        self.made.clear()
+        with Session.open(self.folder, "cook") as session:
+            walk = Run(self.project, session, Listener(), RunOptions(first, last))
+            walk.set_aside = dict  # type: ignore[method-assign]
+            walk.doubts = list  # type: ignore[method-assign, assignment]
+            walk.walk()
+        return list(self.made)
+
+
+@pytest.fixture
+def kitchen(monkeypatch, tiny_block, tmp_path) -> Kitchen:
+    return Kitchen(monkeypatch, tiny_block, tmp_path)
+
+
+def test_what_is_fresh_is_not_made_again__law(kitchen):
+    assert kitchen.walk() == ["scans", "georeference"]
+    assert kitchen.walk() == []
+
+
+def test_another_input_makes_its_stage_and_what_needs_it__law(kitchen):
+    kitchen.walk()
+    kitchen.inputs["georeference"] = 2
+    assert kitchen.walk() == ["georeference"]
+    kitchen.inputs["scans"] = 2
+    assert kitchen.walk() == ["scans", "georeference"]
+
+
+def test_another_version_of_a_stage_makes_it_again__law(kitchen, monkeypatch):
+    kitchen.walk()
+    changed = (kitchen.stages[0], replace(kitchen.stages[1], version=9))
+    monkeypatch.setattr(app.run, "STAGES", changed)
+    assert kitchen.walk() == ["georeference"]
+
+
+def test_from_makes_a_stage_and_all_after_it__law(kitchen):
+    kitchen.walk()
+    assert kitchen.walk(first="georeference") == ["georeference"]
+    assert kitchen.walk(first="scans") == ["scans", "georeference"]
+    assert kitchen.walk(first="mosaic") == []
+
+
+def test_until_stops_there__law(kitchen):
+    assert kitchen.walk(last="scans") == ["scans"]
+    assert kitchen.walk() == ["georeference"]
+
+
+@pytest.mark.parametrize(
+    "error", [OrientationError("block", "it fell.", "Try again."), Cancelled(), KeyboardInterrupt()]
+)
+def test_what_was_made_before_a_stop_is_kept__law(kitchen, monkeypatch, error):
+    def breaks(given, made, work):
+        raise error
+
+    whole = kitchen.stages
+    broken = replace(whole[1], run=breaks)
+    monkeypatch.setattr(app.run, "STAGES", (whole[0], broken))
+    with pytest.raises(type(error)):
+        kitchen.walk()
+    monkeypatch.setattr(app.run, "STAGES", whole)
+    assert kitchen.walk() == ["georeference"]
+
+
+def test_only_one_walks_at_a_time__law(kitchen):
+    with (
+        Session.open(kitchen.folder, "first") as session,
+        session.running(),
+        pytest.raises(StorageError, match="working on this block"),
+    ):
+        kitchen.walk()
+
+
+def test_the_engine_s_stages_come_before_what_needs_decisions__law():
+    assert (
+        *("scans", "georeference", "reference", "ties", "orientation", "control"),
+        *("adjustment", "orthos", "mosaic", "report"),
+    ) == STAGE_NAMES
+
+
+def test_each_value_is_told_in_one_line__truth():
+    flight = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0))
+    block = flight.block
+    doubts: tuple[Doubt, ...] = ()
+    assert told(Georeferenced(block, {}, {"x": "why"}, doubts)) == "6 photos placed, 1 set aside"
+    assert told(ScanSet({}, {}, doubts)) == "0 scans, no fiducials"
+    assert told(Tied(block.ties, doubts)).startswith("40 tie points")
+    assert told({"a": Failure("x")}) == "1 photo searched"
+    assert (counted(1, "scan"), counted(0, "scan")) == ("1 scan", "0 scans")
+
+
+def test_orthos_are_as_fine_as_the_scans__truth():
+    """15 um at 1 : 15 000 is 22 cm on the ground, and the next round figure 25 cm."""
+    flight = fly(FlightPlan(ties=40), np.random.default_rng(0))
+    assert default_gsd_m(flight.block) == 0.25
