@@ -3,7 +3,8 @@
 import io
 import os
 import secrets
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -15,21 +16,28 @@ from app.run import Run, RunOptions, make_mosaic, make_orthos, write_all
 from app.scan_files import ScanFiles
 from app.terminal import JsonLines
 from app.wiring import DeskInputs
+from core.arrays import ObjectPoints
 from core.block.adjusted import AdjustmentReport
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block, Photo
+from core.block.likeness import Likeness, likeness_about, search_options
 from core.block.orientation import OrientationOptions
+from core.block.patches import OpenPhoto
+from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
 from core.pipeline import open_reference, search_bounds
 from core.progress import Part, Progress
 from core.reference.reference import Reference
+from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m
 from ui.review.state import Made
 
+SEARCH_M = 12.0
+"""How far about the expected place reference and scan are compared, metres."""
 MOSAIC_WORK = 2.0
 """Making the mosaic takes about as long as this many orthos."""
 
@@ -51,6 +59,7 @@ def desk_inputs(
             "the block has no control points to review yet.",
             f"Run it first: gruber run {project.folder}",
         )
+    scans = ScanFiles(project.folder)
     reference = open_reference(given, search_bounds(placed.block))
     block = assembly.report.block
     report = adjusted(given, session.replayed(block))
@@ -62,7 +71,7 @@ def desk_inputs(
         session=session,
         ortho=reference.ortho,
         dem=reference.dem,
-        read_scan=ScanFiles(project.folder),
+        read_scan=scans,
         adjust=lambda block, progress: adjusted(given, block),
         remake=Remaking(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
@@ -70,6 +79,7 @@ def desk_inputs(
         operator=operator,
         host=host,
         port=port,
+        likeness=Comparing(reference, given.assembly.orientation, scans.opened),
         token=lasting_token(project.folder / HIDDEN),
         template_m=template_m(
             report.block, reference.ortho.ground_sample_distance_m, given.assembly.orientation
@@ -89,6 +99,25 @@ def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
         for report in (one, other)
     ]
     return one.sigma_nought == other.sigma_nought and states[0] == states[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparing:
+    """Compares reference and scan about a point, as the engine does when it proposes control."""
+
+    reference: Reference
+    """Ortho and heights."""
+    orientation: OrientationOptions
+    """Sizes of the patches."""
+    open_scan: Callable[[str], ScanFile]
+    """Scans by their path."""
+
+    def __call__(self, photo: Photo, camera: Camera, position: ObjectPoints) -> Likeness | Failure:
+        """How alike both are about a position (1, 3)."""
+        opened = OpenPhoto(photo, camera, self.open_scan(photo.scan))
+        options = search_options(opened, self.reference, self.orientation, SEARCH_M)
+        pixel = photo.pixel_from_object(position, camera)
+        return likeness_about(opened, self.reference, pixel, options)
 
 
 class Remaking:

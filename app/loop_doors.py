@@ -7,7 +7,7 @@ from app.worker import Outcome
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
 from sessions.session import Session
-from ui.review.compare import Drawn, HeightSource
+from ui.review.compare import Drawn, HeightSource, LikenessSource
 from ui.review.gestures import Gesture
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
@@ -77,3 +77,5 @@ class LoopInputs:
     """An ortho is stale when the photo moved by more than this on the ground, metres."""
     adopted: Callable[[AdjustmentReport], None]
     """Called with every adjustment the desk shows, to keep it as a product."""
+    likeness: LikenessSource | None = None
+    """Compares reference and scan."""

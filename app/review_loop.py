@@ -308,7 +308,7 @@ class ReviewLoop:
         return [seat for seat_id, seat in self._seats.items() if seat_id in self._present]
 
     def _desk(self) -> Desk:
-        return Desk(self._state, self._rows, self._drawn, self._inputs.dem)
+        return Desk(self._state, self._rows, self._drawn, self._inputs.dem, self._inputs.likeness)
 
     def _show_all(self) -> None:
         rows = rows_part(self._rows)

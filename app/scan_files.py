@@ -20,8 +20,11 @@ class ScanFiles:
         self, scan: str, column: int, row: int, columns: int, rows: int, reduction: int
     ) -> Raster:
         """Grey values of a window, averaged over `reduction` pixels a side."""
+        return read_window(self.opened(scan), column, row, columns, rows, reduction, "edge")
+
+    def opened(self, scan: str) -> ScanFile:
+        """A scan by its path, looked at once."""
         with self._lock:
             if scan not in self._opened:
                 self._opened[scan] = open_scan(self._folder / scan)
-            opened = self._opened[scan]
-        return read_window(opened, column, row, columns, rows, reduction, "edge")
+            return self._opened[scan]

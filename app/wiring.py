@@ -21,6 +21,7 @@ from sessions.session import Session
 from ui.review.compare import (
     Drawn,
     HeightSource,
+    LikenessSource,
     PlanePoints,
     drawn_from_block,
     ground_pixel_m,
@@ -91,6 +92,8 @@ class DeskInputs:
     """Told of every adjustment the desk shows."""
     terrain: TerrainOptions = field(default_factory=TerrainOptions)
     """How fine the drape is."""
+    likeness: LikenessSource | None = None
+    """Compares reference and scan; None where there is nothing to compare with."""
     token: str = ""
     """Secret of the desk; a new one when empty."""
     template_m: float = 0.0
@@ -155,7 +158,7 @@ def open_desk(desk: DeskInputs) -> Desk:
     made = made_with(desk.report.block) if desk.made is None else desk.made
     state = DeskState(desk.block, desk.report, made=made, written=desk.written)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
-    tiles = TileStore(Sources(desk.ortho, desk.dem, desk.read_scan, lattice))
+    tiles = TileStore(Sources(desk.ortho, desk.dem, desk.read_scan, lattice, desk.likeness))
     joints = _Joints()
     access = Access(desk.host, desk.token) if desk.token else Access(desk.host)
     scene = SceneServer(_stage(desk, state), SEAT_HEADER, joints.hand_in, joints.scene_opened)
@@ -164,7 +167,14 @@ def open_desk(desk: DeskInputs) -> Desk:
     start = _start(desk, lattice)
     front = Front(FrontInputs(access, channel, tiles, upstream, start), desk.host, desk.port)
     inputs = LoopInputs(
-        desk.block, state, desk.session, desk.dem, desk.operator, desk.stale_m, desk.adopted
+        desk.block,
+        state,
+        desk.session,
+        desk.dem,
+        desk.operator,
+        desk.stale_m,
+        desk.adopted,
+        desk.likeness,
     )
     loop = ReviewLoop(inputs, _screen(front, channel, scene, tiles, desk.language))
     joints.loop = loop

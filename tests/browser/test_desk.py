@@ -296,3 +296,21 @@ def test_sockets_of_strangers_are_refused__law(desk):
 
 def test_no_client_can_open_a_public_tunnel__law(desk):
     assert viser_messages.ShareUrlRequest not in desk.scene.infrastructure._incoming_handlers
+
+
+def test_a_hand_ahead_of_the_picture_judges_nothing_twice__law(sit):
+    page = sit(scene=False)
+    first = current(page)
+    # Both keys fall before the answer to the first can be there.
+    page.evaluate(
+        "() => ['m', 'y'].forEach(key => "
+        "window.dispatchEvent(new KeyboardEvent('keydown', { key })))"
+    )
+    page.wait_for_function("gruber.parts.status.decided === 1")
+    page.wait_for_timeout(300)
+    assert state_of(page, first) == "dubious"
+    assert page.evaluate("gruber.parts.status.decided") == 1
+    second = current(page)
+    page.keyboard.press("y")
+    page.wait_for_function("gruber.parts.status.decided === 2")
+    assert state_of(page, second) == "accepted"

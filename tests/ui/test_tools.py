@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.block.likeness import Likeness
+from core.doubts import Failure
 from sessions.decisions import (
     Accept,
     ChoosePeak,
@@ -24,6 +26,7 @@ from ui.review.gestures import (
     PlacedInScan,
     PlacedOnGround,
     RayPicked,
+    Refined,
     RoleSwitched,
     Selected,
     Sorted,
@@ -104,6 +107,27 @@ def test_a_place_outside_the_scan_is_refused_in_words__law(desk, seat):
     assert found.decision is None
     assert found.notice is not None
     assert found.notice.text == "notice.outside"
+
+
+def test_enter_moves_the_measurement_onto_the_peak_and_says_how_far__law(desk, seat):
+    key = seat.current
+    measured = desk.state.block.measurements[key]
+    surface = np.zeros((41, 41), np.float32)
+    surface[17:24, 18:25] = np.exp(-np.add.outer(np.arange(-3, 4) ** 2, np.arange(-3, 4) ** 2) / 4)
+    first = measured.pixel - np.array([[20.0, 20.0]])
+    likeness = Likeness(surface, first, 1)
+    able = replace(desk, likeness=lambda photo, camera, position: likeness)
+    found = meaning(Refined(seat.seat_id, key), seat, able)
+    # The peak lies one pixel to the right of the measurement.
+    assert found.decision == Place(
+        *key, pytest.approx(measured.column + 1, abs=0.02), pytest.approx(measured.row, abs=0.02)
+    )
+    assert found.notice.values["distance"] == "1.00"
+    assert found.seat.current == key
+    flat = replace(desk, likeness=lambda *_: Failure("the point is not in this photo"))
+    refused = meaning(Refined(seat.seat_id, key), seat, flat)
+    assert refused.decision is None
+    assert refused.notice.text == "notice.not-refined"
 
 
 def test_a_peak_is_chosen_only_if_it_is_there__law(desk, seat):

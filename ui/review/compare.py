@@ -5,7 +5,7 @@ lags behind the newest adjustment by at most a third of a pixel, so that tiles a
 after every decision. Everything laid over it passes through the same drawn orientation.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -14,6 +14,8 @@ from jaxtyping import Float64
 
 from core.arrays import ObjectPoints, PixelPoints, Scalars
 from core.block.block import Block, Photo
+from core.block.likeness import Likeness
+from core.doubts import Failure
 from core.geometry.camera import Camera
 from ui.review.state import DeskState, Key, Made
 
@@ -44,6 +46,8 @@ class DrawnPhoto:
 
 
 Drawn = Mapping[str, DrawnPhoto]
+LikenessSource = Callable[[Photo, Camera, ObjectPoints], Likeness | Failure]
+"""(photo, camera, position (1, 3)) -> how alike reference and scan are about that position."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,6 +48,14 @@ class PlacedOnGround:
 
 
 @dataclass(frozen=True, slots=True)
+class Refined:
+    """The measurement moved onto the peak of likeness beside it."""
+
+    seat_id: str
+    key: Key
+
+
+@dataclass(frozen=True, slots=True)
 class PeakChosen:
     """Another of the places the engine found."""
 
@@ -162,8 +170,8 @@ class RemakeCancelled:
 
 
 Gesture = (
-    Judged | Explained | PlacedInScan | PlacedOnGround | PeakChosen | RoleSwitched | Undone
-    | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
+    Judged | Explained | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
+    | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
     | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled
 )  # fmt: skip
 Message = Mapping[str, Any]
@@ -227,6 +235,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "judge": _judged,
     "explain": lambda seat, message: Explained(seat, int(message["digit"])),
     "place": _placed,
+    "refine": lambda seat, message: Refined(seat, _key(message)),
     "peak": lambda seat, message: PeakChosen(seat, _key(message), int(message["index"])),
     "role": lambda seat, message: RoleSwitched(seat, str(message["point"])),
     "undo": lambda seat, message: Undone(seat),

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from core.doubts import Failure
 from sessions.decisions import (
     NOT_VISIBLE,
     REASONS,
@@ -18,7 +19,7 @@ from sessions.decisions import (
     Reject,
     SetRole,
 )
-from ui.review.compare import Drawn, HeightSource, pixel_from_ground
+from ui.review.compare import Drawn, HeightSource, LikenessSource, pixel_from_ground
 from ui.review.gestures import (
     Explained,
     Filtered,
@@ -31,6 +32,7 @@ from ui.review.gestures import (
     PlacedOnGround,
     RayPicked,
     Redone,
+    Refined,
     RemakeAsked,
     RemakeCancelled,
     RoleSwitched,
@@ -61,6 +63,8 @@ class Desk:
     """Photos as they are drawn on the pages."""
     dem: HeightSource
     """Heights of the ground."""
+    likeness: LikenessSource | None = None
+    """Compares reference and scan; None where there is nothing to compare with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +90,8 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return _explain(gesture, seat)
         case PlacedInScan() | PlacedOnGround() | PeakChosen():
             return _measure(gesture, seat, desk)
+        case Refined():
+            return _refine(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
         case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted():
@@ -214,6 +220,30 @@ def _measure(
     if not (0 <= pixel[0] <= columns and 0 <= pixel[1] <= rows):
         return Meaning(seat, notice=Notice("notice.outside", {"scan": photo_id}, grave=True))
     return Meaning(seat, decision=Place(point_id, photo_id, float(pixel[0]), float(pixel[1])))
+
+
+def _refine(gesture: Refined, seat: Seat, desk: Desk) -> Meaning:
+    """The measurement on the peak of likeness beside it, and by how much that moved it."""
+    measurement = desk.state.block.measurements.get(gesture.key)
+    point = desk.state.block.surveyed.get(gesture.key[0])
+    oriented = desk.state.oriented
+    if desk.likeness is None or measurement is None or point is None:
+        return Meaning(seat)
+    photo, camera = oriented.photos[gesture.key[1]], oriented.camera_of(gesture.key[1])
+    likeness = desk.likeness(photo, camera, point.position[None, :])
+    found = likeness if isinstance(likeness, Failure) else likeness.refined(measurement.pixel)
+    seat = replace(seat, current=gesture.key, explaining=None)
+    if isinstance(found, Failure):
+        return Meaning(seat, notice=Notice("notice.not-refined", {"why": found.reason}))
+    column, row = (float(value) for value in found[0])
+    moved = column - measurement.column, row - measurement.row
+    values = {
+        "distance": f"{np.hypot(*moved):.2f}",
+        "column": f"{moved[0]:+.2f}",
+        "row": f"{moved[1]:+.2f}",
+    }
+    notice = Notice("notice.refined", values)
+    return Meaning(seat, decision=Place(*gesture.key, column, row), notice=notice)
 
 
 def _switch_role(gesture: RoleSwitched, seat: Seat, desk: Desk) -> Meaning:

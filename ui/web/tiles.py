@@ -12,9 +12,12 @@ import cv2
 import numpy as np
 from aiohttp import web
 
+from core.arrays import ObjectPoints
+from core.block.likeness import Likeness
+from core.doubts import Failure
 from core.errors import PhotogrammetryError
 from core.geometry.grid import Grid
-from ui.review.compare import Drawn, DrawnPhoto, HeightSource
+from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource
 from ui.review.tiles import (
     WALLIS_RADIUS,
     Colour,
@@ -51,6 +54,8 @@ class Sources:
     """Windows of raw scans."""
     lattice: Lattice
     """Where ground tiles lie."""
+    likeness: LikenessSource | None = None
+    """Compares reference and scan."""
 
 
 class TileStore:
@@ -112,6 +117,15 @@ class TileStore:
             return raw_tile(photo, read, stretch, place)
         return _inner(local_contrast(raw_tile(photo, read, stretch, place, WALLIS_RADIUS)))
 
+    async def likeness(self, photo: DrawnPhoto, position: ObjectPoints) -> Likeness | Failure:
+        """How alike reference and scan are about a position."""
+        source = self.sources.likeness
+        if source is None:
+            return Failure("there is nothing to compare with")
+        loop = asyncio.get_running_loop()
+        ask = lambda: source(photo.photo, photo.camera, position)  # noqa: E731
+        return await loop.run_in_executor(self._pool, ask)
+
     def photo(self, photo_id: str, version: int) -> DrawnPhoto:
         """The orientation a tile's address means."""
         found = self._drawn.get((photo_id, version))
@@ -152,12 +166,24 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
         photo, grid = _photo(store, request), _grid_about(request)
         return await _answer(store, request, lambda: store.scan(photo, grid, False))
 
+    async def likeness(request: web.Request) -> web.StreamResponse:
+        photo, names = _photo(store, request), ("east", "north", "height")
+        position = np.array([[float(request.match_info[name]) for name in names]])
+        found = await store.likeness(photo, position)
+        if isinstance(found, Failure):
+            return web.Response(status=204)
+        place = f"{found.first[0, 0]:.3f} {found.first[0, 1]:.3f} {found.reduction}"
+        headers = {"X-Place": place, "Cache-Control": "private, max-age=3600"}
+        return web.Response(body=as_veil(found.values), content_type="image/png", headers=headers)
+
     place = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
     photo = r"/{photo}/{version:\d+}"
+    position = "".join(f"/{{{name}:-?[0-9.]+}}" for name in ("east", "north", "height"))
     return [
         web.get("/tiles/ortho" + place, ortho),
         web.get("/tiles/scan" + photo + place, scan),
         web.get("/tiles/raw" + photo + place, raw),
+        web.get("/tiles/likeness" + photo + position, likeness),
         web.get("/tiles/point" + photo + "/{east}/{north}/{pixel}", thumbnail),
     ]
 
@@ -166,6 +192,18 @@ def encoded_tile(picture: Grey | Colour) -> bytes:
     """JPEG of a picture, grey or red-green-blue."""
     ordered = picture if picture.ndim == 2 else picture[:, :, ::-1]
     done, data = cv2.imencode(".jpg", ordered, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert done
+    return cast(np.ndarray, data).tobytes()
+
+
+def as_veil(values: np.ndarray) -> bytes:
+    """PNG to lay over a scan: clear where nothing is alike, warm and dense at the peaks."""
+    middle, top = float(np.median(values)), float(values.max())
+    share = np.clip((values - middle) / max(top - middle, 1e-6), 0.0, 1.0)[..., None]
+    low, high = np.array([130.0, 40.0, 200.0]), np.array([60.0, 225.0, 255.0])
+    colour = low + share * (high - low)
+    veil = np.concatenate([colour, 235.0 * share**1.25], axis=2)
+    done, data = cv2.imencode(".png", np.rint(veil).astype(np.uint8))
     assert done
     return cast(np.ndarray, data).tobytes()
 

@@ -1,10 +1,11 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
 import { byId, number, shortName, start, word } from "/pages/words.js";
+import { drawVeil, onVeil } from "/pages/veil.js";
 import { canvas, crosshair, halo, line, measuredMark, text } from "/pages/marks.js";
 import { drawLayer, fetchAhead, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
 
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
-const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, blink: false, scale: 0 };
+const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false, blink: false, scale: 0 };
 let point = null;
 let view = null; // {east, north: middle; scale: css pixels per metre}
 let cursor = null; // {east, north, raw}
@@ -33,6 +34,7 @@ export function setUpCompare(sender) {
   byId("swipe").title = word("swipe.tip");
   byId("contrast-label").title = word("contrast.tip");
   onTile(redraw);
+  onVeil(redraw);
   remember();
   byId("swipe").value = 100 * state.share;
   byId("contrast").value = 100 * state.contrast;
@@ -139,7 +141,7 @@ function content(name) {
 const showsRaw = (kind) => state.raw && kind === "scan";
 
 function drawAll() {
-  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=marks]")) {
+  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=likeness],[data-act=marks]")) {
     button.classList.toggle("on", state[button.dataset.act]);
   }
   if (!point || !view) return;
@@ -159,6 +161,7 @@ function drawPicture(pane) {
     const frame = rawFrame(width, height);
     drawLayer(context, rawLayer(photo, point.scan.version, point.scan.size, state.wallis), frame, width, height);
     pane.label.textContent = word("pane.raw", { scan: shortName(photo) });
+    if (state.likeness) drawVeil(context, point, (raw) => toScreen(pane, groundFromRaw(...raw), raw));
     return;
   }
   const frame = groundFrame(width, height);
@@ -172,6 +175,7 @@ function drawPicture(pane) {
     } else if (name === "blend") context.globalAlpha = state.share;
     drawLayer(context, scanLayer(photo, point.scan.version, state.wallis), frame, width, height);
     context.restore();
+    if (state.likeness) drawVeil(context, point, (raw) => toScreen(pane, groundFromRaw(...raw), raw));
   }
   const both = name === "swipe" || name === "blend";
   pane.label.textContent = both ? `${word("pane.ortho")} | ${word("pane.scan", { scan: shortName(photo) })}` : name === "ortho" ? word("pane.ortho") : word("pane.scan", { scan: shortName(photo) });

@@ -11,12 +11,20 @@ let socket = null;
 let waiting = 250;
 let explained = 0;
 let wanted = null;
+let judged = { shown: "", at: 0 };
 
 function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
-const judge = (verdict) => parts.point && send({ kind: "judge", key: parts.point.key, verdict });
+// One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
+function judge(verdict) {
+  if (!parts.point) return;
+  const shown = JSON.stringify([parts.point.key, parts.point.state]);
+  if (judged.shown === shown && Date.now() - judged.at < 2000) return;
+  judged = { shown, at: Date.now() };
+  send({ kind: "judge", key: parts.point.key, verdict });
+}
 
 // What every button and key does. `held` acts take part in key up as well.
 const ACTS = {
@@ -31,6 +39,8 @@ const ACTS = {
   previous: () => send({ kind: "step", step: -1 }),
   wallis: () => switchCompare("wallis"),
   raw: () => switchCompare("raw"),
+  likeness: () => switchCompare("likeness"),
+  refine: () => parts.point && send({ kind: "refine", key: parts.point.key }),
   marks: () => switchCompare("marks"),
   fit: () => { fitCompare(); send({ kind: "fit", whole: true }); },
   "fit-whole": () => send({ kind: "fit", whole: true }),
@@ -41,12 +51,12 @@ const ACTS = {
 };
 const KEYS = {
   KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
-  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw",
+  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", Enter: "refine", NumpadEnter: "refine",
 };
 const REPEATS = new Set(["next", "previous"]);
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 // Letters by what is printed on the key; by place only where another alphabet is set.
-const letterOf = (event) => (/^[a-z]$/i.test(event.key) ? `Key${event.key.toUpperCase()}` : event.code);
+const letterOf = (event) => (event.key === "Enter" ? "Enter" : /^[a-z]$/i.test(event.key) ? `Key${event.key.toUpperCase()}` : event.code);
 
 // Also called by viser's page for keys pressed there; true when the key is ours.
 window.gruberKey = (event) => {
@@ -110,7 +120,7 @@ function listenToKeys() {
 
 function setUpButtons() {
   const keyOf = Object.fromEntries(start.keys.map(([key, name]) => [name, key]));
-  const texts = { help: "act.help", wallis: "wallis", raw: "raw", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", "fit-whole": "fit.whole", "fit-current": "fit.current" };
+  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", "fit-whole": "fit.whole", "fit-current": "fit.current" };
   const marks = { accept: "accepted", reject: "rejected", dubious: "dubious" };
   for (const button of document.querySelectorAll("[data-act]")) {
     const act = button.dataset.act;
@@ -170,6 +180,7 @@ function receive(message) {
   if (fresh.scene) showScene(fresh.scene);
   if ("point" in fresh) { showPoint(parts.point); comparePoint(parts.point); }
   for (const notice of notices ?? []) tell(notice);
+  if (notices?.some((notice) => notice.grave)) judged.shown = "";
   if (wanted) { comeBack(wanted); wanted = null; }
 }
 

@@ -82,7 +82,7 @@ function showPeaks(point) {
   point.peaks.forEach((peak, index) => {
     const here = peak.away < 0.05;
     byId("peaks").append(element("button", { class: `peak${here ? " on" : ""}`, title: `${peak.operator} \u00b7 ${word("peak.tip")}`, onclick: () => send({ kind: "peak", key: point.key, index }) },
-      element("span", {}, `${index + 1}`), element("b", {}, number(peak.score, 1)),
+      element("span", {}, `${index + 1}`), element("b", {}, peak.operator === "operator" ? word("peak.hand") : number(peak.score, 1)),
       element("span", {}, here ? word("mark.measured") : word("peak.away", { distance: number(peak.away, 1) }))));
   });
 }
