@@ -123,3 +123,5 @@ def points_placed(copy: BlockCopy, axes: Axes) -> None:
     """The list of surveyed points, written in another way."""
     east, north = axes(-577776.0, -1192961.0)
     copy.replace("points.csv", f"id,X,Y,Z,sigma_xy,sigma_z,role\nA,{east},{north},240,,,\n")
+    text = (copy.folder / "block.toml").read_text()
+    copy.replace("block.toml", f'{text}\n[control]\npoints = "points.csv"\n')

@@ -205,7 +205,7 @@ REFUSED: dict[str, tuple[Spoil, tuple[str, ...]]] = {
     ),
     "another CRS of the block": (
         lambda copy: copy.setting("crs", '"EPSG:32633"'),
-        ("points.csv", "outside the area EPSG:32633", "look like EPSG:5514"),
+        (".tfw", "outside the area EPSG:32633", "look like EPSG:5514"),
     ),
     "the DEM under a false CRS": (
         lambda copy: raster_placed(copy, "dem.tif", shifted(0), crs="EPSG:32633"),
