@@ -1,17 +1,29 @@
 """Interior orientation: pixel <-> film of one scan, with the residual of every fiducial."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as fisher
 
-from core.arrays import Affine2, FilmPoints, PixelPoints, locked
+from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints, Scalars, locked
 from core.doubts import Failure
 from core.geometry.camera import Camera
-from core.geometry.transforms import PlaneTransform, fit_affine, fit_similarity
+from core.geometry.interior_models import FilmFit, Warp, film_slopes, fit_film, unwarped, warped
+from core.geometry.transforms import PlaneTransform, fit_similarity
 
-InteriorModel = Literal["similarity", "affine", "nominal"]
+InteriorModel = Literal["similarity", "affine", "projective", "bilinear", "nominal"]
+FittedModel = Literal["auto", "similarity", "affine", "projective", "bilinear"]
+
+
+def _none() -> Warp:
+    return np.zeros(2)
+
+
+def _unknown() -> Matrix:
+    return np.full((8, 8), np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +33,7 @@ class InteriorOrientation:
     model: InteriorModel
     """`nominal` where no fiducials are known: scan middle and scan pixel size."""
     film_from_pixel_matrix: Affine2
-    """2 x 3: film mm from pixel (column, row)."""
+    """2 x 3: film mm from pixel (column, row); the affine part of a projective or bilinear one."""
     names: tuple[str, ...]
     """Names of the fiducials that were used, in the order of the arrays below."""
     pixels: PixelPoints
@@ -30,20 +42,35 @@ class InteriorOrientation:
     """Residual of each fiducial on the film (x, y), computed minus certified, micrometres."""
     sigma_um: float
     """A-posteriori sigma of one film coordinate, micrometres; NaN without redundancy."""
+    warp: Warp = field(default_factory=_none)
+    """The two parameters beyond the affine part, per millimetre; see `interior_models`."""
+    covariance: Matrix = field(default_factory=_unknown)
+    """8 x 8, of the matrix (row by row) and the warp, mm; NaN where nothing was fitted."""
+    redundancy: int = 0
+    """Equations of the fiducials minus parameters of the model."""
+    variance_factor: float = float("nan")
+    """Weighted square sum over redundancy, against the sigmas the marks were measured with."""
 
     def __post_init__(self) -> None:
-        for name in ("film_from_pixel_matrix", "pixels", "residuals_um"):
+        for name in ("film_from_pixel_matrix", "pixels", "residuals_um", "warp", "covariance"):
             object.__setattr__(self, name, locked(getattr(self, name)))
 
     def film_from_pixel(self, pixels: PixelPoints) -> FilmPoints:
         """Film points in millimetres of scan pixels."""
         matrix = self.film_from_pixel_matrix
-        return pixels @ matrix[:, :2].T + matrix[:, 2]
+        return warped(pixels @ matrix[:, :2].T + matrix[:, 2], self.warp, self.model)
 
     def pixel_from_film(self, film: FilmPoints) -> PixelPoints:
         """Scan pixels of film points in millimetres."""
         matrix = self.film_from_pixel_matrix
-        return np.linalg.solve(matrix[:, :2], (film - matrix[:, 2]).T).T
+        flat = unwarped(film, self.warp, self.model)
+        return np.linalg.solve(matrix[:, :2], (flat - matrix[:, 2]).T).T
+
+    def film_sigmas(self, pixels: PixelPoints) -> FilmPoints:
+        """Standard deviation (x, y) of film points that follows from the fit alone, mm."""
+        slopes = film_slopes(pixels, self.film_from_pixel_matrix, self.warp, self.model)
+        variance = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
+        return np.sqrt(variance).reshape(-1, 2)
 
     @property
     def pixel_size_mm(self) -> float:
@@ -51,9 +78,57 @@ class InteriorOrientation:
         return float(np.sqrt(abs(np.linalg.det(self.film_from_pixel_matrix[:, :2]))))
 
     @property
+    def mirrored(self) -> bool:
+        """True when the film was scanned from its back."""
+        return bool(np.linalg.det(self.film_from_pixel_matrix[:, :2]) > 0)
+
+    @property
     def rms_um(self) -> float:
         """Root mean square of the fiducial residuals per coordinate, micrometres (0 if none)."""
         return float(np.sqrt(np.mean(self.residuals_um**2))) if len(self.names) else 0.0
+
+    @property
+    def chance(self) -> float:
+        """Probability of residuals as large by the marks' own sigmas (chi-square); 1 if untested.
+
+        Film is never quite as its camera was: a small chance tells of film, not of a mistake.
+        """
+        if not self.redundancy:
+            return 1.0
+        return float(chi2.sf(self.variance_factor * self.redundancy, self.redundancy))
+
+    def with_variance_factor(self, factor: float) -> "InteriorOrientation":
+        """The same with sigmas from a factor that was pooled over all photos of a camera."""
+        own = self.variance_factor if self.redundancy else 1.0
+        change = max(factor, 1.0) / max(own, 1.0)
+        return replace(self, covariance=self.covariance * change)
+
+
+@dataclass(frozen=True, slots=True)
+class FilmShape:
+    """How a film differs from its camera's certificate and the scanner's nominal pixel."""
+
+    scale_x: float
+    """Length of the film along x over the certified one."""
+    scale_y: float
+    """Length along y over the certified one."""
+    shear_mrad: float
+    """How much less than a right angle lies between the two, milliradians."""
+
+
+def film_shape(interior: InteriorOrientation, scan_pixel_mm: float) -> FilmShape:
+    """Shrinkage and shear of the film that the interior orientation took up (METHODS 2).
+
+    Args:
+        interior: A fitted interior orientation.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres: a scanner's own scale error
+            cannot be told from the film's.
+    """
+    pixel_from_film = np.linalg.inv(interior.film_from_pixel_matrix[:, :2]) * scan_pixel_mm
+    along_x, along_y = pixel_from_film.T
+    length_x, length_y = float(np.linalg.norm(along_x)), float(np.linalg.norm(along_y))
+    slant = float(along_x @ along_y) / (length_x * length_y)
+    return FilmShape(length_x, length_y, 1000 * float(np.arcsin(slant)))
 
 
 LIMIT_UM = 30.0
@@ -62,34 +137,44 @@ LIMIT_PX = 2.0
 """The same limit in scan pixels, for coarser scans."""
 CLEARED = 0.35
 """Leaving a mark out must bring the RMS down to this share before the mark counts as wrong."""
+USUAL_SIGMA_PX = 0.1
+"""A-priori sigma of a mark whose own is not known, pixels."""
+WARP_CHANCE = 0.001
+"""Chance below which eight marks or more call for a warp beyond an affine film."""
 
 
 def fit_interior(
     names: Sequence[str],
     pixels: PixelPoints,
     certified_mm: FilmPoints,
-    model: Literal["auto", "similarity", "affine"] = "auto",
+    model: FittedModel = "auto",
+    sigmas_px: Scalars | None = None,
+    mirrored: bool = False,
 ) -> InteriorOrientation | Failure:
-    """Interior orientation from measured fiducials; a single wrong mark is left out.
+    """Interior orientation from measured fiducials; wrong marks are left out while enough remain.
 
     A similarity, which has redundancy enough, finds the wrong mark; then an affine is fitted where
-    four marks or more remain (unless `model` says otherwise). `names` of the result tells who was
-    used.
+    four marks or more remain, and a projective or bilinear one where eight show that the film is
+    bent beyond it (unless `model` says otherwise). `names` of the result tells who was used.
 
     Args:
         names: Names of the measured fiducials.
         pixels: Where they were measured.
         certified_mm: Where the certificate puts them on the film.
         model: `auto`, or the model to fit.
+        sigmas_px: Standard deviation of each per axis, pixels.
+        mirrored: True when the film was scanned from its back.
 
     Returns:
         The interior orientation; a failure when the residuals exceed max(30 um, 2 pixels) RMS.
     """
-    similarity = fit_similarity(pixels, certified_mm, mirrored=True)
+    similarity = fit_similarity(pixels, certified_mm, mirrored=not mirrored)
     if isinstance(similarity, Failure):
         return similarity
-    keep = _kept(pixels, certified_mm, similarity)
-    fit = _fit(pixels[keep], certified_mm[keep], _chosen_model(model, int(keep.sum())))
+    own = np.full(len(pixels), USUAL_SIGMA_PX) if sigmas_px is None else sigmas_px
+    sigmas = own * similarity.scale
+    keep = _kept(pixels, certified_mm, similarity, mirrored)
+    fit = _fit(pixels[keep], certified_mm[keep], sigmas[keep], model, mirrored)
     if isinstance(fit, Failure):
         return fit
     interior = _interior(fit, tuple(np.array(names)[keep].tolist()), pixels[keep])
@@ -146,45 +231,57 @@ def _stands_upright(size_px: tuple[int, int], frame_mm: tuple[float, float]) -> 
     return across >= -0.05 * min(size_px) * min(frame_mm)
 
 
-def _chosen_model(
-    model: Literal["auto", "similarity", "affine"], marks: int
-) -> Literal["similarity", "affine"]:
-    """Affine by default where it leaves redundancy."""
-    if model == "auto":
-        return "affine" if marks >= 4 else "similarity"
-    return model
-
-
 def _fit(
-    pixels: PixelPoints, film: FilmPoints, model: Literal["similarity", "affine"]
-) -> PlaneTransform | Failure:
-    """One of the two models, from pixels to film."""
-    if model == "affine":
-        return fit_affine(pixels, film)
-    return fit_similarity(pixels, film, mirrored=True)
+    pixels: PixelPoints, film: FilmPoints, sigmas_mm: Scalars, model: FittedModel, mirrored: bool
+) -> FilmFit | Failure:
+    """The model asked for, or the largest that the marks' number and residuals call for."""
+    if model != "auto":
+        return fit_film(model, pixels, film, sigmas_mm, mirrored)
+    plain = "affine" if len(pixels) >= 4 else "similarity"
+    best = fit_film(plain, pixels, film, sigmas_mm, mirrored)
+    if isinstance(best, Failure) or len(pixels) < 8:
+        return best
+    affine = best
+    for larger in ("projective", "bilinear"):
+        fit = fit_film(larger, pixels, film, sigmas_mm, mirrored)
+        if isinstance(fit, FilmFit) and _called_for(affine, fit):
+            best = fit if fit.rms < best.rms else best
+    return best
 
 
-def _kept(pixels: PixelPoints, film: FilmPoints, similarity: PlaneTransform) -> np.ndarray:
-    """Flags of the marks to use: all, or all but the one whose absence heals the similarity."""
-    everyone = np.ones(len(pixels), dtype=bool)
+def _called_for(affine: FilmFit, larger: FilmFit) -> bool:
+    """F-test of two more parameters."""
+    left, gained = larger.weighted_square_sum, affine.weighted_square_sum
+    ratio = (gained - left) / 2 / max(left / larger.redundancy, 1e-30)
+    return bool(fisher.sf(ratio, 2, larger.redundancy) < WARP_CHANCE)
+
+
+def _kept(
+    pixels: PixelPoints, film: FilmPoints, similarity: PlaneTransform, mirrored: bool
+) -> np.ndarray:
+    """Flags of the marks to use: without those whose absence heals the similarity."""
+    keep = np.ones(len(pixels), dtype=bool)
     rms_um = similarity.rms * 1000
-    if len(pixels) < 4 or rms_um <= limit_um(similarity.scale):
-        return everyone
-    without: list[float] = []
-    for left_out in range(len(pixels)):
-        keep = np.arange(len(pixels)) != left_out
-        fit = fit_similarity(pixels[keep], film[keep], mirrored=True)
-        without.append(np.inf if isinstance(fit, Failure) else fit.rms * 1000)
-    wrong = int(np.argmin(without))
-    if without[wrong] < CLEARED * rms_um:
-        everyone[wrong] = False
-    return everyone
+    while keep.sum() >= 4 and rms_um > limit_um(similarity.scale):
+        without: dict[int, float] = {}
+        for left_out in np.flatnonzero(keep).tolist():
+            rest = keep & (np.arange(len(pixels)) != left_out)
+            fit = fit_similarity(pixels[rest], film[rest], mirrored=not mirrored)
+            without[left_out] = np.inf if isinstance(fit, Failure) else fit.rms * 1000
+        wrong = min(without, key=without.__getitem__)
+        # Two wrong marks of many only heal together: half the way counts where many remain.
+        needed = CLEARED if keep.sum() < 7 else 0.75
+        if without[wrong] > needed * rms_um:
+            break
+        keep[wrong], rms_um = False, without[wrong]
+    return keep
 
 
-def _interior(
-    fit: PlaneTransform, names: tuple[str, ...], pixels: PixelPoints
-) -> InteriorOrientation:
+def _interior(fit: FilmFit, names: tuple[str, ...], pixels: PixelPoints) -> InteriorOrientation:
     """The fit as an interior orientation, residuals in micrometres."""
+    factor = fit.weighted_square_sum / fit.redundancy if fit.redundancy else float("nan")
     return InteriorOrientation(
-        fit.model, fit.matrix, names, pixels, fit.residuals * 1000, fit.sigma * 1000
-    )
+        fit.model, fit.matrix, names, pixels, fit.residuals * 1000, fit.sigma * 1000,
+        fit.warp, fit.cofactor * max(factor, 1.0) if fit.redundancy else fit.cofactor,
+        fit.redundancy, factor,
+    )  # fmt: skip
