@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex128, Float32, Float64
 
 from core.arrays import PixelPoints
-from core.scan.marks import Mark, draw_mark, library
+from core.scan.marks import Mark, draw_mark
 from core.scan.raster import ScanFile, read_window
 
 Field = Float32[np.ndarray, "rows columns"]
@@ -111,16 +111,30 @@ def open_windows(
     return windows, owners
 
 
-def all_candidates(windows: Sequence[SearchWindow], cell_mm: float, count: int) -> list[Candidates]:
-    """The best `count` peaks of every kind, size and polarity of the library in every window."""
+def all_candidates(
+    windows: Sequence[SearchWindow],
+    cell_mm: float,
+    count: int,
+    marks: tuple[Mark, ...],
+    turn: float,
+) -> list[Candidates]:
+    """The best `count` peaks of every kind, size and polarity in every window.
+
+    Args:
+        windows: Where marks are expected.
+        cell_mm: Size of their cells on the film, millimetres.
+        count: How many peaks of each are kept.
+        marks: Kinds and sizes.
+        turn: Rotation of the film in the scan, radians, counter-clockwise.
+    """
     result: list[Candidates] = []
-    for mark, drawn in _drawn_library(round(cell_mm, 6)):
+    for mark, drawn in _drawn_library(marks, round(cell_mm, 6)):
         found: dict[bool, list[list[Peak]]] = {True: [], False: []}
         for window in windows:
             template = drawn
             if not mark.symmetric:
-                pointing = replace(mark, outward=window.outward)
-                template = draw_mark(pointing, cell_mm).astype(np.float32)
+                pointing = replace(mark, outward=eighth(window.outward, turn))
+                template = draw_mark(pointing, cell_mm, -turn).astype(np.float32)
             field = _correlate(window.gray, template)
             half = template.shape[0] // 2
             found[True].append(_peaks(field, window, half, count))
@@ -130,9 +144,21 @@ def all_candidates(windows: Sequence[SearchWindow], cell_mm: float, count: int) 
 
 
 @lru_cache(maxsize=4)
-def _drawn_library(cell_mm: float) -> tuple[tuple[Mark, Template], ...]:
+def _drawn_library(marks: tuple[Mark, ...], cell_mm: float) -> tuple[tuple[Mark, Template], ...]:
     """The library drawn at one scale; the scans of a block share it."""
-    return tuple((mark, draw_mark(mark, cell_mm).astype(np.float32)) for mark in library())
+    return tuple((mark, draw_mark(mark, cell_mm).astype(np.float32)) for mark in marks)
+
+
+def eighth(outward: tuple[float, float], turn: float) -> tuple[float, float]:
+    """The nearest of the film's eight main directions to one in the scan (right, down).
+
+    Args:
+        outward: Direction in the scan.
+        turn: Rotation of the film in the scan, radians, counter-clockwise; with any quarter turns.
+    """
+    angle = np.arctan2(outward[1], outward[0]) + turn
+    snapped = np.rint(angle / (np.pi / 4)) * (np.pi / 4)
+    return float(np.cos(snapped)), float(np.sin(snapped))
 
 
 def _filled(gray: Field) -> Field:

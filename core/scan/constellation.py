@@ -7,7 +7,7 @@ that did not determine it lie too near to where they should, or look too much li
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,7 +16,6 @@ from scipy.stats import norm
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
-from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, fit_similarity
 from core.scan.candidates import (
     MERGE_MM,
@@ -27,12 +26,15 @@ from core.scan.candidates import (
 )
 from core.scan.centring import Centre, centre_by_symmetry, disc_weights
 from core.scan.film_area import FilmArea
-from core.scan.marks import Mark
+from core.scan.layouts import UPRIGHT, Layout, Way
+from core.scan.marks import Mark, library
 from core.scan.raster import ScanFile
 
 Complexes = Complex128[np.ndarray, "n"]
 PeakComplex = Complex128[np.ndarray, "n peaks"]
 PeakValues = Float64[np.ndarray, "n peaks"]
+BORDER_MM = 1.5
+"""Distance from the corner of the frame within which a notch is the corner itself."""
 ASYMMETRIC_WORTH = 0.5
 """Symmetry that a kind of mark without any is credited with."""
 
@@ -66,6 +68,10 @@ class ConstellationOptions:
     """Mean symmetry, 0 to 1, below which a set is refused."""
     max_log_false_alarms: float = -4.0
     """log10 of the number of sets as good that chance would give; a greater number is refused."""
+    marks: tuple[Mark, ...] = library()
+    """Kinds and sizes of marks that are looked for."""
+    beware_of_border: bool = False
+    """Refuse notches that are the frame's own corners: for marks without a certificate."""
     upright_bonus: float = 0.05
     """Advantage of an upright scan over a turned one that fits as well, as a share of the score:
     the certificate of symmetric marks cannot tell them apart."""
@@ -73,7 +79,7 @@ class ConstellationOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constellation:
-    """The set of places that lies as the certificate says."""
+    """The set of places that lies as a layout says."""
 
     names: tuple[str, ...]
     """Fiducials that were found."""
@@ -82,7 +88,11 @@ class Constellation:
     correlations: Scalars
     """Correlation of each with the drawn mark."""
     predicted: Mapping[str, tuple[float, float]]
-    """Where every fiducial should be, found or not, scan pixels."""
+    """Where every fiducial of the layout should be, found or not, scan pixels."""
+    layout: Layout
+    """The layout that was found."""
+    way: Way
+    """How the film lies in the scan, one of those the layout can tell apart."""
     mark: Mark
     """Kind and size that fits best."""
     bright: bool
@@ -93,6 +103,10 @@ class Constellation:
     """Sum of the marks' significances times their correlations."""
     log_false_alarms: float
     """log10 of the number of sets as good that chance would give."""
+    symmetry: float = 0.0
+    """How symmetric the places are, 0 to 1."""
+    kinds: tuple[Mark, ...] = ()
+    """Other kinds that fit well at the same places, best first."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pixels", locked(self.pixels))
@@ -101,55 +115,79 @@ class Constellation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """What stays the same while kinds and ways to lie are tried."""
+    """What stays the same while kinds, layouts and ways to lie are tried."""
 
-    names: tuple[str, ...]
-    film: FilmPoints
     scan_pixel_mm: float
     window_mm2: float
+    tries: int
     options: ConstellationOptions
 
 
 def find_constellation(
     scan: ScanFile,
-    camera: Camera,
+    layouts: Sequence[Layout],
     scan_pixel_mm: float,
     area: FilmArea,
     options: ConstellationOptions | None = None,
 ) -> Constellation | Failure:
-    """Find the camera's fiducials in a scan to about a tenth of a millimetre.
+    """Find marks in a scan to about a tenth of a millimetre.
 
     Args:
         scan: The scan.
-        camera: Camera with its certified fiducials.
+        layouts: Patterns in which they may lie: the same names, at places near each other.
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
         options: How they are looked for.
     """
     options = options or ConstellationOptions()
-    names = tuple(camera.fiducials_mm)
-    film = np.array([camera.fiducials_mm[name] for name in names], dtype=np.float64)
     reach_mm = options.reach_seen_mm if area.trusted else options.reach_unseen_mm
-    search = _Search(names, film, scan_pixel_mm, (2 * reach_mm) ** 2, options)
-    expected = {q: _expected(film, area, scan_pixel_mm, q) for q in _quarters(camera, area)}
+    reaches = [layout.reach_mm for layout in layouts]
+    middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
+    reach_mm += (max(reaches) - min(reaches)) / 2
+    ways = middle.ways
+    search = _Search(scan_pixel_mm, (2 * reach_mm) ** 2, len(layouts) * len(ways), options)
+    expected = {k: _expected(middle.lying(way), area, scan_pixel_mm) for k, way in enumerate(ways)}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
         scan, expected, (column, row), round(reach_mm / scan_pixel_mm), MERGE_MM / scan_pixel_mm,
         max(1, round(options.search_pixel_mm / scan_pixel_mm)),
     )  # fmt: skip
-    kinds = all_candidates(windows, scan_pixel_mm * windows[0].reduction, options.peaks)
+    kinds = all_candidates(
+        windows, scan_pixel_mm * windows[0].reduction, options.peaks, options.marks,
+        area_turn(area),
+    )  # fmt: skip
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
     sets = [
-        _best_set(search, kind, owner, quarter)
+        _best_set(search, kind, owners[k], layout, way)
         for kind in kinds[: options.kinds]
-        for quarter, owner in owners.items()
+        for layout in layouts
+        for k, way in enumerate(ways)
     ]
     found = [chosen for chosen in sets if chosen is not None]
-    sound = [c for c in found if c.log_false_alarms < options.max_log_false_alarms]
+    return _chosen(found, windows, search, area)
+
+
+def area_turn(area: FilmArea) -> float:
+    """Rotation of the picture's lower border in the scan, radians, counter-clockwise."""
+    bottom = area.corners[1] - area.corners[0]
+    return float(np.arctan2(-bottom[1], bottom[0]))
+
+
+def _chosen(
+    found: Sequence[Constellation],
+    windows: Sequence[SearchWindow],
+    search: _Search,
+    area: FilmArea,
+) -> Constellation | Failure:
+    """Of all sets that are not chance the one that is most like marks."""
+    sound = [c for c in found if c.log_false_alarms < search.options.max_log_false_alarms]
+    if search.options.beware_of_border:
+        limit_px = BORDER_MM / search.scan_pixel_mm
+        sound = [c for c in sound if not _is_border(c, area, limit_px)]
     sound.sort(key=lambda chosen: chosen.score, reverse=True)
-    rivals = _rivals(sound, 0.15 / scan_pixel_mm)[: options.rivals]
+    rivals = _rivals(sound, 0.15 / search.scan_pixel_mm)[: search.options.rivals]
     symmetries = [_symmetry(rival, windows, search) for rival in rivals]
-    if max(symmetries, default=0.0) < options.min_symmetry:
+    if max(symmetries, default=0.0) < search.options.min_symmetry:
         return Failure(
             "No set of marks lies as the certificate says.",
             {
@@ -158,18 +196,45 @@ def find_constellation(
             },
         )
     worth = [rival.score * value for rival, value in zip(rivals, symmetries, strict=True)]
-    return rivals[int(np.argmax(worth))]
+    best = int(np.argmax(worth))
+    kinds = _other_kinds(rivals[best], sound, 0.15 / search.scan_pixel_mm)
+    return replace(rivals[best], symmetry=symmetries[best], kinds=kinds)
+
+
+def _other_kinds(
+    best: Constellation, sets: Sequence[Constellation], apart_px: float
+) -> tuple[Mark, ...]:
+    """Kinds of sets of the same polarity whose marks lie at the same places."""
+    kinds: list[Mark] = []
+    for other in sets:
+        if (
+            other.bright == best.bright
+            and other.mark != best.mark
+            and _apart(other, best) < apart_px
+        ):
+            kinds.append(other.mark)
+    return tuple(kinds[: best.layout.film.shape[0] + 2])
+
+
+def _apart(first: Constellation, second: Constellation) -> float:
+    """Mean distance of the marks of one set from the nearest of another, pixels."""
+    gaps = np.linalg.norm(first.pixels[:, None] - second.pixels[None], axis=2).min(axis=1)
+    return float(np.mean(gaps))
+
+
+def _is_border(chosen: Constellation, area: FilmArea, limit_px: float) -> bool:
+    """True for notches and corners that are only the frame's own corners."""
+    if chosen.mark.symmetric:
+        return False
+    apart = np.linalg.norm(chosen.pixels[:, None] - area.corners[None], axis=2).min(axis=1)
+    return bool(np.median(apart) < limit_px)
 
 
 def _rivals(sets: Sequence[Constellation], apart_px: float) -> list[Constellation]:
     """The best set of each place: sets whose marks lie together are one, whatever their names."""
     kept: list[Constellation] = []
     for candidate in sets:
-        gaps = (
-            np.linalg.norm(candidate.pixels[:, None] - other.pixels[None], axis=2).min(axis=1)
-            for other in kept
-        )
-        if all(float(np.mean(gap)) > apart_px for gap in gaps):
+        if all(_apart(candidate, other) > apart_px for other in kept):
             kept.append(candidate)
     return kept
 
@@ -196,31 +261,22 @@ def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: _S
     return float(np.mean(found))
 
 
-def _quarters(camera: Camera, area: FilmArea) -> tuple[int, ...]:
-    """Quarter turns the frame's shape allows: all four when it is square."""
-    width, height = camera.frame_mm
-    if abs(width - height) < 0.02 * width:
-        return (0, 1, 2, 3)
-    spans = np.ptp(area.corners, axis=0)
-    return (0, 2) if (spans[0] - spans[1]) * (width - height) > 0 else (1, 3)
-
-
-def _expected(film: FilmPoints, area: FilmArea, scan_pixel_mm: float, quarter: int) -> PixelPoints:
-    """Where the marks should be for one way the film may lie, scan pixels."""
-    bottom = area.corners[1] - area.corners[0]
-    turn = np.arctan2(-bottom[1], bottom[0]) + quarter * np.pi / 2
+def _expected(lying: FilmPoints, area: FilmArea, scan_pixel_mm: float) -> PixelPoints:
+    """Where marks should be whose places in the axes of the scan are known, scan pixels."""
+    turn = area_turn(area)
     cosine, sine = np.cos(turn), np.sin(turn)
-    turned = film @ np.array([[cosine, -sine], [sine, cosine]]).T
+    turned = lying @ np.array([[cosine, -sine], [sine, cosine]]).T
     return area.centre + turned * np.array([1.0, -1.0]) / scan_pixel_mm
 
 
 def _best_set(
-    search: _Search, kind: Candidates, owner: Sequence[int], quarter: int
+    search: _Search, kind: Candidates, owner: Sequence[int], layout: Layout, way: Way
 ) -> Constellation | None:
-    """The set of one kind that fits the certificate best, every pair of peaks tried as its base."""
-    where = search.film[:, 0] + 1j * search.film[:, 1]
+    """The set of one kind that fits a layout best, every pair of peaks tried as its base."""
+    film = layout.lying(way)
+    where = film[:, 0] + 1j * film[:, 1]
     places, worth = kind.places[list(owner)], kind.worth[list(owner)]
-    starts, factors = _bases(search, where, places, quarter)
+    starts, factors = _bases(search, where, places)
     if not len(starts):
         return None
     put = starts[:, None] + factors[:, None] * where[None, :]
@@ -237,20 +293,20 @@ def _best_set(
     correlations = kind.correlations[list(owner)]
     predicted = {
         name: (float(place.real), float(-place.imag))
-        for name, place in zip(search.names, put[base], strict=True)
+        for name, place in zip(layout.names, put[base], strict=True)
     }
-    chance = _log_chance_of_shape(search, search.film[found], pixels)
+    chance = _log_chance_of_shape(search, len(layout.names), film[found], pixels)
     chance += _log_chance_of_looks(correlations, chosen, found)
-    bonus = 1 + search.options.upright_bonus * (quarter == 0)
+    bonus = 1 + search.options.upright_bonus * (way == UPRIGHT)
+    turn = float(np.angle(factors[base])) + way[0] * np.pi / 2
     return Constellation(
-        tuple(search.names[int(i)] for i in found), pixels, correlations[found, chosen[found]],
-        predicted, kind.mark, kind.bright, float(np.angle(factors[base])),
-        float(total[base]) * bonus, chance,
+        tuple(layout.names[int(i)] for i in found), pixels, correlations[found, chosen[found]],
+        predicted, layout, way, kind.mark, kind.bright, turn, float(total[base]) * bonus, chance,
     )  # fmt: skip
 
 
 def _bases(
-    search: _Search, where: Complexes, places: PeakComplex, quarter: int
+    search: _Search, where: Complexes, places: PeakComplex
 ) -> tuple[Complex128[np.ndarray, "bases"], Complex128[np.ndarray, "bases"]]:
     """Similarities pixel = start + factor * film through two peaks, of the right scale and turn."""
     starts: list[np.ndarray] = []
@@ -265,7 +321,7 @@ def _bases(
         start = places[i][:, None] - factor * where[i]
         scale = np.abs(factor) * search.scan_pixel_mm
         good = np.abs(scale - 1) < search.options.scale_tolerance
-        good &= np.abs(np.angle(factor * np.exp(-0.5j * np.pi * quarter))) < tolerance
+        good &= np.abs(np.angle(factor)) < tolerance
         starts.append(start[good])
         factors.append(factor[good])
     if not starts:
@@ -273,14 +329,16 @@ def _bases(
     return np.concatenate(starts), np.concatenate(factors)
 
 
-def _log_chance_of_shape(search: _Search, film: FilmPoints, pixels: PixelPoints) -> float:
+def _log_chance_of_shape(
+    search: _Search, marks: int, film: FilmPoints, pixels: PixelPoints
+) -> float:
     """log10 of how many sets this near to the certificate random peaks would give.
 
     All pairs of peaks of all kinds are tried as bases; each further mark has its peaks spread at
     random over its window and hits a disc of twice the RMS residual.
     """
-    options, marks = search.options, len(search.names)
-    tried = options.kinds * options.peaks**2 * marks * (marks - 1) / 2
+    options = search.options
+    tried = options.kinds * search.tries * options.peaks**2 * marks * (marks - 1) / 2
     # Of random pairs, about one in ten has the right scale and turn.
     tried *= 0.1
     fit = fit_similarity(film, pixels, mirrored=True)

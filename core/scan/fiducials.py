@@ -4,26 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float32
 
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
-from core.scan.centring import (
-    Centre,
-    Gray,
-    Shift,
-    Weights,
-    centre_by_symmetry,
-    correlation,
-    disc_weights,
-    match_mark,
-    sample_about,
-)
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
-from core.scan.marks import Mark, draw_mark, resized
-from core.scan.raster import ScanFile, photo_id_of, read_window
+from core.scan.layouts import UPRIGHT, Layout, Way, certified_layouts, guessed_layouts
+from core.scan.measuring import FittedMark, TwoWays, fit_mark, measure_spot, open_spots
+from core.scan.naming import name_marks
+from core.scan.raster import ScanFile, photo_id_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +21,17 @@ class FiducialOptions:
     """When a measured mark stands."""
 
     max_disagreement_px: float = 0.5
-    """Greatest distance between the matched and the symmetric middle, pixels."""
+    """Greatest distance between the matched and the second middle, pixels."""
     min_correlation: float = 0.55
     """Correlation with the drawn mark below which a place is no mark."""
+    max_drop: float = 0.25
+    """How much less like the mark than the others a place may be before it is no mark."""
+    unsure_px: float = 0.15
+    """Standard deviation from which a mark that stands is pointed out, pixels."""
     sigma_floor_px: float = 0.03
     """No mark is believed better than this, pixels."""
+    agree_mm: float = 1.5
+    """How far corner marks and marks of the sides may disagree about each other's places."""
     search: ConstellationOptions = field(default_factory=ConstellationOptions)
     """How the marks are looked for."""
 
@@ -55,32 +51,25 @@ class FiducialMeasurement:
     correlation: float
     """Likeness to the drawn mark, 0 to 1."""
     disagreement_px: float
-    """Distance between its matched and its symmetric middle, pixels."""
+    """Distance between its middles found in two ways, pixels."""
     kind: str
     """Shape of the mark."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spot:
-    """A full resolution window about one mark."""
+@dataclass(frozen=True, slots=True)
+class FiducialSet:
+    """All marks of a scan, and how the film lies by them."""
 
-    name: str
-    corner: tuple[int, int]
-    gray: Float32[np.ndarray, "rows columns"]
-    start: tuple[float, float]
-    """Approximate middle, window pixels."""
-    found: bool
-    """False where the place only follows from the other marks."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
-    """The mark as it is matched in this scan."""
-
-    mark: Mark
-    template: Weights
-    weights: Weights
-    bright: bool
+    marks: tuple[FiducialMeasurement, ...]
+    """Those that stand, in the order of the certificate."""
+    doubts: tuple[Doubt, ...]
+    """One for each that does not."""
+    way: Way = UPRIGHT
+    """How the film lies in the scan."""
+    rivals: tuple[Way, ...] = ()
+    """Ways that the certificate cannot tell from it."""
+    fitted: tuple[FittedMark, ...] = ()
+    """The marks as they look in this scan, a kind for each group."""
 
 
 def measure_fiducials(
@@ -89,7 +78,8 @@ def measure_fiducials(
     scan_pixel_mm: float,
     area: FilmArea,
     options: FiducialOptions | None = None,
-) -> tuple[tuple[FiducialMeasurement, ...], tuple[Doubt, ...]]:
+    preferred: Sequence[Way] = (),
+) -> FiducialSet:
     """Find and measure the camera's fiducials in a scan.
 
     Args:
@@ -98,161 +88,62 @@ def measure_fiducials(
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
         options: When a mark stands.
-
-    Returns:
-        The marks that stand, in the order of the certificate, and a doubt for each that does not.
+        preferred: Ways the film lies in by other evidence, for marks that cannot tell.
     """
     options = options or FiducialOptions()
     photo_id = photo_id_of(scan.path)
-    found = find_constellation(scan, camera, scan_pixel_mm, area, options.search)
-    if isinstance(found, Failure):
-        return (), (_nothing_found(photo_id, len(camera.fiducials_mm)),)
-    spots = _spots(scan, camera, found, scan_pixel_mm)
-    sure = [spot for spot in spots.values() if spot.found]
-    drawn = _fitted_mark(sure, found, scan_pixel_mm)
-    measurements: list[FiducialMeasurement] = []
-    doubts: list[Doubt] = []
-    for name in camera.fiducials_mm:
-        result: FiducialMeasurement | Failure = Failure("It lies outside the scan.")
-        if name in spots:
-            result = _measure(spots[name], drawn, scan_pixel_mm, options)
-        if isinstance(result, Failure):
-            doubts.append(_doubtful(photo_id, name, found.predicted[name], result))
-        else:
-            measurements.append(result)
-    if not measurements:
-        return (), (_nothing_found(photo_id, len(camera.fiducials_mm)),)
-    return tuple(measurements), tuple(doubts)
+    layouts = certified_layouts(camera, quarters_of(camera, area))
+    found = _all_found(scan, layouts, scan_pixel_mm, area, options)
+    if not found:
+        return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
+    measured = _measured(scan, found, scan_pixel_mm, options)
+    if not measured.marks:
+        return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
+    return _named(measured, found[0].way, camera, preferred)
 
 
-def _spots(
-    scan: ScanFile, camera: Camera, found: Constellation, scan_pixel_mm: float
-) -> Mapping[str, _Spot]:
-    """Full resolution windows about all marks; those not found yet where the others put them."""
-    half = int(np.ceil((found.mark.reach_mm * 1.8 + 0.6) / scan_pixel_mm)) + 8
-    places = _all_places(camera, found)
-    spots: dict[str, _Spot] = {}
-    for name, (column, row) in places.items():
-        corner = (round(column) - half, round(row) - half)
-        gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
-        middle = gray[half - 3 : half + 3, half - 3 : half + 3]
-        inside = 0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]
-        if inside and np.isfinite(middle).all():
-            start = (column - corner[0], row - corner[1])
-            spots[name] = _Spot(name, corner, gray, start, name in found.names)
-    return spots
+def measure_unknown_fiducials(
+    scan: ScanFile,
+    camera: Camera,
+    scan_pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None = None,
+) -> FiducialSet:
+    """Find marks of which nobody knows where they lie: four in the corners, four at the sides.
 
+    They are named UL, UR, LR, LL and T, R, B, L as they lie in the scan.
 
-def _all_places(camera: Camera, found: Constellation) -> Mapping[str, tuple[float, float]]:
-    """Where each mark was found, or where a similarity through the found ones puts it."""
-    film = np.array([camera.fiducials_mm[name] for name in found.names], dtype=np.float64)
-    fit = fit_similarity(film, found.pixels, mirrored=True)
-    places = dict(found.predicted)
-    if isinstance(fit, PlaneTransform):
-        for name, mm in camera.fiducials_mm.items():
-            column, row = apply_affine(fit.matrix, np.array([mm], dtype=np.float64))[0].tolist()
-            places[name] = (column, row)
-    for name, (column, row) in zip(found.names, found.pixels.tolist(), strict=True):
-        places[name] = (column, row)
-    return places
-
-
-def _fitted_mark(spots: Sequence[_Spot], found: Constellation, scan_pixel_mm: float) -> _Drawn:
-    """The mark's own measures: what makes the drawn mark most like the scan's, on average.
-
-    Coordinate descent over radius and stroke; rotation is the film's.
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The exposed picture.
+        options: When a mark stands.
     """
-    best = _draw(found.mark, found, scan_pixel_mm)
-    matched = [_matched(spot, best, scan_pixel_mm) for spot in spots]
-    places = [
-        (spot.gray, np.array([match.column, match.row]))
-        for spot, match in zip(spots, matched, strict=True)
-        if isinstance(match, Centre)
-    ]
-    if not places:
-        return best
-    likeness = _likeness(places, best)
-    for step in (0.2, 0.1, 0.05):
-        for _ in range(3):
-            factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
-                       (1.0, 1 / (1 + 2 * step)))  # fmt: skip
-            trials = [_draw(resized(best.mark, *pair), found, scan_pixel_mm) for pair in factors]
-            values = [_likeness(places, trial) for trial in trials]
-            winner = int(np.argmax(values))
-            if values[winner] <= likeness + 1e-4:
-                break
-            likeness, best = values[winner], trials[winner]
-    return best
+    options = options or FiducialOptions()
+    search = replace(options.search, beware_of_border=True, max_log_false_alarms=-6.0)
+    sets: list[Constellation] = []
+    for layouts in guessed_layouts(camera).values():
+        found = find_constellation(scan, layouts, scan_pixel_mm, area, search)
+        if isinstance(found, Constellation) and len(found.names) >= 3:
+            sets.append(found)
+    if len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm:
+        sets = [max(sets, key=lambda one: one.score * one.symmetry)]
+    if not sets:
+        return FiducialSet((), ())
+    return _measured(scan, sets, scan_pixel_mm, options)
 
 
-def _draw(mark: Mark, found: Constellation, scan_pixel_mm: float) -> _Drawn:
-    """The mark at the scan's scale, turned as the film is."""
-    # Column to row is clockwise as seen, the film's turn is counter-clockwise.
-    turn = -float((found.turn + np.pi / 4) % (np.pi / 2) - np.pi / 4)
-    template = draw_mark(mark, scan_pixel_mm, turn)
-    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
-    return _Drawn(mark, template, weights, found.bright)
+def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
+    """Quarter turns the frame's shape allows: all four when it is square."""
+    width, height = camera.frame_mm
+    if abs(width - height) < 0.02 * width:
+        return (0, 1, 2, 3)
+    spans = np.ptp(area.corners, axis=0)
+    return (0, 2) if (spans[0] - spans[1]) * (width - height) > 0 else (1, 3)
 
 
-def _likeness(places: Sequence[tuple[Gray, Shift]], drawn: _Drawn) -> float:
-    """Mean correlation with the drawn mark at places that were matched with a like one."""
-    side, sign = drawn.template.shape[0], 1 if drawn.bright else -1
-    return float(
-        np.mean(
-            [
-                sign * correlation(sample_about(gray, place, side), drawn.template, drawn.weights)
-                for gray, place in places
-            ]
-        )
-    )
-
-
-def _matched(spot: _Spot, drawn: _Drawn, pixel_mm: float) -> Centre | Failure:
-    """The drawn mark matched in one spot; correlation positive when its polarity is right."""
-    found = match_mark(
-        spot.gray, drawn.template, drawn.weights, spot.start, limit_px=0.4 / pixel_mm + 2
-    )
-    if isinstance(found, Failure) or drawn.bright:
-        return found
-    return replace(found, correlation=-found.correlation)
-
-
-def _measure(
-    spot: _Spot, drawn: _Drawn, pixel_mm: float, options: FiducialOptions
-) -> FiducialMeasurement | Failure:
-    """One mark in both ways; they have to agree."""
-    matched = _matched(spot, drawn, pixel_mm)
-    if isinstance(matched, Failure):
-        return matched
-    if matched.correlation < options.min_correlation:
-        return Failure(
-            f"What is there is not like the mark (correlation {matched.correlation:.2f}).",
-            {"correlation": matched.correlation},
-        )
-    radius = drawn.mark.reach_mm * 1.15 / pixel_mm + 1
-    weights = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
-    start = (matched.column, matched.row)
-    symmetric = centre_by_symmetry(spot.gray, weights, start, limit_px=0.3 / pixel_mm + 2)
-    if isinstance(symmetric, Failure):
-        return symmetric
-    apart = float(np.hypot(matched.column - symmetric.column, matched.row - symmetric.row))
-    if apart > options.max_disagreement_px:
-        return Failure(
-            f"The two ways to centre it differ by {apart:.2f} pixels.", {"disagreement_px": apart}
-        )
-    share = matched.sigma_px**2 / (matched.sigma_px**2 + symmetric.sigma_px**2 + 1e-12)
-    return FiducialMeasurement(
-        spot.name,
-        spot.corner[0] + share * symmetric.column + (1 - share) * matched.column,
-        spot.corner[1] + share * symmetric.row + (1 - share) * matched.row,
-        max(float(np.hypot(symmetric.sigma_px, apart / 2)), options.sigma_floor_px),
-        matched.correlation,
-        apart,
-        drawn.mark.shape,
-    )
-
-
-def _nothing_found(photo_id: str, marks: int) -> Doubt:
+def nothing_found(photo_id: str, marks: int) -> Doubt:
     """The doubt of a scan without any fiducial."""
     return Doubt(
         "fiducials-not-found",
@@ -262,6 +153,156 @@ def _nothing_found(photo_id: str, marks: int) -> Doubt:
         0.9,
         {"marks": marks},
     )
+
+
+def _all_found(
+    scan: ScanFile,
+    layouts: Sequence[Layout],
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions,
+) -> list[Constellation]:
+    """One set for each layout, all agreeing: where two disagree the better one places the other."""
+    sets = [find_constellation(scan, [one], pixel_mm, area, options.search) for one in layouts]
+    found = [one for one in sets if isinstance(one, Constellation)]
+    if len(layouts) < 2 or not found:
+        return found
+    found.sort(key=lambda one: one.score * one.symmetry, reverse=True)
+    best = found[0]
+    others = [one for one in layouts if one is not best.layout]
+    result = [best]
+    for layout in others:
+        narrow = replace(layout, ways=(best.way,))
+        placed = _placed_by(best, area, pixel_mm)
+        search = replace(options.search, reach_seen_mm=options.agree_mm + 3.0)
+        again = find_constellation(scan, [narrow], pixel_mm, placed, search)
+        if isinstance(again, Constellation) and _agree(best, again, pixel_mm, options):
+            result.append(again)
+    return result
+
+
+def _placed_by(found: Constellation, area: FilmArea, pixel_mm: float) -> FilmArea:
+    """The picture area moved and turned so that a found set lies in it as its layout says."""
+    film = found.layout.lying(found.way)
+    at = {name: i for i, name in enumerate(found.layout.names)}
+    fit = fit_similarity(film[[at[n] for n in found.names]], found.pixels, mirrored=True)
+    if not isinstance(fit, PlaneTransform):
+        return area
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    half = np.ptp(area.corners, axis=0) * pixel_mm / 2
+    return FilmArea(apply_affine(fit.matrix, corners * half), ("left", "right", "top"), area.scores)
+
+
+def _agree(
+    first: Constellation, second: Constellation, pixel_mm: float, options: FiducialOptions
+) -> bool:
+    """True when a similarity through the first set puts the second where it was found."""
+    at = {name: i for i, name in enumerate(first.layout.names)}
+    film = first.layout.lying(first.way)[[at[n] for n in first.names]]
+    fit = fit_similarity(film, first.pixels, mirrored=True)
+    if not isinstance(fit, PlaneTransform):
+        return False
+    at = {name: i for i, name in enumerate(second.layout.names)}
+    put = apply_affine(fit.matrix, second.layout.lying(first.way)[[at[n] for n in second.names]])
+    apart = np.linalg.norm(put - second.pixels, axis=1)
+    return bool(np.median(apart) * pixel_mm < options.agree_mm)
+
+
+def _middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:
+    """Distance between the middles of two sets of four."""
+    middles = [np.mean(list(one.predicted.values()), axis=0) for one in sets]
+    return float(np.linalg.norm(middles[0] - middles[1])) * pixel_mm
+
+
+def _measured(
+    scan: ScanFile, found: Sequence[Constellation], pixel_mm: float, options: FiducialOptions
+) -> FiducialSet:
+    """Every mark of every set at full resolution."""
+    photo_id = photo_id_of(scan.path)
+    marks: list[FiducialMeasurement] = []
+    doubts: list[Doubt] = []
+    fitted: list[FittedMark] = []
+    for one in found:
+        spots = open_spots(scan, one, pixel_mm)
+        fit = fit_mark([spot for spot in spots.values() if spot.found], one, pixel_mm)
+        fitted.append(fit)
+        results: dict[str, TwoWays | Failure] = {
+            name: measure_spot(spots[name], fit, pixel_mm)
+            if name in spots
+            else Failure("It lies outside the scan.")
+            for name in one.layout.names
+        }
+        for name, result in _judged(results, options).items():
+            if isinstance(result, Failure):
+                doubts.append(_doubtful(photo_id, name, one.predicted[name], result))
+                continue
+            sigma = max(result.sigma_px, options.sigma_floor_px)
+            marks.append(
+                FiducialMeasurement(
+                    name, result.column, result.row, sigma, result.correlation,
+                    result.disagreement_px, fit.mark.shape,
+                )
+            )  # fmt: skip
+            if sigma > options.unsure_px:
+                doubts.append(_unsure(photo_id, marks[-1]))
+    return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))
+
+
+def _judged(
+    results: Mapping[str, TwoWays | Failure], options: FiducialOptions
+) -> dict[str, TwoWays | Failure]:
+    """Marks that are like the drawn mark, like the others, and alike in both ways."""
+    likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
+    usual = float(np.median(likeness)) if likeness else 0.0
+    least = max(options.min_correlation, usual - options.max_drop)
+    judged: dict[str, TwoWays | Failure] = {}
+    for name, result in results.items():
+        judged[name] = result
+        if isinstance(result, Failure):
+            continue
+        if result.correlation < least:
+            judged[name] = Failure(
+                f"What is there is not like the mark (correlation {result.correlation:.2f}).",
+                {"correlation": result.correlation},
+            )
+        elif result.disagreement_px > options.max_disagreement_px:
+            judged[name] = Failure(
+                f"The two ways to centre it differ by {result.disagreement_px:.2f} pixels.",
+                {"disagreement_px": result.disagreement_px},
+            )
+    return judged
+
+
+def _named(
+    measured: FiducialSet, way: Way, camera: Camera, preferred: Sequence[Way]
+) -> FiducialSet:
+    """The marks under the names of the way that the certificate speaks for."""
+    pixels = np.array([(mark.column, mark.row) for mark in measured.marks], dtype=np.float64)
+    sigmas = np.array([mark.sigma_px for mark in measured.marks])
+    names = [mark.name for mark in measured.marks]
+    naming = name_marks(names, pixels, sigmas, way, camera.fiducials_mm, preferred)
+    marks = [
+        replace(mark, name=name) for mark, name in zip(measured.marks, naming.names, strict=True)
+    ]
+    order = {name: i for i, name in enumerate(camera.fiducials_mm)}
+    marks.sort(key=lambda mark: order[mark.name])
+    renamed = dict(zip(names, naming.names, strict=True))
+    missing = iter(name for name in order if name not in naming.names)
+    doubts: list[Doubt] = []
+    for doubt in measured.doubts:
+        name = str(doubt.evidence["fiducial"])
+        doubts.append(_renamed(doubt, name, renamed[name] if name in renamed else next(missing)))
+    return replace(
+        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals
+    )
+
+
+def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:
+    """The same doubt about the mark under its other name."""
+    if old == new:
+        return doubt
+    message = doubt.message.replace(f"Fiducial {old},", f"Fiducial {new},", 1)
+    return replace(doubt, message=message, evidence={**doubt.evidence, "fiducial": new})
 
 
 def _doubtful(photo_id: str, name: str, place: tuple[float, float], failure: Failure) -> Doubt:
@@ -274,4 +315,16 @@ def _doubtful(photo_id: str, name: str, place: tuple[float, float], failure: Fai
         f"{failure.reason} Measure it by hand if it is there.",
         0.4,
         {"fiducial": name, "column": column, "row": row, **failure.evidence},
+    )
+
+
+def _unsure(photo_id: str, mark: FiducialMeasurement) -> Doubt:
+    """The doubt of a mark that stands, but not firmly."""
+    return Doubt(
+        "fiducial-unsure",
+        photo_id,
+        f"Fiducial {mark.name}, at column {mark.column:.1f}, row {mark.row:.1f}, is only known to "
+        f"{mark.sigma_px:.2f} pixels: dirt, a scratch or a blurred mark. Look at it.",
+        0.3,
+        {"fiducial": mark.name, "column": mark.column, "row": mark.row, "sigma_px": mark.sigma_px},
     )

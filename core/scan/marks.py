@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float64
 
@@ -12,8 +13,8 @@ SUPERSAMPLED = 800
 """Samples along a side of a drawn template that suffice: small templates get eight a pixel."""
 SURROUND = 1.35
 """Half width of a drawn template relative to the mark's own: contrast needs background."""
-SYMMETRIC = ("cross", "saltire", "gapped-cross", "dot", "ring", "ringed-dot", "ringed-cross",
-             "ringed-saltire")  # fmt: skip
+SYMMETRIC = ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross", "dot", "ring",
+             "ringed-dot", "ringed-cross", "ringed-saltire", "quadrants")  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,8 @@ class Mark:
     """Width of its lines, millimetres; for a ringed dot also the diameter of the dot."""
     outward: tuple[float, float] = (0.0, 1.0)
     """Direction from the middle of the photo, as it lies in the scan (right, down); for notches."""
+    blur_px: float = 0.0
+    """Blur of lens, film and scanner: Gaussian sigma, template pixels."""
 
     @property
     def symmetric(self) -> bool:
@@ -44,7 +47,7 @@ def library() -> tuple[Mark, ...]:
     """Marks worth looking for, from 0.1 to 3 mm; lines no thicker than a third of their length."""
     marks = [
         Mark(shape, radius, stroke)
-        for shape in ("cross", "saltire", "gapped-cross")
+        for shape in ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross")
         for radius in (0.4, 0.65, 1.0, 1.6, 2.5)
         for stroke in (0.1, 0.2, 0.4)
         if stroke <= radius / 3
@@ -57,14 +60,23 @@ def library() -> tuple[Mark, ...]:
         for stroke in (0.1, 0.25)
         if stroke <= radius / 2
     ]
-    marks += [Mark(shape, 1.5, 0.0) for shape in ("wedge", "half-wedge", "other-half-wedge")]
-    return tuple(marks)
+    marks += [Mark("quadrants", radius, 0.0) for radius in (0.5, 1.0)]
+    marks += [
+        Mark(shape, radius, stroke)
+        for shape in ("corner", "outer-corner")
+        for radius, stroke in ((0.8, 0.2), (1.6, 0.2), (1.6, 0.4))
+    ]
+    wedges = ("wedge", "tip", "half-wedge", "other-half-wedge")
+    return (*marks, *(Mark(shape, 1.5, 0.0) for shape in wedges))
 
 
-def resized(mark: Mark, radius_factor: float, stroke_factor: float) -> Mark:
-    """The same kind of mark with other measures."""
+def resized(mark: Mark, radius_factor: float, stroke_factor: float, blur_px: float) -> Mark:
+    """The same kind of mark with other measures and another blur."""
     return replace(
-        mark, radius_mm=mark.radius_mm * radius_factor, stroke_mm=mark.stroke_mm * stroke_factor
+        mark,
+        radius_mm=mark.radius_mm * radius_factor,
+        stroke_mm=mark.stroke_mm * stroke_factor,
+        blur_px=blur_px,
     )
 
 
@@ -89,7 +101,11 @@ def draw_mark(
     right, down = np.meshgrid(axis, axis)
     cosine, sine = np.cos(turn), np.sin(turn)
     inside = SHAPES[mark.shape](mark, right * cosine + down * sine, down * cosine - right * sine)
-    return inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
+    drawn = inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
+    if mark.blur_px > 0:
+        border = cv2.BORDER_REPLICATE
+        drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), mark.blur_px, borderType=border))
+    return drawn
 
 
 def _cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
@@ -111,6 +127,35 @@ def _saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
 def _gapped_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     """Upright cross with an open middle."""
     return _cross(mark, x, y) & (np.maximum(np.abs(x), np.abs(y)) > 0.3 * mark.radius_mm)
+
+
+def _gapped_saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Diagonal cross with an open middle."""
+    return _gapped_cross(mark, *_turned(x, y))
+
+
+def _dotted_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Upright cross, its open middle with a dot in it, as in cameras of the thirties."""
+    return _gapped_cross(mark, x, y) | (np.hypot(x, y) < max(0.1 * mark.radius_mm, 0.05))
+
+
+def _quadrants(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Disc of which two opposite quarters are filled."""
+    return (np.hypot(x, y) < mark.radius_mm) & (x * y > 0)
+
+
+def _corner(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Two arms at a right angle that run towards the middle of the photo's sides."""
+    right, down = (-1.0 if part < -1e-9 else 1.0 for part in mark.outward)
+    inward, across = -x * right, -y * down
+    half, arm = mark.stroke_mm / 2, mark.radius_mm
+    level = (np.abs(across) < half) & (inward > -half) & (inward < arm)
+    return level | ((np.abs(inward) < half) & (across > -half) & (across < arm))
+
+
+def _outer_corner(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """The same with arms that run away from the middle."""
+    return _corner(mark, -x, -y)
 
 
 def _dot(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
@@ -151,6 +196,12 @@ def _wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     return along > np.abs(across)
 
 
+def _tip(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
+    """Right-angled tip of the picture that reaches out into its frame."""
+    along, across = _outwards(mark, x, y)
+    return -along > np.abs(across)
+
+
 def _half_wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     """Notch with one straight and one slanting side."""
     along, across = _outwards(mark, x, y)
@@ -167,12 +218,18 @@ SHAPES: dict[str, Callable[[Mark, Coordinates, Coordinates], Inside]] = {
     "cross": _cross,
     "saltire": _saltire,
     "gapped-cross": _gapped_cross,
+    "gapped-saltire": _gapped_saltire,
+    "dotted-cross": _dotted_cross,
+    "quadrants": _quadrants,
+    "corner": _corner,
+    "outer-corner": _outer_corner,
     "dot": _dot,
     "ring": _ring,
     "ringed-dot": _ringed_dot,
     "ringed-cross": _ringed_cross,
     "ringed-saltire": _ringed_saltire,
     "wedge": _wedge,
+    "tip": _tip,
     "half-wedge": _half_wedge,
     "other-half-wedge": _other_half_wedge,
 }

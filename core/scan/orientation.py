@@ -16,6 +16,7 @@ from core.geometry.interior import (
 )
 from core.scan.fiducials import FiducialMeasurement, FiducialOptions, measure_fiducials
 from core.scan.film_area import FilmArea, area_from_interior, detect_film_area, usable_mask
+from core.scan.layouts import Way
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
 
 AFFINITY = 2e-4
@@ -76,8 +77,9 @@ def orient_scan(
         interior = _nominal(scan, camera, pixel_mm, area)
         doubts = (_nominal_doubt(photo_id, area, "The camera has no fiducials_mm", 0.3),)
         return ScanOrientation(photo_id, scan, interior, (), _area(area, interior, camera), doubts)
-    marks, doubts = measure_fiducials(scan, camera, pixel_mm, area, options)
-    fitted = _interior_from_marks(marks, camera)
+    measured = measure_fiducials(scan, camera, pixel_mm, area, options)
+    marks, doubts = measured.marks, measured.doubts
+    fitted = _interior_from_marks(marks, camera, measured.way)
     if isinstance(fitted, Failure):
         interior = _nominal(scan, camera, pixel_mm, area)
         doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), 0.8),)
@@ -88,7 +90,7 @@ def orient_scan(
 
 
 def _interior_from_marks(
-    marks: tuple[FiducialMeasurement, ...], camera: Camera
+    marks: tuple[FiducialMeasurement, ...], camera: Camera, way: Way
 ) -> InteriorOrientation | Failure:
     """Interior orientation from at least two marks."""
     if len(marks) < 2:
@@ -96,7 +98,8 @@ def _interior_from_marks(
     names = [mark.name for mark in marks]
     pixels = np.array([(mark.column, mark.row) for mark in marks], dtype=np.float64)
     film = np.array([camera.fiducials_mm[name] for name in names], dtype=np.float64)
-    return fit_interior(names, pixels, film)
+    sigmas = np.array([mark.sigma_px for mark in marks])
+    return fit_interior(names, pixels, film, "auto", sigmas, mirrored=way[1])
 
 
 def _nominal(

@@ -103,7 +103,7 @@ def test_measured_sigmas_are_honest__truth(tmp_path: Path) -> None:
         path = tmp_path / f"{seed}.tif"
         truth = make_film(path, Film(noise=25.0, turn_deg=seed - 1.0), seed)
         scan = open_scan(path)
-        marks, _ = measure_fiducials(scan, CAMERA, 0.04, detect_film_area(scan, CAMERA, 0.04))
+        marks = measure_fiducials(scan, CAMERA, 0.04, detect_film_area(scan, CAMERA, 0.04)).marks
         assert len(marks) == 4
         for mark in marks:
             off += [mark.column - truth[mark.name][0], mark.row - truth[mark.name][1]]
@@ -117,6 +117,6 @@ def test_texture_is_not_taken_for_marks__truth(tmp_path: Path) -> None:
         path = tmp_path / f"{seed}.tif"
         make_film(path, Film(missing=tuple(FIDUCIALS)), seed)
         scan = open_scan(path)
-        marks, doubts = measure_fiducials(scan, CAMERA, 0.04, detect_film_area(scan, CAMERA, 0.04))
-        assert not marks
-        assert [doubt.kind for doubt in doubts] == ["fiducials-not-found"]
+        found = measure_fiducials(scan, CAMERA, 0.04, detect_film_area(scan, CAMERA, 0.04))
+        assert not found.marks
+        assert [doubt.kind for doubt in found.doubts] == ["fiducials-not-found"]

@@ -1,0 +1,121 @@
+"""The middle of a mark by its outline: the second way for marks that have no symmetry.
+
+Along every piece of the drawn outline the scan's own step of gray is looked for on the normal; the
+shift (and the growth of the mark by exposure) that brings the outline onto the steps is solved for
+with the influence of dirt bounded. It compares places of edges, where matching compares grays.
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+
+from core.doubts import Failure
+from core.scan.centring import Centre, Gray, Weights
+
+REACH_PX = 3.0
+"""How far from the drawn outline a step is looked for, pixels."""
+STEP_PX = 0.25
+ROUNDS = 6
+MIN_EDGES = 24
+"""Fewer pieces of outline than this say nothing."""
+STEEP = 0.5
+"""Share of the steepest drawn slope from which a pixel belongs to the outline."""
+Points = Float64[np.ndarray, "edges 2"]
+
+
+def centre_by_edges(
+    window: Gray, template: Weights, weights: Weights, start: tuple[float, float], limit_px: float
+) -> Centre | Failure:
+    """The place at which the drawn outline lies on the scan's steps of gray.
+
+    Args:
+        window: Part of the scan, without NaN.
+        template: The drawn mark, 1 where the scan is brighter; its middle is that of its middle
+            pixel.
+        weights: Weight of each template pixel.
+        start: Approximate middle (column, row) in the window, pixels.
+        limit_px: How far from the start the middle may be.
+    """
+    points, normals = _outline(template, weights)
+    if len(points) < MIN_EDGES:
+        return Failure("The mark has too little outline in the window.")
+    place, sigma, share = np.array(start, dtype=np.float64), np.nan, 0.0
+    for _ in range(ROUNDS):
+        offsets, sure = _steps(window, points + place, normals)
+        if sure.sum() < MIN_EDGES:
+            return Failure("The mark's outline is not there.")
+        design = np.column_stack([normals, np.ones(len(normals))])[sure]
+        step, sigma = _robust(design, offsets[sure])
+        share = float(sure.mean())
+        place = place + np.clip(step[:2], -1.0, 1.0)
+        if np.linalg.norm(place - np.array(start)) > limit_px:
+            return Failure("The outline lies elsewhere.")
+        if np.abs(step[:2]).max() < 2e-3:
+            break
+    return Centre(float(place[0]), float(place[1]), sigma, share)
+
+
+def _outline(template: Weights, weights: Weights) -> tuple[Points, Points]:
+    """Places (from the middle) and unit normals, towards the bright side, of the drawn outline."""
+    half = template.shape[0] // 2
+    soft = np.asarray(cv2.GaussianBlur(template, (0, 0), 0.7, borderType=cv2.BORDER_REPLICATE))
+    right, down = np.gradient(soft, axis=1), np.gradient(soft, axis=0)
+    steep = np.hypot(right, down)
+    used = (steep > STEEP * steep.max()) & (weights > 0.5)
+    margin = int(REACH_PX)
+    used[:margin] = used[-margin:] = used[:, :margin] = used[:, -margin:] = False
+    rows, columns = np.nonzero(used)
+    normals = np.column_stack([right[used], down[used]]) / steep[used][:, None]
+    points = np.column_stack([columns - half, rows - half]).astype(np.float64)
+    # To the place on the normal where the drawn step itself is: the same measure on both sides.
+    offsets, sure = _steps(template.astype(np.float32), points + half + 0.5, normals)
+    return (points + offsets[:, None] * normals)[sure], normals[sure]
+
+
+def _steps(
+    window: Gray, points: Points, normals: Points
+) -> tuple[Float64[np.ndarray, "edges"], np.ndarray]:
+    """How far along its normal each step lies, and which were seen."""
+    along = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
+    columns = points[:, :1] + normals[:, :1] * along - 0.5
+    rows = points[:, 1:] + normals[:, 1:] * along - 0.5
+    profile = cv2.remap(
+        window, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    ).astype(np.float64)  # fmt: skip
+    slope = np.maximum(np.diff(profile, axis=1), 0.0)
+    middle = (along[1:] + along[:-1]) / 2
+    # Nearness decides between the two sides of a thin line.
+    near = slope * np.exp(-0.5 * (middle / 1.2) ** 2)
+    peak = middle[near.argmax(axis=1)]
+    around = np.exp(-0.5 * ((middle[None, :] - peak[:, None]) / 0.7) ** 2) * slope
+    total = around.sum(axis=1)
+    place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
+    # The window about the peak pulls the centroid towards the peak's own sample: once more.
+    around = np.exp(-0.5 * ((middle[None, :] - place[:, None]) / 0.7) ** 2) * slope
+    total = around.sum(axis=1)
+    place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
+    strong = total > 0.3 * float(np.median(total))
+    return place, strong & (np.abs(place) < REACH_PX - 0.5)
+
+
+def _robust(
+    design: Float64[np.ndarray, "edges 3"], offsets: Float64[np.ndarray, "edges"]
+) -> tuple[Float64[np.ndarray, "3"], float]:
+    """Shift and growth with Huber's bound; sigma of the shift per axis.
+
+    Neighbouring pixels share their blur and grain: about two of them make one independent edge.
+    """
+    solution = np.zeros(3)
+    weight = np.ones(len(offsets))
+    for _ in range(8):
+        normal = (design * weight[:, None]).T @ design + 1e-9 * np.eye(3)
+        solution = np.linalg.solve(normal, (design * weight[:, None]).T @ offsets)
+        residual = offsets - design @ solution
+        spread = 1.4826 * float(np.median(np.abs(residual))) + 0.01
+        weight = np.minimum(1.0, 2.0 * spread / np.maximum(np.abs(residual), 1e-9))
+    residual = offsets - design @ solution
+    freedom = max(weight.sum() / 2 - 3, 1.0)
+    variance = float(np.sum(weight * residual**2)) / 2 / freedom
+    cofactor = np.linalg.inv((design * weight[:, None]).T @ design + 1e-9 * np.eye(3)) * 2
+    return solution, float(np.sqrt(variance * np.trace(cofactor[:2, :2]) / 2))

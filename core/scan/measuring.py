@@ -1,0 +1,223 @@
+"""The marks of one constellation at full resolution: the kind fitted, every middle found twice."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float32
+
+from core.doubts import Failure
+from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
+from core.scan.candidates import eighth
+from core.scan.centring import (
+    Centre,
+    Gray,
+    Weights,
+    centre_by_symmetry,
+    correlation,
+    disc_weights,
+    match_mark,
+    sample_about,
+)
+from core.scan.constellation import Constellation
+from core.scan.edges import centre_by_edges
+from core.scan.marks import Mark, draw_mark, resized
+from core.scan.raster import ScanFile, read_window
+
+FITTING_MM = 0.03
+"""Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
+BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
+"""Blurs that are tried, pixels of the fitting."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spot:
+    """A window about one mark."""
+
+    name: str
+    """The fiducial's name."""
+    corner: tuple[int, int]
+    """First column and row in the scan."""
+    gray: Float32[np.ndarray, "rows columns"]
+    """Gray values."""
+    start: tuple[float, float]
+    """Approximate middle, window pixels."""
+    outward: tuple[float, float]
+    """Direction from the middle of the marks, in the film's axes (right, down)."""
+    found: bool
+    """False where the place only follows from the other marks."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedMark:
+    """The mark as it looks in this scan."""
+
+    mark: Mark
+    """Kind, measures and blur."""
+    turn: float
+    """Small rotation of the film in the scan, radians, clockwise."""
+    bright: bool
+    """True when it is brighter than its surroundings."""
+    pixel_mm: float
+    """Size of the pixels its blur is given for."""
+
+    def drawn(self, outward: tuple[float, float], pixel_mm: float) -> Weights:
+        """Template for one place, at a pixel size."""
+        blur = self.mark.blur_px * self.pixel_mm / pixel_mm
+        return draw_mark(replace(self.mark, outward=outward, blur_px=blur), pixel_mm, self.turn)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoWays:
+    """One mark's middle from both ways."""
+
+    column: float
+    """Scan pixels."""
+    row: float
+    """Scan pixels."""
+    sigma_px: float
+    """Standard deviation per axis, pixels."""
+    correlation: float
+    """Likeness to the drawn mark."""
+    disagreement_px: float
+    """Distance between both ways."""
+
+
+def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
+    """Full resolution windows about all marks; those not found yet where the others put them."""
+    half = int(np.ceil((found.mark.reach_mm * 1.8 + 0.6) / pixel_mm)) + 8
+    places = _all_places(found)
+    middle = np.mean(list(places.values()), axis=0)
+    spots: dict[str, Spot] = {}
+    for name, (column, row) in places.items():
+        if not (0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]):
+            continue
+        corner = (round(column) - half, round(row) - half)
+        gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
+        outward = eighth((column - middle[0], row - middle[1]), _small(found.turn))
+        start = (column - corner[0], row - corner[1])
+        if np.isfinite(gray[half - 3 : half + 3, half - 3 : half + 3]).all():
+            spots[name] = Spot(name, corner, gray, start, outward, name in found.names)
+    return spots
+
+
+def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:
+    """The mark's kind and measures: what makes the drawn mark most like the scan's, on average.
+
+    Of the kinds that were found at the same places the best, then coordinate descent over radius,
+    stroke and blur.
+    """
+    reduction = max(1, round(FITTING_MM / pixel_mm))
+    cell = pixel_mm * reduction
+    small = [_reduced(spot, reduction) for spot in spots]
+    turn = -_small(found.turn)
+    trials = [FittedMark(kind, turn, found.bright, cell) for kind in (found.mark, *found.kinds)]
+    values = [_likeness(small, trial, cell) for trial in trials]
+    best, likeness = trials[int(np.argmax(values))], max(values)
+    blur = 0.0
+    for step in (0.2, 0.1, 0.05):
+        for _ in range(3):
+            factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
+                       (1.0, 1 / (1 + 2 * step)))  # fmt: skip
+            near = [b for b in BLURS_PX if b != blur] if step == 0.1 else []
+            marks = [resized(best.mark, *pair, blur) for pair in factors]
+            marks += [resized(best.mark, 1.0, 1.0, other) for other in near]
+            trials = [replace(best, mark=mark) for mark in marks]
+            values = [_likeness(small, trial, cell) for trial in trials]
+            winner = int(np.argmax(values))
+            if values[winner] <= likeness + 1e-4:
+                break
+            likeness, best = values[winner], trials[winner]
+            blur = best.mark.blur_px
+    return best
+
+
+def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
+    """One mark in both ways, near where it is expected.
+
+    Symmetric marks by matching and by their symmetry, others by matching and by their outline.
+    """
+    template = fitted.drawn(spot.outward, pixel_mm)
+    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+    matched = match_mark(spot.gray, template, weights, spot.start, limit_px=0.4 / pixel_mm + 2)
+    if isinstance(matched, Failure):
+        return matched
+    start = (matched.column, matched.row)
+    second = _second_way(spot.gray, fitted, template, weights, start, pixel_mm)
+    if isinstance(second, Failure):
+        return second
+    likeness = matched.correlation if fitted.bright else -matched.correlation
+    apart = float(np.hypot(matched.column - second.column, matched.row - second.row))
+    share = matched.sigma_px**2 / (matched.sigma_px**2 + second.sigma_px**2 + 1e-12)
+    return TwoWays(
+        spot.corner[0] + share * second.column + (1 - share) * matched.column,
+        spot.corner[1] + share * second.row + (1 - share) * matched.row,
+        float(np.hypot(min(second.sigma_px, 9.0), apart / 2)), likeness, apart,
+    )  # fmt: skip
+
+
+def _second_way(
+    gray: Gray,
+    fitted: FittedMark,
+    template: Weights,
+    weights: Weights,
+    start: tuple[float, float],
+    pixel_mm: float,
+) -> Centre | Failure:
+    """The way that knows nothing of the grays of the drawn mark."""
+    if not fitted.mark.symmetric:
+        outline = template if fitted.bright else -template
+        return centre_by_edges(gray, outline, weights, start, limit_px=0.3 / pixel_mm + 2)
+    radius = fitted.mark.reach_mm * 1.15 / pixel_mm + 1
+    disc = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
+    return centre_by_symmetry(gray, disc, start, limit_px=0.3 / pixel_mm + 2)
+
+
+def _small(turn: float) -> float:
+    """A rotation less its quarter turns."""
+    return float((turn + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+
+
+def _all_places(found: Constellation) -> Mapping[str, tuple[float, float]]:
+    """Where each mark was found, or where a similarity through the found ones puts it."""
+    names = found.layout.names
+    film = found.layout.lying(found.way)
+    at = {name: i for i, name in enumerate(names)}
+    fit = fit_similarity(film[[at[n] for n in found.names]], found.pixels, mirrored=True)
+    places = dict(found.predicted)
+    if isinstance(fit, PlaneTransform):
+        for name, (column, row) in zip(names, apply_affine(fit.matrix, film).tolist(), strict=True):
+            places[name] = (column, row)
+    for name, (column, row) in zip(found.names, found.pixels.tolist(), strict=True):
+        places[name] = (column, row)
+    return places
+
+
+def _reduced(spot: Spot, reduction: int) -> Spot:
+    """The same window with fewer pixels."""
+    if reduction == 1:
+        return spot
+    side = spot.gray.shape[0] // reduction
+    part = spot.gray[: side * reduction, : side * reduction]
+    gray = part.reshape(side, reduction, side, reduction).mean(axis=(1, 3))
+    return replace(spot, gray=gray, start=(spot.start[0] / reduction, spot.start[1] / reduction))
+
+
+def _likeness(spots: Sequence[Spot], fitted: FittedMark, cell_mm: float) -> float:
+    """Mean correlation with the drawn mark where it matches best; -1 where it does not."""
+    values: list[float] = []
+    drawn: dict[tuple[float, float], Weights] = {}
+    for spot in spots:
+        outward = spot.outward if not fitted.mark.symmetric else (0.0, 1.0)
+        if outward not in drawn:
+            drawn[outward] = fitted.drawn(outward, cell_mm)
+        template = drawn[outward]
+        weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+        match = match_mark(spot.gray, template, weights, spot.start, limit_px=0.3 / cell_mm + 1)
+        if isinstance(match, Failure):
+            values.append(-1.0)
+            continue
+        patch = sample_about(spot.gray, np.array([match.column, match.row]), template.shape[0])
+        values.append(correlation(patch, template, weights) * (1 if fitted.bright else -1))
+    # The drawn mark's own size is its window: likeness of a larger one is worth more.
+    return float(np.mean(np.sort(values)[len(values) // 4 :]))
