@@ -33,6 +33,8 @@ from core.reference.planar import planar_graph
 from core.reference.reference import Reference
 from core.reference.roads import read_roads
 from core.reference.vectors import read_mask_polygons
+from core.scan.family import settle_family
+from core.scan.look import same_photo
 from core.scan.orientation import ScanOrientation, orient_scan
 from core.stages import BlockInput, Georeferenced, Made, ScanInput, ScanSet, Stage, Tied, Work
 
@@ -83,10 +85,30 @@ def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
             oriented[result.photo_id] = result
     if not oriented:
         raise next(iter(failed.values()))
-    doubts = [doubt for result in oriented.values() for doubt in result.doubts]
+    oriented, cameras, doubts = _by_camera(given, oriented)
+    doubts += [doubt for result in oriented.values() for doubt in result.doubts]
+    doubts += same_photo({name: scan.look for name, scan in oriented.items()})
     doubts += [Doubt("scan-set-aside", name, str(error), 0.8) for name, error in failed.items()]
     reasons = {name: str(error) for name, error in failed.items()}
-    return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts))
+    return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts), cameras)
+
+
+def _by_camera(
+    given: BlockInput, oriented: dict[str, ScanOrientation]
+) -> tuple[dict[str, ScanOrientation], dict[str, Camera], list[Doubt]]:
+    """The scans of each camera settled together; cameras as their photos show them; doubts."""
+    settled: dict[str, ScanOrientation] = {}
+    cameras: dict[str, Camera] = dict(given.cameras)
+    doubts: list[Doubt] = []
+    scans = {scan.path.stem: scan for scan in given.scans}
+    for name, camera in given.cameras.items():
+        own = {photo: one for photo, one in oriented.items() if scans[photo].camera == name}
+        pixels_mm = {photo: scans[photo].scan_pixel_um / 1000 for photo in own}
+        family = settle_family(own, camera, pixels_mm)
+        settled |= family.oriented
+        cameras[name] = family.camera
+        doubts += family.doubts
+    return settled, cameras, doubts
 
 
 def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferenced:
@@ -118,7 +140,7 @@ def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferen
         for name, result in sorted(found.items())
     }
     set_aside = {name: str(error) for name, error in failed.items()}
-    block = Block(given.crs, given.cameras, photos)
+    block = Block(given.crs, scans.cameras or given.cameras, photos)
     lost = far_from_reference(block, reference)
     set_aside |= lost
     block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})

@@ -82,6 +82,8 @@ class ScanSet:
     """Reason by photo."""
     doubts: tuple[Doubt, ...]
     """What is doubtful about them."""
+    cameras: Mapping[str, Camera] = field(default_factory=dict[str, Camera])
+    """Cameras by name, with marks where only the photos tell them; empty: as they were given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,6 +27,11 @@ class Camera:
         default_factory=dict[str, tuple[float, float]]
     )
     """Certified fiducials by name, film frame, millimetres; empty when there are none."""
+    data_strip: str = ""
+    """Side of the picture on which the camera writes, in the film frame: `left`, `right`, `top`,
+    `bottom`; empty when nobody said."""
+    fiducial_marks: int = 0
+    """How many marks the camera has where `fiducials_mm` is empty: 4 or 8; 0 when nobody said."""
     certified: "Camera | None" = None
     """The camera as it stood before its constants were adjusted; None as long as they are not."""
 

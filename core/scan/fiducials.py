@@ -71,6 +71,13 @@ class FiducialSet:
     fitted: tuple[FittedMark, ...] = ()
     """The marks as they look in this scan, a kind for each group."""
 
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Middle of the box about the marks, column and row."""
+        places = np.array([(mark.column, mark.row) for mark in self.marks])
+        column, row = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
+        return column, row
+
 
 def measure_fiducials(
     scan: ScanFile,
@@ -78,7 +85,6 @@ def measure_fiducials(
     scan_pixel_mm: float,
     area: FilmArea,
     options: FiducialOptions | None = None,
-    preferred: Sequence[Way] = (),
 ) -> FiducialSet:
     """Find and measure the camera's fiducials in a scan.
 
@@ -88,7 +94,6 @@ def measure_fiducials(
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
         options: When a mark stands.
-        preferred: Ways the film lies in by other evidence, for marks that cannot tell.
     """
     options = options or FiducialOptions()
     photo_id = photo_id_of(scan.path)
@@ -99,7 +104,7 @@ def measure_fiducials(
     measured = _measured(scan, found, scan_pixel_mm, options)
     if not measured.marks:
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
-    return _named(measured, found[0].way, camera, preferred)
+    return renamed(measured, camera)
 
 
 def measure_unknown_fiducials(
@@ -132,6 +137,34 @@ def measure_unknown_fiducials(
     if not sets:
         return FiducialSet((), ())
     return _measured(scan, sets, scan_pixel_mm, options)
+
+
+def renamed(measured: FiducialSet, camera: Camera, preferred: Sequence[Way] = ()) -> FiducialSet:
+    """The marks under the names of the way to lie that the certificate speaks for.
+
+    Args:
+        measured: Marks with the names they were found under.
+        camera: Camera with its certified fiducials.
+        preferred: Ways to take where the certificate cannot tell, best first.
+    """
+    pixels = np.array([(mark.column, mark.row) for mark in measured.marks], dtype=np.float64)
+    sigmas = np.array([mark.sigma_px for mark in measured.marks])
+    names = [mark.name for mark in measured.marks]
+    naming = name_marks(names, pixels, sigmas, measured.way, camera.fiducials_mm, preferred)
+    marks = [
+        replace(mark, name=name) for mark, name in zip(measured.marks, naming.names, strict=True)
+    ]
+    order = {name: i for i, name in enumerate(camera.fiducials_mm)}
+    marks.sort(key=lambda mark: order[mark.name])
+    renamed = dict(zip(names, naming.names, strict=True))
+    missing = iter(name for name in order if name not in naming.names)
+    doubts: list[Doubt] = []
+    for doubt in measured.doubts:
+        name = str(doubt.evidence["fiducial"])
+        doubts.append(_renamed(doubt, name, renamed[name] if name in renamed else next(missing)))
+    return replace(
+        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals
+    )
 
 
 def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
@@ -271,30 +304,6 @@ def _judged(
                 {"disagreement_px": result.disagreement_px},
             )
     return judged
-
-
-def _named(
-    measured: FiducialSet, way: Way, camera: Camera, preferred: Sequence[Way]
-) -> FiducialSet:
-    """The marks under the names of the way that the certificate speaks for."""
-    pixels = np.array([(mark.column, mark.row) for mark in measured.marks], dtype=np.float64)
-    sigmas = np.array([mark.sigma_px for mark in measured.marks])
-    names = [mark.name for mark in measured.marks]
-    naming = name_marks(names, pixels, sigmas, way, camera.fiducials_mm, preferred)
-    marks = [
-        replace(mark, name=name) for mark, name in zip(measured.marks, naming.names, strict=True)
-    ]
-    order = {name: i for i, name in enumerate(camera.fiducials_mm)}
-    marks.sort(key=lambda mark: order[mark.name])
-    renamed = dict(zip(names, naming.names, strict=True))
-    missing = iter(name for name in order if name not in naming.names)
-    doubts: list[Doubt] = []
-    for doubt in measured.doubts:
-        name = str(doubt.evidence["fiducial"])
-        doubts.append(_renamed(doubt, name, renamed[name] if name in renamed else next(missing)))
-    return replace(
-        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals
-    )
 
 
 def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:

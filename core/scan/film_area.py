@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 
 from core.arrays import Mask, Matrix, PixelPoints, Scalars, locked
+from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation
-from core.scan.raster import ScanFile, read_overview
+from core.scan.raster import ScanFile, read_overview, read_window
 
 Side = Literal["left", "right", "top", "bottom"]
 SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
@@ -23,6 +24,12 @@ STEP_CELLS = 3
 """Cells on either side of a boundary whose means are compared."""
 UNSEEN = 0.3
 """Score that a side which cannot be seen is given: about what chance steps reach."""
+BLANK = 3.0
+"""Grays (of 255, noise averaged out) that differ by less show nothing."""
+MARGIN = 0.1
+"""Share of the frame that is looked at about it once its place is roughly known."""
+MOST = 0.7
+"""Share of the scan from which looking again would show nothing new."""
 RING_MM = 3.0
 """Width of the ring of film about the picture whose look is taken for the margin's."""
 MIN_MARGIN = 0.005
@@ -45,6 +52,8 @@ class FilmAreaOptions:
     """How far the film may be turned in the scanner, degrees."""
     size_tolerance: float = 0.02
     """How far the picture may differ from `frame_mm`, as a share of it."""
+    off_middle_mm: float = 1.0
+    """How far the middle of the picture may be from the middle of its marks, millimetres."""
     min_score: float = 0.45
     """Mean vote of the strips (0 to 1) from which a side counts as seen."""
 
@@ -92,24 +101,108 @@ def detect_film_area(
         options: How it is looked for.
     """
     options = options or FilmAreaOptions()
-    reduction = max(1, -(-max(scan.size_px) // options.overview_px))
-    gray = _eight_bit(read_overview(scan, reduction))
-    frame = _frame_as_it_lies(scan, camera) / (scan_pixel_mm * reduction)
+    frame_mm = _frame_as_it_lies(scan, camera)
+    columns, rows = scan.size_px
+    area = _area_in(scan, (0, 0, columns, rows), frame_mm / scan_pixel_mm, options)
+    low = area.corners.min(axis=0) - MARGIN * frame_mm / scan_pixel_mm
+    high = area.corners.max(axis=0) + MARGIN * frame_mm / scan_pixel_mm
+    left, top = np.maximum(low, 0).astype(int).tolist()
+    right, bottom = np.minimum(high, scan.size_px).astype(int).tolist()
+    if (right - left) * (bottom - top) > MOST * columns * rows:
+        return area
+    # A page with the photo in one corner: looked at again without the rest of the page.
+    window = (left, top, right - left, bottom - top)
+    return _area_in(scan, window, frame_mm / scan_pixel_mm, options)
+
+
+def refine_film_area(
+    scan: ScanFile,
+    camera: Camera,
+    scan_pixel_mm: float,
+    area: FilmArea,
+    middle: tuple[float, float],
+    options: FilmAreaOptions | None = None,
+) -> FilmArea:
+    """The border once the middle of the fiducials is known, which is that of the picture.
+
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The border as it was found without the marks.
+        middle: Column and row of the middle of the marks.
+        options: How it is looked for.
+    """
+    options = options or FilmAreaOptions()
+    away_mm = np.abs(area.centre[0] - np.array(middle)) * scan_pixel_mm
+    if float(away_mm.max()) < options.off_middle_mm:
+        return area
+    frame = _frame_as_it_lies(scan, camera) / scan_pixel_mm
+    low = np.maximum(np.array(middle) - (0.5 + MARGIN) * frame, 0).astype(int)
+    high = np.minimum(np.array(middle) + (0.5 + MARGIN) * frame, scan.size_px).astype(int)
+    (left, top), (width, height) = low.tolist(), (high - low).tolist()
+    reach = options.off_middle_mm / scan_pixel_mm
+    return _area_in(scan, (left, top, width, height), frame, options, (middle, reach))
+
+
+def _area_in(
+    scan: ScanFile,
+    window: tuple[int, int, int, int],
+    frame_px: np.ndarray,
+    options: FilmAreaOptions,
+    known: tuple[tuple[float, float], float] | None = None,
+) -> FilmArea:
+    """The border of the picture in a window (column, row, columns, rows) of the scan.
+
+    `known` is its middle and how far it may be from there, pixels.
+    """
+    reduction = max(1, -(-max(window[2:]) // options.overview_px))
+    gray = _eight_bit(read_window(scan, *window, reduction))
+    frame = frame_px / reduction
+    near: list[tuple[float, float] | None] = [None, None]
+    if known is not None:
+        (column, row), reach = known
+        near = [
+            ((column - window[0]) / reduction, reach / reduction),
+            ((row - window[1]) / reduction, reach / reduction),
+        ]
     across, down = _votes(gray, options.strips), _votes(gray.T, options.strips)
     best: tuple[float, _Pair, _Pair, float] | None = None
     for turn in np.tan(np.radians(_turns(options))):
-        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), options)
-        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), options)
+        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), options, near[0])
+        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), options, near[1])
         if best is None or columns.total + rows.total > best[0]:
             best = (columns.total + rows.total, columns, rows, float(turn))
     assert best is not None
     _, columns, rows, turn = best
-    corners = _corners(columns, rows, turn, gray.shape) * reduction
+    corners = _corners(columns, rows, turn, gray.shape) * reduction + np.array(window[:2])
     scores = np.array([*columns.scores, *rows.scores])
     seen: tuple[Side, ...] = tuple(
         side for side, score in zip(SIDES, scores, strict=True) if score >= options.min_score
     )
     return FilmArea(corners, seen, scores)
+
+
+def check_not_blank(scan: ScanFile, area: FilmArea) -> None:
+    """Refuse a scan that shows nothing: unexposed film, an empty bed, a closed lid.
+
+    Raises:
+        ScanError: The heart of the picture is even, but for noise.
+    """
+    reduction = max(1, -(-max(scan.size_px) // 600))
+    low, high = area.corners.min(axis=0), area.corners.max(axis=0)
+    left, top = np.maximum(low + 0.1 * (high - low), 0).astype(int).tolist()
+    right, bottom = np.minimum(high - 0.1 * (high - low), scan.size_px).astype(int).tolist()
+    gray = read_window(scan, left, top, right - left, bottom - top, reduction)
+    top_gray = 255.0 if scan.dtype == "uint8" else max(float(np.nanpercentile(gray, 99.9)), 1024.0)
+    calm = cv2.blur(np.nan_to_num(gray), (9, 9))[4:-4, 4:-4] * (255.0 / top_gray)
+    spread = float(np.ptp(np.percentile(calm, [1, 99]))) if calm.size else 0.0
+    if spread < BLANK:
+        raise ScanError(
+            scan.path,
+            f"The scan is blank: grays of the picture differ by {spread:.1f} of 255.",
+            "Scan the photo again, or take the file out of [scans] files.",
+        )
 
 
 def area_from_interior(interior: InteriorOrientation, camera: Camera) -> FilmArea:
@@ -216,7 +309,12 @@ class _Pair:
     total: float
 
 
-def _best_pair(score: Scalars, size: float, options: FilmAreaOptions) -> _Pair:
+def _best_pair(
+    score: Scalars,
+    size: float,
+    options: FilmAreaOptions,
+    near: tuple[float, float] | None = None,
+) -> _Pair:
     """The two boundaries with the best votes that are as far apart as the frame is wide.
 
     A side that is not seen counts as UNSEEN wherever it is, also outside the scan; the two small
@@ -234,6 +332,8 @@ def _best_pair(score: Scalars, size: float, options: FilmAreaOptions) -> _Pair:
         middle = np.arange(len(total)) + width / 2 - reach
         total -= 0.02 * np.abs(width - size) / slack
         total -= 0.02 * np.abs(middle - len(score) / 2) / len(score)
+        if near is not None:
+            total -= np.where(np.abs(middle - near[0]) > near[1] + 0.5, 9.0, 0.0)
         first = int(np.argmax(total))
         if best is None or total[first] > best[0]:
             best = (float(total[first]), first - reach, width)

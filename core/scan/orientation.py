@@ -1,26 +1,45 @@
 """One scan from file to interior orientation, with everything that is doubtful about it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from core.arrays import Mask
+from core.arrays import Mask, locked
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.interior import (
     InteriorOrientation,
     fit_interior,
-    limit_um,
     nominal_interior,
 )
-from core.scan.fiducials import FiducialMeasurement, FiducialOptions, measure_fiducials
-from core.scan.film_area import FilmArea, area_from_interior, detect_film_area, usable_mask
-from core.scan.layouts import Way
+from core.scan.data_strip import find_data_strip, ways_of_strip
+from core.scan.fiducials import (
+    FiducialMeasurement,
+    FiducialOptions,
+    FiducialSet,
+    measure_fiducials,
+    measure_unknown_fiducials,
+    renamed,
+)
+from core.scan.film_area import (
+    FilmArea,
+    Side,
+    area_from_interior,
+    check_not_blank,
+    detect_film_area,
+    refine_film_area,
+    usable_mask,
+)
+from core.scan.interior_doubts import doubts_of_fit
+from core.scan.layouts import UPRIGHT, Way
+from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
 
-AFFINITY = 2e-4
-"""Difference of the film's scales in x and y that is worth a word, METHODS 2."""
+
+def _unseen() -> Look:
+    return np.zeros((0, 0), dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +58,17 @@ class ScanOrientation:
     """The exposed picture."""
     doubts: tuple[Doubt, ...]
     """What the operator should look at."""
+    way: Way = UPRIGHT
+    """How the film lies in the scan: quarter turns counter-clockwise, mirrored or not."""
+    rivals: tuple[Way, ...] = ()
+    """Other ways that the marks cannot tell from it."""
+    strip: Side | None = None
+    """Side of the picture, as it lies in the scan, with the data strip."""
+    look: Look = field(default_factory=_unseen)
+    """A small picture of the frame and its margin, as it lies in the scan."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "look", locked(self.look, np.uint8))
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -61,45 +91,135 @@ def orient_scan(
 
     Args:
         path: The scan file.
-        camera: Camera; its `fiducials_mm` may be empty.
+        camera: Camera; its `fiducials_mm` may be empty: marks are then looked for where cameras
+            have them, and their places follow from all photos together (`family`).
         scan_pixel_um: Nominal size of a scan pixel, micrometres.
         options: When a fiducial stands.
 
     Raises:
-        ScanError: The file cannot be used, or does not fit the camera.
+        ScanError: The file cannot be used, is blank, or does not fit the camera.
     """
     scan = open_scan(path)
     pixel_mm = scan_pixel_um / 1000
-    check_fits_camera(scan, camera, pixel_mm)
+    check_fits_camera(scan, camera, pixel_mm, page=True)
     area = detect_film_area(scan, camera, pixel_mm)
+    if len(area.seen) < 4:
+        check_fits_camera(scan, camera, pixel_mm)
+    check_not_blank(scan, area)
+    if camera.fiducials_mm:
+        return _by_certificate(scan, camera, pixel_mm, area, options)
     photo_id = photo_id_of(path)
-    if not camera.fiducials_mm:
-        interior = _nominal(scan, camera, pixel_mm, area)
-        doubts = (_nominal_doubt(photo_id, area, "The camera has no fiducials_mm", 0.3),)
-        return ScanOrientation(photo_id, scan, interior, (), _area(area, interior, camera), doubts)
+    measured, area = _unknown(scan, camera, pixel_mm, area, options)
+    strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
+    interior = _nominal(scan, camera, pixel_mm, area)
+    doubt = _nominal_doubt(photo_id, area, "The camera has no fiducials_mm", 0.3)
+    return ScanOrientation(
+        photo_id, scan, interior, measured.marks, _area(area, interior, camera),
+        (*measured.doubts, doubt), strip=strip, look=look_of(scan, area),
+    )  # fmt: skip
+
+
+def interior_of(
+    marks: Sequence[FiducialMeasurement], certificate: Mapping[str, tuple[float, float]], way: Way
+) -> InteriorOrientation | Failure:
+    """Interior orientation from at least two marks.
+
+    Args:
+        marks: The marks that were measured.
+        certificate: Where they lie on the film, millimetres.
+        way: How the film lies in the scan.
+    """
+    if len(marks) < 2:
+        return Failure(f"Only {len(marks)} of {len(certificate)} fiducials were measured.")
+    names = [mark.name for mark in marks]
+    pixels = np.array([(mark.column, mark.row) for mark in marks], dtype=np.float64)
+    film = np.array([certificate[name] for name in names], dtype=np.float64)
+    sigmas = np.array([mark.sigma_px for mark in marks])
+    return fit_interior(names, pixels, film, "auto", sigmas, mirrored=way[1])
+
+
+def _unknown(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None,
+) -> tuple[FiducialSet, FilmArea]:
+    """Marks nobody certified, and the picture area that goes with them."""
+    measured = measure_unknown_fiducials(scan, camera, pixel_mm, area, options)
+    if len(measured.marks) < 3:
+        return measured, area
+    refined = refine_film_area(scan, camera, pixel_mm, area, measured.middle)
+    if refined is area or not measured.doubts:
+        return measured, refined
+    # Windows about the right places may show what windows about the wrong ones did not.
+    again = measure_unknown_fiducials(scan, camera, pixel_mm, refined, options)
+    return (again if len(again.marks) > len(measured.marks) else measured), refined
+
+
+def _by_certificate(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None,
+) -> ScanOrientation:
+    """The scan of a camera whose marks are certified."""
+    photo_id = photo_id_of(scan.path)
     measured = measure_fiducials(scan, camera, pixel_mm, area, options)
+    fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
+    if isinstance(fitted, InteriorOrientation):
+        column, row = fitted.pixel_from_film(np.zeros((1, 2)))[0].tolist()
+        area = refine_film_area(scan, camera, pixel_mm, area, (column, row))
+    strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
+    preferred = ways_of_strip(camera.data_strip, strip)
+    if measured.rivals and preferred:
+        measured = renamed(measured, camera, preferred)
+        fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
     marks, doubts = measured.marks, measured.doubts
-    fitted = _interior_from_marks(marks, camera, measured.way)
     if isinstance(fitted, Failure):
         interior = _nominal(scan, camera, pixel_mm, area)
         doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), 0.8),)
+        doubts += _of_another_camera(scan, camera, pixel_mm, area, options)
     else:
         interior = fitted
-        doubts += _doubts_of_fit(photo_id, interior, marks)
-    return ScanOrientation(photo_id, scan, interior, marks, _area(area, interior, camera), doubts)
+        doubts += doubts_of_fit(photo_id, interior, marks, pixel_mm)
+    return ScanOrientation(
+        photo_id, scan, interior, marks, _area(area, interior, camera), doubts,
+        measured.way, measured.rivals, strip, look_of(scan, area),
+    )  # fmt: skip
 
 
-def _interior_from_marks(
-    marks: tuple[FiducialMeasurement, ...], camera: Camera, way: Way
-) -> InteriorOrientation | Failure:
-    """Interior orientation from at least two marks."""
-    if len(marks) < 2:
-        return Failure(f"Only {len(marks)} of {len(camera.fiducials_mm)} fiducials were measured.")
-    names = [mark.name for mark in marks]
-    pixels = np.array([(mark.column, mark.row) for mark in marks], dtype=np.float64)
-    film = np.array([camera.fiducials_mm[name] for name in names], dtype=np.float64)
-    sigmas = np.array([mark.sigma_px for mark in marks])
-    return fit_interior(names, pixels, film, "auto", sigmas, mirrored=way[1])
+def _of_another_camera(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None,
+) -> tuple[Doubt, ...]:
+    """A word about marks that are there, but not where this camera has them."""
+    other = measure_unknown_fiducials(scan, camera, pixel_mm, area, options)
+    if len(other.marks) < 3:
+        return ()
+    middle = np.mean([(mark.column, mark.row) for mark in other.marks], axis=0)
+    places = {
+        mark.name: (
+            round(float(mark.column - middle[0]) * pixel_mm, 2),
+            round(float(middle[1] - mark.row) * pixel_mm, 2),
+        )
+        for mark in other.marks
+    }
+    told = ", ".join(f"{name} ({x:+.1f}, {y:+.1f})" for name, (x, y) in places.items())
+    return (
+        Doubt(
+            "fiducials-of-another-camera",
+            photo_id_of(scan.path),
+            f"There are marks, but not those of camera '{camera.name}': {told} mm from their "
+            "middle. Give this scan its own camera in [[scans.override]], or correct fiducials_mm.",
+            0.8,
+            {"places_mm": places, "kind": other.marks[0].kind},
+        ),
+    )
 
 
 def _nominal(
@@ -126,54 +246,3 @@ def _nominal_doubt(photo_id: str, area: FilmArea, reason: str, gravity: float) -
         gravity,
         {"rests_on": rests_on, "sides_seen": list(area.seen)},
     )
-
-
-def _doubts_of_fit(
-    photo_id: str, interior: InteriorOrientation, marks: tuple[FiducialMeasurement, ...]
-) -> tuple[Doubt, ...]:
-    """Marks left out, large residuals, no redundancy, irregular film (METHODS 2)."""
-    doubts: list[Doubt] = []
-    left_out = [mark.name for mark in marks if mark.name not in interior.names]
-    if left_out:
-        doubts.append(
-            Doubt(
-                "fiducial-left-out", photo_id,
-                f"Fiducial {', '.join(left_out)} does not lie where the others put it and was left "
-                "out. Look whether it is the mark, and whether its certified place is right.",
-                0.5, {"fiducials": left_out},
-            )
-        )  # fmt: skip
-    if len(interior.names) < 3:
-        doubts.append(
-            Doubt(
-                "fiducials-few", photo_id,
-                "Only two fiducials were measured: nothing checks them. Measure a third by hand.",
-                0.6, {"fiducials": list(interior.names)},
-            )
-        )  # fmt: skip
-    if interior.rms_um > limit_um(interior.pixel_size_mm) / 2:
-        doubts.append(
-            Doubt(
-                "fiducial-residual", photo_id,
-                f"The fiducials fit their certificate with {interior.rms_um:.0f} um RMS, more than "
-                "their measurement explains.",
-                0.4, {"rms_um": interior.rms_um},
-            )
-        )  # fmt: skip
-    affinity = _affinity(interior)
-    if interior.model == "affine" and affinity > AFFINITY:
-        doubts.append(
-            Doubt(
-                "film-shrinkage", photo_id,
-                f"The film or the scanner is not true to shape: scales differ by {affinity:.1e}. "
-                "The affine interior orientation takes this up.",
-                0.1, {"affinity": affinity},
-            )
-        )  # fmt: skip
-    return tuple(doubts)
-
-
-def _affinity(interior: InteriorOrientation) -> float:
-    """Largest over smallest scale of the transform, minus one."""
-    singular = np.linalg.svd(interior.film_from_pixel_matrix[:, :2], compute_uv=False)
-    return float(singular[0] / singular[1] - 1)

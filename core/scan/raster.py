@@ -27,6 +27,8 @@ TAIL_BYTES = 65536
 OPENING = Lock()
 MIN_FIT, MAX_FIT = 0.9, 1.6
 """Side of the scan relative to the side of the frame that still counts as this camera's."""
+PAGE_FIT = 5.0
+"""The same of a whole page on a flat bed, on which the photo's border has to be seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +73,23 @@ def open_scan(path: Path) -> ScanFile:
     return scan
 
 
-def check_fits_camera(scan: ScanFile, camera: Camera, scan_pixel_mm: float) -> None:
+def check_fits_camera(
+    scan: ScanFile, camera: Camera, scan_pixel_mm: float, page: bool = False
+) -> None:
     """Refuse a scan whose size cannot be that of the camera's frame.
 
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres.
+        page: True when the scan may be a page that is much larger than the photo on it.
+
     Raises:
-        ScanError: The scan is smaller than the frame, or more than 1.6 times as large.
+        ScanError: The scan is smaller than the frame, or more than 1.6 times (5 times) as large.
     """
     sides = np.array(scan.size_px, dtype=np.float64) * scan_pixel_mm
     frame = np.array(camera.frame_mm)
-    if any(_fits(sides, turned) for turned in (frame, frame[::-1])):
+    if any(_fits(sides, turned, page) for turned in (frame, frame[::-1])):
         return
     implied_um = 1000 * np.sort(frame) / np.sort(np.array(scan.size_px))
     raise ScanError(
@@ -262,7 +272,7 @@ def _cut_off(path: Path) -> ScanError:
     )
 
 
-def _fits(sides: np.ndarray, frame: np.ndarray) -> bool:
+def _fits(sides: np.ndarray, frame: np.ndarray, page: bool) -> bool:
     """True when a scan of these sides (mm) can hold the frame (mm)."""
     ratio = sides / frame
-    return bool((ratio >= MIN_FIT).all() and (ratio <= MAX_FIT).all())
+    return bool((ratio >= MIN_FIT).all() and (ratio <= (PAGE_FIT if page else MAX_FIT)).all())

@@ -1,0 +1,146 @@
+"""A small picture of each scan in the axes of its frame: who looks like whom, in eight ways."""
+
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from core.doubts import Doubt
+from core.scan.film_area import FilmArea
+from core.scan.layouts import UPRIGHT, WAYS, Way
+from core.scan.raster import ScanFile, read_overview
+
+Look = UInt8[np.ndarray, "side side"]
+Ring = Float32[np.ndarray, "side side"]
+SIDE = 160
+"""Cells along a side of the small picture."""
+REACH = 1.22
+"""Width of what it shows, in frames."""
+OVERVIEW_PX = 800
+SAME = 0.80
+"""Correlation of the pictures' hearts from which two scans show one photo."""
+SHIFT_CELLS = 4
+"""How far the frames of two scans of one photo may have been found apart, cells."""
+RING_ALIKE = 0.25
+"""Correlation of the margins from which two scans come from one camera and one film."""
+RING_AHEAD = 0.10
+"""How much better the margins must agree in another way to lie than in the assumed one."""
+
+
+def look_of(scan: ScanFile, area: FilmArea) -> Look:
+    """The frame and a margin about it as it lies in the scan, grays evened, 8 bit."""
+    reduction = max(1, -(-max(scan.size_px) // OVERVIEW_PX))
+    gray = np.nan_to_num(read_overview(scan, reduction))
+    middle = area.corners.mean(axis=0)
+    source = ((area.corners - middle) * REACH + middle) / reduction - 0.5
+    target = np.array([[0, SIDE], [SIDE, SIDE], [SIDE, 0], [0, 0]]) - 0.5
+    matrix = cv2.getPerspectiveTransform(source.astype(np.float32), target.astype(np.float32))
+    small = cv2.warpPerspective(gray, matrix, (SIDE, SIDE), flags=cv2.INTER_AREA)
+    top = max(float(np.percentile(small, 99.5)), 1.0)
+    return np.clip(small * (255 / top), 0, 255).astype(np.uint8)
+
+
+def laid(look: np.ndarray, way: Way) -> np.ndarray:
+    """The look of an upright film as it would lie in a scan in another way."""
+    quarter, back = way
+    return np.rot90(look[:, ::-1] if back else look, quarter)
+
+
+def unlaid(look: np.ndarray, way: Way) -> np.ndarray:
+    """The look of a scan brought upright."""
+    quarter, back = way
+    upright = np.rot90(look, -quarter)
+    return upright[:, ::-1] if back else upright
+
+
+def same_photo(looks: Mapping[str, Look]) -> tuple[Doubt, ...]:
+    """A doubt for every two scans that show one photo, however they lie."""
+    hearts = {name: _heart(look) for name, look in looks.items()}
+    names = sorted(hearts)
+    doubts: list[Doubt] = []
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            best = max(_alike(hearts[first], laid(hearts[second], way)) for way in WAYS)
+            if best > SAME:
+                doubts.append(_same(first, second, best))
+    return tuple(doubts)
+
+
+def lying_by_margin(
+    looks: Mapping[str, Look], ways: Mapping[str, Way], rivals: Mapping[str, Sequence[Way]]
+) -> dict[str, tuple[Way, float]]:
+    """Scans of one camera whose margin speaks for another way to lie, and by how much.
+
+    Housings, notches, clocks and lettering lie in the same places of every film of a camera. Each
+    scan is compared with the mean of all others, all brought upright by the ways that are assumed;
+    only ways the marks cannot tell apart come into question.
+    """
+    rings = {name: _ring(unlaid(looks[name], ways[name])) for name in looks}
+    found: dict[str, tuple[Way, float]] = {}
+    for name, look in looks.items():
+        others = [ring for other, ring in rings.items() if other != name]
+        if len(others) < 2 or not rivals[name]:
+            continue
+        mean = np.mean(others, axis=0)
+        assumed = _correlated(rings[name], mean)
+        scores = {way: _correlated(_ring(unlaid(look, way)), mean) for way in rivals[name]}
+        best = max(scores, key=scores.__getitem__)
+        if scores[best] > max(RING_ALIKE, assumed + RING_AHEAD):
+            found[name] = (best, scores[best] - assumed)
+    return found
+
+
+def _heart(look: Look) -> Ring:
+    """The inner four fifths of the frame, brightness of large parts taken out."""
+    inset = round(SIDE * (1 - 0.8 / REACH) / 2)
+    inner = look[inset:-inset, inset:-inset].astype(np.float32)
+    calm = cast(np.ndarray, cv2.GaussianBlur(inner, (0, 0), 12))
+    high = cast(np.ndarray, cv2.GaussianBlur(inner, (0, 0), 0.8)) - calm
+    return (high - high.mean()) / (high.std() + 0.5)
+
+
+def _alike(first: np.ndarray, second: np.ndarray) -> float:
+    """Greatest correlation within a few cells of shift."""
+    inner = np.ascontiguousarray(second[SHIFT_CELLS:-SHIFT_CELLS, SHIFT_CELLS:-SHIFT_CELLS])
+    field = cv2.matchTemplate(np.ascontiguousarray(first), inner, cv2.TM_CCOEFF_NORMED)
+    return float(np.nan_to_num(field).max())
+
+
+def _ring(look: np.ndarray) -> Ring:
+    """What lies about the picture, and its rounded corners and housings; nought inside."""
+    outside = round(SIDE * (1 - 1 / REACH) / 2)
+    inside = outside + round(0.055 * SIDE)
+    mask = np.ones(look.shape, dtype=bool)
+    mask[inside:-inside, inside:-inside] = False
+    values = cast(np.ndarray, cv2.GaussianBlur(look.astype(np.float32), (0, 0), 1.2))
+    values = np.where(mask, values - values[mask].mean(), 0.0)
+    return (values / (values[mask].std() + 1.0)).astype(np.float32)
+
+
+def _correlated(first: np.ndarray, second: np.ndarray) -> float:
+    """Correlation of two rings."""
+    power = float(np.sum(first**2) * np.sum(second**2))
+    return float(np.sum(first * second)) / float(np.sqrt(power)) if power > 0 else 0.0
+
+
+def _same(first: str, second: str, likeness: float) -> Doubt:
+    """The doubt about two scans of one photo."""
+    return Doubt(
+        "same-photo",
+        second,
+        f"{first} and {second} show the same photo: as two photos of a block they would seem to "
+        "confirm each other. Exclude one in [[scans.override]] (exclude = true).",
+        0.7,
+        {"other": first, "correlation": likeness},
+    )
+
+
+def turned_words(way: Way) -> str:
+    """A way to lie in words."""
+    if way == UPRIGHT:
+        return "upright"
+    turns = ("", "turned by 90 degrees counter-clockwise", "turned by 180 degrees",
+             "turned by 90 degrees clockwise")  # fmt: skip
+    return " and ".join(part for part in ("mirrored" if way[1] else "", turns[way[0]]) if part)
