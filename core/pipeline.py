@@ -345,6 +345,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         orient_scans,
+        version=2,
     ),
     Stage(
         "georeference",

@@ -81,10 +81,10 @@ def _procrustes(stack: Stack) -> tuple[FilmPoints, Stack]:
     centred = stack - np.nanmean(stack, axis=1, keepdims=True)
     first = int(np.isfinite(stack[:, :, 0]).sum(axis=1).argmax())
     mean: FilmPoints = centred[first]
-    moved = centred
+    moved, scales = centred, [1.0]
     for _ in range(ROUNDS):
         moved = np.full_like(stack, np.nan)
-        scales: list[float] = []
+        scales = []
         for i, photo in enumerate(centred):
             both = np.isfinite(photo[:, 0]) & np.isfinite(mean[:, 0])
             fit = fit_similarity(photo[both], mean[both])

@@ -12,9 +12,10 @@ from core.scan.camera_marks import EstimatedMarks, estimate_marks
 from core.scan.data_strip import STRIP_SIDES, strip_on_film, ways_of_strip
 from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import area_from_interior
+from core.scan.handedness import mirrored_scans
 from core.scan.interior_doubts import doubts_of_fit
 from core.scan.layouts import CORNERS, SIDES, UPRIGHT, WAYS, Way, lying
-from core.scan.look import lying_by_margin, turned_words
+from core.scan.look import turned_words
 from core.scan.naming import name_marks
 from core.scan.orientation import ScanOrientation, interior_of
 
@@ -69,10 +70,19 @@ def _ways(oriented: Oriented, camera: Camera) -> dict[str, Way]:
             if way == ways[name] or way in free[name]:
                 ways[name] = way
                 break
-    looks = {name: scan.look for name, scan in oriented.items()}
-    rivals = {name: tuple(w for w in free[name] if w != ways[name]) for name in oriented}
-    ways |= {name: way for name, (way, _) in lying_by_margin(looks, ways, rivals).items()}
+    unsure = [name for name, open_ways in free.items() if any(back for _, back in open_ways)]
+    if len(oriented) > 2 and unsure:
+        scans = {name: (scan.scan, scan.area) for name, scan in oriented.items()}
+        behind = set(mirrored_scans(scans))
+        for name in behind & set(unsure):
+            ways[name] = _from_behind(oriented[name], strip, ways[name], free[name])
     return ways
+
+
+def _from_behind(scan: ScanOrientation, strip: str, way: Way, allowed: tuple[Way, ...]) -> Way:
+    """The mirrored way that the data strip allows, or the assumed one seen from behind."""
+    by_strip = [w for w in ways_of_strip(strip, scan.strip) if w[1] and w in allowed]
+    return by_strip[0] if by_strip else (way[0], True)
 
 
 def _open_ways(scan: ScanOrientation, camera: Camera) -> tuple[Way, ...]:
@@ -171,8 +181,8 @@ def _turned(photo_id: str, way: Way) -> Doubt:
     return Doubt(
         "scan-turned",
         photo_id,
-        f"By its data strip and margin this scan {words} against the others of its camera; its "
-        "fiducials were named so. They alone cannot tell.",
+        f"By its data strip and its neighbours this scan {words} against the others of its "
+        "camera; its fiducials were named so. They alone cannot tell.",
         0.5 if way[1] else 0.2,
         {"quarter_turns": way[0], "mirrored": way[1]},
     )

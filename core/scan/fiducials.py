@@ -132,10 +132,11 @@ def measure_unknown_fiducials(
         found = find_constellation(scan, layouts, scan_pixel_mm, area, search)
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
-    if len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm:
+    apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm
+    if len(sets) == 2 and (apart or camera.fiducial_marks == 4):
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
-        return FiducialSet((), ())
+        return FiducialSet((), (_no_marks(photo_id_of(scan.path)),))
     return _measured(scan, sets, scan_pixel_mm, options)
 
 
@@ -185,6 +186,18 @@ def nothing_found(photo_id: str, marks: int) -> Doubt:
         "fiducials_mm, frame_mm and scan_pixel_um of the camera, or measure them by hand.",
         0.9,
         {"marks": marks},
+    )
+
+
+def _no_marks(photo_id: str) -> Doubt:
+    """The doubt of a scan in which no marks were recognised, of a camera nobody certified."""
+    return Doubt(
+        "fiducials-not-found",
+        photo_id,
+        "No fiducials could be recognised at the corners or the sides of the picture. Give "
+        "fiducials_mm of the camera, or measure them by hand.",
+        0.5,
+        {"marks": 0},
     )
 
 

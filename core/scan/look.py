@@ -1,6 +1,6 @@
 """A small picture of each scan in the axes of its frame: who looks like whom, in eight ways."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import cast
 
 import cv2
@@ -13,7 +13,7 @@ from core.scan.layouts import UPRIGHT, WAYS, Way
 from core.scan.raster import ScanFile, read_overview
 
 Look = UInt8[np.ndarray, "side side"]
-Ring = Float32[np.ndarray, "side side"]
+Heart = Float32[np.ndarray, "heart heart"]
 SIDE = 160
 """Cells along a side of the small picture."""
 REACH = 1.22
@@ -23,10 +23,6 @@ SAME = 0.80
 """Correlation of the pictures' hearts from which two scans show one photo."""
 SHIFT_CELLS = 4
 """How far the frames of two scans of one photo may have been found apart, cells."""
-RING_ALIKE = 0.25
-"""Correlation of the margins from which two scans come from one camera and one film."""
-RING_AHEAD = 0.10
-"""How much better the margins must agree in another way to lie than in the assumed one."""
 
 
 def look_of(scan: ScanFile, area: FilmArea) -> Look:
@@ -48,13 +44,6 @@ def laid(look: np.ndarray, way: Way) -> np.ndarray:
     return np.rot90(look[:, ::-1] if back else look, quarter)
 
 
-def unlaid(look: np.ndarray, way: Way) -> np.ndarray:
-    """The look of a scan brought upright."""
-    quarter, back = way
-    upright = np.rot90(look, -quarter)
-    return upright[:, ::-1] if back else upright
-
-
 def same_photo(looks: Mapping[str, Look]) -> tuple[Doubt, ...]:
     """A doubt for every two scans that show one photo, however they lie."""
     hearts = {name: _heart(look) for name, look in looks.items()}
@@ -68,31 +57,7 @@ def same_photo(looks: Mapping[str, Look]) -> tuple[Doubt, ...]:
     return tuple(doubts)
 
 
-def lying_by_margin(
-    looks: Mapping[str, Look], ways: Mapping[str, Way], rivals: Mapping[str, Sequence[Way]]
-) -> dict[str, tuple[Way, float]]:
-    """Scans of one camera whose margin speaks for another way to lie, and by how much.
-
-    Housings, notches, clocks and lettering lie in the same places of every film of a camera. Each
-    scan is compared with the mean of all others, all brought upright by the ways that are assumed;
-    only ways the marks cannot tell apart come into question.
-    """
-    rings = {name: _ring(unlaid(looks[name], ways[name])) for name in looks}
-    found: dict[str, tuple[Way, float]] = {}
-    for name, look in looks.items():
-        others = [ring for other, ring in rings.items() if other != name]
-        if len(others) < 2 or not rivals[name]:
-            continue
-        mean = np.mean(others, axis=0)
-        assumed = _correlated(rings[name], mean)
-        scores = {way: _correlated(_ring(unlaid(look, way)), mean) for way in rivals[name]}
-        best = max(scores, key=scores.__getitem__)
-        if scores[best] > max(RING_ALIKE, assumed + RING_AHEAD):
-            found[name] = (best, scores[best] - assumed)
-    return found
-
-
-def _heart(look: Look) -> Ring:
+def _heart(look: Look) -> Heart:
     """The inner four fifths of the frame, brightness of large parts taken out."""
     inset = round(SIDE * (1 - 0.8 / REACH) / 2)
     inner = look[inset:-inset, inset:-inset].astype(np.float32)
@@ -106,23 +71,6 @@ def _alike(first: np.ndarray, second: np.ndarray) -> float:
     inner = np.ascontiguousarray(second[SHIFT_CELLS:-SHIFT_CELLS, SHIFT_CELLS:-SHIFT_CELLS])
     field = cv2.matchTemplate(np.ascontiguousarray(first), inner, cv2.TM_CCOEFF_NORMED)
     return float(np.nan_to_num(field).max())
-
-
-def _ring(look: np.ndarray) -> Ring:
-    """What lies about the picture, and its rounded corners and housings; nought inside."""
-    outside = round(SIDE * (1 - 1 / REACH) / 2)
-    inside = outside + round(0.055 * SIDE)
-    mask = np.ones(look.shape, dtype=bool)
-    mask[inside:-inside, inside:-inside] = False
-    values = cast(np.ndarray, cv2.GaussianBlur(look.astype(np.float32), (0, 0), 1.2))
-    values = np.where(mask, values - values[mask].mean(), 0.0)
-    return (values / (values[mask].std() + 1.0)).astype(np.float32)
-
-
-def _correlated(first: np.ndarray, second: np.ndarray) -> float:
-    """Correlation of two rings."""
-    power = float(np.sum(first**2) * np.sum(second**2))
-    return float(np.sum(first * second)) / float(np.sqrt(power)) if power > 0 else 0.0
 
 
 def _same(first: str, second: str, likeness: float) -> Doubt:

@@ -1,0 +1,137 @@
+"""Which scans show their film from the back: neighbours match them only in a mirror.
+
+Marks at the corners of a square look the same from behind, and so does a data strip; the ground
+does not. Overlapping photos are matched as they are and mirrored; who matches only mirrored has
+been scanned from its other side than the rest.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from core.scan.film_area import FilmArea
+from core.scan.raster import ScanFile, read_overview
+
+Descriptors = Float32[np.ndarray, "features length"]
+Points = Float32[np.ndarray, "features 2"]
+Features = tuple[Points, Descriptors]
+
+
+@dataclass(frozen=True, slots=True)
+class HandednessOptions:
+    """How neighbours are compared."""
+
+    side_px: int = 640
+    """Longer side of the reduced scans."""
+    features: int = 700
+    """Details kept of each."""
+    ratio: float = 0.8
+    """Distance of the best match over that of the second best, at most."""
+    tolerance_px: float = 4.0
+    """How far a detail may lie from where a plane transform of the others puts it: relief."""
+    least: int = 14
+    """Matches that agree, from which a pair counts."""
+    ahead: float = 3.0
+    """How many times more must agree mirrored than direct, or the other way round."""
+
+
+def mirrored_scans(
+    scans: Mapping[str, tuple[ScanFile, FilmArea]], options: HandednessOptions | None = None
+) -> tuple[str, ...]:
+    """Photos that lie the other way round than most of those they overlap.
+
+    Args:
+        scans: File and picture area by photo, all read as they are.
+        options: How they are compared.
+
+    Returns:
+        Their names; among two, or where halves stand against each other, nobody can say and nobody
+        is named.
+    """
+    options = options or HandednessOptions()
+    pictures = {name: _heart(*scan, options.side_px) for name, scan in scans.items()}
+    direct = {name: _details(gray, options) for name, gray in pictures.items()}
+    behind = {
+        name: _details(np.ascontiguousarray(gray[:, ::-1]), options)
+        for name, gray in pictures.items()
+    }
+    pairs: list[tuple[int, str, str, int]] = []
+    for first, second in combinations(sorted(scans), 2):
+        as_is = _agreeing(direct[first], direct[second], options)
+        turned = _agreeing(direct[first], behind[second], options)
+        more, fewer = max(as_is, turned), min(as_is, turned)
+        if more >= options.least and more >= options.ahead * fewer:
+            pairs.append((more, first, second, int(turned > as_is)))
+    return _minority(tuple(scans), pairs)
+
+
+def _minority(names: Sequence[str], pairs: list[tuple[int, str, str, int]]) -> tuple[str, ...]:
+    """The smaller side of every group of photos that hang together, strongest pairs first."""
+    group = {name: name for name in names}
+    side = dict.fromkeys(names, 0)
+    for _, first, second, other in sorted(pairs, reverse=True):
+        if group[first] == group[second]:
+            continue
+        flip = side[first] ^ side[second] ^ other
+        moved = group[second]
+        for name in names:
+            if group[name] == moved:
+                group[name], side[name] = group[first], side[name] ^ flip
+    found: list[str] = []
+    for root in set(group.values()):
+        members = [name for name in names if group[name] == root]
+        behind = [name for name in members if side[name]]
+        fewer = behind if 2 * len(behind) < len(members) else [n for n in members if not side[n]]
+        if 0 < 2 * len(fewer) < len(members):
+            found += fewer
+    return tuple(sorted(found))
+
+
+def _heart(scan: ScanFile, area: FilmArea, side_px: int) -> UInt8[np.ndarray, "rows columns"]:
+    """The inside of the picture, reduced, its grays spread out."""
+    low, high = area.corners.min(axis=0), area.corners.max(axis=0)
+    reduction = max(1, round(float((high - low).max()) / side_px))
+    gray = np.nan_to_num(read_overview(scan, reduction))
+    inset = 0.06 * (high - low)
+    left, top = np.maximum((low + inset) / reduction, 0).astype(int).tolist()
+    right, bottom = ((high - inset) / reduction).astype(int).tolist()
+    part = gray[top:bottom, left:right]
+    dark, bright = np.percentile(part, [1, 99]) if part.size else (0.0, 1.0)
+    even = np.clip((part - dark) * (255 / max(float(bright - dark), 1.0)), 0, 255)
+    return even.astype(np.uint8)
+
+
+def _details(gray: UInt8[np.ndarray, "rows columns"], options: HandednessOptions) -> Features:
+    """SIFT details of a reduced scan."""
+    # The stub of this class lacks its methods.
+    maker: Any = cv2
+    sift = maker.SIFT_create(nfeatures=options.features)
+    keypoints, descriptors = sift.detectAndCompute(gray, None)
+    if descriptors is None or len(keypoints) < 2:
+        return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
+    return np.array([point.pt for point in keypoints], np.float32), descriptors
+
+
+def _agreeing(first: Features, second: Features, options: HandednessOptions) -> int:
+    """How many matches agree in one affine transform."""
+    if min(len(first[0]), len(second[0])) < 8:
+        return 0
+    matches = cv2.BFMatcher(cv2.NORM_L2).knnMatch(first[1], second[1], k=2)
+    good = [m for m, n in matches if m.distance < options.ratio * n.distance]
+    if len(good) < 6:
+        return 0
+    source = first[0][[m.queryIdx for m in good]]
+    target = second[0][[m.trainIdx for m in good]]
+    cv2.setRNGSeed(1)
+    estimated: Any = cv2.estimateAffinePartial2D(
+        source, target, ransacReprojThreshold=options.tolerance_px
+    )
+    matrix, inside = estimated
+    if matrix is None or not 0.5 < float(np.hypot(matrix[0, 0], matrix[1, 0])) < 2.0:
+        return 0
+    return int(np.sum(inside))
