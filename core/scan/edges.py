@@ -1,8 +1,12 @@
-"""The middle of a mark by its outline: the second way for marks that have no symmetry.
+"""The middle of a mark by its outline, for marks that have no symmetry.
 
 Along every piece of the drawn outline the scan's own step of gray is looked for on the normal; the
 shift (and the growth of the mark by exposure) that brings the outline onto the steps is solved for
 with the influence of dirt bounded. It compares places of edges, where matching compares grays.
+
+A step's place is that of its steepest part, or that at which the gray is half way between what lies
+on its two sides: the first is blind to how bright the picture beside a notch is, the second to the
+noise of single pixels.
 """
 
 import cv2
@@ -14,6 +18,8 @@ from core.scan.centring import Centre, Gray, Weights
 
 REACH_PX = 3.0
 """How far from the drawn outline a step is looked for, pixels."""
+FAR_PX = 5.0
+"""The same while the mark is still being approached."""
 STEP_PX = 0.25
 ROUNDS = 6
 MIN_EDGES = 24
@@ -24,7 +30,13 @@ Points = Float64[np.ndarray, "edges 2"]
 
 
 def centre_by_edges(
-    window: Gray, template: Weights, weights: Weights, start: tuple[float, float], limit_px: float
+    window: Gray,
+    template: Weights,
+    weights: Weights,
+    start: tuple[float, float],
+    limit_px: float,
+    grows: bool = True,
+    half_way: bool = False,
 ) -> Centre | Failure:
     """The place at which the drawn outline lies on the scan's steps of gray.
 
@@ -35,16 +47,19 @@ def centre_by_edges(
         weights: Weight of each template pixel.
         start: Approximate middle (column, row) in the window, pixels.
         limit_px: How far from the start the middle may be.
+        grows: Solve for growth too; impossible where all edges meet in one point, as in a notch.
+        half_way: Take the place of half the step instead of its steepest part.
     """
     points, normals = _outline(template, weights)
     if len(points) < MIN_EDGES:
         return Failure("The mark has too little outline in the window.")
     place, sigma, share = np.array(start, dtype=np.float64), np.nan, 0.0
-    for _ in range(ROUNDS):
-        offsets, sure = _steps(window, points + place, normals)
+    for step_number in range(ROUNDS):
+        reach = FAR_PX if step_number < 2 else REACH_PX
+        offsets, sure = _steps(window, points + place, normals, half_way, reach)
         if sure.sum() < MIN_EDGES:
             return Failure("The mark's outline is not there.")
-        design = np.column_stack([normals, np.ones(len(normals))])[sure]
+        design = np.column_stack([normals, np.full(len(normals), float(grows))])[sure]
         step, sigma = _robust(design, offsets[sure])
         share = float(sure.mean())
         place = place + np.clip(step[:2], -1.0, 1.0)
@@ -68,15 +83,15 @@ def _outline(template: Weights, weights: Weights) -> tuple[Points, Points]:
     normals = np.column_stack([right[used], down[used]]) / steep[used][:, None]
     points = np.column_stack([columns - half, rows - half]).astype(np.float64)
     # To the place on the normal where the drawn step itself is: the same measure on both sides.
-    offsets, sure = _steps(template.astype(np.float32), points + half + 0.5, normals)
+    offsets, sure = _steps(template.astype(np.float32), points + half + 0.5, normals, False)
     return (points + offsets[:, None] * normals)[sure], normals[sure]
 
 
 def _steps(
-    window: Gray, points: Points, normals: Points
+    window: Gray, points: Points, normals: Points, half_way: bool, reach: float = REACH_PX
 ) -> tuple[Float64[np.ndarray, "edges"], np.ndarray]:
     """How far along its normal each step lies, and which were seen."""
-    along = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
+    along = np.arange(-reach - 2.0, reach + 2.0 + STEP_PX / 2, STEP_PX)
     columns = points[:, :1] + normals[:, :1] * along - 0.5
     rows = points[:, 1:] + normals[:, 1:] * along - 0.5
     profile = cv2.remap(
@@ -86,17 +101,39 @@ def _steps(
     slope = np.maximum(np.diff(profile, axis=1), 0.0)
     middle = (along[1:] + along[:-1]) / 2
     # Nearness decides between the two sides of a thin line.
-    near = slope * np.exp(-0.5 * (middle / 1.2) ** 2)
-    peak = middle[near.argmax(axis=1)]
-    around = np.exp(-0.5 * ((middle[None, :] - peak[:, None]) / 0.7) ** 2) * slope
-    total = around.sum(axis=1)
-    place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
-    # The window about the peak pulls the centroid towards the peak's own sample: once more.
-    around = np.exp(-0.5 * ((middle[None, :] - place[:, None]) / 0.7) ** 2) * slope
-    total = around.sum(axis=1)
-    place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
+    near = slope * np.exp(-0.5 * (middle / (0.45 * reach)) ** 2)
+    place = middle[near.argmax(axis=1)]
+    total = np.zeros(len(points))
+    for _ in range(3):
+        # The window pulls the centroid towards its own middle: until both are the same.
+        around = np.exp(-0.5 * ((middle[None, :] - place[:, None]) / 0.7) ** 2) * slope
+        total = around.sum(axis=1)
+        place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
     strong = total > 0.3 * float(np.median(total))
-    return place, strong & (np.abs(place) < REACH_PX - 0.5)
+    if half_way:
+        place = _half_way(profile, along, place)
+    return place, strong & (np.abs(place) < reach - 0.5)
+
+
+def _half_way(
+    profile: Float64[np.ndarray, "edges samples"],
+    along: Float64[np.ndarray, "samples"],
+    place: Float64[np.ndarray, "edges"],
+) -> Float64[np.ndarray, "edges"]:
+    """Where each profile passes the mean of what lies two pixels to both sides of its step."""
+    near = np.abs(along[None, :] - place[:, None])
+    beside = (near > 1.5) & (near < 2.5)
+    low, high = (
+        np.where(beside & side, profile, 0.0).sum(axis=1)
+        / np.maximum((beside & side).sum(axis=1), 1)
+        for side in (along[None, :] < place[:, None], along[None, :] > place[:, None])
+    )
+    share = (profile - low[:, None]) / np.maximum(high - low, 1e-6)[:, None]
+    # The share of the two pixels about the step that is still dark is where the step lies.
+    about = near <= 2.0
+    dark = np.where(about, np.clip(1 - share, 0.0, 1.0), 0.0).sum(axis=1)
+    left = np.where(about, along[None, :], np.inf).min(axis=1)
+    return left + dark * (along[1] - along[0]) - (along[1] - along[0]) / 2
 
 
 def _robust(

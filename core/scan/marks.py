@@ -16,6 +16,8 @@ SURROUND = 1.35
 SYMMETRIC = ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross", "dot", "ring",
              "ringed-dot", "ringed-cross", "ringed-saltire", "quadrants")  # fmt: skip
 
+NOTCHES = ("wedge", "tip", "half-wedge", "other-half-wedge")
+
 
 @dataclass(frozen=True, slots=True)
 class Mark:
@@ -36,6 +38,11 @@ class Mark:
     def symmetric(self) -> bool:
         """True when half a turn about its middle changes nothing."""
         return self.shape in SYMMETRIC
+
+    @property
+    def notch(self) -> bool:
+        """True when it is a place where edges of film and picture meet, not a figure of its own."""
+        return self.shape in NOTCHES
 
     @property
     def reach_mm(self) -> float:

@@ -26,6 +26,8 @@ from core.scan.raster import ScanFile, read_window
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
+NOTCH_SIGMA_PX = 0.05
+"""What the picture beside a notch does to its edges at least, pixels."""
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 """Blurs that are tried, pixels of the fitting."""
 
@@ -115,6 +117,8 @@ def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> Fi
     values = [_likeness(small, trial, cell) for trial in trials]
     best, likeness = trials[int(np.argmax(values))], max(values)
     blur = 0.0
+    if best.mark.notch:
+        return best
     for step in (0.2, 0.1, 0.05):
         for _ in range(3):
             factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
@@ -137,6 +141,8 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
 
     Symmetric marks by matching and by their symmetry, others by matching and by their outline.
     """
+    if fitted.mark.notch:
+        return _notch(spot, fitted, pixel_mm)
     template = fitted.drawn(spot.outward, pixel_mm)
     weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
     matched = match_mark(spot.gray, template, weights, spot.start, limit_px=0.4 / pixel_mm + 2)
@@ -147,6 +153,37 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
     if isinstance(second, Failure):
         return second
     likeness = matched.correlation if fitted.bright else -matched.correlation
+    return _together(spot, matched, second, likeness)
+
+
+def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
+    """A notch by its outline in two ways: nobody can draw the gray of the picture beside it."""
+    template = fitted.drawn(spot.outward, pixel_mm)
+    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+    outline = template if fitted.bright else -template
+    ways = [
+        centre_by_edges(
+            spot.gray, outline, weights, spot.start, 0.4 / pixel_mm + 2, False, half_way
+        )
+        for half_way in (False, True)
+    ]
+    first, second = ways
+    if isinstance(first, Failure):
+        return first
+    if isinstance(second, Failure):
+        return second
+    place = np.array([first.column, first.row])
+    patch = sample_about(spot.gray, place, template.shape[0])
+    # The picture's own ups and downs are cut off at its usual gray.
+    usual = [float(np.median(patch[(template > 0.5) == side])) for side in (False, True)]
+    low, high = min(usual), max(usual)
+    likeness = correlation(np.clip(patch, low, high), template, weights)
+    both = _together(spot, first, second, likeness if fitted.bright else -likeness)
+    return replace(both, sigma_px=float(np.hypot(both.sigma_px, NOTCH_SIGMA_PX)))
+
+
+def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> TwoWays:
+    """Both ways weighted by their sigmas."""
     apart = float(np.hypot(matched.column - second.column, matched.row - second.row))
     share = matched.sigma_px**2 / (matched.sigma_px**2 + second.sigma_px**2 + 1e-12)
     return TwoWays(

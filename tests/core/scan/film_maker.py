@@ -28,12 +28,42 @@ class Film:
     margin: float = 8.0
     housing_mm: float = 2.0
     missing: tuple[str, ...] = ()
+    mirrored: bool = False
+    mark_size: float = 1.0
+    grain_px: float = 0.0
+    covered: tuple[str, ...] = ()
+    scratches: int = 0
+
+
+def outward_inside(kind: str, along: np.ndarray, across: np.ndarray, inward: tuple) -> np.ndarray:
+    """Marks that point: along is away from the middle of the photo; inward are both film axes."""
+    if kind == "notch":
+        return along > np.abs(across)
+    if kind == "half-arrow":
+        return (along > across) & (across > 0)
+    if kind == "corner":
+        u, v = inward
+        level = (np.abs(v) < 0.12) & (u > -0.12) & (u < 1.3)
+        return level | ((np.abs(u) < 0.12) & (v > -0.12) & (v < 1.3))
+    raise AssertionError(kind)
+
+
+POINTING = ("notch", "half-arrow", "corner")
 
 
 def inside(kind: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Which places (mm from the middle) belong to the mark."""
     r = np.hypot(x, y)
     arms = (np.abs(x) < 0.075) | (np.abs(y) < 0.075)
+    if kind == "numbered-cross":
+        figure = (np.abs(x - 1.75) < 0.06) & (np.abs(y) < 0.45)
+        figure |= (np.abs(x - 2.1) < 0.06) & (np.abs(y) < 0.45)
+        return inside("cross", x, y) | figure
+    if kind == "dotted-cross":
+        return inside("gapped-cross", x, y) | (r < 0.11)
+    if kind == "ringed-saltire":
+        rays = inside("saltire", x, y) & (r > 0.25)
+        return rays | (np.abs(r - 0.75) < 0.1)
     if kind == "cross":
         return arms & (np.maximum(np.abs(x), np.abs(y)) < 1.2)
     if kind == "gapped-cross":
@@ -57,7 +87,8 @@ def film_from_pixel(film: Film, size: int) -> np.ndarray:
     turn = np.radians(film.turn_deg + 90 * film.quarter)
     up = film.pixel_mm * np.array([[1.0, 0.0], [0.0, -1.0]])
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    linear = np.diag(1 / np.array(film.shrinkage)) @ rotation @ up
+    back = np.diag([-1.0, 1.0]) if film.mirrored else np.eye(2)
+    linear = np.diag(1 / np.array(film.shrinkage)) @ back @ rotation @ up
     middle = np.array([size / 2 + 11.3, size / 2 - 7.6])
     return np.column_stack([linear, -linear @ middle])
 
@@ -80,10 +111,39 @@ def make_film(path: Path, film: Film, seed: int = 0) -> dict[str, tuple[float, f
         truth[name] = (float(at[0]), float(at[1]))
         if name not in film.missing:
             _expose_mark(gray, film, matrix, np.array(place), at)
+    _damage(gray, film, truth, rng)
     gray = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 0.6)
-    gray += film.noise * rng.standard_normal(gray.shape, dtype=np.float32)
+    noise = rng.standard_normal(gray.shape, dtype=np.float32)
+    if film.grain_px:
+        noise = cv2.GaussianBlur(noise, (0, 0), film.grain_px)
+        noise /= noise.std()
+    gray += film.noise * noise
     write_gray(path, np.clip(gray, 0, 255).astype(np.uint8))
     return truth
+
+
+def _damage(
+    gray: np.ndarray, film: Film, truth: dict[str, tuple[float, float]], rng: np.random.Generator
+) -> None:
+    """Notes over marks, and scratches anywhere, some of them through a mark."""
+    for name in film.covered:
+        column, row = (round(value) for value in truth[name])
+        reach = round(1.3 / film.pixel_mm)
+        shift = int(rng.integers(-reach // 3, reach // 3 + 1))
+        corner = (column - reach + shift, row - reach)
+        tone = float(rng.choice([film.margin, 200.0]))
+        cv2.rectangle(gray, corner, (column + reach + shift, row + reach), tone, -1)
+    size = gray.shape[0]
+    for _ in range(film.scratches):
+        start = rng.uniform(0, size, 2)
+        if rng.random() < 0.25:
+            near = truth[str(rng.choice(list(truth)))]
+            start = np.array(near) + rng.normal(0, 0.5 / film.pixel_mm, 2)
+        angle = rng.normal(np.pi / 2, 0.1)
+        end = start + rng.uniform(100, 500) * np.array([np.cos(angle), np.sin(angle)])
+        tone = float(rng.choice([40.0, 235.0]))
+        ends = [tuple(int(v) for v in point) for point in (start, end)]
+        cv2.line(gray, ends[0], ends[1], tone, 1)
 
 
 def _texture(rng: np.random.Generator, size: int, coarse: int) -> np.ndarray:
@@ -108,7 +168,20 @@ def _expose_mark(
     view = gray[top : top + side, left : left + side]
     scene = np.kron(view, np.ones((8, 8)))
     values = np.where(np.hypot(x, y) < film.housing_mm, ground, scene)
-    values = np.where(inside(film.kind, x, y), mark, values)
+    x, y = x / film.mark_size, y / film.mark_size
+    if film.kind in POINTING:
+        direction = np.rint(1.4 * place / np.abs(place).max())
+        sides = np.where(direction == 0, 1.0, direction)
+        direction = direction / np.hypot(*direction)
+        along = x * direction[0] + y * direction[1]
+        across = y * direction[0] - x * direction[1]
+        inwards = (-x * sides[0], -y * sides[1])
+        belongs = outward_inside(film.kind, along, across, inwards)
+        if film.kind != "corner":
+            mark, values = (film.margin if film.bright else 235.0), scene
+    else:
+        belongs = inside(film.kind, x, y)
+    values = np.where(belongs, mark, values)
     view[:] = values.reshape(side, 8, side, 8).mean(axis=(1, 3))
 
 
