@@ -17,7 +17,11 @@ Gray = Float32[np.ndarray, "rows columns"]
 Weights = Float64[np.ndarray, "side side"]
 Shift = Float64[np.ndarray, "2"]
 STEPS = 20
+FAR = 3.0
+"""Residual, in spreads, at which half of a pixel's influence is gone."""
 CONVERGED_PX = 1e-3
+NEAR_PX = 0.05
+"""Step from which what is far from the drawn mark no longer counts, pixels."""
 NOISE_SHARE = 0.2
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
 
@@ -51,17 +55,20 @@ def match_mark(
     slope_c, slope_r = np.gradient(template, axis=1), np.gradient(template, axis=0)
     place = np.array(start, dtype=np.float64)
     state = (1.0, 0.0, 0.0, 0.0)
+    far = True
     for _ in range(STEPS):
         patch = sample_about(window, place, template.shape[0])
-        gain, step, sigma, alike = _shift_and_gain(patch, template, slope_c, slope_r, weights)
+        gain, step, sigma, alike = _shift_and_gain(patch, template, slope_c, slope_r, weights, far)
         if not np.isfinite(step).all() or abs(gain) < 1e-9:
             return Failure("The window holds nothing like the mark.")
         place = place + np.clip(step, -1.0, 1.0)
         state = (gain, sigma, alike, float(np.abs(step).max()))
         if np.linalg.norm(place - np.array(start)) > limit_px:
             return Failure("Matching the drawn mark drifted away from it.")
-        if state[3] < CONVERGED_PX:
-            break
+        if state[3] < (CONVERGED_PX if not far else NEAR_PX):
+            if not far:
+                break
+            far = False
     return Centre(float(place[0]), float(place[1]), state[1], state[2])
 
 
@@ -78,6 +85,7 @@ def centre_by_symmetry(
     """
     place = np.array(start, dtype=np.float64)
     sigma = alike = 0.0
+    far = True
     for _ in range(STEPS):
         patch = sample_about(window, place, weights.shape[0])
         turned = patch[::-1, ::-1]
@@ -86,7 +94,7 @@ def centre_by_symmetry(
         slope_c = np.gradient(patch, axis=1) + np.gradient(turned, axis=1)
         slope_r = np.gradient(patch, axis=0) + np.gradient(turned, axis=0)
         step, sigma = _solve(
-            np.stack([slope_c, slope_r], axis=-1), turned - patch, weights, float(patch.std())
+            np.stack([slope_c, slope_r], axis=-1), turned - patch, weights, float(patch.std()), far
         )
         alike = correlation(patch, turned, weights)
         if not np.isfinite(step).all():
@@ -94,8 +102,10 @@ def centre_by_symmetry(
         place = place + np.clip(step, -1.0, 1.0)
         if np.linalg.norm(place - np.array(start)) > limit_px:
             return Failure("The point of symmetry lies elsewhere.")
-        if np.abs(step).max() < CONVERGED_PX:
-            break
+        if np.abs(step).max() < (CONVERGED_PX if not far else NEAR_PX):
+            if not far:
+                break
+            far = False
     return Centre(float(place[0]), float(place[1]), sigma, alike)
 
 
@@ -117,7 +127,12 @@ def disc_weights(side: int, radius_px: float) -> Weights:
 
 
 def _shift_and_gain(
-    patch: Weights, template: Weights, slope_c: Weights, slope_r: Weights, weights: Weights
+    patch: Weights,
+    template: Weights,
+    slope_c: Weights,
+    slope_r: Weights,
+    weights: Weights,
+    far_counts: bool,
 ) -> tuple[float, Shift, float, float]:
     """One step of patch = gain * template(shifted) + offset."""
     mean_t = float(np.average(template, weights=weights))
@@ -128,7 +143,9 @@ def _shift_and_gain(
     # A mark that lies further right than assumed makes the patch look shifted right:
     # patch(u) = gain * template(u - step), hence minus the slope.
     columns = np.stack([-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1)
-    solution, sigma = _solve(columns, wanted - gain * centred, weights, float(patch.std()))
+    solution, sigma = _solve(
+        columns, wanted - gain * centred, weights, float(patch.std()), far_counts
+    )
     return gain, solution[:2], sigma, alike
 
 
@@ -137,13 +154,21 @@ def _solve(
     wanted: Weights,
     weights: Weights,
     contrast: float,
+    far_counts: bool,
 ) -> tuple[Float64[np.ndarray, "unknowns"], float]:
-    """Weighted least squares with Huber's bound; the unknowns and the sigma of the first two."""
+    """Weighted least squares, robust; the unknowns and the sigma of the first two.
+
+    Huber's bound on the way, as it never loses the mark; Geman and McClure's in the end.
+    """
     chosen = weights > 0
     design, right, base = columns[chosen], wanted[chosen], weights[chosen]
     # On a flawless black background the median is nought: the mark's edges must not be bounded.
     spread = max(1.4826 * float(np.median(np.abs(right))), NOISE_SHARE * contrast) + 1e-6
-    used = base * np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(right), 1e-12))
+    if far_counts:
+        used = base * np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(right), 1e-12))
+    else:
+        # A scratch along the mark's edge would still pull: what is far off counts for nothing.
+        used = base / (1 + (right / (FAR * spread)) ** 2) ** 2
     normal = (design * used[:, None]).T @ design
     if np.linalg.cond(normal) > 1e14:
         return np.full(design.shape[1], np.nan), float("nan")

@@ -26,6 +26,12 @@ class FiducialOptions:
     """Correlation with the drawn mark below which a place is no mark."""
     max_drop: float = 0.25
     """How much less like the mark than the others a place may be before it is no mark."""
+    max_spoilt: float = 4.0
+    """How much more than the usual mark may differ from the drawn one before it is covered."""
+    dirt_px: float = 0.1
+    """What dirt that doubles the difference from the drawn mark does to its middle, pixels."""
+    max_sigma_px: float = 0.5
+    """Standard deviation beyond which a mark is not used, pixels."""
     unsure_px: float = 0.15
     """Standard deviation from which a mark that stands is pointed out, pixels."""
     sigma_floor_px: float = 0.03
@@ -278,11 +284,13 @@ def _measured(
             else Failure("It lies outside the scan.")
             for name in one.layout.names
         }
+        spoilt = _spoilt(results)
         for name, result in _judged(results, options).items():
             if isinstance(result, Failure):
                 doubts.append(_doubtful(photo_id, name, one.predicted[name], result))
                 continue
-            sigma = max(result.sigma_px, options.sigma_floor_px)
+            floor = max(result.sigma_px, options.sigma_floor_px)
+            sigma = float(np.hypot(floor, options.dirt_px * (spoilt[name] - 1)))
             marks.append(
                 FiducialMeasurement(
                     name, result.column, result.row, sigma, result.correlation,
@@ -294,6 +302,13 @@ def _measured(
     return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))
 
 
+def _spoilt(results: Mapping[str, TwoWays | Failure]) -> dict[str, float]:
+    """How much more than in the clean ones is there besides the mark: dirt makes unsure."""
+    left = {n: 1 - r.correlation**2 for n, r in results.items() if isinstance(r, TwoWays)}
+    least = max(float(np.percentile(list(left.values()), 25)) if left else 1.0, 0.01)
+    return {name: max(1.0, float(np.sqrt(max(value, 0.0) / least))) for name, value in left.items()}
+
+
 def _judged(
     results: Mapping[str, TwoWays | Failure], options: FiducialOptions
 ) -> dict[str, TwoWays | Failure]:
@@ -301,6 +316,7 @@ def _judged(
     likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
     usual = float(np.median(likeness)) if likeness else 0.0
     least = max(options.min_correlation, usual - options.max_drop)
+    spoilt = _spoilt(results)
     judged: dict[str, TwoWays | Failure] = {}
     for name, result in results.items():
         judged[name] = result
@@ -310,6 +326,17 @@ def _judged(
             judged[name] = Failure(
                 f"What is there is not like the mark (correlation {result.correlation:.2f}).",
                 {"correlation": result.correlation},
+            )
+        elif spoilt[name] > options.max_spoilt:
+            judged[name] = Failure(
+                "Something covers it: it is much less like the drawn mark than the others are "
+                f"(correlation {result.correlation:.2f}).",
+                {"correlation": result.correlation},
+            )
+        elif result.sigma_px > options.max_sigma_px:
+            judged[name] = Failure(
+                f"Its middle is only known to {result.sigma_px:.1f} pixels.",
+                {"sigma_px": result.sigma_px},
             )
         elif result.disagreement_px > options.max_disagreement_px:
             judged[name] = Failure(
