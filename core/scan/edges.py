@@ -21,6 +21,8 @@ REACH_PX = 3.0
 FAR_PX = 5.0
 """The same while the mark is still being approached."""
 STEP_PX = 0.25
+TIP_PX = 5.0
+"""Outline this near to the tip of a notch is not used, pixels."""
 ROUNDS = 6
 MIN_EDGES = 24
 """Fewer pieces of outline than this say nothing."""
@@ -51,16 +53,21 @@ def centre_by_edges(
         half_way: Take the place of half the step instead of its steepest part.
     """
     points, normals = _outline(template, weights)
+    if not grows:
+        # About the tip itself both edges run into each other.
+        away = np.hypot(points[:, 0], points[:, 1]) > TIP_PX
+        points, normals = points[away], normals[away]
     if len(points) < MIN_EDGES:
         return Failure("The mark has too little outline in the window.")
     place, sigma, share = np.array(start, dtype=np.float64), np.nan, 0.0
     for step_number in range(ROUNDS):
         reach = FAR_PX if step_number < 2 else REACH_PX
-        offsets, sure = _steps(window, points + place, normals, half_way, reach)
+        offsets, height = _steps(window, points + place, normals, half_way, reach)
+        sure = height > 0
         if sure.sum() < MIN_EDGES:
             return Failure("The mark's outline is not there.")
         design = np.column_stack([normals, np.full(len(normals), float(grows))])[sure]
-        step, sigma = _robust(design, offsets[sure])
+        step, sigma = _robust(design, offsets[sure], height[sure])
         share = float(sure.mean())
         place = place + np.clip(step[:2], -1.0, 1.0)
         if np.linalg.norm(place - np.array(start)) > limit_px:
@@ -83,14 +90,15 @@ def _outline(template: Weights, weights: Weights) -> tuple[Points, Points]:
     normals = np.column_stack([right[used], down[used]]) / steep[used][:, None]
     points = np.column_stack([columns - half, rows - half]).astype(np.float64)
     # To the place on the normal where the drawn step itself is: the same measure on both sides.
-    offsets, sure = _steps(template.astype(np.float32), points + half + 0.5, normals, False)
+    offsets, height = _steps(template.astype(np.float32), points + half + 0.5, normals, False)
+    sure = height > 0
     return (points + offsets[:, None] * normals)[sure], normals[sure]
 
 
 def _steps(
     window: Gray, points: Points, normals: Points, half_way: bool, reach: float = REACH_PX
-) -> tuple[Float64[np.ndarray, "edges"], np.ndarray]:
-    """How far along its normal each step lies, and which were seen."""
+) -> tuple[Float64[np.ndarray, "edges"], Float64[np.ndarray, "edges"]]:
+    """How far along its normal each step lies, and its height over the usual; 0 if not seen."""
     along = np.arange(-reach - 2.0, reach + 2.0 + STEP_PX / 2, STEP_PX)
     columns = points[:, :1] + normals[:, :1] * along - 0.5
     rows = points[:, 1:] + normals[:, 1:] * along - 0.5
@@ -109,10 +117,10 @@ def _steps(
         around = np.exp(-0.5 * ((middle[None, :] - place[:, None]) / 0.7) ** 2) * slope
         total = around.sum(axis=1)
         place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
-    strong = total > 0.3 * float(np.median(total))
+    height = total / max(float(np.median(total)), 1e-9) if len(total) else total
     if half_way:
         place = _half_way(profile, along, place)
-    return place, strong & (np.abs(place) < reach - 0.5)
+    return place, np.where((height > 0.3) & (np.abs(place) < reach - 0.5), height, 0.0)
 
 
 def _half_way(
@@ -120,37 +128,55 @@ def _half_way(
     along: Float64[np.ndarray, "samples"],
     place: Float64[np.ndarray, "edges"],
 ) -> Float64[np.ndarray, "edges"]:
-    """Where each profile passes the mean of what lies two pixels to both sides of its step."""
-    near = np.abs(along[None, :] - place[:, None])
-    beside = (near > 1.5) & (near < 2.5)
-    low, high = (
-        np.where(beside & side, profile, 0.0).sum(axis=1)
-        / np.maximum((beside & side).sum(axis=1), 1)
-        for side in (along[None, :] < place[:, None], along[None, :] > place[:, None])
-    )
-    share = (profile - low[:, None]) / np.maximum(high - low, 1e-6)[:, None]
-    # The share of the two pixels about the step that is still dark is where the step lies.
-    about = near <= 2.0
-    dark = np.where(about, np.clip(1 - share, 0.0, 1.0), 0.0).sum(axis=1)
+    """Where each profile is half way between the grays on both sides of its step.
+
+    The gray of each side is continued to the step as a straight line: beside a notch the picture
+    brightens or darkens, which moves the steepest place and would move the half way too.
+    """
+    apart = along[None, :] - place[:, None]
+    low = _continued(profile, apart, (apart < -1.5) & (apart > -4.0))
+    high = _continued(profile, apart, (apart > 1.5) & (apart < 4.0))
+    share = (profile - low) / np.maximum(high - low, 1e-3)
+    # The share of the samples about the step that is still dark is where the step lies.
+    about = np.abs(apart) <= 1.5
+    dark = np.where(about, np.clip(1 - share, -0.2, 1.2), 0.0).sum(axis=1)
     left = np.where(about, along[None, :], np.inf).min(axis=1)
-    return left + dark * (along[1] - along[0]) - (along[1] - along[0]) / 2
+    return left + (dark - 0.5) * (along[1] - along[0])
+
+
+def _continued(
+    profile: Float64[np.ndarray, "edges samples"],
+    apart: Float64[np.ndarray, "edges samples"],
+    side: np.ndarray,
+) -> Float64[np.ndarray, "edges samples"]:
+    """The straight line through the samples of one side, at all samples."""
+    count = np.maximum(side.sum(axis=1, keepdims=True), 1)
+    middle = np.where(side, apart, 0.0).sum(axis=1, keepdims=True) / count
+    level = np.where(side, profile, 0.0).sum(axis=1, keepdims=True) / count
+    spread = np.where(side, (apart - middle) ** 2, 0.0).sum(axis=1, keepdims=True)
+    slope = np.where(side, (apart - middle) * (profile - level), 0.0).sum(axis=1, keepdims=True)
+    return level + slope / np.maximum(spread, 1e-9) * (apart - middle)
 
 
 def _robust(
-    design: Float64[np.ndarray, "edges 3"], offsets: Float64[np.ndarray, "edges"]
+    design: Float64[np.ndarray, "edges 3"],
+    offsets: Float64[np.ndarray, "edges"],
+    height: Float64[np.ndarray, "edges"],
 ) -> tuple[Float64[np.ndarray, "3"], float]:
     """Shift and growth with Huber's bound; sigma of the shift per axis.
 
     Neighbouring pixels share their blur and grain: about two of them make one independent edge.
     """
     solution = np.zeros(3)
-    weight = np.ones(len(offsets))
+    # Noise and texture move a low step more than a high one.
+    base = np.clip(height, 0.3, 2.0) ** 2
+    weight = base
     for _ in range(8):
         normal = (design * weight[:, None]).T @ design + 1e-9 * np.eye(3)
         solution = np.linalg.solve(normal, (design * weight[:, None]).T @ offsets)
         residual = offsets - design @ solution
         spread = 1.4826 * float(np.median(np.abs(residual))) + 0.01
-        weight = np.minimum(1.0, 2.0 * spread / np.maximum(np.abs(residual), 1e-9))
+        weight = base / (1 + (residual / (3 * spread)) ** 2) ** 2
     residual = offsets - design @ solution
     freedom = max(weight.sum() / 2 - 3, 1.0)
     variance = float(np.sum(weight * residual**2)) / 2 / freedom

@@ -11,7 +11,14 @@ from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarit
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
 from core.scan.layouts import UPRIGHT, Layout, Way, certified_layouts, guessed_layouts
-from core.scan.measuring import FittedMark, TwoWays, fit_mark, measure_spot, open_spots
+from core.scan.measuring import (
+    FittedMark,
+    Spot,
+    TwoWays,
+    fit_mark,
+    measure_spot,
+    open_spots,
+)
 from core.scan.naming import name_marks
 from core.scan.raster import ScanFile, photo_id_of
 
@@ -277,13 +284,12 @@ def _measured(
     for one in found:
         spots = open_spots(scan, one, pixel_mm)
         fit = fit_mark([spot for spot in spots.values() if spot.found], one, pixel_mm)
+        results = _both_ways(spots, one, fit, pixel_mm)
+        if not fit.mark.symmetric:
+            # A notch drawn turned by a little is found beside its place.
+            fit = replace(fit, turn=_turn_of(results, one, fit.turn))
+            results = _both_ways(spots, one, fit, pixel_mm)
         fitted.append(fit)
-        results: dict[str, TwoWays | Failure] = {
-            name: measure_spot(spots[name], fit, pixel_mm)
-            if name in spots
-            else Failure("It lies outside the scan.")
-            for name in one.layout.names
-        }
         spoilt = _spoilt(results)
         for name, result in _judged(results, options).items():
             if isinstance(result, Failure):
@@ -300,6 +306,31 @@ def _measured(
             if sigma > options.unsure_px:
                 doubts.append(_unsure(photo_id, marks[-1]))
     return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))
+
+
+def _both_ways(
+    spots: Mapping[str, Spot], found: Constellation, fit: FittedMark, pixel_mm: float
+) -> dict[str, TwoWays | Failure]:
+    """Every mark of a layout measured, or why not."""
+    return {
+        name: measure_spot(spots[name], fit, pixel_mm)
+        if name in spots
+        else Failure("It lies outside the scan.")
+        for name in found.layout.names
+    }
+
+
+def _turn_of(results: Mapping[str, TwoWays | Failure], found: Constellation, turn: float) -> float:
+    """Small rotation of the film (clockwise in the scan) by the marks themselves."""
+    at = {name: i for i, name in enumerate(found.layout.names)}
+    film = found.layout.lying(found.way)
+    good = {n: r for n, r in results.items() if isinstance(r, TwoWays) and r.disagreement_px < 1}
+    pixels = np.array([(r.column, r.row) for r in good.values()]).reshape(-1, 2)
+    fit = fit_similarity(film[[at[name] for name in good]], pixels, mirrored=True)
+    if not isinstance(fit, PlaneTransform) or len(good) < 3:
+        return turn
+    clockwise = float(np.arctan2(fit.matrix[1, 0], fit.matrix[0, 0]))
+    return float((clockwise + np.pi / 4) % (np.pi / 2) - np.pi / 4)
 
 
 def _spoilt(results: Mapping[str, TwoWays | Failure]) -> dict[str, float]:

@@ -26,7 +26,7 @@ from core.scan.raster import ScanFile, read_window
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
-NOTCH_SIGMA_PX = 0.05
+NOTCH_SIGMA_PX = 0.08
 """What the picture beside a notch does to its edges at least, pixels."""
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 """Blurs that are tried, pixels of the fitting."""
