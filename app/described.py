@@ -8,6 +8,7 @@ from app.project import Project
 from core.block.block import SurveyedPoint
 from core.block.georeference import Georeference
 from core.formats.control_points import ListedPoint, read_control_points
+from core.formats.micmac_measures import read_image_measures
 from core.geometry.crs import check_range, read_crs
 from core.stages import BlockInput, ScanInput
 
@@ -16,11 +17,17 @@ def described(project: Project) -> BlockInput:
     """What the engine is given of a project."""
     scans, reference = project.scans, project.reference
     listed = listed_points(project.control.points, project.block.crs)
+    measured: dict[str, dict[str, tuple[float, float]]] = {}
+    for file in scans.fiducial_measures:
+        measured |= read_image_measures(file)
     return BlockInput(
         name=project.block.name,
         crs=project.block.crs,
         cameras=project.cameras,
-        scans=tuple(ScanInput(scan.path, scan.camera, scan.scan_pixel_um) for scan in scans.listed),
+        scans=tuple(
+            ScanInput(scan.path, scan.camera, scan.scan_pixel_um, measured.get(scan.path.name, {}))
+            for scan in scans.listed
+        ),
         georeference=Georeference(
             scans.georeference, scans.footprints, scans.footprint_name, scans.exterior
         ),

@@ -73,7 +73,10 @@ def of_block(block: Path) -> Iterator[str]:
     if not given.roads:
         yield "No road layers: control comes from salient points of the ortho alone"
     if not all(given.cameras[scan.camera].fiducials_mm for scan in given.scans):
-        yield "! Some cameras have no fiducials_mm: their interior orientation is only nominal"
+        yield (
+            "! Some cameras have no fiducials_mm: their marks are looked for, and placed by all "
+            "photos together"
+        )
     free = shutil.disk_usage(project.folder).free / GIB
     needed = SPACE_PER_SCAN_GIB * len(given.scans)
     yield f"{'' if free > needed else '! '}Disk: {free:.1f} GiB free, about {needed:.1f} GiB needed"

@@ -10,7 +10,8 @@ from typing import Literal, cast, get_args
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from app.block_toml import FILE, METRES, MICROMETRES, MILLIMETRES, Document, Table
+from app.block_toml import FILE, METRES, MICROMETRES, Document, Table
+from app.camera_table import read_camera
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
@@ -59,6 +60,8 @@ class ScansSection:
     """List of known exterior orientations; goes before `georeference` where it names a scan."""
     georeference: Georeference = "world-file"
     """What to begin from."""
+    fiducial_measures: tuple[Path, ...] = ()
+    """MicMac's MeasuresIm-*.xml: fiducials measured by hand, which go before found ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +131,15 @@ class Project:
 
 SECTIONS = ("block", "camera", "scans", "reference", "control", "ortho")
 """Tables of the file."""
-SCANS_KEYS = ("files", "camera", "scan_pixel_um", "footprints", "footprint_name", "exterior")
+SCANS_KEYS = (
+    "files",
+    "camera",
+    "scan_pixel_um",
+    "footprints",
+    "footprint_name",
+    "exterior",
+    "fiducial_measures",
+)
 """Keys of `[scans]`, with `georeference` and `override`."""
 
 
@@ -174,58 +185,7 @@ def _cameras(document: Document) -> dict[str, Camera]:
     if not names or not all(isinstance(table, dict) for table in names.values()):
         remedy = "Add a table [camera.NAME] with principal_distance_mm and frame_mm."
         raise ProjectError(document.path, "describes no camera.", remedy)
-    return {name: _camera(document, name) for name in names}
-
-
-def _camera(document: Document, name: str) -> Camera:
-    keys = (
-        "principal_distance_mm",
-        "frame_mm",
-        "principal_point_mm",
-        "radial_distortion",
-        "fiducials_mm",
-    )
-    table = document.table("camera", name, keys=keys)
-    principal_distance_mm = table.number("principal_distance_mm", MILLIMETRES)
-    width, height = table.measures("frame_mm", 2, MILLIMETRES)
-    east, north = table.numbers("principal_point_mm", 2, (0.0, 0.0))
-    if abs(east) > width / 2 or abs(north) > height / 2:
-        remedy = "Write millimetres, counted from the fiducial centre (x right, y up)."
-        raise table.error("principal_point_mm", "lies outside the picture.", remedy)
-    return Camera(
-        name,
-        principal_distance_mm,
-        (width, height),
-        (east, north),
-        _radial_distortion(table),
-        _fiducials(table, max(width, height)),
-    )
-
-
-def _radial_distortion(table: Table) -> tuple[float, float, float]:
-    """k1, k2, k3; those left out are nought."""
-    given = table.values.get("radial_distortion", [])
-    count = min(len(given), 3) if isinstance(given, list) else 3
-    k1, k2, k3, *_ = (*table.numbers("radial_distortion", count, ()), 0.0, 0.0, 0.0)
-    return k1, k2, k3
-
-
-def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
-    key = "fiducials_mm"
-    given = table.values.get(key, {})
-    if not isinstance(given, dict):
-        raise table.error(key, "must name each mark.", "Write { 1 = [-84.5, 0.3], ... }.")
-    fiducials: dict[str, tuple[float, float]] = {}
-    for name, value in cast("dict[str, object]", given).items():
-        x, y = table.sequence(key, value, 2)
-        if max(abs(x), abs(y)) > side_mm:
-            remedy = "Write millimetres from the fiducial centre, x right, y up."
-            raise table.error(key, f"mark {name} lies far outside the picture.", remedy)
-        fiducials[name] = x, y
-    if len(fiducials) == 1:
-        remedy = "Give two or more, or leave them all out."
-        raise table.error(key, "one mark alone says nothing of scale and rotation.", remedy)
-    return fiducials
+    return {name: read_camera(document, name) for name in names}
 
 
 def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
@@ -244,6 +204,7 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
         named,
         table.file("exterior"),
         cast("Georeference", georeference),
+        table.files("fiducial_measures"),
     )
 
 

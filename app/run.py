@@ -9,6 +9,7 @@ from typing import Any
 
 from app.described import described
 from app.executors import Threads
+from app.fiducial_tables import write_fiducials
 from app.interruption import Interruption, interruptible
 from app.project import Project
 from app.remarks import remarks
@@ -121,6 +122,8 @@ class Run:
             value = stage.run(self.given, self.made, Work(progress, self.threads.map))
             self.session.products.save_value(stage.name, digest, value)
         self.made[stage.name] = value
+        if isinstance(value, ScanSet):
+            write_fiducials(self.session.results, self.given, value)
         return told(value) + (" (as before)" if fresh else "")
 
     def adjust(self, progress: Progress) -> str:

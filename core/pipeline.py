@@ -49,7 +49,9 @@ def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
 
     def one(scan: ScanInput) -> ScanOrientation | PhotogrammetryError:
         try:
-            return orient_scan(scan.path, given.cameras[scan.camera], scan.scan_pixel_um)
+            return orient_scan(
+                scan.path, given.cameras[scan.camera], scan.scan_pixel_um, by_hand=scan.marks
+            )
         except PhotogrammetryError as error:
             return error
 
@@ -134,7 +136,7 @@ def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
     tied: Tied = made["ties"]
     block = Block(
         given.crs,
-        given.cameras,
+        placed.block.cameras,
         placed.block.photos,
         {point.point_id: point for point in given.surveyed},
         {},

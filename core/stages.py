@@ -34,6 +34,8 @@ class ScanInput:
     """Name of its camera."""
     scan_pixel_um: float
     """Nominal size of a scan pixel on the film, micrometres."""
+    marks: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+    """Fiducials measured by hand (column, row), which go before found ones."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,9 @@ from core.scan.measuring import (
 from core.scan.naming import name_marks
 from core.scan.raster import ScanFile, photo_id_of
 
+HAND_SIGMA_PX = 0.4
+"""What a careful hand can do on a screen, pixels."""
+
 
 @dataclass(frozen=True, slots=True)
 class FiducialOptions:
@@ -151,6 +154,48 @@ def measure_unknown_fiducials(
     if not sets:
         return FiducialSet((), (_no_marks(photo_id_of(scan.path)),))
     return _measured(scan, sets, scan_pixel_mm, options)
+
+
+def fiducials_by_hand(
+    photo_id: str, camera: Camera, by_hand: Mapping[str, tuple[float, float]]
+) -> FiducialSet:
+    """Marks as somebody measured and named them; names the certificate lacks are a doubt.
+
+    Args:
+        photo_id: The photo.
+        camera: Camera with its certified fiducials.
+        by_hand: Column and row by name.
+    """
+    known = {name: place for name, place in by_hand.items() if name in camera.fiducials_mm}
+    marks = tuple(
+        FiducialMeasurement(name, *known[name], HAND_SIGMA_PX, 1.0, 0.0, "by hand")
+        for name in camera.fiducials_mm
+        if name in known
+    )
+    doubts = tuple(
+        Doubt(
+            "fiducial-doubtful",
+            photo_id,
+            f"Fiducial {name} was measured by hand, but camera '{camera.name}' has no such mark.",
+            0.4,
+            {"fiducial": name},
+        )
+        for name in by_hand
+        if name not in known
+    )
+    if len(marks) < 3:
+        return FiducialSet(marks, doubts)
+    pixels = np.array([(mark.column, mark.row) for mark in marks])
+    film = np.array([camera.fiducials_mm[mark.name] for mark in marks])
+    fits = [fit_similarity(pixels, film, mirrored=not back) for back in (False, True)]
+    rms = [fit.rms if isinstance(fit, PlaneTransform) else np.inf for fit in fits]
+    turn = fits[int(rms[1] < rms[0])]
+    quarter = 0
+    if isinstance(turn, PlaneTransform):
+        # The film is turned in the scan by as much as the scan is turned back on the film.
+        angle = np.arctan2(turn.matrix[1, 0], turn.matrix[0, 0])
+        quarter = round(float(-angle if rms[0] <= rms[1] else np.pi - angle) / (np.pi / 2)) % 4
+    return FiducialSet(marks, doubts, (quarter, bool(rms[1] < rms[0])))
 
 
 def renamed(measured: FiducialSet, camera: Camera, preferred: Sequence[Way] = ()) -> FiducialSet:

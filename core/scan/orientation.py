@@ -19,6 +19,7 @@ from core.scan.fiducials import (
     FiducialMeasurement,
     FiducialOptions,
     FiducialSet,
+    fiducials_by_hand,
     measure_fiducials,
     measure_unknown_fiducials,
     renamed,
@@ -36,6 +37,9 @@ from core.scan.interior_doubts import doubts_of_fit
 from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
+
+Marks = Mapping[str, tuple[float, float]]
+"""Column and row by the name of a mark."""
 
 
 def _unseen() -> Look:
@@ -86,6 +90,7 @@ def orient_scan(
     camera: Camera,
     scan_pixel_um: float,
     options: FiducialOptions | None = None,
+    by_hand: Marks | None = None,
 ) -> ScanOrientation:
     """Open a scan, find its picture area and fiducials, and fit its interior orientation.
 
@@ -95,6 +100,7 @@ def orient_scan(
             have them, and their places follow from all photos together (`family`).
         scan_pixel_um: Nominal size of a scan pixel, micrometres.
         options: When a fiducial stands.
+        by_hand: Fiducials that somebody measured (column, row); nothing is looked for then.
 
     Raises:
         ScanError: The file cannot be used, is blank, or does not fit the camera.
@@ -107,7 +113,7 @@ def orient_scan(
         check_fits_camera(scan, camera, pixel_mm)
     check_not_blank(scan, area)
     if camera.fiducials_mm:
-        return _by_certificate(scan, camera, pixel_mm, area, options)
+        return _by_certificate(scan, camera, pixel_mm, area, options, by_hand or {})
     photo_id = photo_id_of(path)
     measured, area = _unknown(scan, camera, pixel_mm, area, options)
     strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
@@ -120,7 +126,7 @@ def orient_scan(
 
 
 def interior_of(
-    marks: Sequence[FiducialMeasurement], certificate: Mapping[str, tuple[float, float]], way: Way
+    marks: Sequence[FiducialMeasurement], certificate: Marks, way: Way
 ) -> InteriorOrientation | Failure:
     """Interior orientation from at least two marks.
 
@@ -163,10 +169,13 @@ def _by_certificate(
     pixel_mm: float,
     area: FilmArea,
     options: FiducialOptions | None,
+    by_hand: Marks,
 ) -> ScanOrientation:
     """The scan of a camera whose marks are certified."""
     photo_id = photo_id_of(scan.path)
-    measured = measure_fiducials(scan, camera, pixel_mm, area, options)
+    measured = fiducials_by_hand(photo_id, camera, by_hand)
+    if not measured.marks:
+        measured = measure_fiducials(scan, camera, pixel_mm, area, options)
     fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
     if isinstance(fitted, InteriorOrientation):
         column, row = fitted.pixel_from_film(np.zeros((1, 2)))[0].tolist()

@@ -130,6 +130,12 @@ def normalised_errors(found: ScanOrientation, film: Film, size: int) -> tuple[fl
     return float(np.sum((error / found.interior.film_sigmas(pixels)) ** 2)), error.size
 
 
+def tell(text: str) -> None:
+    """One line of the table."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the proof; 1 when a promise is broken."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -143,23 +149,21 @@ def main(arguments: list[str] | None = None) -> int:
     by_kind: dict[str, list[Judged]] = defaultdict(list)
     for one in judged:
         by_kind[one.kind].append(one)
-    print(
-        "| kind | scans | visible marks | within 0.15 px | wrong | wrong, no doubt | chi-square |"
-    )
-    print("|---|---|---|---|---|---|---|")
+    tell("| kind | scans | visible marks | within 0.15 px | wrong | wrong, no doubt | chi-square |")
+    tell("|---|---|---|---|---|---|---|")
     for kind, ones in [*by_kind.items(), ("all", judged)]:
         visible, good = sum(o.visible for o in ones), sum(o.good for o in ones)
         ratio = sum(o.square_sum for o in ones) / max(sum(o.coordinates for o in ones), 1)
-        print(
+        tell(
             f"| {kind} | {len(ones)} | {visible} | {good} ({100 * good / visible:.1f} %) "
             f"| {sum(o.wrong for o in ones)} | {sum(o.silent for o in ones)} | {ratio:.2f} |"
         )
     for one in judged:
         if one.note:
-            print("  " + one.note)
+            tell("  " + one.note)
     share = sum(o.good for o in judged) / sum(o.visible for o in judged)
     broken = share < 0.99 or any(o.silent for o in judged)
-    print("broken" if broken else "kept", f"{share:.4f}")
+    tell(f"{'broken' if broken else 'kept'}: {100 * share:.2f} % within {WITHIN_PX} px")
     return int(broken)
 
 

@@ -1,0 +1,104 @@
+"""`[camera.NAME]` of `block.toml`: the certificate, as far as the user has one."""
+
+from typing import cast
+
+from app.block_toml import MILLIMETRES, Document, Table
+from core.doubts import Failure
+from core.formats.micmac_measures import read_camera_measures
+from core.geometry.camera import Camera
+from core.geometry.image_corrections import polynomial_from_table
+
+KEYS = (
+    "principal_distance_mm",
+    "frame_mm",
+    "principal_point_mm",
+    "radial_distortion",
+    "distortion_table_um",
+    "fiducials_mm",
+    "fiducials_file",
+    "fiducial_marks",
+    "data_strip",
+)
+SIDES = ("", "left", "right", "top", "bottom")
+MARKS = (0, 4, 8)
+
+
+def read_camera(document: Document, name: str) -> Camera:
+    """One camera.
+
+    Raises:
+        ProjectError: Something in its table cannot be used.
+        ScanError: `fiducials_file` holds no marks.
+    """
+    table = document.table("camera", name, keys=KEYS)
+    principal_distance_mm = table.number("principal_distance_mm", MILLIMETRES)
+    width, height = table.measures("frame_mm", 2, MILLIMETRES)
+    east, north = table.numbers("principal_point_mm", 2, (0.0, 0.0))
+    if abs(east) > width / 2 or abs(north) > height / 2:
+        remedy = "Write millimetres, counted from the fiducial centre (x right, y up)."
+        raise table.error("principal_point_mm", "lies outside the picture.", remedy)
+    return Camera(
+        name,
+        principal_distance_mm,
+        (width, height),
+        (east, north),
+        _radial_distortion(table),
+        _fiducials(table, max(width, height)),
+        table.choice("data_strip", SIDES, ""),
+        _marks(table),
+    )
+
+
+def _radial_distortion(table: Table) -> tuple[float, float, float]:
+    """k1, k2, k3; those left out are nought, or fitted to the certificate's table."""
+    given = table.values.get("radial_distortion", [])
+    count = min(len(given), 3) if isinstance(given, list) else 3
+    k1, k2, k3, *_ = (*table.numbers("radial_distortion", count, ()), 0.0, 0.0, 0.0)
+    if not table.has("distortion_table_um"):
+        return k1, k2, k3
+    key = "distortion_table_um"
+    if given:
+        remedy = "Leave one of the two out."
+        raise table.error(key, "radial_distortion says the same in another way.", remedy)
+    rows = table.values[key]
+    if not isinstance(rows, list):
+        raise table.error(key, "must be a list of pairs.", "Write [[10, -1.0], [20, -1.5], ...].")
+    pairs = [table.sequence(key, row, 2) for row in cast("list[object]", rows)]
+    fitted = polynomial_from_table([(radius, shift) for radius, shift in pairs])
+    if isinstance(fitted, Failure):
+        raise table.error(key, fitted.reason, "Give the certificate's table, four rows or more.")
+    return fitted[0]
+
+
+def _marks(table: Table) -> int:
+    """How many marks the camera has, where nobody knows their places."""
+    value: object = table.values.get("fiducial_marks", 0)
+    if isinstance(value, bool) or value not in MARKS:
+        remedy = "Write 4 or 8, or leave it out."
+        raise table.error("fiducial_marks", f"must be 4 or 8, not {value!r}.", remedy)
+    return int(cast(int, value))
+
+
+def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
+    """Certified marks by name, from the table itself or from MicMac's file."""
+    key = "fiducials_mm"
+    given = table.values.get(key, {})
+    file = table.file("fiducials_file")
+    if file is not None:
+        if given:
+            remedy = "Leave one of the two out."
+            raise table.error("fiducials_file", "fiducials_mm is given too.", remedy)
+        key, given = "fiducials_file", {n: list(p) for n, p in read_camera_measures(file).items()}
+    if not isinstance(given, dict):
+        raise table.error(key, "must name each mark.", "Write { 1 = [-84.5, 0.3], ... }.")
+    fiducials: dict[str, tuple[float, float]] = {}
+    for name, value in cast("dict[str, object]", given).items():
+        x, y = table.sequence(key, value, 2)
+        if max(abs(x), abs(y)) > side_mm:
+            remedy = "Write millimetres from the fiducial centre, x right, y up."
+            raise table.error(key, f"mark {name} lies far outside the picture.", remedy)
+        fiducials[name] = x, y
+    if len(fiducials) == 1:
+        remedy = "Give two or more, or leave them all out."
+        raise table.error(key, "one mark alone says nothing of scale and rotation.", remedy)
+    return fiducials
