@@ -10,7 +10,8 @@ from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
-from core.scan.layouts import UPRIGHT, Layout, Way, certified_layouts, guessed_layouts
+from core.scan.layouts import UPRIGHT, Layout, Way, certified_layouts, guessed_layouts, lying
+from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found
 from core.scan.measuring import (
     FittedMark,
     Spot,
@@ -21,9 +22,6 @@ from core.scan.measuring import (
 )
 from core.scan.naming import name_marks
 from core.scan.raster import ScanFile, photo_id_of
-
-HAND_SIGMA_PX = 0.4
-"""What a careful hand can do on a screen, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,50 +150,8 @@ def measure_unknown_fiducials(
     if len(sets) == 2 and (apart or camera.fiducial_marks == 4):
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
-        return FiducialSet((), (_no_marks(photo_id_of(scan.path)),))
+        return FiducialSet((), (no_marks(photo_id_of(scan.path)),))
     return _measured(scan, sets, scan_pixel_mm, options)
-
-
-def fiducials_by_hand(
-    photo_id: str, camera: Camera, by_hand: Mapping[str, tuple[float, float]]
-) -> FiducialSet:
-    """Marks as somebody measured and named them; names the certificate lacks are a doubt.
-
-    Args:
-        photo_id: The photo.
-        camera: Camera with its certified fiducials.
-        by_hand: Column and row by name.
-    """
-    known = {name: place for name, place in by_hand.items() if name in camera.fiducials_mm}
-    marks = tuple(
-        FiducialMeasurement(name, *known[name], HAND_SIGMA_PX, 1.0, 0.0, "by hand")
-        for name in camera.fiducials_mm
-        if name in known
-    )
-    doubts = tuple(
-        Doubt(
-            "fiducial-doubtful",
-            photo_id,
-            f"Fiducial {name} was measured by hand, but camera '{camera.name}' has no such mark.",
-            0.4,
-            {"fiducial": name},
-        )
-        for name in by_hand
-        if name not in known
-    )
-    if len(marks) < 3:
-        return FiducialSet(marks, doubts)
-    pixels = np.array([(mark.column, mark.row) for mark in marks])
-    film = np.array([camera.fiducials_mm[mark.name] for mark in marks])
-    fits = [fit_similarity(pixels, film, mirrored=not back) for back in (False, True)]
-    rms = [fit.rms if isinstance(fit, PlaneTransform) else np.inf for fit in fits]
-    turn = fits[int(rms[1] < rms[0])]
-    quarter = 0
-    if isinstance(turn, PlaneTransform):
-        # The film is turned in the scan by as much as the scan is turned back on the film.
-        angle = np.arctan2(turn.matrix[1, 0], turn.matrix[0, 0])
-        quarter = round(float(-angle if rms[0] <= rms[1] else np.pi - angle) / (np.pi / 2)) % 4
-    return FiducialSet(marks, doubts, (quarter, bool(rms[1] < rms[0])))
 
 
 def renamed(measured: FiducialSet, camera: Camera, preferred: Sequence[Way] = ()) -> FiducialSet:
@@ -233,30 +189,6 @@ def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
         return (0, 1, 2, 3)
     spans = np.ptp(area.corners, axis=0)
     return (0, 2) if (spans[0] - spans[1]) * (width - height) > 0 else (1, 3)
-
-
-def nothing_found(photo_id: str, marks: int) -> Doubt:
-    """The doubt of a scan without any fiducial."""
-    return Doubt(
-        "fiducials-not-found",
-        photo_id,
-        f"None of the {marks} fiducials could be found where fiducials_mm puts them. Check "
-        "fiducials_mm, frame_mm and scan_pixel_um of the camera, or measure them by hand.",
-        0.9,
-        {"marks": marks},
-    )
-
-
-def _no_marks(photo_id: str) -> Doubt:
-    """The doubt of a scan in which no marks were recognised, of a camera nobody certified."""
-    return Doubt(
-        "fiducials-not-found",
-        photo_id,
-        "No fiducials could be recognised at the corners or the sides of the picture. Give "
-        "fiducials_mm of the camera, or measure them by hand.",
-        0.5,
-        {"marks": 0},
-    )
 
 
 def _all_found(
@@ -338,7 +270,7 @@ def _measured(
         spoilt = _spoilt(results)
         for name, result in _judged(results, options).items():
             if isinstance(result, Failure):
-                doubts.append(_doubtful(photo_id, name, one.predicted[name], result))
+                doubts.append(doubtful_mark(photo_id, name, one.predicted[name], result))
                 continue
             floor = max(result.sigma_px, options.sigma_floor_px)
             sigma = float(np.hypot(floor, options.dirt_px * (spoilt[name] - 1)))
@@ -368,11 +300,19 @@ def _both_ways(
 def _turn_of(results: Mapping[str, TwoWays | Failure], found: Constellation, turn: float) -> float:
     """Small rotation of the film (clockwise in the scan) by the marks themselves."""
     at = {name: i for i, name in enumerate(found.layout.names)}
-    film = found.layout.lying(found.way)
     good = {n: r for n, r in results.items() if isinstance(r, TwoWays) and r.disagreement_px < 1}
-    pixels = np.array([(r.column, r.row) for r in good.values()]).reshape(-1, 2)
-    fit = fit_similarity(film[[at[name] for name in good]], pixels, mirrored=True)
-    if not isinstance(fit, PlaneTransform) or len(good) < 3:
+    if len(good) < 3:
+        return turn
+    pixels = np.array([(r.column, r.row) for r in good.values()])
+    sigmas = np.array([max(r.sigma_px, 0.1) for r in good.values()])
+    places = {
+        name: (float(x), float(y)) for name, (x, y) in zip(at, found.layout.film, strict=True)
+    }
+    # The names the marks were found under may be those of another way to lie.
+    naming = name_marks(list(good), pixels, sigmas, found.way, places)
+    film = lying(found.layout.film, naming.way)[[at[name] for name in naming.names]]
+    fit = fit_similarity(film, pixels, mirrored=True)
+    if not isinstance(fit, PlaneTransform):
         return turn
     clockwise = float(np.arctan2(fit.matrix[1, 0], fit.matrix[0, 0]))
     return float((clockwise + np.pi / 4) % (np.pi / 2) - np.pi / 4)
@@ -428,19 +368,6 @@ def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:
         return doubt
     message = doubt.message.replace(f"Fiducial {old},", f"Fiducial {new},", 1)
     return replace(doubt, message=message, evidence={**doubt.evidence, "fiducial": new})
-
-
-def _doubtful(photo_id: str, name: str, place: tuple[float, float], failure: Failure) -> Doubt:
-    """The doubt of a mark that is missing or does not stand."""
-    column, row = place
-    return Doubt(
-        "fiducial-doubtful",
-        photo_id,
-        f"Fiducial {name}, expected near column {column:.0f}, row {row:.0f}, was not measured: "
-        f"{failure.reason} Measure it by hand if it is there.",
-        0.4,
-        {"fiducial": name, "column": column, "row": row, **failure.evidence},
-    )
 
 
 def _unsure(photo_id: str, mark: FiducialMeasurement) -> Doubt:

@@ -17,8 +17,8 @@ from jaxtyping import Float32, UInt8
 from core.scan.film_area import FilmArea
 from core.scan.raster import ScanFile, read_overview
 
-Descriptors = Float32[np.ndarray, "features length"]
-Points = Float32[np.ndarray, "features 2"]
+Descriptors = Float32[np.ndarray, "_ _"]
+Points = Float32[np.ndarray, "_ 2"]
 Features = tuple[Points, Descriptors]
 
 

@@ -19,7 +19,6 @@ from core.scan.fiducials import (
     FiducialMeasurement,
     FiducialOptions,
     FiducialSet,
-    fiducials_by_hand,
     measure_fiducials,
     measure_unknown_fiducials,
     renamed,
@@ -31,12 +30,13 @@ from core.scan.film_area import (
     check_not_blank,
     detect_film_area,
     refine_film_area,
-    usable_mask,
 )
+from core.scan.hand_marks import fiducials_by_hand
 from core.scan.interior_doubts import doubts_of_fit
 from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
+from core.scan.usable import usable_mask
 
 Marks = Mapping[str, tuple[float, float]]
 """Column and row by the name of a mark."""
@@ -80,7 +80,7 @@ class ScanOrientation:
         return self.scan.size_px
 
     def usable(self, reduction: int = 8) -> Mask:
-        """Which cells of the reduced scan are photograph; see `film_area.usable_mask`."""
+        """Which cells of the reduced scan are photograph; see `usable.usable_mask`."""
         marks = [(mark.column, mark.row) for mark in self.fiducials]
         return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.scan.film_area import detect_film_area, usable_mask
+from core.scan.film_area import detect_film_area
 from core.scan.orientation import orient_scan
 from core.scan.raster import open_scan, read_overview
+from core.scan.usable import usable_mask
 from tests.core.scan.film_maker import FIDUCIALS, Film, film_from_pixel, make_film, write_gray
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
