@@ -10,10 +10,10 @@ from core.arrays import Position
 from core.block.block import Block
 from core.frames import local_from_object
 from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
-from ui.review.misfit import misfits
+from ui.review.misfit import Misfit, misfits
 from ui.review.palette import LOOKS, ShownState
 from ui.review.picking import frustum_depth_m
-from ui.review.state import DeskState
+from ui.review.state import DeskState, Key
 
 Segments = Float64[np.ndarray, "n 2 3"]
 """Line segments, local frame, metres."""
@@ -71,11 +71,16 @@ class ScenePicture:
     """Names of the surveyed points."""
 
 
-def scene_picture(state: DeskState, stale: tuple[str, ...], outlines: Segments) -> ScenePicture:
-    """The scene of a state; the photos' outlines come from `footprints`."""
+def scene_picture(
+    state: DeskState,
+    stale: tuple[str, ...],
+    outlines: Segments,
+    away: Mapping[Key, Misfit] | None = None,
+) -> ScenePicture:
+    """The scene of a state; the photos' outlines come from `footprints`, `away` are its misfits."""
     oriented, origin = state.oriented, state.block.origin
     states = point_states(state)
-    vectors, vector_states = misfit_vectors(state)
+    vectors, vector_states = misfit_vectors(state, away)
     surveyed = state.block.surveyed
     ties = state.report.tie_positions
     ties = ties[np.all(np.isfinite(ties), axis=1)]
@@ -128,11 +133,15 @@ def point_states(state: DeskState) -> dict[str, ShownState]:
     }
 
 
-def misfit_vectors(state: DeskState) -> tuple[Segments, tuple[ShownState, ...]]:
+def misfit_vectors(
+    state: DeskState, away: Mapping[Key, Misfit] | None = None
+) -> tuple[Segments, tuple[ShownState, ...]]:
     """Misfits of all measurements that take part or judge, as displacements on the ground."""
     segments: list[np.ndarray] = []
     states: list[ShownState] = []
-    for key, misfit in misfits(state).items():
+    for key, misfit in (misfits(state) if away is None else away).items():
+        if key not in state.block.measurements:
+            continue
         shown = state.shown_state(state.block.measurements[key])
         if shown in ("unused", "rejected"):
             continue

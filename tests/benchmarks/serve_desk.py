@@ -1,0 +1,27 @@
+"""Open the benchmark's desk in a process of its own, to be measured, or killed, from another."""
+
+import argparse
+import threading
+from pathlib import Path
+
+from app.wiring import open_desk
+from tests.benchmarks.large_desk import Size, large_inputs
+
+
+def main() -> None:
+    """Print the address, then serve until the standard input closes."""
+    asked = argparse.ArgumentParser()
+    asked.add_argument("folder", type=Path)
+    asked.add_argument("--port", type=int, default=0)
+    asked.add_argument("--proposals", type=int, default=1500)
+    asked.add_argument("--ties", type=int, default=3000)
+    given = asked.parse_args()
+    size = Size(proposals=given.proposals, ties=given.ties)
+    inputs = large_inputs(given.folder, size, port=given.port)
+    with open_desk(inputs) as desk:
+        print(desk.url, flush=True)
+        threading.Event().wait()
+
+
+if __name__ == "__main__":
+    main()
