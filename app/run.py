@@ -9,6 +9,7 @@ from typing import Any
 
 from app.described import described
 from app.executors import Threads
+from app.interruption import Interruption, interruptible
 from app.project import Project
 from app.remarks import remarks
 from app.report import write_report
@@ -65,10 +66,11 @@ class Run:
         self.digests: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
         self.threads = Threads(options.workers)
+        self.interruption = Interruption()
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
-        with self.session.running():
+        with self.session.running(), interruptible() as self.interruption:
             waits = True
             try:
                 for name in STAGE_NAMES:
@@ -87,7 +89,8 @@ class Run:
         """One stage, made or found fresh, with one line said about it."""
         title = LAST_STAGES.get(name) or next(s.title for s in STAGES if s.name == name)
         started = time.monotonic()
-        progress = self.voice.stage(name, title)
+        self.interruption.check()
+        progress = self.interruption.watching(self.voice.stage(name, title))
         stage = next((stage for stage in STAGES if stage.name == name), None)
         last: Mapping[str, Callable[[Progress], str]] = {
             "adjustment": self.adjust,
