@@ -31,7 +31,7 @@ from core.pipeline import open_reference, search_bounds
 from core.progress import Part, Progress
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
-from core.stages import BlockInput, Georeferenced
+from core.stages import Georeferenced
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m

@@ -8,6 +8,7 @@ import numpy as np
 
 from app.loop_doors import Closed, Event, LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken
 from app.loop_pages import Moment, Pages, elsewhere
+from app.loop_remaking import after_remake, while_remaking
 from app.loop_table import Table, changed_keys
 from app.worker import (
     Adjusted,
@@ -24,13 +25,20 @@ from core.block.adjusted import AdjustmentReport
 from core.doubts import Failure
 from core.progress import Silent
 from sessions.decisions import Recorded, Withdraw, standing
-from ui.review.adding import measured_point, next_name
-from ui.review.compare import Drawn, drawn_from_block, redrawn, stale_photos, with_made
+from ui.review.adding import measured_point, next_name, renamed
+from ui.review.compare import Drawn, drawn_from_block, redrawn, stale_photos
 from ui.review.doubtful import extra_of
 from ui.review.gestures import Freed, Gesture, PointAsked
 from ui.review.history import gives_reason, key_of, touched_by
-from ui.review.milestones import Milestone, milestone_of, with_milestone
-from ui.review.scene import ScenePicture, Segments, footprints, readable_scale, scene_picture
+from ui.review.milestones import Milestone, with_milestone
+from ui.review.scene import (
+    ScenePicture,
+    Segments,
+    footprints,
+    readable_scale,
+    scene_picture,
+    tie_vectors,
+)
 from ui.review.state import Key, Notice, Remaking, SceneOptions, Seat
 from ui.review.tools import Desk, Meaning, kept_up, meaning, seated
 from ui.review.trial import Trial, trial_of, tried_block
@@ -53,6 +61,7 @@ class ReviewLoop:
         self._milestones: tuple[Milestone, ...] = ()
         self._stale: tuple[str, ...] = ()
         self._outlines: Segments = np.zeros((0, 2, 3))
+        self._tied: Segments = np.zeros((0, 2, 3))
         self._job, self._tried = 0, 0
         self._trials: dict[Key, Trial] = {}
         self._trying: Key | None = None
@@ -142,7 +151,11 @@ class ReviewLoop:
         if found.decision is None:
             return None
         operator, last = found.seat.operator, self._last
-        if found.act == "amend" and last is not None and gives_reason(last.decision, found.decision):
+        if (
+            found.act == "amend"
+            and last is not None
+            and gives_reason(last.decision, found.decision)
+        ):
             # The reason belongs to the rejection just made: one decision, one undo.
             self._session.undo(operator)
         self._last = self._session.record(found.decision, seen=self._state.block, operator=operator)
@@ -154,10 +167,9 @@ class ReviewLoop:
                 self._ask_point(gesture)
             case "free" if isinstance(gesture, Freed) and self._inputs.choose is not None:
                 self._inputs.choose(gesture.cameras, gesture.robust)
-                self._state = replace(
-                    self._state, free=(gesture.cameras, gesture.robust), adjusting=True
-                )
-                self._show_status()
+                free = gesture.cameras, gesture.robust
+                self._state = replace(self._state, free=free, adjusting=True)
+                self._pages.show_status(self._moment())
                 self._adjust()
             case "undo" | "redo":
                 self._turn_back(found)
@@ -167,7 +179,7 @@ class ReviewLoop:
                 self._remaker.cancel()
                 remaking = replace(self._state.remaking, cancelling=True)
                 self._state = replace(self._state, remaking=remaking)
-                self._show_status()
+                self._pages.show_status(self._moment())
             case "fit whole" | "fit current":
                 whole = found.act == "fit whole"
                 self._screen.fit(found.seat.seat_id, found.seat, self._state.oriented, whole)
@@ -201,9 +213,7 @@ class ReviewLoop:
         place, sources = (gesture.east, gesture.north), (inputs.dem, inputs.likeness)
         self._measurer.measure(
             gesture.seat_id,
-            lambda: measured_point(
-                state, name, place, sources, inputs.reference_sigma_m, Silent()
-            ),
+            lambda: measured_point(state, name, place, sources, inputs.reference_sigma_m, Silent()),
         )
 
     def _take_point(self, event: PointMeasured) -> None:
@@ -215,9 +225,7 @@ class ReviewLoop:
             return
         if found.point_id in self._state.block.surveyed:
             # Two were asked for before either was found: the second takes the next name.
-            name = next_name(self._state, self._recorded)
-            measured = tuple(replace(item, point_id=name) for item in found.measured)
-            found = replace(found, point_id=name, measured=measured)
+            found = renamed(found, next_name(self._state, self._recorded))
         self._last = self._session.record(found, operator=seat.operator)
         best = max(found.measured, key=lambda item: item.score)
         self._seats[seat.seat_id] = replace(seat, current=best.key)
@@ -256,9 +264,7 @@ class ReviewLoop:
 
     def _keep(self, report: AdjustmentReport) -> None:
         """Remember an adjustment, to compare others with it."""
-        number = self._milestones[-1].number + 1 if self._milestones else 1
-        fresh = milestone_of(report, self._state.block, self._state.decided, number)
-        self._milestones = with_milestone(self._milestones, fresh)
+        self._milestones = with_milestone(self._milestones, report, self._state)
 
     def _adjust(self) -> None:
         """Capture the block and hand it to the worker, in place of what it may be doing."""
@@ -274,7 +280,7 @@ class ReviewLoop:
             self._state = replace(self._state, adjusting=False)
             why = {"why": event.result.reason}
             self._screen.tell("", Notice("notice.adjustment-failed", why, grave=True))
-            self._show_status()
+            self._pages.show_status(self._moment())
             return
         self._state = replace(
             self._state, report=event.result, before=self._state.report, adjusting=False
@@ -321,26 +327,14 @@ class ReviewLoop:
             return
         self._state = replace(self._state, remaking=Remaking())
         self._remaker.start(self._stale, self._state.report)
-        self._show_status()
+        self._pages.show_status(self._moment())
 
     def _take_remake(self, event: RemakeStep | RemakeEnded) -> None:
         if isinstance(event, RemakeStep):
-            cancelling = self._state.remaking is not None and self._state.remaking.cancelling
-            remaking = Remaking(event.done, event.total, event.what, event.seconds_left, cancelling)
-            self._state = replace(self._state, remaking=remaking)
-            self._show_status()
+            self._state = while_remaking(self._state, event)
+            self._pages.show_status(self._moment())
             return
-        self._state = replace(self._state, remaking=None)
-        if event.failure:
-            notice = Notice("notice.remake-failed", {"why": event.failure}, grave=True)
-        elif event.cancelled:
-            notice = Notice("notice.remake-cancelled")
-        else:
-            made = replace(self._state, report=event.made_with).oriented
-            self._state = with_made(self._state, event.photo_ids, made)
-            written = event.made_with is self._state.report and not self._state.adjusting
-            self._state = replace(self._state, written=written)
-            notice = Notice("notice.remade" if event.photo_ids else "notice.written")
+        self._state, notice = after_remake(self._state, event)
         self._reorient()
         self._scene = None
         self._screen.tell("", notice)
@@ -350,6 +344,7 @@ class ReviewLoop:
         """What follows from the orientations."""
         self._stale = stale_photos(self._state, self._inputs.stale_m)
         self._outlines = footprints(self._state.oriented, self._inputs.dem)
+        self._tied = tie_vectors(self._state)
 
     def _recount(self, changed: set[Key] | None = None) -> None:
         """What follows from the measurements: of some when only those changed."""
@@ -375,28 +370,16 @@ class ReviewLoop:
         taken = frozenset(
             other.current for other in elsewhere(seat, self._present_seats()) if other.current
         )
+        inputs, rows = self._inputs, self._table.rows
         return Desk(
-            self._state,
-            self._table.rows,
-            self._drawn,
-            self._inputs.dem,
-            self._inputs.likeness,
-            taken,
-            self._recorded,
+            self._state, rows, self._drawn, inputs.dem, inputs.likeness, taken, self._recorded
         )
 
     def _moment(self) -> Moment:
         return Moment(
-            self._state,
-            self._table,
-            self._drawn,
-            self._stale,
-            self._outlines,
-            self._present_seats(),
-            self._trials,
-            self._recorded,
-            self._milestones,
-        )
+            self._state, self._table, self._drawn, self._stale, self._outlines,
+            self._present_seats(), self._trials, self._recorded, self._milestones,
+        )  # fmt: skip
 
     def _show_all(self) -> None:
         for seat in self._present_seats():
@@ -408,13 +391,10 @@ class ReviewLoop:
         self._pages.show(seat, self._moment())
         self._try_out(seat.current)
 
-    def _show_status(self) -> None:
-        self._pages.show_status(self._moment())
-
     def _show_scene(self, seat: Seat) -> None:
         if seat.seat_id not in self._scenes:
             return
         if self._scene is None:
             away = self._table.away.misfits
-            self._scene = scene_picture(self._state, self._stale, self._outlines, away)
+            self._scene = scene_picture(self._state, self._stale, self._outlines, away, self._tied)
         self._screen.scene(seat.seat_id, self._scene, seat, self._state.oriented)

@@ -40,8 +40,8 @@ from ui.views.server import SECRET_HEADER, SceneServer, Shown
 from ui.views.terrain import SurfaceSource, TerrainOptions, terrain_glb
 from ui.web.access import Access
 from ui.web.channel import Channel
-from ui.web.lines import Lines
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Upstream, as_json
+from ui.web.lines import Lines
 from ui.web.tiles import Sources, TileStore
 
 logger = logging.getLogger(__name__)
@@ -274,7 +274,6 @@ def _screen(
     front: Front, channel: Channel, scene: SceneServer, tiles: TileStore, language: str
 ) -> Screen:
     """Pictures leave the loop as text and values; nothing here waits."""
-
     lines = Lines()
 
     def show(seat_id: str, parts: Mapping[str, Part]) -> None:

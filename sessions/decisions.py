@@ -164,9 +164,7 @@ class Withdraw:
 
 PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChoosePeak
 """A decision about one point in one photo."""
-Decision = (
-    PhotoDecision | SetRole | AddPoint | JudgeTie | JudgePhoto | JudgeFiducial | Withdraw
-)
+Decision = PhotoDecision | SetRole | AddPoint | JudgeTie | JudgePhoto | JudgeFiducial | Withdraw
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)
 

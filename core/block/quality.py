@@ -1,13 +1,13 @@
 """How sound a block is: flight, overlaps, ties, control, systematic residuals; judged by limits."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from jaxtyping import Float64, Int64
 
-from core.arrays import Indices, ObjectPoints, PixelPoints, Scalars
+from core.arrays import Indices, ObjectPoints, PixelPoints
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
 
@@ -92,18 +92,6 @@ class Overlap:
     """Within a strip, between strips, or None for neither (diagonal)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One sentence of the verdict."""
-
-    text: str
-    """Key of the sentence."""
-    grave: int
-    """0 sound, 1 doubtful, 2 not good enough."""
-    values: Mapping[str, str] = field(default_factory=dict[str, str])
-    """What stands in its places."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockQuality:
     """The whole block."""
@@ -120,19 +108,12 @@ class BlockQuality:
     """Measurements in each cell."""
     control_cells: CellCounts
     """Control points in use in the nine parts of the block's bounds, north row first."""
-    findings: tuple[Finding, ...]
-    """The verdict, gravest first."""
-
-    @property
-    def verdict(self) -> int:
-        """0 sound, 1 doubtful, 2 not good enough: the gravest finding."""
-        return max((finding.grave for finding in self.findings), default=0)
 
 
 def assess_block(
     report: AdjustmentReport, footprints: Footprints, limits: QualityLimits | None = None
 ) -> BlockQuality:
-    """Judge an adjusted block.
+    """Measure an adjusted block; `core/block/verdict.py` judges it.
 
     Args:
         report: The adjustment.
@@ -140,23 +121,21 @@ def assess_block(
         limits: What it is held against.
     """
     held = limits or QualityLimits()
-    taking_part = np.isfinite(report.tie_residuals_px).all(axis=1)
+    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
     overlaps = _overlaps(report.block, footprints, taking_part)
     rays = _used_rays(report, taking_part)
     photos = tuple(
         _photo(report, name, overlaps, rays[name], footprints) for name in report.block.photos
     )
     pattern, counts = _pattern(report.block, rays)
-    found = BlockQuality(
+    return BlockQuality(
         photos=tuple(sorted(photos, key=lambda one: -_badness(one, held))),
         overlaps=overlaps,
         rays=_ray_counts(report, taking_part),
         pattern_px=pattern,
         pattern_counts=counts,
         control_cells=_control_cells(report, footprints),
-        findings=(),
     )
-    return _with_findings(found, report, held)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,9 +206,7 @@ def _crab_deg(block: Block, name: str, overlaps: tuple[Overlap, ...]) -> float:
     return float(abs((apart + 45.0) % 90.0 - 45.0))
 
 
-def _overlaps(
-    block: Block, footprints: Footprints, taking_part: np.ndarray
-) -> tuple[Overlap, ...]:
+def _overlaps(block: Block, footprints: Footprints, taking_part: np.ndarray) -> tuple[Overlap, ...]:
     """All pairs whose footprints share more than a twentieth."""
     ties = block.ties
     shown = {
@@ -339,97 +316,3 @@ def _badness(photo: PhotoQuality, limits: QualityLimits) -> float:
     rms = 3.0 if np.isnan(photo.rms_px) else photo.rms_px
     empty = sum(count == 0 for count in photo.cells)
     return 10.0 * (not photo.oriented) + rms + 0.2 * empty + photo.tilt_deg / limits.tilt_deg[1] / 2
-
-
-def _with_findings(
-    found: BlockQuality, report: AdjustmentReport, limits: QualityLimits
-) -> BlockQuality:
-    findings = [
-        *_adjustment_findings(report, limits),
-        *_control_findings(found, report, limits),
-        *_tie_findings(found, limits),
-        *_flight_findings(found, limits),
-    ]
-    ordered = tuple(sorted(findings, key=lambda finding: -finding.grave))
-    return BlockQuality(
-        found.photos, found.overlaps, found.rays, found.pattern_px, found.pattern_counts,
-        found.control_cells, ordered,
-    )  # fmt: skip
-
-
-def _adjustment_findings(report: AdjustmentReport, limits: QualityLimits) -> list[Finding]:
-    if not report.converged:
-        return [Finding("verdict.diverged", 2)]
-    low, high = limits.sigma_nought
-    told = {"value": f"{report.sigma_nought:.2f}", "low": f"{low:g}", "high": f"{high:g}"}
-    sound = low <= report.sigma_nought <= high
-    return [Finding("verdict.sigma" if sound else "verdict.sigma-off", 0 if sound else 1, told)]
-
-
-def _control_findings(
-    found: BlockQuality, report: AdjustmentReport, limits: QualityLimits
-) -> list[Finding]:
-    count, filled = len(report.surveyed_positions), int(np.count_nonzero(found.control_cells))
-    told = {"count": str(count), "cells": str(filled), "least": str(limits.least_control)}
-    if count < limits.least_control:
-        return [Finding("verdict.control-few", 2, told)]
-    sound = filled >= limits.control_cells
-    findings = [Finding("verdict.control" if sound else "verdict.control-gaps", 1 - sound, told)]
-    weak = sum(number < 0.1 for number in report.redundancy_numbers.values())
-    if weak:
-        findings.append(Finding("verdict.unchecked", 1, {"count": str(weak)}))
-    if not report.checks:
-        findings.append(Finding("verdict.no-checks", 1))
-    return findings
-
-
-def _tie_findings(found: BlockQuality, limits: QualityLimits) -> list[Finding]:
-    total = sum(found.rays.values())
-    if not total:
-        return [Finding("verdict.no-ties", 2 if len(found.photos) > 1 else 0)]
-    many = sum(count for rays, count in found.rays.items() if rays >= 3) / total
-    told = {"share": f"{100 * many:.0f}"}
-    sound = many >= limits.rays
-    findings = [Finding("verdict.rays" if sound else "verdict.rays-few", 1 - sound, told)]
-    bare = [
-        photo.photo_id
-        for photo in found.photos
-        if photo.oriented and sum(count > 0 for count in photo.cells) < limits.tie_cells
-    ]
-    if bare:
-        findings.append(Finding("verdict.bare", 1, {"count": str(len(bare)), "worst": bare[0]}))
-    lengths: Scalars = np.linalg.norm(found.pattern_px[found.pattern_counts >= 20], axis=1)
-    worst = float(lengths.max()) if len(lengths) else 0.0
-    systematic = worst > limits.pattern_px
-    text = "verdict.systematic" if systematic else "verdict.no-pattern"
-    findings.append(Finding(text, int(systematic), {"value": f"{worst:.2f}"}))
-    return findings
-
-
-def _flight_findings(found: BlockQuality, limits: QualityLimits) -> list[Finding]:
-    findings: list[Finding] = []
-    loose = [photo.photo_id for photo in found.photos if not photo.oriented]
-    if loose:
-        findings.append(Finding("verdict.loose", 2, {"count": str(len(loose)), "worst": loose[0]}))
-    for text, values, (rule, most) in (
-        ("tilt", {p.photo_id: p.tilt_deg for p in found.photos if p.oriented}, limits.tilt_deg),
-        ("crab", {p.photo_id: p.crab_deg for p in found.photos if p.oriented}, limits.crab_deg),
-    ):
-        known = {name: value for name, value in values.items() if np.isfinite(value)}
-        if not known:
-            continue
-        worst = max(known, key=lambda name: known[name])
-        over = sum(value > rule for value in known.values())
-        told = {"value": f"{known[worst]:.1f}", "worst": worst, "limit": f"{rule:g}",
-                "over": str(over)}  # fmt: skip
-        grave = 0 if not over else 1 if known[worst] <= most else 2
-        findings.append(Finding(f"verdict.{text}" if not grave else f"verdict.{text}-over", grave, told))
-    for text, along, (least, _) in (("along", True, limits.along), ("across", False, limits.across)):
-        shares = [pair.share for pair in found.overlaps if pair.along is along]
-        if shares:
-            small = sum(share < least for share in shares)
-            told = {"low": f"{100 * min(shares):.0f}", "high": f"{100 * max(shares):.0f}",
-                    "least": f"{100 * least:.0f}", "small": str(small)}  # fmt: skip
-            key = f"verdict.{text}" if not small else f"verdict.{text}-small"
-            findings.append(Finding(key, int(small > 0), told))
-    return findings

@@ -12,7 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.benchmarks.desk_browser import browser, click_for_mark, press_for_point, served, sit_down, told
+from tests.benchmarks.desk_browser import (
+    browser,
+    click_for_mark,
+    press_for_point,
+    served,
+    sit_down,
+    told,
+)
+from tests.benchmarks.large_desk import say
 
 PROMISES_MS = {"keys": (150, 300), "click": 60, "filter": 100, "large": 1000, "ties": 5000}
 
@@ -29,8 +37,8 @@ def keys(folder: Path) -> bool:
             whole.append(times[1])
             page.wait_for_timeout(250)
         decided = page.evaluate("gruber.parts.status.decided")
-    print(f"key to new point drawn           {told(first)}")
-    print(f"key to new point, all its tiles  {told(whole)}   decided {decided}")
+    say(f"key to new point drawn           {told(first)}")
+    say(f"key to new point, all its tiles  {told(whole)}   decided {decided}")
     middle, most = PROMISES_MS["keys"]
     return bool(np.median(first) <= middle and np.percentile(first, 95) <= most)
 
@@ -44,7 +52,7 @@ def click(folder: Path) -> bool:
         for number in range(30):
             times.append(click_for_mark(page, (-60, 60, 0)[number % 3], (40, -40)[number % 2]))
             page.wait_for_timeout(400)
-    print(f"click to placed mark             {told(times)}")
+    say(f"click to placed mark             {told(times)}")
     return bool(np.median(times) <= PROMISES_MS["click"])
 
 
@@ -70,7 +78,7 @@ def filtered(folder: Path) -> bool:
             for _ in range(6)
             for state in ("unused", "open", "all", "review")
         ]
-    print(f"filter of {rows} rows             {told(times)}")
+    say(f"filter of {rows} rows             {told(times)}")
     return bool(np.median(times) <= PROMISES_MS["filter"])
 
 
@@ -80,13 +88,13 @@ BENCHES: dict[str, Callable[[Path], bool]] = {"keys": keys, "click": click, "fil
 def main() -> int:
     """Run what is asked for, all by default; 1 when a promise is broken."""
     asked = sys.argv[1:] or list(BENCHES)
-    print(f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    say(f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     kept = True
     with tempfile.TemporaryDirectory() as temporary:
         for name in asked:
             begun = time.perf_counter()
             kept = BENCHES[name](Path(temporary) / name) and kept
-            print(f"  [{name}: {time.perf_counter() - begun:.0f} s, load {os.getloadavg()[0]:.1f}]")
+            say(f"  [{name}: {time.perf_counter() - begun:.0f} s, load {os.getloadavg()[0]:.1f}]")
     return 0 if kept else 1
 
 

@@ -1,11 +1,14 @@
-"""A block for measuring the desk: 24 scans as small tiled TIFFs, 1,500 proposals, known blunders."""
+"""A block for measuring the desk: 24 scans as small tiled TIFFs, 1,500 proposals, blunders."""
 
+import sys
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import rasterio
+from rasterio.errors import NotGeoreferencedWarning
 
 from app.desk import Adjusting, lasting_token
 from app.scan_files import ScanFiles
@@ -260,11 +263,19 @@ def _exposed(photo: Photo, dem: ArrayDem, grid: Grid, grey: np.ndarray, side: in
     return cv2.remap(grey, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
 
 
+def say(text: str) -> None:
+    """A line on the terminal, at once."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
 def write_scan(path: Path, values: np.ndarray) -> None:
     """A tiled TIFF without overviews, as a scanner leaves it."""
     rows, columns = values.shape
     profile = {"driver": "GTiff", "dtype": "uint8", "count": 1, "width": columns, "height": rows}
-    with rasterio.open(
-        path, "w", **profile, tiled=True, blockxsize=256, blockysize=256, compress="deflate"
-    ) as file:
-        file.write(values, 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(
+            path, "w", **profile, tiled=True, blockxsize=256, blockysize=256, compress="deflate"
+        ) as file:
+            file.write(values, 1)

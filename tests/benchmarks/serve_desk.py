@@ -5,7 +5,7 @@ import threading
 from pathlib import Path
 
 from app.wiring import open_desk
-from tests.benchmarks.large_desk import Size, large_inputs
+from tests.benchmarks.large_desk import Size, large_inputs, say
 
 
 def main() -> None:
@@ -19,7 +19,7 @@ def main() -> None:
     size = Size(proposals=given.proposals, ties=given.ties)
     inputs = large_inputs(given.folder, size, port=given.port)
     with open_desk(inputs) as desk:
-        print(desk.url, flush=True)
+        say(desk.url)
         threading.Event().wait()
 
 

@@ -169,7 +169,7 @@ def test_reopened_the_desk_is_where_it_was__law(desk, tmp_path):
 
 
 def test_a_hundred_gestures_keep_their_order__law(desk):
-    keys = desk.glass.parts["anna-1"]["queue"]["shown"][:100]
+    keys = desk.glass.parts["anna-1"]["order"][:100]
     rows = desk.glass.parts["anna-1"]["rows"]
     aimed = [(rows[i][0], rows[i][1]) for i in keys]
     for key in aimed:
@@ -214,7 +214,7 @@ def test_a_key_pressed_again_after_the_step_decides_nothing_more__law(desk):
 
 
 def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(desk):
-    place = desk.glass.parts["anna-1"]["queue"]["shown"][4]
+    place = desk.glass.parts["anna-1"]["order"][4]
     row = desk.glass.parts["anna-1"]["rows"][place]
     desk.loop.submit(Selected("anna-1", (row[0], row[1])))
     desk.glass.until(lambda glass: glass.current() == (row[0], row[1]))

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -80,6 +81,12 @@ def measured_point(
             found = likeness(photo, camera, np.array([[*place, height]]))
         measured.append(_measured(name, photo_id, pixel, found))
     return AddPoint(name, *place, height, sigma_m, tuple(measured))
+
+
+def renamed(found: AddPoint, name: str) -> AddPoint:
+    """The same point under another name."""
+    measured = tuple(replace(item, point_id=name) for item in found.measured)
+    return replace(found, point_id=name, measured=measured)
 
 
 def _measured(

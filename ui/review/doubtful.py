@@ -21,11 +21,14 @@ FEW_RAYS = 12
 FIDUCIAL_SIGMAS, FIDUCIAL_UM = 1.8, 12.0
 """A mark is looked at when its residual exceeds both: sigmas of its scan, and micrometres."""
 GROUND_SIGMA_M = np.array([1.0, 1.0, 1.0])
-PHOTO = "photo"
 
 
 def extra_of(
-    state: DeskState, base: Block, decisions: Sequence[Recorded], doubts: Iterable[Doubt], dem: HeightSource
+    state: DeskState,
+    base: Block,
+    decisions: Sequence[Recorded],
+    doubts: Iterable[Doubt],
+    dem: HeightSource,
 ) -> Extra:
     """Everything doubtful beside surveyed points, and what was said of such things before.
 
@@ -67,7 +70,8 @@ def key_of_verdict(extra: Extra, verdict: Verdict) -> Key | None:
     """The row that a decision was about."""
     match verdict:
         case JudgePhoto(photo_id=photo_id):
-            return (PHOTO, photo_id) if (PHOTO, photo_id) in extra.measurements else None
+            key = f"photo {photo_id}", photo_id
+            return key if key in extra.measurements else None
         case JudgeFiducial(photo_id=photo_id, name=name):
             key = f"fiducial {name}", photo_id
             return key if key in extra.measurements else None
@@ -119,7 +123,7 @@ class _Gathered:
             middle = placed.interior.pixel_from_film(np.zeros((1, 2)))
             position = self._ground(name, middle)
             if position is not None:
-                self._add(PHOTO, "photo", name, position, middle[0], 0.3, status, reason)
+                self._add(f"photo {name}", "photo", name, position, middle[0], 0.3, status, reason)
 
     def fiducials(self, said: Mapping[tuple[str, str], bool]) -> None:
         """Marks whose residual stands out within their scan."""

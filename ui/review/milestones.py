@@ -9,6 +9,7 @@ from core.block.block import Block, Photo
 from core.geometry.camera import Camera
 from ui.review.compare import ground_pixel_m, shift_px
 from ui.review.picture import position_error_m
+from ui.review.state import DeskState
 
 KEPT = 60
 """So many are kept; the first one always."""
@@ -44,14 +45,15 @@ def milestone_of(report: AdjustmentReport, block: Block, decided: int, number: i
     )
     photos = {name: (photo, adjusted.camera_of(name)) for name, photo in adjusted.photos.items()}
     error = position_error_m(report)
-    return Milestone(
-        number, decided, report.sigma_nought, error, dict(report.rms_px), used, photos
-    )
+    return Milestone(number, decided, report.sigma_nought, error, dict(report.rms_px), used, photos)
 
 
-def with_milestone(kept: tuple[Milestone, ...], fresh: Milestone) -> tuple[Milestone, ...]:
+def with_milestone(
+    kept: tuple[Milestone, ...], report: AdjustmentReport, state: DeskState
+) -> tuple[Milestone, ...]:
     """The list with one more; the first stays, old ones behind it go."""
-    longer = (*kept, fresh)
+    number = kept[-1].number + 1 if kept else 1
+    longer = (*kept, milestone_of(report, state.block, state.decided, number))
     return longer if len(longer) <= KEPT else (longer[0], *longer[2:])
 
 
@@ -68,8 +70,7 @@ def milestone_line(one: Milestone) -> dict[str, Any]:
 def shifts_m(one: Milestone, other: Milestone) -> dict[str, float]:
     """How far each photo's corners moved at most between two adjustments, metres on the ground."""
     return {
-        name: shift_px(*one.photos[name], *other.photos[name])
-        * ground_pixel_m(*other.photos[name])
+        name: shift_px(*one.photos[name], *other.photos[name]) * ground_pixel_m(*other.photos[name])
         for name in one.photos
         if name in other.photos
     }

@@ -209,7 +209,7 @@ def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
         "ratio": _short(now.ratio if now else None, 1),
         "residual": _pair(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": _short(measurement.sigma_px, 2),
-        "score": _short(measurement.score, 2),
+        "score": _short(row.score, 2),
         "redundancy": _short(row.controlled, 2),
         "place": [_short(measurement.column, 1), _short(measurement.row, 1)],
         "source": point.source if row.role in POINT_KINDS else row.role,

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from core.block.quality import BlockQuality, assess_block
+from core.block.verdict import judge_block
 from ui.review.milestones import Milestone, milestone_line, shifts_m
 from ui.review.picture import Part, position_error_m
 from ui.review.scene import EDGE_PARTS, Segments
@@ -26,9 +27,10 @@ def quality_part(
     report = state.report
     polygons = footprint_polygons(state, outlines)
     found = assess_block(report, polygons)
+    findings = judge_block(found, report)
     return {
-        "verdict": found.verdict,
-        "findings": [[f.text, f.grave, dict(f.values)] for f in found.findings],
+        "verdict": max((f.grave for f in findings), default=0),
+        "findings": [[f.text, f.grave, dict(f.values)] for f in findings],
         "sigma": _number(report.sigma_nought, 3),
         "mp": _number(position_error_m(report), 3),
         "free": list(state.free),
@@ -53,7 +55,10 @@ def footprint_polygons(state: DeskState, outlines: Segments) -> dict[str, shapel
         ring = outlines[number * each : (number + 1) * each, 0, :2]
         if len(ring) == each and np.isfinite(ring).all():
             polygon = shapely.Polygon(ring + state.block.origin[:2])
-            found[name] = polygon if polygon.is_valid else polygon.convex_hull
+            hull = polygon.convex_hull
+            if not polygon.is_valid and isinstance(hull, shapely.Polygon):
+                polygon = hull
+            found[name] = polygon
     return found
 
 
@@ -111,7 +116,9 @@ def _compared(milestones: tuple[Milestone, ...], pair: tuple[int, int] | None) -
     by_number = {one.number: one for one in milestones}
     if not by_number:
         return None
-    numbers = pair if pair and all(n in by_number for n in pair) else (min(by_number), max(by_number))
+    numbers = (
+        pair if pair and all(n in by_number for n in pair) else (min(by_number), max(by_number))
+    )
     one, other = (by_number[number] for number in numbers)
     shifts = sorted(shifts_m(one, other).items(), key=lambda item: -item[1])
     return {"pair": list(numbers), "shifts": [[name, _number(value, 3)] for name, value in shifts]}

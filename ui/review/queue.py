@@ -147,9 +147,7 @@ def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
     return ahead[-1] if ahead else shown[0]
 
 
-def coming(
-    rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()
-) -> tuple[Key, ...]:
+def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> tuple[Key, ...]:
     """Measurements of the queue nobody has looked at: those behind the current one, then before.
 
     Those that others are looking at are left to them.

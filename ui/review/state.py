@@ -24,7 +24,8 @@ STATE_FILTERS: tuple[StateFilter, ...] = (
     "review", "all", "open", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 LAYERS: tuple[str, ...] = (
-    "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "labels",
+    "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors",
+    "labels",
 )  # fmt: skip
 """Layers of the 3D scene that can be switched."""
 
@@ -55,7 +56,7 @@ class Sieve:
 class SceneOptions:
     """What one seat sees of the 3D scene."""
 
-    hidden: frozenset[str] = frozenset({"ties", "labels"})
+    hidden: frozenset[str] = frozenset({"ties", "tie_vectors", "labels"})
     """Layers that are switched off."""
     vector_scale: float = 20.0
     """Residual vectors on screen are this many times as long as on the ground."""

@@ -110,22 +110,14 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return _refine(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
-        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted():
+        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted() | Freed():
             return _act(gesture, seat)
         case PointAsked():
             return _ask_point(gesture, seat, desk)
         case TakenBack(decision_id=decision_id):
             return Meaning(seat, decision=taken_back(decision_id, desk.recorded))
-        case Named(name=name):
-            return Meaning(replace(seat, operator=name))
-        case QualityAsked(shown=shown, pair=pair):
-            return Meaning(replace(seat, quality=shown, pair=pair or seat.pair))
-        case Freed():
-            return Meaning(seat, act="free")
         case RayPicked():
             return _pick(gesture, seat, desk)
-        case LayerSwitched() | VectorsScaled():
-            return Meaning(_with_scene(gesture, seat))
         case _:
             return Meaning(_moved(gesture, seat, desk))
 
@@ -153,9 +145,13 @@ def kept_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
     return replace(seat, order=order + fresh, current=current)
 
 
-def _act(gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted, seat: Seat) -> Meaning:
+def _act(
+    gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted | Freed, seat: Seat
+) -> Meaning:
     """What only the loop can do."""
     match gesture:
+        case Freed():
+            return Meaning(seat, act="free")
         case Undone():
             return Meaning(replace(seat, explaining=None), act="undo")
         case Redone():
@@ -346,8 +342,14 @@ def _with_scene(gesture: LayerSwitched | VectorsScaled, seat: Seat) -> Seat:
 
 
 def _moved(gesture: Gesture, seat: Seat, desk: Desk) -> Seat:
-    """Walks through the queue, sorting and sieving: nothing is decided."""
+    """Walks through the queue, sorting and sieving, and the like: nothing is decided."""
     match gesture:
+        case LayerSwitched() | VectorsScaled():
+            return _with_scene(gesture, seat)
+        case Named(name=name):
+            return replace(seat, operator=name)
+        case QualityAsked(shown=shown, pair=pair):
+            return replace(seat, quality=shown, pair=pair or seat.pair)
         case Stepped(step=step):
             current = neighbour(visible(desk.rows, seat), seat, step)
             return replace(seat, current=current or seat.current)

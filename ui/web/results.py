@@ -10,7 +10,9 @@ CONTENT = {
     ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
     ".gpkg": "application/geopackage+sqlite3",
 }  # fmt: skip
-REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+)
 """The report needs nothing but itself."""
 
 

@@ -6,7 +6,7 @@ import { drawLayer, fetchAhead, onTile, orthoLayer, rawLayer, scanLayer } from "
 import { listen } from "/pages/pointing.js";
 
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
-const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false, blink: false, scale: 0 };
+const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false, adding: false, blink: false, scale: 0 };
 let point = null;
 let view = null; // {east, north: middle; scale: css pixels per metre}
 let cursor = null; // {east, north, raw}
@@ -143,9 +143,12 @@ function content(name) {
 const showsRaw = (kind) => state.raw && kind === "scan";
 
 function drawAll() {
-  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=likeness],[data-act=marks]")) {
-    button.classList.toggle("on", state[button.dataset.act]);
+  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=likeness],[data-act=marks],[data-act=add]")) {
+    const name = button.dataset.act === "add" ? "adding" : button.dataset.act;
+    button.classList.toggle("on", state[name]);
   }
+  byId("adding").hidden = !state.adding;
+  byId("panes").classList.toggle("adding", state.adding);
   if (!point || !view) return;
   let whole = true;
   for (const pane of Object.values(panes)) {
@@ -339,6 +342,14 @@ function place(pane, at) {
   send({ kind: "place", key: point.key, frame: raw ? "scan" : "ground", place: raw ? at.raw : [at.east, at.north] });
 }
 
+// A new point is chosen where the ortho shows it, for there its coordinates are known.
+function addPoint(pane, x, y) {
+  if (takesPlace(pane, x) && pane.kind !== "blend") return;
+  const at = fromScreen(pane, x, y);
+  send({ kind: "add", place: [at.east, at.north] });
+  switchCompare("adding");
+}
+
 const takesPlace = (pane, x) => pane.kind === "scan" || pane.kind === "blend" || (pane.kind === "swipe" && x > pane.room.clientWidth * state.share);
 
 // What a pointer on a pane may do; `pointing.js` says when.
@@ -346,12 +357,15 @@ const HAND = {
   ready: () => point && view,
   grips: (pane, x, y) => {
     const mark = measuredNow(pane);
-    return state.marks && takesPlace(pane, x) && Math.hypot(mark[0] - x, mark[1] - y) < 8;
+    return state.marks && !state.adding && takesPlace(pane, x) && Math.hypot(mark[0] - x, mark[1] - y) < 8;
   },
   at: fromScreen,
   drag: (place) => { dragged = place; },
   drop: (pane) => { if (dragged) place(pane, dragged); },
-  click: (pane, x, y) => { if (takesPlace(pane, x)) place(pane, fromScreen(pane, x, y)); },
+  click: (pane, x, y) => {
+    if (state.adding) addPoint(pane, x, y);
+    else if (takesPlace(pane, x)) place(pane, fromScreen(pane, x, y));
+  },
   pan: (from, to) => { view.east += from.east - to.east; view.north += from.north - to.north; },
   point: (place) => { cursor = place; redraw(); },
   zoom: (pane, x, y, factor) => {
