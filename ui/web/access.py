@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
+GUEST = web.RequestKey("gruber.guest", bool)
 LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
-GUEST = "gruber.guest"
 ANYWHERE = frozenset({"0.0.0.0", "::", ""})
 
 

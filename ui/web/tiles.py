@@ -167,8 +167,8 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
         return await _answer(store, request, lambda: store.scan(photo, grid, False))
 
     async def likeness(request: web.Request) -> web.StreamResponse:
-        photo, names = _photo(store, request), ("east", "north", "height")
-        position = np.array([[float(request.match_info[name]) for name in names]])
+        photo = _photo(store, request)
+        position = np.array([_numbers(request, "east", "north", "height")])
         found = await store.likeness(photo, position)
         if isinstance(found, Failure):
             return web.Response(status=204)
@@ -234,14 +234,20 @@ def _wallis(request: web.Request) -> bool:
     return request.query.get("wallis") == "1"
 
 
-def _grid_about(request: web.Request) -> Grid:
-    """A small grid about a place on the ground."""
+def _numbers(request: web.Request, *names: str) -> list[float]:
+    """Numbers of an address, each finite."""
     try:
-        east, north, pixel = (
-            float(request.match_info[name]) for name in ("east", "north", "pixel")
-        )
+        found = [float(request.match_info[name]) for name in names]
     except ValueError as error:
         raise web.HTTPNotFound from error
+    if not all(abs(number) < 1e9 for number in found):
+        raise web.HTTPNotFound
+    return found
+
+
+def _grid_about(request: web.Request) -> Grid:
+    """A small grid about a place on the ground."""
+    east, north, pixel = _numbers(request, "east", "north", "pixel")
     if not 1e-3 < pixel < 1e3:
         raise web.HTTPNotFound
     half = THUMBNAIL / 2 * pixel

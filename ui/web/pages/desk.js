@@ -60,7 +60,7 @@ const ACTS = {
   cancel: () => send({ kind: "cancel" }),
   help: () => toggleHelp(),
   add: () => switchCompare("adding"),
-  quality: () => openQuality(),
+  quality: () => openQuality(parts.quality),
   theme: () => nextTheme(),
   tour: () => startTour(),
 };

@@ -9,12 +9,14 @@ export function setUpQuality(sender) {
   byId("quality").addEventListener("close", () => send({ kind: "quality", shown: false }));
 }
 
-export function openQuality() {
+// `known` is what was told last: it is not told again when nothing changed.
+export function openQuality(known) {
   const sheet = byId("quality");
   if (sheet.open) { sheet.close(); return; }
   sheet.replaceChildren(element("p", { class: "muted" }, word("quality.wait")));
   sheet.showModal();
   showing = null;
+  if (known) showQuality(known);
   send({ kind: "quality", shown: true });
 }
 
