@@ -27,11 +27,11 @@ from core.block.patches import OpenPhoto
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
-from core.pipeline import open_reference, search_bounds
 from core.progress import Part, Progress
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
 from core.stages import Georeferenced
+from core.whereabouts import open_reference, search_bounds
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m

@@ -24,10 +24,11 @@ from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
 from core.ground.ortho import OrthoProduct, rectify_photo
 from core.ground.picture import footprint_of
-from core.pipeline import STAGES, open_reference, search_bounds
+from core.pipeline import STAGES
 from core.progress import Part, Progress
 from core.reference.dem import Dem
-from core.stages import BlockInput, Georeferenced, ScanSet, Stage, Tied, Work
+from core.stages import BlockInput, Georeferenced, PlacedBlocks, ScanSet, Stage, Tied, Work
+from core.whereabouts import open_reference, search_bounds
 from sessions.products import digest_of
 from sessions.session import Session
 from sessions.whole import whole_file
@@ -207,7 +208,7 @@ class Run:
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first."""
         every: list[Doubt] = []
-        for name in ("scans", "georeference", "reference", "ties", "control"):
+        for name in ("scans", "georeference", "reference", "ties", "placement", "control"):
             every.extend(self.made[name].doubts if name in self.made else ())
         return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
 
@@ -323,6 +324,9 @@ def told(value: Any) -> str:
             return f"{counted(len(value.block.photos), 'photo')} placed{aside}"
         case Tied():
             return f"{value.ties.count} tie points, {len(value.ties.point)} rays"
+        case PlacedBlocks():
+            photos = sum(len(part.photo_ids) for part in value.found)
+            return f"{counted(photos, 'photo')} in {counted(len(value.found), 'part')}"
         case Assembly():
             return told(value.report)
         case AdjustmentReport():

@@ -17,8 +17,9 @@ PATTERN_CELLS = 6
 """Cells a side of the film in which residuals are averaged."""
 Footprints = Mapping[str, shapely.Polygon]
 """Ground polygon of each photo, metres."""
-CellCounts = Int64[np.ndarray, "rows columns"]
-Vectors = Float64[np.ndarray, "rows columns 2"]
+CellCounts = Int64[np.ndarray, "side side"]
+FilmCounts = Int64[np.ndarray, "cells cells"]
+Vectors = Float64[np.ndarray, "cells cells 2"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,7 @@ class BlockQuality:
     """Tie points by number of rays."""
     pattern_px: Vectors
     """Mean residual (column, row) by cell of the film, top row first, pixels; NaN without any."""
-    pattern_counts: CellCounts
+    pattern_counts: FilmCounts
     """Measurements in each cell."""
     control_cells: CellCounts
     """Control points in use in the nine parts of the block's bounds, north row first."""
@@ -275,7 +276,7 @@ def _cell_numbers(
     return numbers[:, 0], side - 1 - numbers[:, 1]
 
 
-def _pattern(block: Block, rays: Mapping[str, _Rays]) -> tuple[Vectors, CellCounts]:
+def _pattern(block: Block, rays: Mapping[str, _Rays]) -> tuple[Vectors, FilmCounts]:
     """Residuals of all photos averaged by cell of the film: what is left is systematic."""
     side = PATTERN_CELLS
     sums, counts = np.zeros((side, side, 2)), np.zeros((side, side), dtype=np.int64)

@@ -305,7 +305,7 @@ def test_people_see_each_other_and_are_not_sent_to_the_same_point__law(desk):
     theirs = desk.glass.current("berta-1")
     desk.loop.submit(Stepped("anna-1", -1))
     desk.loop.submit(Judged("anna-1", both, "dubious"))
-    desk.settled(1)
+    desk.glass.until(lambda glass: glass.row(both)[3] == "dubious")
     assert desk.glass.current("anna-1") != theirs
     assert [item.who for item in desk.session.decisions()] == ["berta", "anna"]
 
