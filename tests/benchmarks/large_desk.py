@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import rasterio
 from rasterio.errors import NotGeoreferencedWarning
+from rasterio.windows import Window
 
 from app.desk import Adjusting, lasting_token
 from app.scan_files import ScanFiles
@@ -27,6 +28,7 @@ from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
+from core.progress import Silent
 from sessions.session import HIDDEN, Session
 from tests.ui.desk_block import ArrayDem, ArrayOrtho, keep_for_reduction
 
@@ -107,6 +109,52 @@ def large_inputs(folder: Path, size: Size, robust: bool = True, port: int = 0) -
         port=port,
         token=lasting_token(folder / HIDDEN),
     )
+
+
+def with_huge_scan(inputs: DeskInputs, side_px: int) -> DeskInputs:
+    """The desk with its first scan enlarged to a side of very many pixels, without overviews."""
+    block = inputs.block
+    name, photo = next(iter(block.photos.items()))
+    factor = side_px // photo.size_px[0]
+    side = factor * photo.size_px[0]
+    path = Path(photo.scan).with_name(f"{name}_huge.tif")
+    if not path.exists():
+        _enlarge(Path(photo.scan), path, factor)
+    interior = photo.interior
+    matrix = interior.film_from_pixel_matrix.copy()
+    matrix[:, :2] /= factor
+    fine = replace(
+        photo, scan=str(path), size_px=(side, side),
+        interior=replace(interior, film_from_pixel_matrix=matrix),
+    )  # fmt: skip
+    measured = {
+        key: replace(m, column=m.column * factor, row=m.row * factor, peaks=()) if key[1] == name
+        else m
+        for key, m in block.measurements.items()
+    }  # fmt: skip
+    ties = block.ties
+    pixels = np.where(
+        (ties.photo == ties.photo_ids.index(name))[:, None], ties.pixels * factor, ties.pixels
+    )
+    fresh = replace(
+        block, photos={**block.photos, name: fine}, measurements=measured,
+        ties=replace(ties, pixels=pixels),
+    )  # fmt: skip
+    return replace(inputs, block=fresh, report=inputs.adjust(fresh, Silent()))
+
+
+def _enlarge(source: Path, target: Path, factor: int) -> None:
+    """Every pixel of a scan as a square of pixels with some grain, strip by strip."""
+    with rasterio.open(source) as file:
+        values = file.read(1)
+    rng, side = np.random.default_rng(2), factor * values.shape[0]
+    profile = {"driver": "GTiff", "dtype": "uint8", "count": 1, "width": side, "height": side}
+    with rasterio.open(target, "w", **profile, tiled=True, blockxsize=256, blockysize=256) as file:
+        for row in range(0, values.shape[0], 64):
+            part = values[row : row + 64].repeat(factor, axis=0).repeat(factor, axis=1)
+            part = part ^ rng.integers(0, 8, part.shape, dtype=np.uint8)
+            window = Window(0, row * factor, side, part.shape[0])
+            file.write(part, 1, window=window)
 
 
 def _terrain(rng: np.random.Generator, extent: tuple[float, float]) -> ArrayDem:

@@ -217,10 +217,8 @@ async def _many(session: aiohttp.ClientSession, port: int, name: str, count: int
     keys = sorted(row[:2] for row in page.parts["rows"].values() if row[2] == "control")
     mine = keys[::2] if name == "berta" else keys[1::2]
     for number in range(count):
-        key, verdict = (
-            mine[number % len(mine)],
-            ("reject", "accept", "dubious")[number // len(mine)],
-        )
+        key = mine[number % len(mine)]
+        verdict = ("reject", "accept", "dubious")[number // len(mine) % 3]
         await page.socket.send_json({"kind": "select", "key": key})
         await page.until(lambda parts, k=key: page.current == k)
         await page.socket.send_json({"kind": "judge", "key": key, "verdict": verdict})

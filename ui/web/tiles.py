@@ -19,6 +19,7 @@ from core.errors import PhotogrammetryError
 from core.geometry.grid import Grid
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource
 from ui.review.tiles import (
+    LARGE_PX,
     WALLIS_RADIUS,
     Colour,
     Grey,
@@ -32,6 +33,7 @@ from ui.review.tiles import (
     ortho_tile,
     overview_of,
     raw_tile,
+    sparse_sample,
     warped_tile,
 )
 
@@ -136,10 +138,14 @@ class TileStore:
     def thumbnail(self, photo: DrawnPhoto) -> Colour:
         """A photo's picture area, small; its grey range is known from then on."""
         overview = overview_of(photo, self.sources.read)
-        stretch = self._stretches[photo.photo.scan] = fit_stretch(overview.values)
+        # Tiles that are shown already keep their greys.
+        stretch = self._stretches.setdefault(photo.photo.scan, fit_stretch(overview.values))
         return frame_picture(photo, overview, stretch)
 
     def _stretch(self, photo: DrawnPhoto) -> Stretch:
+        if photo.photo.scan not in self._stretches and max(photo.photo.size_px) > LARGE_PX:
+            sample = sparse_sample(photo, self.sources.read)
+            self._stretches[photo.photo.scan] = fit_stretch(sample, margin=0)
         if photo.photo.scan not in self._stretches:
             overview = overview_of(photo, self.sources.read)
             self._stretches[photo.photo.scan] = fit_stretch(overview.values)

@@ -34,12 +34,19 @@ export function drawLayer(context, layer, view, width, height) {
   context.imageSmoothingQuality = "high";
   const at = (value, corner) => Math.round((value - corner) * view.scale);
   let whole = true;
-  for (let row = first[1]; row <= last[1]; row += 1) {
-    for (let column = first[0]; column <= last[0]; column += 1) {
-      const left = at(column * size, view.x);
-      const top = at(row * size, view.y);
-      const box = [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
-      whole = drawTile(context, layer, level, column, row, box) && whole;
+  // Tiles on whole pixels of the screen leave no seams. Where one measures, a tile lies exactly where
+  // it belongs as well, over that.
+  const exact = view.scale * layer.pixel >= 3;
+  const side = size * view.scale;
+  for (const exactly of exact ? [false, true] : [false]) {
+    for (let row = first[1]; row <= last[1]; row += 1) {
+      for (let column = first[0]; column <= last[0]; column += 1) {
+        const left = at(column * size, view.x);
+        const top = at(row * size, view.y);
+        const box = exactly ? [(column * size - view.x) * view.scale, (row * size - view.y) * view.scale, side, side]
+          : [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
+        whole = drawTile(context, layer, level, column, row, box) && whole;
+      }
     }
   }
   return whole;
