@@ -48,7 +48,7 @@ class Glass:
             self.notices.append((seat_id, notice.text))
             self.change.notify_all()
 
-    def until(self, test, seconds=10):
+    def until(self, test, seconds=60):
         with self.change:
             assert self.change.wait_for(lambda: test(self), seconds)
 
