@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block
+from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
 from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
 from core.block.datum import DatumOptions, lay_on_reference
@@ -150,9 +150,14 @@ def proposals(
     return tuple(value for values in mapper(searched, photos) for value in values)
 
 
-def adjusted_without_gross(block: Block, options: AdjustmentOptions) -> AdjustmentReport:
-    """Adjust, leave out control whose ground position the block contradicts, adjust again."""
-    report = adjust_block(block, options)
+def adjusted_without_gross(
+    block: Block, options: AdjustmentOptions, progress: Progress = SILENT
+) -> AdjustmentReport:
+    """Adjust, leave out control whose ground position the block contradicts, adjust again.
+
+    `progress` is told of every step of every adjustment; may raise `Cancelled`.
+    """
+    report = adjust_block(block, options, progress)
     for _ in range(4):
         gross = gross_points(report)
         rejected = set(report.rejected)
@@ -169,7 +174,7 @@ def adjusted_without_gross(block: Block, options: AdjustmentOptions) -> Adjustme
             cameras=block.cameras,
             measurements={**block.measurements, **changed},
         )
-        report = adjust_block(block, options)
+        report = adjust_block(block, options, progress)
     return report
 
 

@@ -123,13 +123,13 @@ class _Room:
 
     @staticmethod
     def of(photos: list[Photo], turns: Scalars, options: BlockPlacementOptions) -> "_Room":
-        """The room of a typical photo: sources may all err the same way."""
+        """The room of the surest photo alone: sources of one archive may all err the same way."""
         above = np.array([p.approximate.centre[2] - p.ground_height_m for p in photos])
         tilt = above * [float(np.max(p.prior.sigma_angles[:2])) for p in photos]
         plan = np.hypot([float(np.max(p.prior.sigma_centre_m[:2])) for p in photos], tilt)
         height = np.array([p.prior.sigma_centre_m[2] for p in photos]) / above
-        scale = min(options.search_sigmas * float(np.median(height)), options.most_scale)
-        return _Room(turns, options.search_sigmas * float(np.median(plan)), scale)
+        scale = min(options.search_sigmas * float(np.min(height)), options.most_scale)
+        return _Room(turns, options.search_sigmas * float(np.min(plan)), scale)
 
     def first_gsd_m(self, width_m: float, reach_m: float, options: BlockPlacementOptions) -> float:
         """The finest ground sample distance whose trials are not too many."""

@@ -25,6 +25,8 @@ from core.geometry.exterior import ExteriorOrientation
 MIN_COMMON = 8
 """Photos with fewer common tie points do not hold each other."""
 PASSES = 6
+SEARCH_SIGMAS = 2.5
+"""A turn is possible when the sources are off by no more than this on the average."""
 TURN_STEP = float(np.radians(1.0))
 """Turns of the whole block are weighed in such steps."""
 Similarities = Float64[np.ndarray, "photos 4"]
@@ -240,12 +242,13 @@ def laid_by_sources(
 def likely_turns(plane: Similarities, sources: Sequence[_Source]) -> Scalars:
     """Turns of the whole block that its sources leave possible, likeliest first, radians.
 
-    Sources that contradict each other by more than they admit leave more open.
+    Sources of one archive may all err the same way, so that many are no surer than one; and where
+    they contradict each other by more than they admit, they leave more open.
     """
     turns = np.arange(-np.pi, np.pi, TURN_STEP)
     costs = np.array([laid_by_sources(plane, sources, float(turn))[1] for turn in turns])
     freedom = max(3 * len(sources) - 4, 1)
-    allowed = 9.0 * max(1.0, float(costs.min()) / freedom)
+    allowed = SEARCH_SIGMAS**2 * len(sources) * max(1.0, float(costs.min()) / freedom)
     order = np.argsort(costs, kind="stable")
     return turns[order[costs[order] <= costs.min() + allowed]]
 

@@ -24,6 +24,8 @@ AngleField = Complex64[np.ndarray, "rows columns"]
 """Doubled gradient angles as complex numbers, 0 where nothing is known."""
 LEAST_COVER = 0.05
 """A trial whose picture fills less of its grid than this says nothing."""
+NOTHING = 1e-6
+"""Likeness no better than this is that of blank ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,8 @@ class Level:
         if mask.mean() < LEAST_COVER or not template.any():
             return []
         surface = self.similarity(template, mask)
+        if float(np.max(surface)) <= NOTHING:
+            return []
         middle = float(np.median(surface))
         spread = 1.4826 * float(np.median(np.abs(surface - middle))) + 1e-9
         found: list[Turn] = []
