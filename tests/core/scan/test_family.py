@@ -30,7 +30,7 @@ def test_marks_without_certificate_follow_from_all_photos__truth(tmp_path: Path)
     places = np.array([family.camera.fiducials_mm[name] for name in ("UL", "UR", "LR", "LL")])
     assert places == pytest.approx(np.array(list(FIDUCIALS.values())), abs=0.02)
     for scan in family.oriented.values():
-        assert scan.interior.model == "affine"
+        assert len(scan.interior.names) >= 3
         assert scan.interior.rms_um < 5
 
 
