@@ -36,6 +36,12 @@ class BorderedFactor:
     corner: Corner
     """Lower Cholesky factor of the corner with the band eliminated."""
 
+    @property
+    def condition(self) -> float:
+        """Largest over smallest pivot of the band: how near the block is to a datum defect."""
+        pivots = self.lower[0] ** 2
+        return float(pivots.max() / pivots.min())
+
 
 def factor_bordered(band: Band, border: Border, corner: Corner) -> BorderedFactor:
     """Factor the system; raises `numpy.linalg.LinAlgError` where it is not positive definite."""

@@ -97,7 +97,9 @@ def _step(
     except np.linalg.LinAlgError:
         return fit.state, None
     increment = solve(network, pattern, normals)
-    moved = fit.state.moved(increment.photos, increment.constants, increment.points)
+    moved = fit.state.moved(
+        increment.photos, increment.constants, increment.positioning, increment.points
+    )
     return moved, increment
 
 

@@ -4,17 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy import stats
 
 from core.block.banded import SIZE, BorderedInverse, invert_bordered
-from core.block.linearised import LENS, Linearised
+from core.block.linearised import Linearised
 from core.block.network import Network
 from core.block.solver import Normals, Pattern, Weights, backward3
 from core.geometry.robust import robust_sigma
 
-CRITICAL = 4.13
-"""Standardised residual of a gross error: the shift found in 80 % of cases at a risk of 0.1 %."""
-CLEARED = 3.29
-"""A measurement left out comes back below this (risk 0.1 %)."""
+NONCENTRALITY = 4.13
+"""Shift of w that is found in 80 % of cases at a risk of 0.1 % (Baarda 1968)."""
+RISK = 0.001
+"""Probability that a good coordinate is taken for a gross error."""
 SMALLEST_REDUNDANCY = 1e-6
 """Below this a residual is nought whatever was measured, and says nothing."""
 
@@ -22,6 +23,32 @@ RayPairs = Float64[np.ndarray, "2 rays"]
 """Two film coordinates of each ray."""
 Chosen = Bool[np.ndarray, "rays"]
 """One truth value per ray."""
+
+
+@dataclass(frozen=True, slots=True)
+class TestLimits:
+    """From which standardised residual a measurement is left out, and below which it comes back."""
+
+    critical: float
+    """Beyond this it is a gross error."""
+    cleared: float
+    """Below this it is none after all."""
+
+    @staticmethod
+    def of(test: str, risk: float, redundancy: float) -> "TestLimits":
+        """Limits of Baarda's w test or Pope's tau test.
+
+        Args:
+            test: `w` trusts the stated standard deviations; `tau` takes sigma nought from the
+                residuals: tau = t sqrt(r / (r - 1 + t^2)) with Student's t of r - 1 (Pope 1976).
+            risk: Probability of a false alarm for one coordinate.
+            redundancy: Redundancy r of the adjustment.
+        """
+        limit = float(stats.norm.ppf(1 - risk / 2))
+        if test == "tau" and redundancy > 2:
+            t = float(stats.t.ppf(1 - risk / 2, redundancy - 1))
+            limit = t * float(np.sqrt(redundancy / (redundancy - 1 + t * t)))
+        return TestLimits(limit, limit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +62,9 @@ class Precision:
     points: Float64[np.ndarray, "points 3"]
     """Variances of the points' coordinates, square metres."""
     constants: Float64[np.ndarray, "shared shared"]
-    """Of the scaled camera constants."""
+    """Of the scaled camera constants, and of the positioning's unknowns."""
+    mixed: Float64[np.ndarray, "photos 6 shared"]
+    """Between photos and these."""
 
 
 def precision_of(
@@ -63,6 +92,7 @@ def precision_of(
         photos=own,
         points=_point_variances(normals, inner),
         constants=inverse.corner,
+        mixed=shared,
     )
 
 
@@ -78,6 +108,7 @@ def _photo_part(
     rays, photo_rays = network.rays, normals.photo_rays
     part = np.empty_like(photo_rays)
     constants = np.take(normals.camera_points, rays.point, axis=1)
+    shared = shared[:, :, : network.lensed]
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         part[:, start:stop] = _times(own[photo], photo_rays[:, start:stop])
         part[:, start:stop] += _times(shared[photo], constants[:, start:stop])
@@ -104,14 +135,15 @@ def _camera_part(
     normals: Normals,
     inverse: BorderedInverse,
     shared: Float64[np.ndarray, "photos 6 shared"],
-) -> Float64[np.ndarray, "shared points 3"]:
+) -> Float64[np.ndarray, "lensed points 3"]:
     """Rows of Q Y that belong to the cameras' constants."""
-    rays, count = network.rays, network.points.count
-    by_ray = np.empty((network.shared, len(rays.photo), 3))
+    rays, count, lensed = network.rays, network.points.count, network.lensed
+    by_ray = np.empty((lensed, len(rays.photo), 3))
+    shared = shared[:, :, :lensed]
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         by_ray[:, start:stop] = _times(shared[photo].T, normals.photo_rays[:, start:stop])
-    part = _times(inverse.corner, normals.camera_points)
-    for row in range(network.shared):
+    part = _times(inverse.corner[:lensed, :lensed], normals.camera_points)
+    for row in range(lensed):
         for axis in range(3):
             part[row, :, axis] += np.bincount(rays.point, by_ray[row, :, axis], count)
     return part
@@ -121,7 +153,7 @@ def _point_part(
     network: Network,
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
-    camera_part: Float64[np.ndarray, "shared points 3"],
+    camera_part: Float64[np.ndarray, "lensed points 3"],
 ) -> Float64[np.ndarray, "3 3 points"]:
     """I + Y^T Q Y of each point."""
     point, count = network.rays.point, network.points.count
@@ -166,7 +198,7 @@ def _point_variance(
     lin: Linearised,
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
-    camera_part: Float64[np.ndarray, "shared points 3"],
+    camera_part: Float64[np.ndarray, "lensed points 3"],
     inner: Float64[np.ndarray, "3 3 points"],
     axis: int,
 ) -> Weights:
@@ -179,7 +211,7 @@ def _point_variance(
     if lens:
         camera = network.camera[rays.photo]
         for row in range(lens):
-            constants = camera_part[camera * LENS + row, rays.point]
+            constants = camera_part[camera * network.lens + row, rays.point]
             mixed += lin.by_camera[axis, row] * constants.T
     own = np.einsum("in,ijn,jn->n", by_point, inner_of_ray, by_point)
     return own - 2 * np.sum(by_point * mixed, axis=0)
@@ -214,6 +246,7 @@ def gross_errors(
     precision: Precision,
     standardised: RayPairs,
     taking_part: Chosen,
+    critical: float,
 ) -> Chosen:
     """Rays to leave out next: beyond the critical value, and the worst where errors spread.
 
@@ -233,7 +266,7 @@ def gross_errors(
     np.maximum.at(of_photo, rays.photo[control], score[control])
     share = np.where(control, 0.5, 1.0)
     leading = misplaced | (by_ray >= share * of_point[rays.point])
-    return (score > CRITICAL) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
+    return (score > critical) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
 
 
 def _ground_scores(
@@ -253,13 +286,17 @@ def _ground_scores(
 
 
 def cleared_rays(
-    network: Network, standardised: RayPairs, taking_part: Chosen, candidates: Chosen
+    network: Network,
+    standardised: RayPairs,
+    taking_part: Chosen,
+    candidates: Chosen,
+    cleared: float,
 ) -> Chosen:
     """Rays left out before that the others no longer contradict."""
     worst = _scaled(network, standardised, taking_part)
     alive = np.bincount(network.rays.point, taking_part, network.points.count) >= 2
     control = network.rays.measurement >= 0
-    return candidates & ~taking_part & (worst < CLEARED) & (control | alive[network.rays.point])
+    return candidates & ~taking_part & (worst < cleared) & (control | alive[network.rays.point])
 
 
 def _scaled(network: Network, standardised: RayPairs, taking_part: Chosen) -> Weights:
