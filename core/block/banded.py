@@ -57,6 +57,16 @@ def solve_bordered(
     corner_side: Float64[np.ndarray, "shared"],
 ) -> tuple[Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "shared"]]:
     """Solve for one right-hand side: unknowns of the band, unknowns of the border."""
+    band, shared = solve_bordered_many(factor, band_side[:, None], corner_side[:, None])
+    return band[:, 0], shared[:, 0]
+
+
+def solve_bordered_many(
+    factor: BorderedFactor,
+    band_side: Float64[np.ndarray, "unknowns sides"],
+    corner_side: Float64[np.ndarray, "shared sides"],
+) -> tuple[Float64[np.ndarray, "unknowns sides"], Float64[np.ndarray, "shared sides"]]:
+    """Solve for many right-hand sides."""
     rest = corner_side - factor.carried.T @ band_side
     shared = cho_solve((factor.corner, True), rest, check_finite=False)
     alone = cho_solve_banded((factor.lower, True), band_side, check_finite=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from core.arrays import Indices
 from core.block.network import CONSTANTS, Network, State, constants_of_atmospheres
 from core.geometry.deformation import by_parameters
 from core.geometry.partials import (
@@ -63,7 +64,8 @@ def linearise(network: Network, state: State) -> Linearised:
     """Residuals and derivatives of all observations."""
     rays, priors, positioning = network.rays, network.priors, network.positioning
     offsets = state.points[rays.point] - state.centres[rays.photo]
-    partials = stacked_partials(np.ascontiguousarray(offsets.T), _models(network, state))
+    models = ray_models(network, state, rays.photo)
+    partials = stacked_partials(np.ascontiguousarray(offsets.T), models)
     by_photo = np.concatenate([partials.by_centre, partials.by_rotation], axis=1)
     by_camera, constants = _camera_part(network, state, partials)
     residuals = partials.film - rays.film.T
@@ -117,9 +119,8 @@ def _angles(
     return off * priors.angle_weights, by_rotation, by_unknowns
 
 
-def _models(network: Network, state: State) -> RayModel:
-    """The model constants of every ray."""
-    photo = network.rays.photo
+def ray_models(network: Network, state: State, photo: Indices) -> RayModel:
+    """The model constants of rays in some photos."""
     model = ray_model(
         state.rotations, state.constants[network.camera], constants_of_atmospheres(network)
     )
@@ -127,13 +128,12 @@ def _models(network: Network, state: State) -> RayModel:
         np.take(model.rotation, photo, axis=2),
         np.take(model.constants, photo, axis=1),
         np.take(model.atmosphere, photo, axis=1),
-        _deformation(network, state),
+        _deformation(network, state, network.camera[photo]),
     )
 
 
-def _deformation(network: Network, state: State) -> Deformation | None:
+def _deformation(network: Network, state: State, camera_of_ray: Indices) -> Deformation | None:
     """What the additional parameters do now; held cameras keep their own."""
-    camera_of_ray = network.camera[network.rays.photo]
     if not network.estimate_cameras:
         return deformation_of_cameras(network.cameras, camera_of_ray)
     if not len(network.additional.names):
@@ -155,10 +155,16 @@ def _camera_part(
         return partials.by_camera[:, :0], np.zeros((len(network.cameras), network.lens))
     known = (state.constants - network.priors.constants)[:, :CONSTANTS]
     off = np.concatenate([known, state.additional], axis=1) * network.scale
-    camera_of_ray = network.camera[network.rays.photo]
-    by_camera = partials.by_camera / network.scale[camera_of_ray, :CONSTANTS].T
-    if len(network.additional.names):
-        xi, eta = partials.ideal / _halves(network)[camera_of_ray]
-        more = by_parameters(xi, eta, network.additional.basis)
-        by_camera = np.concatenate([by_camera, more], axis=1)
+    by_camera = by_scaled_camera(network, network.rays.photo, partials)
     return by_camera, off * network.priors.constant_weights
+
+
+def by_scaled_camera(
+    network: Network, photo: Indices, partials: FilmPartials
+) -> Float64[np.ndarray, "2 lens rays"]:
+    """Derivatives of rays in some photos by their cameras' scaled constants, millimetres."""
+    by_camera = partials.by_camera / network.scale[network.camera[photo], :CONSTANTS].T
+    if not len(network.additional.names):
+        return by_camera
+    xi, eta = partials.ideal / _halves(network)[network.camera[photo]]
+    return np.concatenate([by_camera, by_parameters(xi, eta, network.additional.basis)], axis=1)

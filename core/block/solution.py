@@ -238,14 +238,16 @@ def _changed(solution: Solution, task: _Task) -> Solution | None:
     if same and options.only_significant and network.additional.names and network.lensed:
         drop = insignificant(network, solution.fit.state, solution.precision, held)
         if drop:
-            network, same, held = _with_held(network, drop), False, (*held, *drop)
+            network, same, held = with_held(network, drop), False, (*held, *drop)
     return None if same else replace(solution, network=network, factors=factors, held=held)
 
 
-def _with_held(network: Network, unknowns: tuple[int, ...]) -> Network:
+def with_held(network: Network, unknowns: tuple[int, ...]) -> Network:
     """The network with some additional parameters held at nought."""
     weights = network.priors.constant_weights.copy()
     for unknown in unknowns:
+        if unknown >= network.lensed:
+            continue
         camera, row = divmod(unknown, network.lens)
         weights[camera, row] = 1 / SMALLEST_SIGMA_MM
     return replace(network, priors=replace(network.priors, constant_weights=weights))
