@@ -76,6 +76,9 @@ class CheckResult:
     """Computed minus known, metres; with one photo the height is the known one."""
     used_scans: int
     """Number of photos it was intersected from."""
+    sigma_m: Position | None = None
+    """Standard deviations the adjustment predicts for the computed coordinates, metres; the known
+    ones' own error is not in it. None where it was not computed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,11 @@ from core.block.accuracy import (
     predicted_residuals,
     rms_by_class,
 )
-from core.block.adjusted import AdjustmentReport, ExteriorSigmas
+from core.block.adjusted import AdjustmentReport, CheckResult, ExteriorSigmas
 from core.block.block import Block
 from core.block.degenerate import Sound
+from core.block.equations import Equations
+from core.block.predicted import check_sigmas
 from core.block.significance import shared_parameters
 from core.block.solution import Solution
 from core.block.suspicions import suspicions_of
@@ -46,7 +48,7 @@ def report_of(block: Block, sound: Sound, solution: Solution) -> AdjustmentRepor
     ties[network.rays.tie[seen]] = rays_px[seen]
     positions, sigmas = _tie_points(block, solution, scale)
     surveyed, surveyed_sigmas = _control_points(solution, scale)
-    checks = intersect_checks(adjusted)
+    checks = _checks(adjusted, solution, scale)
     return AdjustmentReport(
         block=adjusted,
         sigma_nought=sigma,
@@ -72,6 +74,20 @@ def report_of(block: Block, sound: Sound, solution: Solution) -> AdjustmentRepor
         parameters=shared_parameters(network, fit.state, solution.precision, solution.held, scale),
         doubts=(*sound.doubts, *suspicions_of(solution)),
         condition=solution.normals.factor.condition,
+    )
+
+
+def _checks(adjusted: Block, solution: Solution, scale: float) -> tuple[CheckResult, ...]:
+    """Check points with what the adjustment says they should be worth."""
+    checks = intersect_checks(adjusted)
+    if not checks:
+        return ()
+    sigmas = check_sigmas(Equations(solution), adjusted, checks)
+    return tuple(
+        replace(check, sigma_m=scale * sigmas[check.point_id])
+        if check.point_id in sigmas
+        else check
+        for check in checks
     )
 
 

@@ -9,6 +9,7 @@ from core.arrays import Indices, Position
 from core.block.banded import SIZE, solve_bordered_many
 from core.block.block import Measurement, SurveyedPoint
 from core.block.linearised import by_scaled_camera, ray_models
+from core.block.network import SMALLEST_SIGMA_PX
 from core.block.solution import Solution
 from core.block.solver import backward3
 from core.geometry.partials import stacked_partials
@@ -84,22 +85,36 @@ class Equations:
             known: Its surveyed point.
             point: Row of that point where other rays of it take part, else None.
         """
-        network, state = self.solution.network, self.solution.fit.state
+        state = self.solution.fit.state
         position: Position = known.position if point is None else state.points[point]
-        one = np.array([photo])
-        offsets = (position - state.centres[photo])[:, None]
-        partials = stacked_partials(offsets, ray_models(network, state, one))
-        interior = network.photos[photo].interior
-        sigma = interior.pixel_size_mm * measurement.sigma_px
-        residual = (partials.film[:, 0] - interior.film_from_pixel(measurement.pixel)[0]) / sigma
-        by_photo = np.hstack([partials.by_centre[:, :, 0], partials.by_rotation[:, :, 0]])
-        by_camera = by_scaled_camera(network, one, partials)[:, :, 0]
-        rows = self._own(photo, by_photo / sigma, by_camera / sigma)
-        by_point = -partials.by_centre[:, :, 0] / sigma
+        rows, by_point, residual = self._ray_at(photo, measurement, position)
         if point is None:
             return rows, by_point * known.sigma_m, residual
         whitened = by_point @ self._inverse_root(point)
         return self._through(rows, point, whitened), whitened, residual
+
+    def of_free_ray(
+        self, photo: int, measurement: Measurement, position: Position
+    ) -> tuple[Rows, Whitened]:
+        """A ray to a point of its own: its rows, and its derivatives by the point (2, 3)."""
+        rows, by_point, _ = self._ray_at(photo, measurement, position)
+        return rows, by_point
+
+    def _ray_at(
+        self, photo: int, measurement: Measurement, position: Position
+    ) -> tuple[Rows, Whitened, Float64[np.ndarray, "2"]]:
+        """Rows, derivatives by the point and residual of a measurement, in standard deviations."""
+        network, state = self.solution.network, self.solution.fit.state
+        one = np.array([photo])
+        offsets = (position - state.centres[photo])[:, None]
+        partials = stacked_partials(offsets, ray_models(network, state, one))
+        interior = network.photos[photo].interior
+        sigma = interior.pixel_size_mm * max(measurement.sigma_px, SMALLEST_SIGMA_PX)
+        residual = (partials.film[:, 0] - interior.film_from_pixel(measurement.pixel)[0]) / sigma
+        by_photo = np.hstack([partials.by_centre[:, :, 0], partials.by_rotation[:, :, 0]])
+        by_camera = by_scaled_camera(network, one, partials)[:, :, 0]
+        rows = self._own(photo, by_photo / sigma, by_camera / sigma)
+        return rows, -partials.by_centre[:, :, 0] / sigma, residual
 
     def of_priors(
         self, steps: Float64[np.ndarray, "unknowns steps"]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy import stats
 
+from core.arrays import Scalars
 from core.block.banded import SIZE, BorderedInverse, invert_bordered
 from core.block.linearised import Linearised
 from core.block.network import Network
@@ -280,7 +281,7 @@ def _ground_scores(
     scores = np.where(checked, np.abs(lin.ground) / scale, 0.0)
     used = np.bincount(rays.point[taking_part], minlength=count) > 0
     if checked.any():
-        scores /= max(1.0, robust_sigma(scores[checked & used[:, None]]))
+        scores /= _class_scale(scores[checked & used[:, None]])
     accepted = np.bincount(rays.point[taking_part & network.by_operator], minlength=count) > 0
     return np.where(used & ~accepted, scores.max(axis=1), 0.0)
 
@@ -308,6 +309,14 @@ def _scaled(network: Network, standardised: RayPairs, taking_part: Chosen) -> We
     worst = standardised.max(axis=0)
     for members in (control, ~control):
         if (members & taking_part).any():
-            sigma = robust_sigma(standardised[:, members & taking_part].ravel())
-            worst[members] /= max(1.0, sigma)
+            worst[members] /= _class_scale(standardised[:, members & taking_part].ravel())
     return worst
+
+
+def _class_scale(standardised: Scalars) -> float:
+    """How much larger than stated residuals are, beyond what chance does to their median.
+
+    A deviation taken from the median of n values scatters by about 1.17 / sqrt(n).
+    """
+    chance = 1 + 2 * 1.17 / float(np.sqrt(len(standardised)))
+    return max(1.0, robust_sigma(standardised) / chance)
