@@ -88,6 +88,8 @@ def _sets(table: Table) -> tuple[str, ...]:
     wide = [name for name in found if name in ("ebner12", "gruen44")]
     if len(wide) == 2 or (wide and "affinity" in found):
         cause = f"{', '.join(found)} hold the same terms more than once."
-        remedy = "ebner12 and gruen44 contain the affinity, and gruen44 what ebner12 does: take one."
+        remedy = (
+            "ebner12 and gruen44 contain the affinity, and gruen44 what ebner12 does: take one."
+        )
         raise table.error(key, cause, remedy)
     return found

@@ -12,6 +12,7 @@ import numpy as np
 
 from app.described import described
 from app.project import Project
+from app.protocol import terrain_of
 from app.run import Run, RunOptions, make_mosaic, make_orthos, write_all
 from app.scan_files import ScanFiles
 from app.terminal import JsonLines
@@ -23,11 +24,12 @@ from core.block.block import Block, Photo
 from core.block.likeness import Likeness, likeness_about, search_options
 from core.block.orientation import OrientationOptions
 from core.block.patches import OpenPhoto
+from core.block.terrain import Terrain
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
 from core.pipeline import open_reference, search_bounds
-from core.progress import Part, Progress
+from core.progress import Part, Progress, Silent
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced
@@ -36,6 +38,7 @@ from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m
 from ui.review.state import Made
 
+SILENT = Silent()
 SEARCH_M = 12.0
 """How far about the expected place reference and scan are compared, metres."""
 MOSAIC_WORK = 2.0
@@ -62,7 +65,8 @@ def desk_inputs(
     scans = ScanFiles(project.folder)
     reference = open_reference(given, search_bounds(placed.block))
     block = assembly.report.block
-    report = adjusted(given, session.replayed(block))
+    terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
+    report = adjusted(given, session.replayed(block), terrain)
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
         name=project.block.name,
@@ -72,7 +76,7 @@ def desk_inputs(
         ortho=reference.ortho,
         dem=reference.dem,
         read_scan=scans,
-        adjust=lambda block, progress: adjusted(given, block),
+        adjust=lambda block, progress: adjusted(given, block, terrain, progress),
         remake=Remaking(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
         written=latest is not None and same_results(latest, report),
@@ -87,9 +91,14 @@ def desk_inputs(
     )
 
 
-def adjusted(given: BlockInput, block: Block) -> AdjustmentReport:
+def adjusted(
+    given: BlockInput,
+    block: Block,
+    terrain: Terrain | None = None,
+    progress: Progress = SILENT,
+) -> AdjustmentReport:
     """The adjustment that `gruber run` would make of the same block."""
-    return adjusted_without_gross(block, given.assembly.adjustment)
+    return adjusted_without_gross(block, given.adjustment, terrain, progress)
 
 
 def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -10,7 +10,9 @@ from typing import Literal, cast, get_args
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from app.adjustment_section import adjustment_options
 from app.block_toml import FILE, METRES, MICROMETRES, MILLIMETRES, Document, Table
+from core.block.adjusted import AdjustmentOptions
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
@@ -119,6 +121,8 @@ class Project:
     """Surveyed points."""
     ortho: OrthoSection = OrthoSection()
     """What orthos and mosaic are to be."""
+    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
+    """`[adjustment]`."""
 
     @property
     def folder(self) -> Path:
@@ -126,7 +130,7 @@ class Project:
         return self.file.parent
 
 
-SECTIONS = ("block", "camera", "scans", "reference", "control", "ortho")
+SECTIONS = ("block", "camera", "scans", "reference", "control", "adjustment", "ortho")
 """Tables of the file."""
 SCANS_KEYS = ("files", "camera", "scan_pixel_um", "footprints", "footprint_name", "exterior")
 """Keys of `[scans]`, with `georeference` and `override`."""
@@ -153,6 +157,7 @@ def read_project(path: Path) -> Project:
         _reference(document),
         _control(document),
         _ortho(document),
+        adjustment_options(document),
     )
 
 

@@ -11,6 +11,7 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.foresight import foresee
 from core.block.terrain import Terrain
 from core.progress import Silent
+from core.reference.dem import Dem
 from sessions.whole import whole_file
 
 CLASSES = {
@@ -50,6 +51,11 @@ def write_protocol(
     with whole_file(text_path) as temporary:
         temporary.write_text(protocol_text(figures), encoding="utf-8")
     return text_path, json_path
+
+
+def terrain_of(dem: Dem) -> Terrain:
+    """The heights of a DEM under object points."""
+    return lambda points: dem.heights(points[:, :2])
 
 
 def plain(value: Any) -> Any:
@@ -217,7 +223,12 @@ def _ground(f: Mapping[str, Any]) -> list[str]:
         "scan                          NW       N      NE       W  centre       E      SW"
         "       S      SE"
     )
-    return ["STANDARD DEVIATION OF POSITION ON THE GROUND (m), from the orientation", head, *rows, ""]
+    return [
+        "STANDARD DEVIATION OF POSITION ON THE GROUND (m), from the orientation",
+        head,
+        *rows,
+        "",
+    ]
 
 
 def _control(f: Mapping[str, Any]) -> list[str]:
@@ -229,7 +240,8 @@ def _control(f: Mapping[str, Any]) -> list[str]:
     ]
     rays = [
         f"{m['point_id']:<20}{m['scan']:<20}{_list(m['residual_px'], 2):>15}"
-        f"{m['redundancy_number']:>6.2f}{_n(m['test'], 1):>6}{_n(m['smallest_detectable_px'], 1):>9}"
+        f"{m['redundancy_number']:>6.2f}{_n(m['test'], 1):>6}"
+        f"{_n(m['smallest_detectable_px'], 1):>9}"
         f"{_n(m['its_effect_on_the_ground_m'], 2):>9}{_n(m['shift_if_rejected_m'], 3):>9}  "
         f"{m['says']}"
         for m in c["measurements"]

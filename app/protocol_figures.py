@@ -1,4 +1,4 @@
-"""Every figure of the adjustment's protocol, as one JSON-able value; the text shows nothing else."""
+"""Every figure of the adjustment's protocol, as one JSON-able value; its text shows no other."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -191,9 +191,7 @@ def _photos(
     return rows
 
 
-def _control(
-    report: AdjustmentReport, foresight: Foresight | None, scale: float
-) -> dict[str, Any]:
+def _control(report: AdjustmentReport, foresight: Foresight | None, scale: float) -> dict[str, Any]:
     """Residuals, reliability and the point without itself."""
     block = report.block
     smallest = {} if foresight is None else foresight.smallest_errors()

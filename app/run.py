@@ -10,6 +10,7 @@ from typing import Any
 from app.described import described
 from app.executors import Threads
 from app.project import Project
+from app.protocol import terrain_of, write_protocol
 from app.remarks import remarks
 from app.report import write_report
 from app.report_content import ReportContent
@@ -123,7 +124,8 @@ class Run:
         """Lay the operator's decisions over the block and adjust it."""
         block = self.session.replayed(self.assembly.report.block)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
-        digest = digest_of("adjustment", 1, self.digests["control"], decisions)
+        options = self.given.adjustment
+        digest = digest_of("adjustment", 2, self.digests["control"], decisions, options)
         self.digests["adjustment"] = digest
         report = (
             None
@@ -131,7 +133,8 @@ class Run:
             else self.session.products.load_value("adjustment", digest)
         )
         if report is None:
-            report = adjusted_without_gross(block, self.given.assembly.adjustment)
+            terrain = terrain_of(self.dem()) if options.dem_sigma_m > 0 else None
+            report = adjusted_without_gross(block, options, terrain, progress)
             self.session.products.save_value("adjustment", digest, report)
         self.made["adjustment"] = report
         return told(report)
@@ -187,6 +190,7 @@ class Run:
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
+            adjustment=self.given.adjustment,
             before=self.made["georeference"].block,
             heights=self.project.block.heights,
             doubts=self.doubts(),
@@ -204,7 +208,7 @@ class Run:
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first."""
         every: list[Doubt] = []
-        for name in ("scans", "georeference", "reference", "ties", "control"):
+        for name in ("scans", "georeference", "reference", "ties", "control", "adjustment"):
             every.extend(self.made[name].doubts if name in self.made else ())
         return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
 
@@ -303,6 +307,8 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
         for name, photo in block.photos.items()
     }
     write_results(session.results, content.report)
+    terrain = terrain_of(dem)
+    write_protocol(session.results, content.name, content.report, content.adjustment, terrain)
     session.write_layers(block, content.report, outlines)
     write_report(session.results, replace(content, footprints=outlines))
 

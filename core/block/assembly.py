@@ -14,9 +14,11 @@ from core.block.datum import DatumOptions, lay_on_reference
 from core.block.orientation import OrientationOptions, OrientedPhoto
 from core.block.patches import OpenPhoto
 from core.block.standing import MIN_TIES, Site, stand_up
+from core.block.terrain import Terrain
 from core.doubts import Doubt, Failure
 from core.progress import Progress, Silent
 
+SILENT = Silent()
 GROSS = 3.5
 """A control point is left out when its ground correction exceeds this many standard deviations."""
 
@@ -150,9 +152,14 @@ def proposals(
     return tuple(value for values in mapper(searched, photos) for value in values)
 
 
-def adjusted_without_gross(block: Block, options: AdjustmentOptions) -> AdjustmentReport:
+def adjusted_without_gross(
+    block: Block,
+    options: AdjustmentOptions,
+    terrain: Terrain | None = None,
+    progress: Progress = SILENT,
+) -> AdjustmentReport:
     """Adjust, leave out control whose ground position the block contradicts, adjust again."""
-    report = adjust_block(block, options)
+    report = adjust_block(block, options, progress, terrain)
     for _ in range(4):
         gross = gross_points(report)
         rejected = set(report.rejected)
@@ -169,7 +176,7 @@ def adjusted_without_gross(block: Block, options: AdjustmentOptions) -> Adjustme
             cameras=block.cameras,
             measurements={**block.measurements, **changed},
         )
-        report = adjust_block(block, options)
+        report = adjust_block(block, options, progress, terrain)
     return report
 
 

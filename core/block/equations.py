@@ -10,8 +10,8 @@ from core.block.banded import SIZE, solve_bordered_many
 from core.block.block import Measurement, SurveyedPoint
 from core.block.linearised import by_scaled_camera, ray_models
 from core.block.network import SMALLEST_SIGMA_PX
+from core.block.roots import backward3
 from core.block.solution import Solution
-from core.block.solver import backward3
 from core.geometry.partials import stacked_partials
 
 Rows = Float64[np.ndarray, "rows unknowns"]

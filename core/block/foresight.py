@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from core.arrays import Position
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.banded import SIZE
-from core.block.block import Block, Measurement
+from core.block.block import UNKNOWN_M, Block, Measurement
 from core.block.equations import Equations
 from core.block.footprints import ground_shifts_of
 from core.block.network import CONSTANTS
@@ -234,7 +234,7 @@ class Foresight:
 
     def _free_axes(self, point: int, rays: int) -> tuple[int, ...]:
         """Known coordinates that can be left out without losing the point."""
-        known = self.solution.network.points.known_weight[point] > 0
+        known = self.solution.network.points.known_weight[point] > 1 / UNKNOWN_M
         axes = (0, 1) if rays == 1 else (0, 1, 2)
         return tuple(axis for axis in axes if known[axis])
 

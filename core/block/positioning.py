@@ -61,7 +61,8 @@ def positioning_of(
     """
     centres = np.array([photo.prior.sigma_centre_m for photo in photos]).reshape(-1, 3)
     angles = np.array([photo.prior.sigma_angles for photo in photos]).reshape(-1, 3)
-    measured, turned = (centres <= MEASURED_M).all(axis=1), (angles <= MEASURED_RAD).all(axis=1)
+    measured = np.asarray((centres <= MEASURED_M).all(axis=1))
+    turned = np.asarray((angles <= MEASURED_RAD).all(axis=1))
     owners: list[str] = []
     names: list[str] = []
     columns: list[Float64[np.ndarray, "photos 3"]] = []

@@ -10,7 +10,8 @@ from core.arrays import Scalars
 from core.block.banded import SIZE, BorderedInverse, invert_bordered
 from core.block.linearised import Linearised
 from core.block.network import Network
-from core.block.solver import Normals, Pattern, Weights, backward3
+from core.block.roots import backward3
+from core.block.solver import Normals, Pattern, Weights
 from core.geometry.robust import robust_sigma
 
 NONCENTRALITY = 4.13

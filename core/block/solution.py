@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from core.block.adjusted import AdjustmentOptions, ClassFigures
 from core.block.components import OBSERVED, classes_of, next_factors, reweighted
@@ -79,19 +80,35 @@ class Solution:
     def redundancy(self) -> float:
         """Redundancy of rays and known coordinates: all observations' less that of the priors."""
         classes = self.classes
-        return sum(classes[name].redundancy for name in OBSERVED if name in classes)
+        observed = sum(classes[name].redundancy for name in OBSERVED if name in classes)
+        return observed + 2 * float(self._by_chance.sum())
 
     @property
     def weighted_squares(self) -> float:
         """Squared residuals of rays and known coordinates over their variances."""
         fit = self.fit
-        return float(np.sum(fit.weights * fit.lin.residuals**2) + np.sum(fit.lin.ground**2))
+        used = float(np.sum(fit.weights * fit.lin.residuals**2) + np.sum(fit.lin.ground**2))
+        return used + float(np.sum(self.standardised[:, self._by_chance] ** 2))
 
     @property
     def sigma_nought(self) -> float:
-        """From rays and known coordinates; weak priors would only dilute it. NaN without any."""
+        """From rays and known coordinates; weak priors would only dilute it. NaN without any.
+
+        Rays left out that chance may have brought beyond the limit, so many rays being tested,
+        count with what they contradict the others by: without them sigma nought would be too small.
+        """
         redundancy = self.redundancy
         return float(np.sqrt(self.weighted_squares / redundancy)) if redundancy > 0.5 else np.nan
+
+    @property
+    def _by_chance(self) -> Chosen:
+        """Rays left out that are no surer gross errors than the largest of as many good ones."""
+        rays, used = self.network.rays, self.fit.taking_part
+        alive = np.bincount(rays.point[used], minlength=self.network.points.count) >= 2
+        lost = self.candidates & ~used & alive[rays.point]
+        tested = max(2 * int(self.candidates.sum()), 1)
+        largest = float(stats.norm.ppf(1 - 0.05 / (2 * tested)))
+        return lost & (self.standardised.max(axis=0) < largest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,6 +19,7 @@ from core.block.banded import (
 )
 from core.block.linearised import Linearised
 from core.block.network import Network
+from core.block.roots import backward3, cholesky3, forward3
 
 Weights = Float64[np.ndarray, "rays"]
 """Factor on the squared residuals of each ray."""
@@ -170,47 +171,11 @@ def _eliminate_points(
     for axis in range(3):
         entry = weighted[0, axis] * lin.residuals[0] + weighted[1, axis] * lin.residuals[1]
         own[6 + axis] = np.bincount(point, entry, count) + known[:, axis] * lin.ground[:, axis]
-    root = _cholesky3(own[:6])
-    side = _forward3(root, own[6:])
+    root = cholesky3(own[:6])
+    side = forward3(root, own[6:])
     scaled = np.take(root, point, axis=1)
-    whitened = np.stack([_forward3(scaled, by_point[0]), _forward3(scaled, by_point[1])])
+    whitened = np.stack([forward3(scaled, by_point[0]), forward3(scaled, by_point[1])])
     return root, whitened, np.ascontiguousarray(side.T)
-
-
-def _cholesky3(own: Float64[np.ndarray, "6 points"]) -> Float64[np.ndarray, "6 points"]:
-    """Cholesky roots of many 3 x 3 matrices; a point nothing is known of gets infinite roots.
-
-    An infinite root makes everything that is divided by it nought: such a point stays where it is.
-    """
-    a, b, c, d, e, f = own
-    r00 = np.sqrt(np.where(a > 0, a, np.inf))
-    r10, r20 = b / r00, d / r00
-    rest = c - r10 * r10
-    r11 = np.sqrt(np.where(rest > 0, rest, np.inf))
-    r21 = (e - r20 * r10) / r11
-    rest = f - r20 * r20 - r21 * r21
-    r22 = np.sqrt(np.where(rest > 0, rest, np.inf))
-    return np.stack([r00, r10, r11, r20, r21, r22])
-
-
-def _forward3(
-    root: Float64[np.ndarray, "6 n"], side: Float64[np.ndarray, "3 n"]
-) -> Float64[np.ndarray, "3 n"]:
-    """L^-1 times a vector, for many at once."""
-    x = side[0] / root[0]
-    y = (side[1] - root[1] * x) / root[2]
-    z = (side[2] - root[3] * x - root[4] * y) / root[5]
-    return np.stack([x, y, z])
-
-
-def backward3(
-    root: Float64[np.ndarray, "6 n"], side: Float64[np.ndarray, "3 n"]
-) -> Float64[np.ndarray, "3 n"]:
-    """L^-T times a vector, for many at once."""
-    z = side[2] / root[5]
-    y = (side[1] - root[4] * z) / root[2]
-    x = (side[0] - root[1] * y - root[3] * z) / root[0]
-    return np.stack([x, y, z])
 
 
 def _shared_with_photos(

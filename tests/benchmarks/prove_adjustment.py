@@ -162,7 +162,7 @@ def whitened(report: AdjustmentReport, solution: Solution, truth: Block) -> np.n
 
 
 def judge_planted(tally: Tally, flight: Flight, rng: np.random.Generator) -> None:
-    """Planted errors: one in twenty control measurements and one in a hundred tie rays.
+    """Planted errors: one in fifty control measurements and one in a hundred tie rays.
 
     The size is five standard deviations of the residual it shows in (5 sigma / sqrt r), for an
     error in a coordinate nothing checks cannot be found by anyone; those with r below 0.1 are not
@@ -175,7 +175,7 @@ def judge_planted(tally: Tally, flight: Flight, rng: np.random.Generator) -> Non
     control = np.flatnonzero(rays.measurement >= 0)
     ties = np.flatnonzero((rays.measurement < 0) & (redundancy.min(axis=0) > 0.1))
     control = control[redundancy[:, control].min(axis=0) > 0.1]
-    chosen = rng.choice(control, max(1, len(control) // 20), replace=False)
+    chosen = rng.choice(control, max(1, len(control) // 50), replace=False)
     keys = {}
     for ray in chosen:
         item = network.measurements[rays.measurement[ray]]
