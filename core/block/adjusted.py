@@ -173,4 +173,4 @@ class AdjustmentReport:
     doubts: tuple[Doubt, ...] = ()
     """What cannot be trusted about the block's geometry."""
     condition: float = float("nan")
-    """Ratio of the largest to the smallest pivot of the normalised reduced equations."""
+    """By how much the photos' unknowns at most increase each other's variances; 1 is best."""

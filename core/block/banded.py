@@ -38,9 +38,16 @@ class BorderedFactor:
 
     @property
     def condition(self) -> float:
-        """Largest over smallest pivot of the band: how near the block is to a datum defect."""
-        pivots = self.lower[0] ** 2
-        return float(pivots.max() / pivots.min())
+        """How near the photos' unknowns are to depending on each other, free of units; 1 is best.
+
+        The largest ratio of a diagonal element to its pivot: by so much the other photos' unknowns
+        increase the variance of one.
+        """
+        squares = self.lower**2
+        diagonal = squares[0].copy()
+        for below in range(1, len(squares)):
+            diagonal[below:] += squares[below, : len(diagonal) - below]
+        return float(np.max(diagonal / squares[0]))
 
 
 def factor_bordered(band: Band, border: Border, corner: Corner) -> BorderedFactor:
