@@ -27,7 +27,8 @@ def predicted_residuals(block: Block) -> dict[tuple[str, str], tuple[float, floa
     for photo_id, measurements in by_photo.items():
         photo = block.photos[photo_id]
         known = np.array([block.surveyed[m.point_id].position for m in measurements])
-        predicted = photo.pixel_from_object(known, block.camera_of(photo_id))
+        with np.errstate(over="ignore", invalid="ignore"):
+            predicted = photo.pixel_from_object(known, block.camera_of(photo_id))
         for measurement, (column, row) in zip(measurements, predicted, strict=True):
             off = (float(column) - measurement.column, float(row) - measurement.row)
             residuals[measurement.key] = off

@@ -9,6 +9,7 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment_report import report_of, untouched
 from core.block.block import Block
 from core.block.degenerate import examined
+from core.block.free_network import freed, laid_on_control
 from core.block.network import Network, network_of
 from core.block.solution import Solution, solve_network
 from core.block.terrain import Terrain
@@ -57,7 +58,10 @@ def adjust_with_solution(
     if not network.photos:
         return untouched(block, sound), None
     with one_thread(network):
-        solution = solve_network(network, options, terrain, progress)
+        taken = freed(network) if options.free_network else network
+        solution = solve_network(taken, options, terrain, progress)
+        if options.free_network:
+            solution = laid_on_control(solution, network)
         return report_of(block, sound, solution), solution
 
 

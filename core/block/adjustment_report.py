@@ -200,7 +200,9 @@ def _control_points(
 ) -> tuple[dict[str, Position], dict[str, Position]]:
     """Adjusted coordinates of control points and their standard deviations."""
     network, fit = solution.network, solution.fit
-    alive = set(network.rays.point[fit.taking_part].tolist())
+    counts = np.bincount(network.rays.point[fit.taking_part], minlength=network.points.count)
+    held = network.points.known_weight.any(axis=1)
+    alive = set(np.flatnonzero((counts >= 2) | ((counts > 0) & held)).tolist())
     first = len(network.points.tie)
     rows = {name: first + row for row, name in enumerate(network.points.control)}
     rows = {name: row for name, row in rows.items() if row in alive}

@@ -51,7 +51,8 @@ def _ground(network: Network, fit: Fit, precision: Precision) -> dict[str, Class
     points = network.points
     alive = np.bincount(network.rays.point[fit.taking_part], minlength=points.count) > 0
     known = (points.known_weight > 0) & alive[:, None]
-    checked = 1 - precision.points * points.known_weight**2
+    # A point that lost all its rays may have no variance: it does not count.
+    checked = 1 - np.where(known, precision.points, 0.0) * points.known_weight**2
     control = np.arange(points.count) >= len(points.tie)
     plan = np.array([True, True, False])
     classes: dict[str, ClassFigures] = {}

@@ -148,7 +148,7 @@ def _has_none(point: SurveyedPoint) -> bool:
 
 def control_doubts(
     plan: Float64[np.ndarray, "points 3"],
-    heights: Float64[np.ndarray, "points 3"],
+    heights: Float64[np.ndarray, "others 3"],
     centres: Float64[np.ndarray, "photos 3"],
     side_m: float,
     measured_centres: int,
@@ -187,7 +187,7 @@ def control_doubts(
 
 def _in_one_corner(
     plan: Float64[np.ndarray, "points 3"],
-    heights: Float64[np.ndarray, "points 3"],
+    heights: Float64[np.ndarray, "others 3"],
     centres: Float64[np.ndarray, "photos 3"],
     side_m: float,
 ) -> list[Doubt]:

@@ -65,7 +65,9 @@ def linearise(network: Network, state: State) -> Linearised:
     rays, priors, positioning = network.rays, network.priors, network.positioning
     offsets = state.points[rays.point] - state.centres[rays.photo]
     models = ray_models(network, state, rays.photo)
-    partials = stacked_partials(np.ascontiguousarray(offsets.T), models)
+    # A step too far may leave the numbers: its cost is then no number, and the step is not taken.
+    with np.errstate(over="ignore", invalid="ignore"):
+        partials = stacked_partials(np.ascontiguousarray(offsets.T), models)
     by_photo = np.concatenate([partials.by_centre, partials.by_rotation], axis=1)
     by_camera, constants = _camera_part(network, state, partials)
     residuals = partials.film - rays.film.T

@@ -68,8 +68,9 @@ def positioning_of(
     columns: list[Float64[np.ndarray, "photos 3"]] = []
     if options.gnss_shift != "none" and measured.any():
         for owner, shares in _groups(photos, cameras, options.gnss_shift, measured):
-            parts = ("shift", "drift") if options.gnss_drift and np.ptp(shares) > 0 else ("shift",)
             inside = np.isfinite(shares)
+            drifts = options.gnss_drift and float(np.ptp(shares[inside])) > 0
+            parts = ("shift", "drift") if drifts else ("shift",)
             for part in parts:
                 values = np.where(inside, 1.0 if part == "shift" else np.nan_to_num(shares), 0.0)
                 for axis in range(3):

@@ -29,28 +29,34 @@ Chosen = Bool[np.ndarray, "rays"]
 
 @dataclass(frozen=True, slots=True)
 class TestLimits:
-    """From which standardised residual a measurement is left out, and below which it comes back."""
+    """From which standardised residual a measurement is left out, below which it comes back."""
 
     critical: float
-    """Beyond this it is a gross error."""
-    cleared: float
-    """Below this it is none after all."""
+    """The limit for residuals whose standard deviations are known."""
+    risk: float
+    """Probability of a false alarm for one coordinate."""
 
     @staticmethod
     def of(test: str, risk: float, redundancy: float) -> "TestLimits":
         """Limits of Baarda's w test or Pope's tau test.
 
         Args:
-            test: `w` trusts the stated standard deviations; `tau` takes sigma nought from the
-                residuals: tau = t sqrt(r / (r - 1 + t^2)) with Student's t of r - 1 (Pope 1976).
+            test: `w` trusts the stated standard deviations, `tau` estimates them.
             risk: Probability of a false alarm for one coordinate.
-            redundancy: Redundancy r of the adjustment.
+            redundancy: Redundancy of the adjustment.
         """
-        limit = float(stats.norm.ppf(1 - risk / 2))
-        if test == "tau" and redundancy > 2:
-            t = float(stats.t.ppf(1 - risk / 2, redundancy - 1))
-            limit = t * float(np.sqrt(redundancy / (redundancy - 1 + t * t)))
-        return TestLimits(limit, limit)
+        limits = TestLimits(float(stats.norm.ppf(1 - risk / 2)), risk)
+        return TestLimits(limits.tau(redundancy), risk) if test == "tau" else limits
+
+    def tau(self, redundancy: float) -> float:
+        """The limit where the standard deviation comes from residuals of some redundancy r.
+
+        tau = t sqrt(r / (r - 1 + t^2)) with Student's t of r - 1 degrees of freedom (Pope 1976).
+        """
+        if redundancy <= 2:
+            return self.critical
+        t = float(stats.t.ppf(1 - self.risk / 2, redundancy - 1))
+        return t * float(np.sqrt(redundancy / (redundancy - 1 + t * t)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,7 +254,7 @@ def gross_errors(
     precision: Precision,
     standardised: RayPairs,
     taking_part: Chosen,
-    critical: float,
+    limits: TestLimits,
 ) -> Chosen:
     """Rays to leave out next: beyond the critical value, and the worst where errors spread.
 
@@ -258,7 +264,8 @@ def gross_errors(
     """
     rays, control = network.rays, network.rays.measurement >= 0
     free = taking_part & ~network.by_operator
-    by_ray = np.where(free, _scaled(network, standardised, taking_part), 0.0)
+    by_ray = _scaled(network, standardised, precision, taking_part, limits)
+    by_ray = np.where(free, by_ray, 0.0)
     of_point = np.zeros(network.points.count)
     np.maximum.at(of_point, rays.point, by_ray)
     ground = _ground_scores(network, lin, precision, taking_part)[rays.point]
@@ -268,7 +275,7 @@ def gross_errors(
     np.maximum.at(of_photo, rays.photo[control], score[control])
     share = np.where(control, 0.5, 1.0)
     leading = misplaced | (by_ray >= share * of_point[rays.point])
-    return (score > critical) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
+    return (score > limits.critical) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
 
 
 def _ground_scores(
@@ -276,8 +283,9 @@ def _ground_scores(
 ) -> Float64[np.ndarray, "points"]:
     """Largest standardised residual of each point's known coordinates; 0 for points that keep."""
     rays, count = network.rays, network.points.count
-    variance = 1 - precision.points * network.points.known_weight**2
-    checked = (variance > SMALLEST_REDUNDANCY) & (network.points.known_weight > 0)
+    known = network.points.known_weight > 0
+    variance = 1 - np.where(known, precision.points, 0.0) * network.points.known_weight**2
+    checked = (variance > SMALLEST_REDUNDANCY) & known
     scale = np.sqrt(np.where(checked, variance, 1.0))
     scores = np.where(checked, np.abs(lin.ground) / scale, 0.0)
     used = np.bincount(rays.point[taking_part], minlength=count) > 0
@@ -290,27 +298,45 @@ def _ground_scores(
 def cleared_rays(
     network: Network,
     standardised: RayPairs,
+    precision: Precision,
     taking_part: Chosen,
     candidates: Chosen,
-    cleared: float,
+    limits: TestLimits,
 ) -> Chosen:
     """Rays left out before that the others no longer contradict."""
-    worst = _scaled(network, standardised, taking_part)
+    worst = _scaled(network, standardised, precision, taking_part, limits)
     alive = np.bincount(network.rays.point, taking_part, network.points.count) >= 2
     control = network.rays.measurement >= 0
-    return candidates & ~taking_part & (worst < cleared) & (control | alive[network.rays.point])
+    return (
+        candidates
+        & ~taking_part
+        & (worst < limits.critical)
+        & (control | alive[network.rays.point])
+    )
 
 
-def _scaled(network: Network, standardised: RayPairs, taking_part: Chosen) -> Weights:
+def _scaled(
+    network: Network,
+    standardised: RayPairs,
+    precision: Precision,
+    taking_part: Chosen,
+    limits: TestLimits,
+) -> Weights:
     """The larger standardised residual of each ray over the sigma of its class, at least one.
 
-    The class's sigma is robust, so that gross errors do not hide each other.
+    The class's sigma is robust, so that gross errors do not hide each other. Where it is estimated,
+    residuals are measured by Pope's limit of the class instead of the known one.
     """
     control = network.rays.measurement >= 0
     worst = standardised.max(axis=0)
     for members in (control, ~control):
-        if (members & taking_part).any():
-            worst[members] /= _class_scale(standardised[:, members & taking_part].ravel())
+        used = members & taking_part
+        if used.any():
+            scale = _class_scale(standardised[:, used].ravel())
+            worst[members] /= scale
+            if scale > 1:
+                redundancy = float(np.sum(1 - precision.rays[:, used]))
+                worst[members] *= limits.critical / limits.tau(redundancy)
     return worst
 
 

@@ -186,10 +186,10 @@ def _kept(judged: Solution, task: _Task, candidates: Chosen) -> Chosen:
     """Rays without those the others contradict, with those they no longer do."""
     network, fit, standardised = judged.network, judged.fit, judged.standardised
     limits = TestLimits.of(task.options.test, task.options.risk, judged.redundancy)
-    gross = gross_errors(
-        network, fit.lin, judged.precision, standardised, fit.taking_part, limits.critical
+    gross = gross_errors(network, fit.lin, judged.precision, standardised, fit.taking_part, limits)
+    back = cleared_rays(
+        network, standardised, judged.precision, fit.taking_part, candidates, limits
     )
-    back = cleared_rays(network, standardised, fit.taking_part, candidates, limits.cleared)
     return (fit.taking_part & ~gross) | back
 
 

@@ -97,6 +97,8 @@ def _control(solution: Solution) -> list[Doubt]:
     network, fit = solution.network, solution.fit
     points, photos = network.points, network.photos
     alive = np.bincount(network.rays.point[fit.taking_part], minlength=points.count) > 0
+    if points.control and not points.known_weight[len(points.tie) :].any():
+        return []  # a free network: control is there, and not meant to hold it
     known = points.known_weight > 1 / LOOSE_M
     known[: len(points.tie)] = False
     measured = (network.priors.centre_weights > 1 / MEASURED_M).all(axis=1)

@@ -1,7 +1,7 @@
 """The blocks of the benchmarks: as in the published comparison of programs.
 
-200 rays a photo, about 2.8 rays a point, 30 control points (0.5, 0.5, 1 m), priors of 20 m, start 20
-m and 1 degree off, c, x0, y0, k1, k2 estimated.
+200 rays a photo, about 2.8 rays a point, 30 control points (0.5, 0.5, 1 m), priors of 20 m, start
+20 m and 1 degree off, c, x0, y0, k1, k2 estimated.
 """
 
 from dataclasses import replace
