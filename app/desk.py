@@ -28,11 +28,11 @@ from core.block.terrain import Terrain
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
-from core.pipeline import open_reference, search_bounds
 from core.progress import Part, Progress, Silent
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced
+from core.whereabouts import open_reference, search_bounds
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m

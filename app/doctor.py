@@ -13,7 +13,7 @@ from pyproj.transformer import TransformerGroup
 
 from app.described import described
 from app.project import read_project
-from core.pipeline import open_reference
+from core.whereabouts import open_reference
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 GIB = 1024**3

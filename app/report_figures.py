@@ -15,6 +15,7 @@ from app.report_content import ReportContent
 from app.results import final_status
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block, Measurement, Photo
+from core.block.displacement import displacement
 from core.geometry.camera import Camera
 from core.ground.seams import Seam
 
@@ -198,6 +199,7 @@ def _exterior_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for name, photo in report.block.photos.items():
         exterior, sigmas = photo.exterior, report.exterior_sigmas.get(name)
+        off = displacement(photo, report.block.camera_of(name))
         rows.append(
             {
                 "scan": name,
@@ -206,7 +208,12 @@ def _exterior_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
                 "angles_deg": np.degrees([exterior.omega, exterior.phi, exterior.kappa]).tolist(),
                 "sigma_centre_m": None if sigmas is None else sigmas.centre_m.tolist(),
                 "sigma_angles_deg": None if sigmas is None else np.degrees(sigmas.angles).tolist(),
-                "moved_m": float(np.linalg.norm(exterior.centre - photo.approximate.centre)),
+                "georeference_off": {
+                    "shift_m": off.shift_m.tolist(),
+                    "turn_deg": float(np.degrees(off.turn)),
+                    "scale": off.scale,
+                    "rms_m": off.rms_m,
+                },
             }
         )
     return rows

@@ -1,5 +1,6 @@
 """Every sentence of the accuracy report, in one place, so that it can be told in Czech as well."""
 
+from statistics import median
 from typing import Any
 
 Figures = dict[str, Any]
@@ -78,6 +79,11 @@ TEXT = {
         "Perspective centres are known to {median:.2f} m, the worst ({scan}) to {worst:.2f} m"
     ),
     "exterior_plain": "Exterior orientation",
+    "georeference": (
+        "Georeferences were off by {median:.0f} m, half of them by less, the worst ({scan}) by "
+        "{worst:.0f} m"
+    ),
+    "georeference_plain": "Georeference",
     "interior": "Fiducials fit to {median:.0f} µm, the worst scan ({scan}) to {worst:.0f} µm",
     "interior_none": "No fiducials: interior orientation is nominal, from the middle of the scans",
     "cameras": "Cameras: principal distance changed by at most {change:.3f} mm",
@@ -120,6 +126,7 @@ def findings(figures: Figures) -> dict[str, str]:
         "ties": _ties(figures["ties"]),
         "overlaps": _overlaps(figures["overlaps"]),
         "exterior": _exterior(figures["exterior"]),
+        "georeference": _georeference(figures["exterior"]),
         "interior": _interior(figures["interior"]),
         "cameras": _cameras(figures["cameras"]),
         "set_aside": _set_aside(len(figures["set_aside"])),
@@ -198,6 +205,14 @@ def _overlaps(overlaps: list[Figures]) -> str:
     return tell(key, pairs=len(overlaps), untied=untied)
 
 
+def _georeference(rows: list[Figures]) -> str:
+    off = {row["scan"]: row["georeference_off"]["rms_m"] for row in rows if row["oriented"]}
+    if not off:
+        return tell("georeference_plain")
+    worst = max(off, key=lambda scan: off[scan])
+    return tell("georeference", median=median(off.values()), scan=worst, worst=off[worst])
+
+
 def _exterior(rows: list[Figures]) -> str:
     known = [
         (max(row["sigma_centre_m"]), row["scan"])
@@ -207,8 +222,8 @@ def _exterior(rows: list[Figures]) -> str:
     if not known:
         return tell("exterior_plain")
     worst, scan = max(known)
-    median = sorted(value for value, _ in known)[len(known) // 2]
-    return tell("exterior", median=median, worst=worst, scan=scan)
+    middle = median(value for value, _ in known)
+    return tell("exterior", median=middle, worst=worst, scan=scan)
 
 
 def _interior(rows: list[Figures]) -> str:
@@ -216,8 +231,8 @@ def _interior(rows: list[Figures]) -> str:
     if not fitted:
         return tell("interior_none")
     worst, scan = max(fitted)
-    median = sorted(value for value, _ in fitted)[len(fitted) // 2]
-    return tell("interior", median=median, worst=worst, scan=scan)
+    middle = median(value for value, _ in fitted)
+    return tell("interior", median=middle, worst=worst, scan=scan)
 
 
 def _cameras(cameras: list[Figures]) -> str:

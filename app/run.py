@@ -9,6 +9,7 @@ from typing import Any
 
 from app.described import described
 from app.executors import Threads
+from app.interruption import Interruption, interruptible
 from app.project import Project
 from app.protocol import terrain_of, write_protocol
 from app.remarks import remarks
@@ -24,10 +25,11 @@ from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
 from core.ground.ortho import OrthoProduct, rectify_photo
 from core.ground.picture import footprint_of
-from core.pipeline import STAGES, open_reference, search_bounds
+from core.pipeline import STAGES
 from core.progress import Part, Progress
 from core.reference.dem import Dem
-from core.stages import BlockInput, Georeferenced, ScanSet, Stage, Tied, Work
+from core.stages import BlockInput, Georeferenced, PlacedBlocks, ScanSet, Stage, Tied, Work
+from core.whereabouts import open_reference, search_bounds
 from sessions.products import digest_of
 from sessions.session import Session
 from sessions.whole import whole_file
@@ -66,10 +68,11 @@ class Run:
         self.digests: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
         self.threads = Threads(options.workers)
+        self.interruption = Interruption()
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
-        with self.session.running():
+        with self.session.running(), interruptible() as self.interruption:
             waits = True
             try:
                 for name in STAGE_NAMES:
@@ -88,7 +91,8 @@ class Run:
         """One stage, made or found fresh, with one line said about it."""
         title = LAST_STAGES.get(name) or next(s.title for s in STAGES if s.name == name)
         started = time.monotonic()
-        progress = self.voice.stage(name, title)
+        self.interruption.check()
+        progress = self.interruption.watching(self.voice.stage(name, title))
         stage = next((stage for stage in STAGES if stage.name == name), None)
         last: Mapping[str, Callable[[Progress], str]] = {
             "adjustment": self.adjust,
@@ -208,7 +212,8 @@ class Run:
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first."""
         every: list[Doubt] = []
-        for name in ("scans", "georeference", "reference", "ties", "control", "adjustment"):
+        names = ("scans", "georeference", "reference", "ties", "placement", "control", "adjustment")
+        for name in names:
             every.extend(self.made[name].doubts if name in self.made else ())
         return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
 
@@ -326,6 +331,9 @@ def told(value: Any) -> str:
             return f"{counted(len(value.block.photos), 'photo')} placed{aside}"
         case Tied():
             return f"{value.ties.count} tie points, {len(value.ties.point)} rays"
+        case PlacedBlocks():
+            photos = sum(len(part.photo_ids) for part in value.found)
+            return f"{counted(photos, 'photo')} in {counted(len(value.found), 'part')}"
         case Assembly():
             return told(value.report)
         case AdjustmentReport():

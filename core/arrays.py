@@ -13,6 +13,8 @@ ObjectPoints = Float64[np.ndarray, "n 3"]
 """Easting, northing, height in the block's CRS, metres."""
 Position = Float64[np.ndarray, "3"]
 """One point: easting, northing, height, metres."""
+PlanPosition = Float64[np.ndarray, "2"]
+"""One point: easting, northing, metres."""
 Rotation = Float64[np.ndarray, "3 3"]
 """A rotation matrix."""
 Affine2 = Float64[np.ndarray, "2 3"]

@@ -5,56 +5,34 @@ value. Nothing here knows of folders, sessions or screens; `app.run` walks this 
 """
 
 from dataclasses import replace
-from hashlib import sha256
-from typing import Any
 
 import numpy as np
 
-from core.block.approximation import Approximation
 from core.block.assembly import Assembly, assemble_block
-from core.block.block import Block, Photo
+from core.block.block import Block
 from core.block.features import usable_from_mask
-from core.block.georeference import Archive, georeference_photo, open_archive
-from core.block.orientation import OrientedPhoto, orient_photo
-from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
 from core.block.reference_points import ReferenceFeatures, gather_reference_points
 from core.block.standing import Site
 from core.block.tie_points import match_ties
-from core.doubts import Doubt, Failure
-from core.errors import OrientationError, PhotogrammetryError
-from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, distance_m, read_crs
-from core.reference.coverage import check_coverage
-from core.reference.dem import Dem, open_dem
+from core.doubts import Doubt
+from core.errors import PhotogrammetryError
+from core.geometry.crs import read_crs
 from core.reference.junctions import JunctionOptions, find_junctions
-from core.reference.ortho import open_ortho
 from core.reference.planar import planar_graph
-from core.reference.reference import Reference
 from core.reference.roads import read_roads
 from core.reference.vectors import read_mask_polygons
 from core.scan.orientation import ScanOrientation, orient_scan
 from core.stages import BlockInput, Georeferenced, Made, ScanInput, ScanSet, Stage, Tied, Work
-
-BEYOND_DOUBT = -15.0
-"""A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
-
-
-def random_for(*names: str) -> np.random.Generator:
-    """A generator that depends on names alone, so that the same run gives the same result."""
-    digest = sha256("/".join(names).encode()).digest()
-    return np.random.default_rng(int.from_bytes(digest[:8], "big"))
-
-
-def open_reference(given: BlockInput, bounds: Bounds | None = None) -> Reference:
-    """The reference of a block, its files opened; heights within bounds held in memory."""
-    dem = open_dem(given.dem, given.crs)
-    return Reference(
-        open_ortho(given.ortho, given.crs),
-        dem if bounds is None else dem.cropped(bounds),
-        given.ortho_sigma_m,
-        given.dem_sigma_m,
-    )
+from core.whereabouts import (
+    georeference_photos,
+    open_reference,
+    orient_photos,
+    place_blocks,
+    random_for,
+    scan_of,
+    search_bounds,
+)
 
 
 def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
@@ -89,123 +67,6 @@ def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
     return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts))
 
 
-def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferenced:
-    """Give every photo its approximate exterior orientation.
-
-    A photo whose own sources are missing or cannot be used is set aside; the rest goes on.
-
-    Raises:
-        PhotogrammetryError: No photo has a source that can be used, the reference misses the
-            block, or the CRS does not fit.
-    """
-    scans: ScanSet = made["scans"]
-    reference = open_reference(given)
-    archive = open_archive(given.georeference, given.crs, scans.oriented)
-    cameras = {scan.path.stem: scan.camera for scan in given.scans}
-    found: dict[str, Approximation] = {}
-    failed: dict[str, PhotogrammetryError] = {}
-    for done, (name, scan) in enumerate(scans.oriented.items()):
-        work.progress.report(done, len(scans.oriented), name)
-        result = approximated(scan, given.cameras[cameras[name]], archive, reference.dem)
-        if isinstance(result, PhotogrammetryError):
-            failed[name] = result
-        else:
-            found[name] = result
-    if not found:
-        raise next(iter(failed.values()))
-    photos = {
-        name: approximate_photo(scans.oriented[name], cameras[name], result, reference)
-        for name, result in sorted(found.items())
-    }
-    set_aside = {name: str(error) for name, error in failed.items()}
-    block = Block(given.crs, given.cameras, photos)
-    lost = far_from_reference(block, reference)
-    set_aside |= lost
-    block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
-    coverage = check_coverage(reference.dem, reference.ortho, block_bounds(block))
-    doubts = [doubt for result in found.values() for doubt in result.doubts]
-    doubts += [Doubt("scan-set-aside", name, why, 0.8) for name, why in set_aside.items()]
-    doubts += [*archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
-    return Georeferenced(block, found, set_aside, tuple(doubts))
-
-
-def approximated(
-    scan: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
-) -> Approximation | PhotogrammetryError:
-    """Where a photo roughly is, or why nobody can say: that concerns this one scan alone."""
-    try:
-        found = georeference_photo(scan, camera, archive, dem)
-    except PhotogrammetryError as error:
-        return error
-    if isinstance(found, Approximation):
-        return found
-    remedy = "Give a world file, a footprint, QGIS .points or an EO list under [scans]."
-    return OrientationError(scan.scan.path, found.reason, remedy)
-
-
-def far_from_reference(block: Block, reference: Reference) -> dict[str, str]:
-    """Photos that lie far outside ortho or DEM, where others do not, with the reason.
-
-    As far as two footprints beside it a photo may still be joined to the others by tie points.
-    """
-    far: dict[str, str] = {}
-    for name, photo in block.photos.items():
-        own = footprint(photo, block.camera_of(name)).bounds
-        room = 2 * max(own[2] - own[0], own[3] - own[1])
-        for what, area in (("ortho", reference.ortho.bounds), ("DEM", reference.dem.bounds)):
-            apart = distance_m((own[0], own[1], own[2], own[3]), area)
-            if apart > room:
-                far[name] = (
-                    f"{photo.scan}: By its georeference it lies {apart / 1000:.1f} km outside the "
-                    f"{what}. Correct its world file, points, footprint or row in the EO list."
-                )
-    return far if len(far) < len(block.photos) else {}
-
-
-def approximate_photo(
-    scan: ScanOrientation, camera: str, found: Approximation, reference: Reference
-) -> Photo:
-    """A photo at its approximate orientation, with the mean height of the ground under it."""
-    centre = found.exterior.centre
-    reach = 1500.0
-    under = (centre[0] - reach, centre[1] - reach, centre[0] + reach, centre[1] + reach)
-    height = reference.dem.mean_height(tuple(float(side) for side in under))  # type: ignore[arg-type]
-    if np.isnan(height):
-        height = reference.dem.mean_height()
-    return Photo(
-        scan.photo_id,
-        str(scan.scan.path),
-        scan.size_px,
-        camera,
-        scan.interior,
-        found.exterior,
-        found.exterior,
-        found.prior,
-        float(height),
-    )
-
-
-def block_bounds(block: Block) -> Bounds:
-    """West, south, east, north of all footprints, metres."""
-    areas = [
-        footprint(photo, block.cameras[photo.camera]).bounds for photo in block.photos.values()
-    ]
-    low, high = np.min(areas, axis=0), np.max(areas, axis=0)
-    return float(low[0]), float(low[1]), float(high[2]), float(high[3])
-
-
-def search_bounds(block: Block) -> Bounds:
-    """The block's bounds with room for what its approximate orientations may be off."""
-    west, south, east, north = block_bounds(block)
-    room = max(
-        3 * float(np.max(photo.prior.sigma_centre_m[:2]))
-        + float(photo.approximate.centre[2] - photo.ground_height_m)
-        * float(np.tan(min(3 * np.max(photo.prior.sigma_angles[:2]), 0.3)))
-        for photo in block.photos.values()
-    )
-    return west - room, south - room, east + room, north + room
-
-
 def find_reference_points(given: BlockInput, made: Made, work: Work) -> ReferenceFeatures:
     """Junctions of the roads, and salient points of the ortho where those are few."""
     placed: Georeferenced = made["georeference"]
@@ -230,11 +91,6 @@ def find_reference_points(given: BlockInput, made: Made, work: Work) -> Referenc
     return replace(features, doubts=roads.notes)
 
 
-def scan_of(made: Made, photo: Photo) -> Any:
-    """The scan of a photo, as the first stage opened it."""
-    return made["scans"].oriented[photo.photo_id].scan
-
-
 def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
     """Tie points between all photos that may overlap."""
     placed: Georeferenced = made["georeference"]
@@ -246,44 +102,6 @@ def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
     rng = random_for(given.name, "ties")
     ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable)
     return Tied(ties, doubts)
-
-
-def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, OrientedPhoto | Failure]:
-    """Orient every photo on the reference by itself, each of its hypotheses tried."""
-    placed: Georeferenced = made["georeference"]
-    features: ReferenceFeatures = made["reference"]
-    block = placed.block
-    reference = open_reference(given, search_bounds(block))
-
-    def one(photo: Photo) -> OrientedPhoto | Failure:
-        camera = block.cameras[photo.camera]
-        best: OrientedPhoto | Failure = Failure("it was not tried")
-        for number, start in enumerate(placed.approximations[photo.photo_id].hypotheses):
-            opened = OpenPhoto(photo, camera, scan_of(made, photo)).at(start)
-            rng = random_for(given.name, photo.photo_id, str(number))
-            found = orient_photo(opened, reference, features.points, given.orientation, rng)
-            best = likelier(best, found)
-            if isinstance(best, OrientedPhoto) and best.log10_nfa < BEYOND_DOUBT:
-                break
-        return best
-
-    photos = list(block.photos.values())
-    oriented: dict[str, OrientedPhoto | Failure] = {}
-    for photo, found in zip(photos, work.mapper(one, photos), strict=True):
-        oriented[photo.photo_id] = found
-        work.progress.report(len(oriented), len(photos), photo.photo_id)
-    return oriented
-
-
-def likelier(
-    one: OrientedPhoto | Failure, other: OrientedPhoto | Failure
-) -> OrientedPhoto | Failure:
-    """The one of two results that is less likely chance; the later of two failures."""
-    if isinstance(one, Failure):
-        return other
-    if isinstance(other, Failure):
-        return one
-    return min(one, other, key=lambda found: found.log10_nfa)
 
 
 def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
@@ -352,12 +170,19 @@ STAGES: tuple[Stage, ...] = (
         tie_photos,
     ),
     Stage(
+        "placement",
+        "The whole block on the reference",
+        ("ties",),
+        lambda given: (given.placement, given.assembly.adjustment),
+        place_blocks,
+    ),
+    Stage(
         "orientation",
         "Single photos on the reference",
-        ("reference",),
+        ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=2,
+        version=3,
     ),
     Stage(
         "control",

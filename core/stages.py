@@ -9,8 +9,10 @@ from core.block.adjusted import AdjustmentOptions
 from core.block.approximation import Approximation
 from core.block.assembly import AssemblyOptions
 from core.block.block import Block, SurveyedPoint, TiePoints
+from core.block.block_placement import BlockPlacementOptions, PlacedBlock
 from core.block.georeference import Georeference
 from core.block.orientation import OrientationOptions
+from core.block.placement import Placement
 from core.block.tie_points import TieOptions
 from core.doubts import Doubt
 from core.geometry.camera import Camera
@@ -71,6 +73,8 @@ class BlockInput:
     """How the block is brought together."""
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
     """How it is adjusted in the end, with the operator's decisions."""
+    placement: BlockPlacementOptions = field(default_factory=BlockPlacementOptions)
+    """How the whole block is found."""
     ties: TieOptions = field(default_factory=TieOptions)
     """How tie points are found."""
 
@@ -109,6 +113,22 @@ class Tied:
     """All rays."""
     doubts: tuple[Doubt, ...]
     """Photos and pairs that tie badly."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedBlocks:
+    """Connected parts of the block, each placed on the reference as a whole."""
+
+    found: tuple[PlacedBlock, ...]
+    """Parts of more than one photo, the largest first."""
+    doubts: tuple[Doubt, ...]
+    """Parts that could not be placed."""
+
+    def placements(self, photo_id: str) -> tuple[Placement, ...]:
+        """Where a photo may lie, likeliest first; none when nothing is tied to it."""
+        return next(
+            (part.placements[photo_id] for part in self.found if photo_id in part.placements), ()
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,8 +36,11 @@ from core.block.block import (
     SurveyedPoint,
     TiePoints,
 )
+from core.block.block_placement import PlacedBlock
+from core.block.ground_search import Turn
 from core.block.matching import Found
 from core.block.orientation import OrientedPhoto, ReferencePoints
+from core.block.placement import Placement
 from core.block.reference_points import ReferenceFeatures
 from core.doubts import Doubt, Failure
 from core.geometry.atmosphere import Atmosphere
@@ -53,7 +56,7 @@ from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import FilmArea
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
-from core.stages import Georeferenced, ScanSet, Tied
+from core.stages import Georeferenced, PlacedBlocks, ScanSet, Tied
 from sessions.decisions import DECISIONS, Recorded
 
 FORMAT = 1
@@ -87,6 +90,9 @@ REGISTERED: tuple[type, ...] = (
     OrthoProduct,
     Peak,
     Photo,
+    PlacedBlock,
+    PlacedBlocks,
+    Placement,
     Recorded,
     ReferenceFeatures,
     ReferencePoints,
@@ -99,6 +105,7 @@ REGISTERED: tuple[type, ...] = (
     SurveyedPoint,
     Tied,
     TiePoints,
+    Turn,
 )
 """Every dataclass that may be stored; a new one is added here and nowhere else."""
 

@@ -100,8 +100,9 @@ def georeference_photo(
 ) -> Approximation | Failure:
     """Approximate exterior orientation of one photo.
 
-    The EO list comes first where it has the scan, then the source that was asked for; where that
-    has nothing for this scan, any other that does, with a doubt.
+    The EO list comes first where it has the scan, then points that somebody clicked in this very
+    scan, then the source that was asked for; where that has nothing for it, any other that does,
+    with a doubt.
 
     Args:
         oriented: The scan with its interior orientation.
@@ -113,7 +114,7 @@ def georeference_photo(
         PhotogrammetryError: A source of this scan is there and cannot be used.
     """
     wanted = archive.georeference.source
-    order = [wanted, *(kind for kind in ("world-file", "points", "footprints") if kind != wanted)]
+    order = ["points", *(k for k in (wanted, "world-file", "footprints") if k != "points")]
     record = archive.exterior.get(oriented.photo_id)
     if record is not None:
         return _from_list(oriented.photo_id, record, archive, dem)
@@ -121,7 +122,7 @@ def georeference_photo(
         found = _from_source(kind, oriented, camera, archive, dem)
         if found is None:
             continue
-        if wanted in (kind, "none"):
+        if kind == "points" or wanted in (kind, "none"):
             return found
         return replace(
             found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))

@@ -1,5 +1,6 @@
 """One photo oriented on the reference: placed, then resected in passes of growing sharpness."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,7 +101,7 @@ def orient_photo(
     for search in options.placements:
         if search.most_turn < float(opened.photo.prior.sigma_angles[2]) / 2:
             continue
-        placements = place_photo(opened, reference, search, progress)
+        placements = place_photo(opened, reference, search)
         coarse = [
             coarse_pass(opened, reference, placed, points, options, rng) for placed in placements
         ]
@@ -109,6 +110,24 @@ def orient_photo(
         if standing:
             best = min(standing, key=lambda found: found.log10_nfa)
             return fine_passes(opened, best, reference, points, options, rng, progress)
+    return failure
+
+
+def orient_placed_photo(
+    opened: OpenPhoto,
+    reference: Reference,
+    points: ReferencePoints,
+    placements: Sequence[Placement],
+    options: OrientationOptions,
+    rng: np.random.Generator,
+) -> OrientedPhoto | Failure:
+    """Orient a photo that was placed with others, from the first placement on which it stands."""
+    failure = Failure("its block could not be placed on the reference")
+    for placed in placements:
+        found = coarse_pass(opened, reference, placed, points, options, rng)
+        if isinstance(found, Resection):
+            return fine_passes(opened, found, reference, points, options, rng, None)
+        failure = found
     return failure
 
 

@@ -85,7 +85,9 @@ def nothing_stands(
         if count > 1
         else f"the photo does not stand on the reference ortho: {why}.",
         "Check that ortho, DEM and roads cover the photos and that no mask hides them; then the "
-        "georeference, the principal distance and the scan pixel size.",
+        "principal distance and the scan pixel size. If all is right, click two places far apart "
+        "in one photo in the QGIS Georeferencer and save them as its .points file: tie points "
+        "carry them to the others.",
     )
 
 

@@ -12,8 +12,9 @@ from app.project import read_project
 from app.run import STAGE_NAMES, Run, RunOptions, counted, default_gsd_m, told
 from core.doubts import Doubt, Failure
 from core.errors import Cancelled, OrientationError, StorageError
-from core.pipeline import STAGES, Georeferenced, ScanSet, Stage, Tied
+from core.pipeline import STAGES
 from core.progress import Progress, Silent
+from core.stages import Georeferenced, ScanSet, Stage, Tied
 from sessions.session import Session
 from tests.flights import FlightPlan, fly
 
@@ -129,7 +130,7 @@ def test_only_one_walks_at_a_time__law(kitchen):
 
 def test_the_engine_s_stages_come_before_what_needs_decisions__law():
     assert (
-        *("scans", "georeference", "reference", "ties", "orientation", "control"),
+        *("scans", "georeference", "reference", "ties", "placement", "orientation", "control"),
         *("adjustment", "orthos", "mosaic", "report"),
     ) == STAGE_NAMES
 

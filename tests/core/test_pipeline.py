@@ -11,23 +11,17 @@ from core.block.orientation import OrientedPhoto
 from core.doubts import Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.exterior import ExteriorOrientation
-from core.pipeline import (
-    STAGES,
-    BlockInput,
-    Georeferenced,
-    ScanInput,
-    ScanSet,
-    Work,
+from core.pipeline import STAGES, find_reference_points, orient_scans
+from core.progress import Silent
+from core.stages import BlockInput, Georeferenced, ScanInput, ScanSet, Work
+from core.whereabouts import (
     block_bounds,
-    find_reference_points,
     georeference_photos,
     likelier,
     open_reference,
-    orient_scans,
     random_for,
     search_bounds,
 )
-from core.progress import Silent
 
 WORK = Work(Silent(), map)
 

@@ -61,5 +61,4 @@ def test_poor_pick_is_found__real(shared_data):
     report = adjust_block(
         replace(block, measurements=free), AdjustmentOptions(estimate_cameras=False)
     )
-    print(report.rejected, len(report.tie_reasons), report.sigma_nought)
     assert ("2", "4093") in report.rejected

@@ -7,20 +7,18 @@ import pytest
 
 from core.arrays import locked
 from core.block.block import ExteriorPrior
+from core.block.ground_search import Laid, Turn, angle_field, distinct, turned
 from core.block.patches import OpenPhoto
 from core.block.placement import (
     NARROW,
-    Laid,
     PlacementOptions,
-    Turn,
-    distinct,
     laid_on_ground,
+    photo_grid,
     place_photo,
     placed,
     placement_covariance,
     search_radius_m,
     trial_turns,
-    turned,
 )
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.grid import Grid
@@ -86,7 +84,7 @@ def test_a_photo_of_unknown_turn_is_sought_round_the_circle__truth(tiny, number,
     best = place_photo(opened, tiny.reference, QUICK)[0]
     wrong = np.angle(np.exp(1j * (best.exterior.kappa - tiny.photos[name].exterior.kappa)))
     assert abs(wrong) < np.radians(1.5)
-    assert astray_m(tiny, name, best.exterior) < 15
+    assert astray_m(tiny, name, best.exterior) < 25
 
 
 def test_the_trials_reach_round_the_circle_when_nothing_is_known__law(tiny):
@@ -137,24 +135,50 @@ def test_a_placement_is_the_turn_about_the_nadir_it_says__law(tiny):
 def test_the_picture_turns_as_the_photo_does__law():
     """Counter-clockwise on the ground, about the middle."""
     side = 101
-    image = np.zeros((side, side), np.float32)
-    image[50, 80] = 1.0  # east of the middle
-    laid = Laid(Grid(0.0, 101.0, 1.0, side, side), image, np.ones((side, side), bool))
+    field = np.zeros((side, side), np.complex64)
+    field[50, 80] = 1.0  # east of the middle
+    laid = Laid(Grid(0.0, 101.0, 1.0, side, side), field, np.ones((side, side), bool))
     there, mask = turned(laid, np.pi / 2, 1.0)
-    assert np.unravel_index(there.argmax(), there.shape) == (20, 50)  # north of it
+    assert np.unravel_index(np.abs(there).argmax(), there.shape) == (20, 50)  # north of it
     assert mask[50, 50]
     smaller, _ = turned(laid, 0.0, 0.5)
-    assert np.unravel_index(smaller.argmax(), smaller.shape) == (50, 65)
+    assert np.unravel_index(np.abs(smaller).argmax(), smaller.shape) == (50, 65)
+
+
+@pytest.mark.parametrize("kappa", [-2.0, 0.3, np.pi / 2])
+def test_turned_angles_are_the_angles_of_the_turned_picture__law(kappa):
+    """A disc of smooth waves, turned before and after the angles are taken."""
+    side = 201
+    down, right = np.mgrid[:side, :side] - side // 2
+    disc = np.hypot(down, right) < 80
+
+    def waves(turn):
+        along = np.cos(turn) * right - np.sin(turn) * down
+        across = np.sin(turn) * right + np.cos(turn) * down
+        image = np.sin(along / 9) + np.cos(across / 6 + along / 15)
+        return angle_field(np.asarray(image, np.float32), disc)
+
+    laid = Laid(Grid(0.0, side, 1.0, side, side), waves(0.0), disc)
+    there, mask = turned(laid, kappa, 1.0)
+    # The picture turned by kappa shows at p what was at p turned back by kappa.
+    expected = waves(kappa)
+    inner = mask & (np.hypot(down, right) < 70)
+    same = np.sum((there * np.conj(expected))[inner]).real
+    whole = np.sqrt(np.sum(np.abs(there[inner]) ** 2) * np.sum(np.abs(expected[inner]) ** 2))
+    assert same / whole > 0.98
 
 
 def test_the_laid_photo_is_the_ground__truth(tiny):
     """At the true orientation it equals the ortho of its day."""
     opened = tiny.opened(tiny.names[0])
-    laid = laid_on_ground(opened, tiny.reference, 4.0)
+    laid = laid_on_ground(opened, tiny.reference, photo_grid(opened, 4.0))
     patch = tiny.archival().ortho.read(laid.grid)
     both = laid.mask & patch.mask
     assert both.mean() > 0.3
-    assert np.corrcoef(laid.image[both], patch.values[both])[0, 1] > 0.75
+    field = angle_field(patch.values, patch.mask)
+    same = np.sum((laid.field * np.conj(field))[both]).real
+    whole = np.sqrt(np.sum(np.abs(laid.field[both]) ** 2) * np.sum(np.abs(field[both]) ** 2))
+    assert same / whole > 0.5
 
 
 def test_the_best_turns_differ__law():

@@ -17,10 +17,12 @@ function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
+const shownNow = () => JSON.stringify([parts.point?.key, parts.point?.state]);
+
 // One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
 function judge(verdict) {
   if (!parts.point) return;
-  const shown = JSON.stringify([parts.point.key, parts.point.state]);
+  const shown = shownNow();
   if (judged.shown === shown && Date.now() - judged.at < 2000) return;
   judged = { shown, at: Date.now() };
   send({ kind: "judge", key: parts.point.key, verdict });
@@ -178,7 +180,11 @@ function receive(message) {
   if (fresh.queue) { showReasons(fresh.queue.explaining); keepPlace(fresh.queue); }
   if (fresh.status) showStatus(fresh.status);
   if (fresh.scene) showScene(fresh.scene);
-  if ("point" in fresh) { showPoint(parts.point); comparePoint(parts.point); }
+  if ("point" in fresh) {
+    if (shownNow() !== judged.shown) judged.shown = "";
+    showPoint(parts.point);
+    comparePoint(parts.point);
+  }
   for (const notice of notices ?? []) tell(notice);
   if (notices?.some((notice) => notice.grave)) judged.shown = "";
   if (wanted) { comeBack(wanted); wanted = null; }

@@ -1,0 +1,260 @@
+"""Where the photos are: the archive's word, the whole block on the reference, then photo by photo.
+
+Three stages of `core.pipeline`, each narrowing what the one before left open.
+"""
+
+from hashlib import sha256
+
+import numpy as np
+
+from core.block.approximation import Approximation
+from core.block.block import Block, Photo
+from core.block.block_placement import PlacedBlock, place_block
+from core.block.free_block import free_blocks
+from core.block.georeference import Archive, georeference_photo, open_archive
+from core.block.orientation import OrientedPhoto, orient_photo, orient_placed_photo
+from core.block.pairs import footprint
+from core.block.patches import OpenPhoto
+from core.block.reference_points import ReferenceFeatures
+from core.doubts import Doubt, Failure
+from core.errors import OrientationError, PhotogrammetryError
+from core.geometry.camera import Camera
+from core.geometry.crs import Bounds, distance_m
+from core.reference.coverage import check_coverage
+from core.reference.dem import Dem, open_dem
+from core.reference.ortho import open_ortho
+from core.reference.reference import Reference
+from core.scan.orientation import ScanOrientation
+from core.scan.raster import ScanFile
+from core.stages import BlockInput, Georeferenced, Made, PlacedBlocks, ScanSet, Tied, Work
+
+BEYOND_DOUBT = -15.0
+"""A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
+
+
+def random_for(*names: str) -> np.random.Generator:
+    """A generator that depends on names alone, so that the same run gives the same result."""
+    digest = sha256("/".join(names).encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:8], "big"))
+
+
+def open_reference(given: BlockInput, bounds: Bounds | None = None) -> Reference:
+    """The reference of a block, its files opened; heights within bounds held in memory."""
+    dem = open_dem(given.dem, given.crs)
+    return Reference(
+        open_ortho(given.ortho, given.crs),
+        dem if bounds is None else dem.cropped(bounds),
+        given.ortho_sigma_m,
+        given.dem_sigma_m,
+    )
+
+
+def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferenced:
+    """Give every photo its approximate exterior orientation.
+
+    A photo whose own sources are missing or cannot be used is set aside; the rest goes on.
+
+    Raises:
+        PhotogrammetryError: No photo has a source that can be used, the reference misses the
+            block, or the CRS does not fit.
+    """
+    scans: ScanSet = made["scans"]
+    reference = open_reference(given)
+    archive = open_archive(given.georeference, given.crs, scans.oriented)
+    cameras = {scan.path.stem: scan.camera for scan in given.scans}
+    found: dict[str, Approximation] = {}
+    failed: dict[str, PhotogrammetryError] = {}
+    for done, (name, scan) in enumerate(scans.oriented.items()):
+        work.progress.report(done, len(scans.oriented), name)
+        result = approximated(scan, given.cameras[cameras[name]], archive, reference.dem)
+        if isinstance(result, PhotogrammetryError):
+            failed[name] = result
+        else:
+            found[name] = result
+    if not found:
+        raise next(iter(failed.values()))
+    photos = {
+        name: approximate_photo(scans.oriented[name], cameras[name], result, reference)
+        for name, result in sorted(found.items())
+    }
+    set_aside = {name: str(error) for name, error in failed.items()}
+    block = Block(given.crs, given.cameras, photos)
+    lost = far_from_reference(block, reference)
+    set_aside |= lost
+    block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
+    coverage = check_coverage(reference.dem, reference.ortho, block_bounds(block))
+    doubts = [doubt for result in found.values() for doubt in result.doubts]
+    doubts += [Doubt("scan-set-aside", name, why, 0.8) for name, why in set_aside.items()]
+    doubts += [*archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
+    return Georeferenced(block, found, set_aside, tuple(doubts))
+
+
+def approximated(
+    scan: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | PhotogrammetryError:
+    """Where a photo roughly is, or why nobody can say: that concerns this one scan alone."""
+    try:
+        found = georeference_photo(scan, camera, archive, dem)
+    except PhotogrammetryError as error:
+        return error
+    if isinstance(found, Approximation):
+        return found
+    remedy = "Give a world file, a footprint, QGIS .points or an EO list under [scans]."
+    return OrientationError(scan.scan.path, found.reason, remedy)
+
+
+def far_from_reference(block: Block, reference: Reference) -> dict[str, str]:
+    """Photos that lie far outside ortho or DEM, where others do not, with the reason.
+
+    As far as two footprints beside it a photo may still be joined to the others by tie points.
+    """
+    far: dict[str, str] = {}
+    for name, photo in block.photos.items():
+        own = footprint(photo, block.camera_of(name)).bounds
+        room = 2 * max(own[2] - own[0], own[3] - own[1])
+        for what, area in (("ortho", reference.ortho.bounds), ("DEM", reference.dem.bounds)):
+            apart = distance_m((own[0], own[1], own[2], own[3]), area)
+            if apart > room:
+                far[name] = (
+                    f"{photo.scan}: By its georeference it lies {apart / 1000:.1f} km outside the "
+                    f"{what}. Correct its world file, points, footprint or row in the EO list."
+                )
+    return far if len(far) < len(block.photos) else {}
+
+
+def approximate_photo(
+    scan: ScanOrientation, camera: str, found: Approximation, reference: Reference
+) -> Photo:
+    """A photo at its approximate orientation, with the mean height of the ground under it."""
+    centre = found.exterior.centre
+    reach = 1500.0
+    under = (centre[0] - reach, centre[1] - reach, centre[0] + reach, centre[1] + reach)
+    height = reference.dem.mean_height(tuple(float(side) for side in under))  # type: ignore[arg-type]
+    if np.isnan(height):
+        height = reference.dem.mean_height()
+    return Photo(
+        scan.photo_id,
+        str(scan.scan.path),
+        scan.size_px,
+        camera,
+        scan.interior,
+        found.exterior,
+        found.exterior,
+        found.prior,
+        float(height),
+    )
+
+
+def block_bounds(block: Block) -> Bounds:
+    """West, south, east, north of all footprints, metres."""
+    areas = [
+        footprint(photo, block.cameras[photo.camera]).bounds for photo in block.photos.values()
+    ]
+    low, high = np.min(areas, axis=0), np.max(areas, axis=0)
+    return float(low[0]), float(low[1]), float(high[2]), float(high[3])
+
+
+def search_bounds(block: Block) -> Bounds:
+    """The block's bounds with room for what its approximate orientations may be off."""
+    west, south, east, north = block_bounds(block)
+    room = max(
+        3 * float(np.max(photo.prior.sigma_centre_m[:2]))
+        + float(photo.approximate.centre[2] - photo.ground_height_m)
+        * float(np.tan(min(3 * np.max(photo.prior.sigma_angles[:2]), 0.3)))
+        for photo in block.photos.values()
+    )
+    return west - room, south - room, east + room, north + room
+
+
+def scan_of(made: Made, photo: Photo) -> ScanFile:
+    """The scan of a photo, as the first stage opened it."""
+    return made["scans"].oriented[photo.photo_id].scan
+
+
+def place_blocks(given: BlockInput, made: Made, work: Work) -> PlacedBlocks:
+    """Bring the photos together by their ties, and find each connected part on the reference."""
+    placed: Georeferenced = made["georeference"]
+    tied: Tied = made["ties"]
+    block = Block(given.crs, given.cameras, placed.block.photos, ties=tied.ties)
+    reference = open_reference(given, search_bounds(placed.block))
+    hypotheses = {name: found.hypotheses for name, found in placed.approximations.items()}
+    parts = free_blocks(block, hypotheses, given.assembly.adjustment)
+    found: list[PlacedBlock] = []
+    doubts: list[Doubt] = []
+    for done, free in enumerate(parts):
+        work.progress.report(done, len(parts), f"{len(free.block.photos)} photos together")
+        if not free.tied:
+            continue
+        scans = {name: scan_of(made, photo) for name, photo in free.block.photos.items()}
+        result = place_block(free, scans, reference, given.placement, work.mapper)
+        if isinstance(result, Failure):
+            names = ", ".join(free.block.photos)
+            doubts.append(Doubt("block-placement", names, f"{names}: {result.reason}.", 0.6))
+        else:
+            found.append(result)
+    return PlacedBlocks(tuple(found), tuple(doubts))
+
+
+def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, OrientedPhoto | Failure]:
+    """Orient every photo on the reference, from where its block was placed.
+
+    A photo is sought by itself, each of its hypotheses tried, only where no photo stands that is
+    tied to it: others are brought to their place by tie points, which leaves less to chance.
+    """
+    placed: Georeferenced = made["georeference"]
+    features: ReferenceFeatures = made["reference"]
+    together: PlacedBlocks = made["placement"]
+    photos = list(placed.block.photos.values())
+    reference = open_reference(given, search_bounds(placed.block))
+    oriented: dict[str, OrientedPhoto | Failure] = {}
+
+    def opened(photo: Photo) -> OpenPhoto:
+        return OpenPhoto(photo, placed.block.cameras[photo.camera], scan_of(made, photo))
+
+    def from_block(photo: Photo) -> OrientedPhoto | Failure:
+        rng = random_for(given.name, photo.photo_id, "block")
+        places = together.placements(photo.photo_id)
+        return orient_placed_photo(
+            opened(photo), reference, features.points, places, given.orientation, rng
+        )
+
+    def alone(photo: Photo) -> OrientedPhoto | Failure:
+        best: OrientedPhoto | Failure = Failure("it was not tried")
+        for number, start in enumerate(placed.approximations[photo.photo_id].hypotheses):
+            rng = random_for(given.name, photo.photo_id, str(number))
+            found = orient_photo(
+                opened(photo).at(start), reference, features.points, given.orientation, rng
+            )
+            best = likelier(best, found)
+            if isinstance(best, OrientedPhoto) and best.log10_nfa < BEYOND_DOUBT:
+                break
+        return best
+
+    for search, chosen in (
+        (from_block, lambda photo: bool(together.placements(photo.photo_id))),
+        (alone, lambda photo: not _held(photo.photo_id, together, oriented)),
+    ):
+        wanted = [photo for photo in photos if chosen(photo)]
+        for photo, found in zip(wanted, work.mapper(search, wanted), strict=True):
+            oriented[photo.photo_id] = found
+            work.progress.report(len(oriented), len(photos), photo.photo_id)
+    return {photo.photo_id: oriented[photo.photo_id] for photo in photos}
+
+
+def _held(
+    photo_id: str, together: PlacedBlocks, oriented: dict[str, OrientedPhoto | Failure]
+) -> bool:
+    """Whether a photo stands, or is tied to one that does."""
+    names = next((p.photo_ids for p in together.found if photo_id in p.photo_ids), ())
+    return any(isinstance(oriented.get(name), OrientedPhoto) for name in names)
+
+
+def likelier(
+    one: OrientedPhoto | Failure, other: OrientedPhoto | Failure
+) -> OrientedPhoto | Failure:
+    """The one of two results that is less likely chance; the later of two failures."""
+    if isinstance(one, Failure):
+        return other
+    if isinstance(other, Failure):
+        return one
+    return min(one, other, key=lambda found: found.log10_nfa)
