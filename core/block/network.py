@@ -140,6 +140,12 @@ class Network:
         return self.lensed + self.positioning.count
 
     @property
+    def anchored(self) -> Flags:
+        """Rays of points whose coordinates are known: one such ray alone says something."""
+        known = self.points.known_weight.any(axis=1)
+        return (self.rays.measurement >= 0) & known[self.rays.point]
+
+    @property
     def by_operator(self) -> Flags:
         """Rays that a human has accepted."""
         accepted = np.array([m.status == "accepted" for m in self.measurements] + [False])

