@@ -40,6 +40,8 @@ TINY_DAMPING = 1e-10
 """Makes a datum defect invertible for the standard deviations."""
 CHANGES = 10
 """Rounds of weights, terrain heights and held parameters at most."""
+CHANGE_STEPS = 15
+"""Steps at most after each of them."""
 SAME_WEIGHT = 0.02
 """A class whose standard deviation is to change by less than this share keeps it."""
 
@@ -220,13 +222,15 @@ def _settled(solution: Solution, task: _Task) -> Solution:
     """Change weights, terrain heights and held parameters until nothing is left to change."""
     for _ in range(CHANGES):
         changed = _changed(solution, task)
-        left = max(task.options.max_iterations - solution.fit.steps, FINAL_STEPS)
         if changed is None:
             break
+        # Each change has steps of its own.
+        most = solution.fit.steps + CHANGE_STEPS
+        task = replace(task, options=replace(task.options, max_iterations=most))
         network = changed.network
         start = begin(network, solution.fit.state, solution.fit.taking_part)
         start = replace(start, steps=solution.fit.steps)
-        fit = minimise(network, task.pattern, start, False, left, task.progress)
+        fit = minimise(network, task.pattern, start, False, CHANGE_STEPS, task.progress)
         judged = _judge(network, task, fit, solution.candidates)
         judged = replace(judged, factors=changed.factors)
         solution = replace(_snooped(judged, task), held=changed.held)
