@@ -4,7 +4,7 @@ import io
 import os
 import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -18,7 +18,8 @@ from app.scan_files import ScanFiles
 from app.terminal import JsonLines
 from app.wiring import DeskInputs
 from core.arrays import ObjectPoints
-from core.block.adjusted import AdjustmentReport
+from core.block.adjusted import AdjustmentOptions, AdjustmentReport
+from core.block.adjustment import SILENT, adjust_block
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block, Photo
 from core.block.likeness import Likeness, likeness_about, search_options
@@ -28,17 +29,16 @@ from core.block.terrain import Terrain
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
-from core.progress import Part, Progress, Silent
+from core.progress import Part, Progress
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
-from core.stages import BlockInput, Georeferenced
+from core.stages import Georeferenced
 from core.whereabouts import open_reference, search_bounds
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m
 from ui.review.state import Made
 
-SILENT = Silent()
 SEARCH_M = 12.0
 """How far about the expected place reference and scan are compared, metres."""
 MOSAIC_WORK = 2.0
@@ -66,7 +66,8 @@ def desk_inputs(
     reference = open_reference(given, search_bounds(placed.block))
     block = assembly.report.block
     terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
-    report = adjusted(given, session.replayed(block), terrain)
+    adjusting = Adjusting(given.adjustment, terrain)
+    report = adjusting(session.replayed(block))
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
         name=project.block.name,
@@ -76,7 +77,11 @@ def desk_inputs(
         ortho=reference.ortho,
         dem=reference.dem,
         read_scan=scans,
-        adjust=lambda block, progress: adjusted(given, block, terrain, progress),
+        adjust=adjusting,
+        choose=adjusting.choose,
+        doubts=assembly.doubts,
+        reference_sigma_m=(given.ortho_sigma_m, given.ortho_sigma_m, given.dem_sigma_m),
+        results=session.results,
         remake=Remaking(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
         written=latest is not None and same_results(latest, report),
@@ -91,14 +96,24 @@ def desk_inputs(
     )
 
 
-def adjusted(
-    given: BlockInput,
-    block: Block,
-    terrain: Terrain | None = None,
-    progress: Progress = SILENT,
-) -> AdjustmentReport:
-    """The adjustment that `gruber run` would make of the same block."""
-    return adjusted_without_gross(block, given.adjustment, terrain, progress)
+class Adjusting:
+    """The adjustment that `gruber run` would make of a block, or one that is chosen otherwise."""
+
+    def __init__(self, options: AdjustmentOptions, terrain: Terrain | None = None) -> None:
+        self._given = self._options = options
+        self._terrain = terrain
+
+    def __call__(self, block: Block, progress: Progress = SILENT) -> AdjustmentReport:
+        """Adjust until no gross error is left."""
+        options = self._options
+        if not options.robust:
+            return adjust_block(block, options, progress, self._terrain)
+        return adjusted_without_gross(block, options, progress, self._terrain)
+
+    def choose(self, cameras: bool, robust: bool) -> None:
+        """Estimate the cameras or not, look for gross errors or not, from now on."""
+        free = cameras and self._given.estimate_cameras
+        self._options = replace(self._given, estimate_cameras=free, robust=robust)
 
 
 def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from app.worker import Outcome
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
+from core.doubts import Doubt
 from sessions.session import Session
 from ui.review.compare import Drawn, HeightSource, LikenessSource
 from ui.review.gestures import Gesture
@@ -79,3 +80,9 @@ class LoopInputs:
     """Called with every adjustment the desk shows, to keep it as a product."""
     likeness: LikenessSource | None = None
     """Compares reference and scan."""
+    doubts: tuple[Doubt, ...] = ()
+    """What the engine was unsure of."""
+    reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
+    """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    choose: Callable[[bool, bool], None] | None = None
+    """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""

@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from app.loop_doors import Closed, Event, LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.loop_pages import Moment, Pages, elsewhere
+from app.loop_remaking import after_remake, while_remaking
+from app.loop_table import Table, changed_keys
 from app.worker import (
     Adjusted,
+    Measurer,
+    PointMeasured,
     RemakeEnded,
     Remaker,
     RemakeStep,
@@ -16,32 +21,23 @@ from app.worker import (
     Worker,
     survived,
 )
+from core.block.adjusted import AdjustmentReport
 from core.doubts import Failure
-from sessions.decisions import Decision, Recorded, Reject, Withdraw, standing
-from ui.review.compare import (
-    Drawn,
-    drawn_from_block,
-    redrawn,
-    stale_photos,
-    with_made,
-)
-from ui.review.gestures import Gesture
-from ui.review.picture import (
-    Part,
-    Pictured,
-    point_part,
-    queue_part,
-    rows_part,
-    scene_part,
-    status_part,
-)
-from ui.review.queue import Row, queue_rows
+from core.progress import Silent
+from sessions.decisions import Recorded, Withdraw, standing
+from ui.review.adding import measured_point, next_name, renamed
+from ui.review.compare import Drawn, drawn_from_block, redrawn, stale_photos
+from ui.review.doubtful import extra_of
+from ui.review.gestures import Freed, Gesture, PointAsked
+from ui.review.history import gives_reason, key_of, touched_by
+from ui.review.milestones import Milestone, with_milestone
 from ui.review.scene import (
     ScenePicture,
     Segments,
     footprints,
     readable_scale,
     scene_picture,
+    tie_vectors,
 )
 from ui.review.state import Key, Notice, Remaking, SceneOptions, Seat
 from ui.review.tools import Desk, Meaning, kept_up, meaning, seated
@@ -53,6 +49,7 @@ class ReviewLoop:
 
     def __init__(self, inputs: LoopInputs, screen: Screen) -> None:
         self._inputs, self._screen = inputs, screen
+        self._pages, self._table = Pages(screen, inputs.dem), Table()
         self._session = inputs.session
         self._inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._seats: dict[str, Seat] = {}
@@ -60,9 +57,11 @@ class ReviewLoop:
         self._scenes: set[str] = set()
         self._state = inputs.state
         self._drawn: Drawn = drawn_from_block(inputs.state.oriented)
-        self._rows: dict[Key, Row] = {}
+        self._recorded: tuple[Recorded, ...] = ()
+        self._milestones: tuple[Milestone, ...] = ()
         self._stale: tuple[str, ...] = ()
         self._outlines: Segments = np.zeros((0, 2, 3))
+        self._tied: Segments = np.zeros((0, 2, 3))
         self._job, self._tried = 0, 0
         self._trials: dict[Key, Trial] = {}
         self._trying: Key | None = None
@@ -70,6 +69,7 @@ class ReviewLoop:
         self._scene: ScenePicture | None = None
         self._worker: Worker | None = None
         self._remaker: Remaker | None = None
+        self._measurer = Measurer(self.submit)
         self._thread = threading.Thread(target=self._run, name="review", daemon=True)
 
     def start(self, worker: Worker, remaker: Remaker) -> None:
@@ -77,6 +77,7 @@ class ReviewLoop:
         self._worker, self._remaker = worker, remaker
         self._screen.publish(self._drawn)
         self._reorient()
+        self._keep(self._state.report)
         self._replay()
         if self._state.decided:
             self._state = replace(self._state, adjusting=True)
@@ -89,6 +90,7 @@ class ReviewLoop:
 
     def close(self) -> None:
         """End after what is already in the inbox."""
+        self._measurer.close()
         self._inbox.put(Closed())
         self._thread.join(timeout=10)
 
@@ -106,8 +108,10 @@ class ReviewLoop:
             case SeatTaken(seat_id=seat_id):
                 self._present.add(seat_id)
                 self._show_seat(self._seat(seat_id))
+                self._pages.show_people(self._seat(seat_id), self._moment())
             case SeatLeft(seat_id=seat_id):
                 self._present.discard(seat_id)
+                self._pages.show_people(self._seat(seat_id), self._moment())
             case SceneOpened(seat_id=seat_id):
                 self._scenes.add(seat_id)
                 self._show_scene(self._seat(seat_id))
@@ -115,6 +119,8 @@ class ReviewLoop:
                 self._take_adjustment(event)
             case Tried():
                 self._take_trial(event)
+            case PointMeasured():
+                self._take_point(event)
             case RemakeStep() | RemakeEnded():
                 self._take_remake(event)
             case Closed():
@@ -125,32 +131,46 @@ class ReviewLoop:
     def _take_gesture(self, gesture: Gesture) -> None:
         """Meaning, then disk, then picture, then background."""
         seat = self._seat(gesture.seat_id)
-        found = meaning(gesture, seat, self._desk())
+        found = meaning(gesture, seat, self._desk(seat))
         recorded = self._record(found)
         self._seats[seat.seat_id] = found.seat
         if found.notice is not None:
             self._screen.tell(seat.seat_id, found.notice)
         if recorded is not None:
-            self._decided()
+            self._decided(found.seat)
         elif found.act:
-            self._do(found)
+            self._do(found, gesture)
         else:
             self._show_seat(found.seat)
             self._show_scene(found.seat)
+        if (seat.current, seat.operator) != (found.seat.current, found.seat.operator):
+            self._pages.show_people(found.seat, self._moment())
 
     def _record(self, found: Meaning) -> Recorded | None:
         """Only once it is on disk does anything else happen."""
         if found.decision is None:
             return None
         operator, last = found.seat.operator, self._last
-        if found.act == "amend" and last is not None and _same_point(last, found.decision):
+        if (
+            found.act == "amend"
+            and last is not None
+            and gives_reason(last.decision, found.decision)
+        ):
             # The reason belongs to the rejection just made: one decision, one undo.
             self._session.undo(operator)
         self._last = self._session.record(found.decision, seen=self._state.block, operator=operator)
         return self._last
 
-    def _do(self, found: Meaning) -> None:
+    def _do(self, found: Meaning, gesture: Gesture) -> None:
         match found.act:
+            case "add" if isinstance(gesture, PointAsked):
+                self._ask_point(gesture)
+            case "free" if isinstance(gesture, Freed) and self._inputs.choose is not None:
+                self._inputs.choose(gesture.cameras, gesture.robust)
+                free = gesture.cameras, gesture.robust
+                self._state = replace(self._state, free=free, adjusting=True)
+                self._pages.show_status(self._moment())
+                self._adjust()
             case "undo" | "redo":
                 self._turn_back(found)
             case "remake":
@@ -159,7 +179,7 @@ class ReviewLoop:
                 self._remaker.cancel()
                 remaking = replace(self._state.remaking, cancelling=True)
                 self._state = replace(self._state, remaking=remaking)
-                self._show_status()
+                self._pages.show_status(self._moment())
             case "fit whole" | "fit current":
                 whole = found.act == "fit whole"
                 self._screen.fit(found.seat.seat_id, found.seat, self._state.oriented, whole)
@@ -175,32 +195,76 @@ class ReviewLoop:
             self._screen.tell(seat.seat_id, Notice(f"notice.nothing-to-{found.act}"))
             return
         self._last = None
-        touched = _touched(recorded, self._session.decisions())
-        self._decided()
+        touched = touched_by(recorded, self._session.decisions())
+        key = None if touched is None else key_of(touched.decision, self._state.extra)
+        if key is not None:
+            self._seats[seat.seat_id] = replace(self._seats[seat.seat_id], current=key)
+        self._decided(self._seats[seat.seat_id])
         if touched is None:
             return
-        key = _key_of(touched.decision)
-        if key is not None and key in self._rows:
-            self._seats[seat.seat_id] = replace(self._seats[seat.seat_id], current=key)
-            self._show_seat(self._seats[seat.seat_id])
-            self._show_scene(self._seats[seat.seat_id])
         about = " \u00b7 ".join(key) if key else getattr(touched.decision, "point_id", "")
         notice = f"notice.{found.act}.{type(touched.decision).__name__}"
         self._screen.tell(seat.seat_id, Notice(notice, {"what": about}))
 
-    def _decided(self) -> None:
+    def _ask_point(self, gesture: PointAsked) -> None:
+        """Let a new point be looked for; what comes of it is an event like any other."""
+        inputs, state = self._inputs, self._state
+        name = next_name(state, self._recorded)
+        place, sources = (gesture.east, gesture.north), (inputs.dem, inputs.likeness)
+        self._measurer.measure(
+            gesture.seat_id,
+            lambda: measured_point(state, name, place, sources, inputs.reference_sigma_m, Silent()),
+        )
+
+    def _take_point(self, event: PointMeasured) -> None:
+        """Record a new point and look at it."""
+        seat, found = self._seat(event.seat_id), event.found
+        if isinstance(found, Failure):
+            notice = Notice("notice.not-done", {"why": found.reason}, grave=True)
+            self._screen.tell(seat.seat_id, notice)
+            return
+        if found.point_id in self._state.block.surveyed:
+            # Two were asked for before either was found: the second takes the next name.
+            found = renamed(found, next_name(self._state, self._recorded))
+        self._last = self._session.record(found, operator=seat.operator)
+        best = max(found.measured, key=lambda item: item.score)
+        self._seats[seat.seat_id] = replace(seat, current=best.key)
+        self._decided(self._seats[seat.seat_id])
+        sure = sum(item.used for item in found.measured)
+        values = {"what": found.point_id, "sure": f"{sure}", "count": f"{len(found.measured)}"}
+        self._screen.tell(seat.seat_id, Notice("notice.added", values))
+
+    def _decided(self, seat: Seat) -> None:
         """Something new is on disk: lay it over the block, show it, and adjust."""
         self._replay()
         self._state = replace(self._state, adjusting=True, written=False)
-        self._show_all()
+        # Who decided sees it first.
+        first = self._seats[seat.seat_id]
+        self._show_seat(first)
+        for other in elsewhere(first, self._present_seats()):
+            self._show_seat(other)
         self._adjust()
+        for one in self._present_seats():
+            self._show_scene(one)
 
     def _replay(self) -> None:
-        decisions = self._session.decisions()
-        plain = [d for d in standing(decisions) if not isinstance(d.decision, Withdraw)]
+        before = self._state
+        self._recorded = self._session.decisions()
+        plain = [d for d in standing(self._recorded) if not isinstance(d.decision, Withdraw)]
         block = self._session.replayed(self._inputs.base)
         self._state = replace(self._state, block=block, decided=len(plain))
-        self._recount()
+        self._gather()
+        self._recount(changed_keys(before, self._state) if self._table.rows else None)
+
+    def _gather(self) -> None:
+        """What is doubtful beside surveyed points."""
+        inputs = self._inputs
+        extra = extra_of(self._state, inputs.base, self._recorded, inputs.doubts, inputs.dem)
+        self._state = replace(self._state, extra=extra)
+
+    def _keep(self, report: AdjustmentReport) -> None:
+        """Remember an adjustment, to compare others with it."""
+        self._milestones = with_milestone(self._milestones, report, self._state)
 
     def _adjust(self) -> None:
         """Capture the block and hand it to the worker, in place of what it may be doing."""
@@ -216,7 +280,7 @@ class ReviewLoop:
             self._state = replace(self._state, adjusting=False)
             why = {"why": event.result.reason}
             self._screen.tell("", Notice("notice.adjustment-failed", why, grave=True))
-            self._show_status()
+            self._pages.show_status(self._moment())
             return
         self._state = replace(
             self._state, report=event.result, before=self._state.report, adjusting=False
@@ -225,7 +289,9 @@ class ReviewLoop:
         self._drawn = redrawn(self._drawn, self._state.oriented)
         self._screen.publish(self._drawn)
         self._inputs.adopted(event.result)
+        self._keep(event.result)
         self._reorient()
+        self._gather()
         self._recount()
         self._show_all()
 
@@ -248,7 +314,7 @@ class ReviewLoop:
         self._trials[trial.key] = trial
         for seat in self._present_seats():
             if seat.current == trial.key:
-                self._screen.show(seat.seat_id, {"point": self._point(seat)})
+                self._pages.show_point(seat, self._moment())
         for seat in self._present_seats():
             if seat.current not in self._trials:
                 self._try_out(seat.current)
@@ -261,26 +327,14 @@ class ReviewLoop:
             return
         self._state = replace(self._state, remaking=Remaking())
         self._remaker.start(self._stale, self._state.report)
-        self._show_status()
+        self._pages.show_status(self._moment())
 
     def _take_remake(self, event: RemakeStep | RemakeEnded) -> None:
         if isinstance(event, RemakeStep):
-            cancelling = self._state.remaking is not None and self._state.remaking.cancelling
-            remaking = Remaking(event.done, event.total, event.what, event.seconds_left, cancelling)
-            self._state = replace(self._state, remaking=remaking)
-            self._show_status()
+            self._state = while_remaking(self._state, event)
+            self._pages.show_status(self._moment())
             return
-        self._state = replace(self._state, remaking=None)
-        if event.failure:
-            notice = Notice("notice.remake-failed", {"why": event.failure}, grave=True)
-        elif event.cancelled:
-            notice = Notice("notice.remake-cancelled")
-        else:
-            made = replace(self._state, report=event.made_with).oriented
-            self._state = with_made(self._state, event.photo_ids, made)
-            written = event.made_with is self._state.report and not self._state.adjusting
-            self._state = replace(self._state, written=written)
-            notice = Notice("notice.remade" if event.photo_ids else "notice.written")
+        self._state, notice = after_remake(self._state, event)
         self._reorient()
         self._scene = None
         self._screen.tell("", notice)
@@ -290,78 +344,57 @@ class ReviewLoop:
         """What follows from the orientations."""
         self._stale = stale_photos(self._state, self._inputs.stale_m)
         self._outlines = footprints(self._state.oriented, self._inputs.dem)
+        self._tied = tie_vectors(self._state)
 
-    def _recount(self) -> None:
-        """What follows from the measurements."""
-        self._rows = {row.key: row for row in queue_rows(self._state)}
+    def _recount(self, changed: set[Key] | None = None) -> None:
+        """What follows from the measurements: of some when only those changed."""
         self._scene = None
-        self._seats = {name: kept_up(seat, self._rows) for name, seat in self._seats.items()}
+        if changed is not None:
+            self._table.touch(self._state, changed)
+            return
+        self._table.rebuild(self._state)
+        rows = self._table.rows
+        self._seats = {name: kept_up(seat, rows) for name, seat in self._seats.items()}
 
     def _seat(self, seat_id: str) -> Seat:
         if seat_id not in self._seats:
             scene = SceneOptions(vector_scale=readable_scale(self._state))
             fresh = Seat(seat_id, self._inputs.operator, scene=scene)
-            self._seats[seat_id] = seated(fresh, self._rows)
+            self._seats[seat_id] = seated(fresh, self._table.rows)
         return self._seats[seat_id]
 
     def _present_seats(self) -> list[Seat]:
         return [seat for seat_id, seat in self._seats.items() if seat_id in self._present]
 
-    def _desk(self) -> Desk:
-        return Desk(self._state, self._rows, self._drawn, self._inputs.dem, self._inputs.likeness)
+    def _desk(self, seat: Seat) -> Desk:
+        taken = frozenset(
+            other.current for other in elsewhere(seat, self._present_seats()) if other.current
+        )
+        inputs, rows = self._inputs, self._table.rows
+        return Desk(
+            self._state, rows, self._drawn, inputs.dem, inputs.likeness, taken, self._recorded
+        )
+
+    def _moment(self) -> Moment:
+        return Moment(
+            self._state, self._table, self._drawn, self._stale, self._outlines,
+            self._present_seats(), self._trials, self._recorded, self._milestones,
+        )  # fmt: skip
 
     def _show_all(self) -> None:
-        rows = rows_part(self._rows)
         for seat in self._present_seats():
-            self._show_seat(seat, rows)
+            self._show_seat(seat)
         for seat in self._present_seats():
             self._show_scene(seat)
 
-    def _show_seat(self, seat: Seat, rows: Part = None) -> None:
-        parts = {
-            "rows": rows if rows is not None else rows_part(self._rows),
-            "queue": queue_part(seat, self._rows),
-            "scene": scene_part(seat),
-            "status": self._status(seat),
-            "point": self._point(seat),
-        }
-        self._screen.show(seat.seat_id, parts)
+    def _show_seat(self, seat: Seat) -> None:
+        self._pages.show(seat, self._moment())
         self._try_out(seat.current)
-
-    def _point(self, seat: Seat) -> Part:
-        trial = self._trials.get(seat.current) if seat.current else None
-        dem = self._inputs.dem
-        return point_part(self._state, seat, self._rows, Pictured(self._drawn, dem, trial))
-
-    def _show_status(self) -> None:
-        for seat in self._present_seats():
-            self._screen.show(seat.seat_id, {"status": self._status(seat)})
-
-    def _status(self, seat: Seat) -> Part:
-        return status_part(self._state, self._rows, self._stale, seat)
 
     def _show_scene(self, seat: Seat) -> None:
         if seat.seat_id not in self._scenes:
             return
         if self._scene is None:
-            self._scene = scene_picture(self._state, self._stale, self._outlines)
+            away = self._table.away.misfits
+            self._scene = scene_picture(self._state, self._stale, self._outlines, away, self._tied)
         self._screen.scene(seat.seat_id, self._scene, seat, self._state.oriented)
-
-
-def _touched(recorded: Recorded, decisions: tuple[Recorded, ...]) -> Recorded | None:
-    """The decision that a withdrawal, or the withdrawal of a withdrawal, is about."""
-    by_number = {item.decision_id: item for item in decisions}
-    found: Recorded | None = recorded
-    while found is not None and isinstance(found.decision, Withdraw):
-        found = by_number.get(found.decision.decision_id)
-    return found
-
-
-def _key_of(decision: Decision) -> Key | None:
-    point_id, photo_id = getattr(decision, "point_id", None), getattr(decision, "photo_id", None)
-    return (point_id, photo_id) if point_id is not None and photo_id is not None else None
-
-
-def _same_point(last: Recorded, decision: Decision) -> bool:
-    """True when the last decision is the rejection that this one gives the reason of."""
-    return isinstance(last.decision, Reject) and _key_of(last.decision) == _key_of(decision)

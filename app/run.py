@@ -138,7 +138,7 @@ class Run:
         )
         if report is None:
             terrain = terrain_of(self.dem()) if options.dem_sigma_m > 0 else None
-            report = adjusted_without_gross(block, options, terrain, progress)
+            report = adjusted_without_gross(block, options, progress, terrain)
             self.session.products.save_value("adjustment", digest, report)
         self.made["adjustment"] = report
         return told(report)

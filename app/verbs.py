@@ -51,6 +51,7 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
         inputs = desk_inputs(project, session, given.operator, given.host, given.port)
         with open_desk(inputs) as desk:
             voice.say(f"The desk is open at {desk.url}  (Ctrl-C closes it; nothing is lost)")
+            voice.say(f"Guests, who look and decide nothing: {desk.guest_url}")
             if not given.no_browser:
                 webbrowser.open(desk.url)
             desk.wait()

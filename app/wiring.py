@@ -5,6 +5,7 @@ import secrets
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from app.scan_files import ScanFiles
 from app.worker import Adjust, Remake, Remaker, Worker, survived
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
+from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from sessions.session import Session
 from ui.review.compare import (
@@ -39,6 +41,7 @@ from ui.views.terrain import SurfaceSource, TerrainOptions, terrain_glb
 from ui.web.access import Access
 from ui.web.channel import Channel
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Upstream, as_json
+from ui.web.lines import Lines
 from ui.web.tiles import Sources, TileStore
 
 logger = logging.getLogger(__name__)
@@ -98,6 +101,14 @@ class DeskInputs:
     """Secret of the desk; a new one when empty."""
     template_m: float = 0.0
     """Half the side of the patches the engine compared, metres; 0 when it compared none."""
+    doubts: tuple[Doubt, ...] = ()
+    """What the engine was unsure of."""
+    reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
+    """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    choose: Callable[[bool, bool], None] | None = None
+    """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
+    results: Path | None = None
+    """Folder of tables and report, to be read and taken away from the desk."""
 
 
 class Desk:
@@ -113,6 +124,11 @@ class Desk:
         """The address to open, with the token."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._host, self._host)
         return f"http://{host}:{self.port}/?token={self._access.token}"
+
+    @property
+    def guest_url(self) -> str:
+        """The address for those who may look and decide nothing."""
+        return self.url.replace(self._access.token, self._access.guest_token)
 
     @property
     def port(self) -> int:
@@ -162,10 +178,12 @@ def open_desk(desk: DeskInputs) -> Desk:
     joints = _Joints()
     access = Access(desk.host, desk.token) if desk.token else Access(desk.host)
     scene = SceneServer(_stage(desk, state), SEAT_HEADER, joints.hand_in, joints.scene_opened)
-    channel = Channel(joints.hand_in, joints.seat_taken, joints.seat_left)
+    guests = as_json({"text": sentence("notice.guest", {}, desk.language), "grave": False})
+    channel = Channel(joints.hand_in, joints.seat_taken, joints.seat_left, guests)
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
-    front = Front(FrontInputs(access, channel, tiles, upstream, start), desk.host, desk.port)
+    doors = FrontInputs(access, channel, tiles, upstream, start, desk.results)
+    front = Front(doors, desk.host, desk.port)
     inputs = LoopInputs(
         desk.block,
         state,
@@ -175,6 +193,9 @@ def open_desk(desk: DeskInputs) -> Desk:
         desk.stale_m,
         desk.adopted,
         desk.likeness,
+        desk.doubts,
+        desk.reference_sigma_m,
+        desk.choose,
     )
     loop = ReviewLoop(inputs, _screen(front, channel, scene, tiles, desk.language))
     joints.loop = loop
@@ -253,9 +274,14 @@ def _screen(
     front: Front, channel: Channel, scene: SceneServer, tiles: TileStore, language: str
 ) -> Screen:
     """Pictures leave the loop as text and values; nothing here waits."""
+    lines = Lines()
 
     def show(seat_id: str, parts: Mapping[str, Part]) -> None:
-        front.call(channel.show, seat_id, {name: as_json(part) for name, part in parts.items()})
+        texts = {name: as_json(part) for name, part in parts.items() if name != "rows"}
+        rows = parts.get("rows")
+        if isinstance(rows, list):
+            texts |= lines.told(rows)
+        front.call(channel.show, seat_id, texts)
 
     def tell(seat_id: str, notice: Notice) -> None:
         text = sentence(notice.text, dict(notice.values), language)
@@ -294,6 +320,8 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
             "west": lattice.west, "north": lattice.north,
             "pixel": lattice.pixel_m, "levels": lattice.levels,
         },
+        "results": desk.results is not None,
+        "free": desk.choose is not None,
         "ortho_pixel": desk.ortho.ground_sample_distance_m,
     }  # fmt: skip
 

@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from core.block.block import Block
 from core.doubts import Failure
 from core.errors import Cancelled, PhotogrammetryError
 from core.progress import Progress
+from sessions.decisions import AddPoint
 
 logger = logging.getLogger(__name__)
 Adjust = Callable[[Block, Progress], AdjustmentReport]
@@ -65,7 +67,17 @@ class RemakeEnded:
     """True when the operator stopped it."""
 
 
-Outcome = Adjusted | Tried | RemakeStep | RemakeEnded
+@dataclass(frozen=True, slots=True, eq=False)
+class PointMeasured:
+    """A new point was looked for in every scan."""
+
+    seat_id: str
+    """Who asked."""
+    found: AddPoint | Failure
+    """The decision to record, or why there is none."""
+
+
+Outcome = Adjusted | Tried | RemakeStep | RemakeEnded | PointMeasured
 Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
 """(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
 
@@ -163,6 +175,32 @@ class _UntilNewer:
         """Accept the report; raise when the job is overtaken."""
         if self.worker.overtaken(self.job):
             raise Cancelled
+
+
+class Measurer:
+    """Looks for new points in a thread of its own, one after the other."""
+
+    def __init__(self, deliver: Callable[[Outcome], None]) -> None:
+        self._deliver = deliver
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="points")
+
+    def measure(self, seat_id: str, work: Callable[[], AddPoint]) -> None:
+        """Begin; what comes of it is delivered."""
+        self._pool.submit(self._run, seat_id, work)
+
+    def close(self) -> None:
+        """Give up what has not begun."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _run(self, seat_id: str, work: Callable[[], AddPoint]) -> None:
+        try:
+            found: AddPoint | Failure = work()
+        except PhotogrammetryError as error:
+            found = Failure(str(error))
+        except Exception as error:
+            logger.exception("A point could not be measured.")
+            found = Failure(f"{type(error).__name__}: {error}")
+        self._deliver(PointMeasured(seat_id, found))
 
 
 class Remaker:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from core.block.block import Role
+from core.block.block import Measurement, Role
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
 """Why a measurement is rejected."""
@@ -101,6 +101,60 @@ class SetRole:
 
 
 @dataclass(frozen=True, slots=True)
+class AddPoint:
+    """A new point, chosen in the reference ortho and measured by the program in every scan."""
+
+    point_id: str
+    """Its name, new in the block."""
+    east: float
+    """Easting, metres."""
+    north: float
+    """Northing, metres."""
+    height: float
+    """Height of the DEM there, metres."""
+    sigma_m: tuple[float, float, float]
+    """A-priori standard deviations of the three, metres."""
+    measured: tuple[Measurement, ...]
+    """What was found in each scan that shows it: kept, so that it need not be found again."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgeTie:
+    """A tie point is right, or is not to be used."""
+
+    photo_id: str
+    """A photo that shows it."""
+    column: float
+    """Where one of its rays was measured, pixels: tie points have no lasting names."""
+    row: float
+    """As `column`."""
+    use: bool
+    """Whether it takes part."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgePhoto:
+    """A photo lies where it should, or is not to be used."""
+
+    photo_id: str
+    """The photo."""
+    use: bool
+    """Whether it takes part."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgeFiducial:
+    """A fiducial was measured rightly, or is not to be used."""
+
+    photo_id: str
+    """The photo."""
+    name: str
+    """The mark, as the certificate names it."""
+    use: bool
+    """Whether it takes part."""
+
+
+@dataclass(frozen=True, slots=True)
 class Withdraw:
     """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
 
@@ -110,7 +164,7 @@ class Withdraw:
 
 PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChoosePeak
 """A decision about one point in one photo."""
-Decision = PhotoDecision | SetRole | Withdraw
+Decision = PhotoDecision | SetRole | AddPoint | JudgeTie | JudgePhoto | JudgeFiducial | Withdraw
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)
 

@@ -3,12 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from core.block.block import Block, Measurement, Peak, Photo, SurveyedPoint
 from sessions.decisions import (
     NOT_VISIBLE,
     Accept,
+    AddPoint,
     ChoosePeak,
     Decision,
+    JudgeFiducial,
+    JudgePhoto,
+    JudgeTie,
     MarkDubious,
     MarkNotVisible,
     PhotoDecision,
@@ -19,6 +25,7 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
+from sessions.judging import judged
 
 HAND_SIGMA_PX = 0.5
 """Standard deviation per axis of a measurement made by hand, scan pixels."""
@@ -45,7 +52,7 @@ def replay(block: Block, decisions: Sequence[Recorded]) -> Block:
 def replay_all(block: Block, decisions: Sequence[Recorded]) -> Replayed:
     """As `replay`, with the standing decisions that are about nothing in this block."""
     measurements, surveyed = dict(block.measurements), dict(block.surveyed)
-    unmatched: list[Recorded] = []
+    known_photos, unmatched = block.photos, list[Recorded]()
     known = {recorded.decision_id for recorded in decisions}
     for recorded in standing(decisions):
         match recorded.decision:
@@ -53,12 +60,16 @@ def replay_all(block: Block, decisions: Sequence[Recorded]) -> Replayed:
                 matched = decision_id in known
             case SetRole() as decision:
                 matched = _set_role(surveyed, decision)
+            case AddPoint() as decision:
+                matched = _add_point(known_photos, surveyed, measurements, decision)
+            case JudgeTie() | JudgePhoto() | JudgeFiducial() as decision:
+                changed = judged(block, decision)
+                matched, block = changed is not None, changed or block
             case decision:
-                matched = _decide(block.photos, surveyed, measurements, decision, recorded.who)
+                matched = _decide(known_photos, surveyed, measurements, decision, recorded.who)
         if not matched:
             unmatched.append(recorded)
-    changed = replace(block, surveyed=surveyed, measurements=measurements)
-    return Replayed(changed, tuple(unmatched))
+    return Replayed(replace(block, surveyed=surveyed, measurements=measurements), tuple(unmatched))
 
 
 def with_place(decision: Decision, block: Block) -> Decision:
@@ -85,6 +96,26 @@ def _set_role(surveyed: dict[str, SurveyedPoint], decision: SetRole) -> bool:
     if point is None:
         return False
     surveyed[decision.point_id] = replace(point, role=decision.role)
+    return True
+
+
+def _add_point(
+    photos: Mapping[str, Photo],
+    surveyed: dict[str, SurveyedPoint],
+    measurements: dict[tuple[str, str], Measurement],
+    decision: AddPoint,
+) -> bool:
+    """A point by hand with what was measured of it; False when the engine took its name since."""
+    known = surveyed.get(decision.point_id)
+    if known is not None and known.source != "hand":
+        return False
+    position = np.array([decision.east, decision.north, decision.height])
+    surveyed[decision.point_id] = SurveyedPoint(
+        decision.point_id, position, np.array(decision.sigma_m), "control", "hand"
+    )
+    for measured in decision.measured:
+        if measured.photo_id in photos:
+            measurements[measured.key] = measured
     return True
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block
+from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
 from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
 from core.block.datum import DatumOptions, lay_on_reference
@@ -18,7 +18,6 @@ from core.block.terrain import Terrain
 from core.doubts import Doubt, Failure
 from core.progress import Progress, Silent
 
-SILENT = Silent()
 GROSS = 3.5
 """A control point is left out when its ground correction exceeds this many standard deviations."""
 
@@ -155,10 +154,13 @@ def proposals(
 def adjusted_without_gross(
     block: Block,
     options: AdjustmentOptions,
-    terrain: Terrain | None = None,
     progress: Progress = SILENT,
+    terrain: Terrain | None = None,
 ) -> AdjustmentReport:
-    """Adjust, leave out control whose ground position the block contradicts, adjust again."""
+    """Adjust, leave out control whose ground position the block contradicts, adjust again.
+
+    `progress` is told of every step of every adjustment; may raise `Cancelled`.
+    """
     report = adjust_block(block, options, progress, terrain)
     for _ in range(4):
         gross = gross_points(report)

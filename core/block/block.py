@@ -16,7 +16,7 @@ from core.geometry.interior import InteriorOrientation
 Status = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """auto: used, no human has looked; unused: proposed and filtered out by the engine."""
 Role = Literal["control", "check"]
-Source = Literal["junction", "salient", "surveyed"]
+Source = Literal["junction", "salient", "surveyed", "hand"]
 UNKNOWN_M = 1e4
 """Standard deviation of a coordinate that is not known at all, metres: it has no weight."""
 USED: tuple[Status, ...] = ("auto", "accepted")
@@ -97,7 +97,7 @@ class SurveyedPoint:
     role: Role
     """Control steers, check only judges."""
     source: Source
-    """Road junction, salient ortho point, or surveyed by the user."""
+    """Road junction, salient ortho point, surveyed by the user, or chosen at the desk."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", locked(self.position))

@@ -142,7 +142,7 @@ class Network:
     @property
     def anchored(self) -> Flags:
         """Rays of points whose coordinates are known: one such ray alone says something."""
-        known = self.points.known_weight.any(axis=1)
+        known = np.any(self.points.known_weight > 0, axis=1, keepdims=False)
         return (self.rays.measurement >= 0) & known[self.rays.point]
 
     @property

@@ -9,13 +9,17 @@ import pyogrio
 import pytest
 
 from core.block.adjusted import AdjustmentReport
-from core.block.block import Block
+from core.block.block import Block, Measurement
 from core.errors import StorageError
 from sessions.decisions import (
     DECISIONS,
     Accept,
+    AddPoint,
     ChoosePeak,
     Decision,
+    JudgeFiducial,
+    JudgePhoto,
+    JudgeTie,
     MarkDubious,
     MarkNotVisible,
     Place,
@@ -36,6 +40,10 @@ EVERY: tuple[Decision, ...] = (
     Place("P1", "A", 0.1, 2 / 3),
     ChoosePeak("P1", "A", 1),
     SetRole("Křižovatka 1", "check"),
+    AddPoint("H1", 1.5, 2.5, 3.5, (0.25, 0.25, 0.5), (Measurement("H1", "A", 7.5, 8.5, 0.5),)),
+    JudgeTie("A", 10.25, 11.5, use=False),
+    JudgePhoto("A", use=True),
+    JudgeFiducial("A", "3", use=False),
     Withdraw(3),
 )
 

@@ -88,6 +88,11 @@ def sampled(values: np.ndarray, own: Grid, grid: Grid) -> np.ndarray:
 _KEPT: dict[int, np.ndarray] = {}
 
 
+def keep_for_reduction(values: np.ndarray) -> None:
+    """Let an array be shown smaller than it is; it is kept for good."""
+    _KEPT[id(values)] = values
+
+
 @cache
 def _reduced(number: int, step: int) -> np.ndarray:
     values = _KEPT[number]
@@ -122,7 +127,7 @@ def landscape(seed: int = 3) -> Landscape:
     today = _painted(rng, grid, nodes, np.random.default_rng(seed + 1), colour=True)
     rng_then = np.random.default_rng(seed + 1)
     then = _painted(np.random.default_rng(seed + 7), grid, nodes, rng_then, colour=False)
-    _KEPT[id(today)] = today
+    keep_for_reduction(today)
     return Landscape(dem, ArrayOrtho(grid, today), then, nodes)
 
 

@@ -20,9 +20,9 @@ from ui.review.compare import (
 from ui.review.misfit import misfits
 from ui.review.palette import LOOKS, rgb
 from ui.review.picture import Pictured, point_part, queue_part, rows_part, scene_part, status_part
-from ui.review.queue import counts, queue_rows
+from ui.review.queue import queue_rows
 from ui.review.scene import footprints, scene_picture
-from ui.review.state import DeskState, Seat, Sieve
+from ui.review.state import DeskState, Seat
 from ui.review.tools import seated
 from ui.review.wording import ENGLISH, KEYS, sentence, words
 from ui.web.front import as_json
@@ -43,7 +43,7 @@ def test_every_part_can_be_sent__law(state):
     drawn, dem = drawn_from_block(state.oriented), tiny_block().land.dem
     parts = [
         rows_part(rows),
-        queue_part(seat, rows),
+        queue_part(seat, {key: number for number, key in enumerate(rows)}),
         scene_part(seat),
         status_part(state, rows, (), seat),
         point_part(state, seat, rows, Pictured(drawn, dem)),
@@ -59,14 +59,6 @@ def test_a_block_without_measurements_can_be_shown__law(state):
     assert rows_part({}) == []
     assert point_part(empty, seat, {}, Pictured({}, tiny_block().land.dem)) is None
     assert scene_picture(empty, (), np.zeros((0, 2, 3))).vectors.shape == (0, 2, 3)
-
-
-def test_counts_add_up__law(state):
-    rows = queue_rows(state)
-    tally = counts(rows, Sieve())
-    states = sum(n for name, n in tally.items() if name not in ("all", "review"))
-    assert tally["all"] == len(rows) == states
-    assert tally["review"] == len(rows) - tally["unused"]
 
 
 def test_overlays_lie_within_a_pixel_of_what_they_mark__truth(state):

@@ -4,22 +4,27 @@ import threading
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from app.loop_doors import LoopInputs, Screen, SeatLeft, SeatTaken
 from app.review_loop import ReviewLoop
 from app.worker import Remaker, Worker
-from sessions.decisions import Accept, Reject
+from sessions.decisions import Accept, AddPoint, JudgeTie, Reject
+from sessions.judging import judged
 from sessions.session import Session
-from tests.ui.desk_block import adjust, tiny_block
+from tests.ui.desk_block import adjust, tiny_block, true_photos
 from ui.review.compare import made_with
 from ui.review.gestures import (
     Explained,
     Judged,
+    Named,
+    PointAsked,
     RemakeAsked,
     RoleSwitched,
     Selected,
     Stepped,
+    TakenBack,
     Undone,
 )
 from ui.review.state import DeskState
@@ -43,7 +48,7 @@ class Glass:
             self.notices.append((seat_id, notice.text))
             self.change.notify_all()
 
-    def until(self, test, seconds=10):
+    def until(self, test, seconds=60):
         with self.change:
             assert self.change.wait_for(lambda: test(self), seconds)
 
@@ -169,7 +174,7 @@ def test_reopened_the_desk_is_where_it_was__law(desk, tmp_path):
 
 
 def test_a_hundred_gestures_keep_their_order__law(desk):
-    keys = desk.glass.parts["anna-1"]["queue"]["shown"][:100]
+    keys = desk.glass.parts["anna-1"]["order"][:100]
     rows = desk.glass.parts["anna-1"]["rows"]
     aimed = [(rows[i][0], rows[i][1]) for i in keys]
     for key in aimed:
@@ -214,7 +219,7 @@ def test_a_key_pressed_again_after_the_step_decides_nothing_more__law(desk):
 
 
 def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(desk):
-    place = desk.glass.parts["anna-1"]["queue"]["shown"][4]
+    place = desk.glass.parts["anna-1"]["order"][4]
     row = desk.glass.parts["anna-1"]["rows"][place]
     desk.loop.submit(Selected("anna-1", (row[0], row[1])))
     desk.glass.until(lambda glass: glass.current() == (row[0], row[1]))
@@ -242,3 +247,82 @@ def test_a_desk_state_never_changes__law():
     state = DeskState(block, adjust(block), made=made_with(block))
     assert replace(state, decided=3).decided == 3
     assert state.decided == 0
+
+
+def test_a_new_point_is_measured_recorded_and_looked_at__truth(desk, tmp_path):
+    place = tiny_block().block.surveyed["J150"].position[:2] + 7.0
+    desk.loop.submit(PointAsked("anna-1", float(place[0]), float(place[1])))
+    desk.settled(1)
+    assert desk.glass.current()[0] == "H1"
+    with Session.open(tmp_path, "berta") as other:
+        added = other.decisions()[0].decision
+    assert isinstance(added, AddPoint)
+    block, true = tiny_block().block, true_photos(1200, tiny_block().land.dem)
+    assert added.measured
+    for item in added.measured:
+        position = np.array([[added.east, added.north, added.height]])
+        there = true[item.photo_id].pixel_from_object(position, block.camera_of(item.photo_id))
+        assert np.hypot(*(there - item.pixel)[0]) < 3
+        # Without anything to compare with, the place is only predicted: not to be used.
+        assert item.status == "dubious"
+    desk.loop.submit(Undone("anna-1"))
+    desk.settled(0)
+    assert not [row for row in desk.glass.parts["anna-1"]["rows"] if row[0] == "H1"]
+
+
+def test_any_decision_of_a_history_is_taken_back_by_itself__law(desk):
+    first = desk.glass.current()
+    desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.settled(1)
+    second = desk.glass.current()
+    desk.loop.submit(Judged("anna-1", second, "accept"))
+    desk.settled(2)
+    desk.loop.submit(Selected("anna-1", first))
+    desk.glass.until(lambda glass: glass.current() == first)
+    history = desk.glass.parts["anna-1"]["point"]["history"]
+    assert [(item["what"], item["who"], item["stands"]) for item in history] == [
+        ("Reject", "anna", True)
+    ]
+    desk.loop.submit(TakenBack("anna-1", history[0]["id"]))
+    desk.settled(1)
+    assert desk.glass.row(first)[3] == "auto"
+    assert desk.glass.row(second)[3] == "accepted"
+    desk.loop.submit(TakenBack("anna-1", history[0]["id"]))
+    desk.settled(2)
+    assert desk.glass.row(first)[3] == "rejected"
+
+
+def test_people_see_each_other_and_are_not_sent_to_the_same_point__law(desk):
+    desk.sit("berta-1")
+    desk.loop.submit(Named("berta-1", "berta"))
+    desk.glass.until(lambda glass: [n for n, _ in glass.status()["people"]] == ["berta"])
+    name, place = desk.glass.status("anna-1")["people"][0]
+    assert (name, tuple(place)) == ("berta", desk.glass.current("berta-1"))
+    both = desk.glass.current("berta-1")
+    assert desk.glass.current("anna-1") == both
+    desk.loop.submit(Judged("berta-1", both, "accept"))
+    desk.settled(1)
+    theirs = desk.glass.current("berta-1")
+    desk.loop.submit(Stepped("anna-1", -1))
+    desk.loop.submit(Judged("anna-1", both, "dubious"))
+    desk.glass.until(lambda glass: glass.row(both)[3] == "dubious")
+    assert desk.glass.current("anna-1") != theirs
+    assert [item.who for item in desk.session.decisions()] == ["berta", "anna"]
+
+
+def test_a_tie_point_left_out_is_out_and_comes_back__truth(desk):
+    block = tiny_block().block
+    photo = block.ties.photo_ids[int(block.ties.photo[0])]
+    column, row = (float(value) for value in block.ties.pixels[0])
+    verdict = JudgeTie(photo, column, row, use=False)
+    without = judged(block, verdict)
+    assert without is not None
+    assert int(block.ties.point[0]) not in without.ties.point
+    assert len(without.ties.point) < len(block.ties.point)
+    assert judged(block, JudgeTie(photo, column + 50, row + 50.3, use=False)) is None
+    desk.session.record(verdict)
+    desk.loop.submit(Judged("anna-1", desk.glass.current(), "accept"))
+    desk.settled(2)
+    rows = [line for line in desk.glass.parts["anna-1"]["rows"] if line[2] == "tie"]
+    mine = [line for line in rows if line[3] == "rejected"]
+    assert {line[1] for line in mine} >= {photo}

@@ -129,8 +129,7 @@ def pixel_from_ground(plane: PlanePoints, drawn: DrawnPhoto, dem: HeightSource) 
 
 def overlay_of(state: DeskState, drawn: Drawn, dem: HeightSource, key: Key) -> Overlay | None:
     """What is laid over the pictures for one measurement; None when it is gone."""
-    measurement = state.block.measurements.get(key)
-    point = state.block.surveyed.get(key[0])
+    measurement, point = state.measurement_of(key), state.point_of(key[0])
     if measurement is None or point is None or key[1] not in drawn:
         return None
     picture = drawn[key[1]]

@@ -4,7 +4,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
-from ui.review.state import LAYERS, SORT_COLUMNS, STATE_FILTERS, Key, SortColumn, StateFilter
+from ui.review.state import (
+    KINDS,
+    LAYERS,
+    SORT_COLUMNS,
+    STATE_FILTERS,
+    Key,
+    SortColumn,
+    StateFilter,
+)
 
 Verdict = Literal["accept", "reject", "dubious", "invisible"]
 VERDICTS: tuple[Verdict, ...] = ("accept", "reject", "dubious", "invisible")
@@ -169,11 +177,60 @@ class RemakeCancelled:
     seat_id: str
 
 
+@dataclass(frozen=True, slots=True)
+class PointAsked:
+    """A new point, clicked in the ortho: to be found in every scan."""
+
+    seat_id: str
+    east: float
+    north: float
+
+
+@dataclass(frozen=True, slots=True)
+class TakenBack:
+    """One decision of the history taken back, or decided again."""
+
+    seat_id: str
+    decision_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """The operator says who it is."""
+
+    seat_id: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class QualityAsked:
+    """The view of the block's quality opened or closed."""
+
+    seat_id: str
+    shown: bool
+    pair: tuple[int, int] | None = None
+    """Numbers of two adjustments to compare."""
+
+
+@dataclass(frozen=True, slots=True)
+class Freed:
+    """What the adjustment estimates from now on."""
+
+    seat_id: str
+    cameras: bool
+    robust: bool
+
+
 Gesture = (
     Judged | Explained | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
     | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
-    | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled
+    | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named
+    | QualityAsked | Freed
 )  # fmt: skip
+LOOKING = (Stepped, Selected, Sorted, Filtered, RayPicked, LayerSwitched, VectorsScaled, Fitted,
+           QualityAsked)  # fmt: skip
+"""What a guest may do: look at everything, change nothing that others see."""
+LONGEST_NAME = 40
 Message = Mapping[str, Any]
 
 
@@ -216,7 +273,7 @@ def _sorted(seat_id: str, message: Message) -> Gesture:
 
 
 def _filtered(seat_id: str, message: Message) -> Gesture:
-    if message["state"] not in STATE_FILTERS:
+    if message["state"] not in STATE_FILTERS or message["role"] not in ("", *KINDS):
         raise ValueError(message["state"])
     return Filtered(seat_id, message["state"], str(message["photo"]), str(message["role"]))
 
@@ -229,6 +286,26 @@ def _layer(seat_id: str, message: Message) -> Gesture:
 
 def _scaled(seat_id: str, message: Message) -> Gesture:
     return VectorsScaled(seat_id, min(max(float(message["scale"]), 0.0), 1000.0))
+
+
+def _asked(seat_id: str, message: Message) -> Gesture:
+    east, north = (float(value) for value in message["place"])
+    if not (abs(east) < 1e9 and abs(north) < 1e9):
+        raise ValueError("not a place")
+    return PointAsked(seat_id, east, north)
+
+
+def _named(seat_id: str, message: Message) -> Gesture:
+    name = " ".join("".join(c for c in str(message["name"]) if c.isprintable()).split())
+    if not name:
+        raise ValueError("no name")
+    return Named(seat_id, name[:LONGEST_NAME])
+
+
+def _quality(seat_id: str, message: Message) -> Gesture:
+    pair = message.get("pair")
+    chosen = None if pair is None else (int(pair[0]), int(pair[1]))
+    return QualityAsked(seat_id, bool(message["shown"]), chosen)
 
 
 _READERS: dict[str, Callable[[str, Message], Gesture]] = {
@@ -248,5 +325,10 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "vectors": _scaled,
     "fit": lambda seat, message: Fitted(seat, bool(message.get("whole", True))),
     "remake": lambda seat, message: RemakeAsked(seat),
+    "add": _asked,
+    "back": lambda seat, message: TakenBack(seat, int(message["decision"])),
+    "name": _named,
+    "quality": _quality,
+    "free": lambda seat, message: Freed(seat, bool(message["cameras"]), bool(message["robust"])),
     "cancel": lambda seat, message: RemakeCancelled(seat),
 }

@@ -47,16 +47,16 @@ def misfits(
     """
     told = report or state.report
     block, oriented = state.block, told.block
-    by_photo: dict[str, list[Measurement]] = {}
+    by_photo: dict[str, list[tuple[Measurement, SurveyedPoint]]] = {}
     for key in block.measurements if keys is None else keys:
-        measurement = block.measurements.get(key)
-        if measurement is not None and key[0] in block.surveyed and key[1] in oriented.photos:
-            by_photo.setdefault(key[1], []).append(measurement)
+        measurement, point = state.measurement_of(key), state.point_of(key[0])
+        if measurement is not None and point is not None and key[1] in oriented.photos:
+            by_photo.setdefault(key[1], []).append((measurement, point))
     unit = max(told.sigma_nought, 0.5)
     found: dict[Key, Misfit] = {}
     for photo_id, within in by_photo.items():
         photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)
-        found |= _in_photo(photo, camera, within, block.surveyed, unit)
+        found |= _in_photo(photo, camera, within, unit)
     return found
 
 
@@ -86,12 +86,11 @@ def controllability(state: DeskState) -> Mapping[Key, float]:
 def _in_photo(
     photo: Photo,
     camera: Camera,
-    measured: list[Measurement],
-    surveyed: Mapping[str, SurveyedPoint],
+    within: list[tuple[Measurement, SurveyedPoint]],
     unit: float,
 ) -> dict[Key, Misfit]:
     """Misfits within one photo; `unit` is the standard deviation of unit weight."""
-    points = [surveyed[item.point_id] for item in measured]
+    measured, points = [item for item, _ in within], [point for _, point in within]
     around = np.array([point.position for point in points])[:, None, :] + STEPS
     pixels = photo.pixel_from_object(around.reshape(-1, 3), camera).reshape(-1, 3, 2)
     matrices: Matrices = np.swapaxes(pixels[:, 1:] - pixels[:, :1], 1, 2)

@@ -46,6 +46,8 @@ STALE = "#f3b13c"
 """Photos whose ortho is older than their orientation."""
 PHOTO = "#9fb4cc"
 """Frustums."""
+TIE_VECTOR = "#c9a86a"
+"""Residuals of tie points."""
 TIE = "#6f7f95"
 """Tie points."""
 

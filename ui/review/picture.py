@@ -1,6 +1,6 @@
 """What a page shows, as values that can be sent: the loop makes it, the page only draws it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +9,9 @@ import numpy as np
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_pixel_m, overlay_of
-from ui.review.misfit import controllability, misfits
-from ui.review.queue import Row, coming, counts, visible
-from ui.review.state import LAYERS, DeskState, Key, Seat
+from ui.review.misfit import misfits
+from ui.review.queue import Row, coming
+from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Seat
 from ui.review.trial import Trial
 
 IN_USE = ("auto", "accepted")
@@ -23,20 +23,27 @@ Part = dict[str, Any] | list[Any] | None
 
 def rows_part(rows: Mapping[Key, Row]) -> Part:
     """The table, one short list per measurement, in the order of `rows`."""
-    return [
-        [*row.key, row.role, row.state, int(row.human), _short(row.doubt, 2),
-         _short(row.misfit_px, 2), _short(row.score, 2)]
-        for row in rows.values()
-    ]  # fmt: skip
+    return [row_line(row) for row in rows.values()]
 
 
-def queue_part(seat: Seat, rows: Mapping[Key, Row]) -> Part:
-    """What one seat sees of the table: places in `rows`, in its order."""
-    place = {key: number for number, key in enumerate(rows)}
+def row_line(row: Row) -> list[Any]:
+    """One line of the table."""
+    return [*row.key, row.role, row.state, int(row.human), _short(row.doubt, 2),
+            _short(row.misfit_px, 2), _short(row.score, 2)]  # fmt: skip
+
+
+def order_part(seat: Seat, places: Mapping[Key, int]) -> Part:
+    """The seat's order as places in the rows; the page sieves by itself."""
+    return [places[key] for key in seat.order if key in places]
+
+
+def queue_part(
+    seat: Seat, places: Mapping[Key, int], others: Iterable[tuple[Key, str]] = ()
+) -> Part:
+    """Where one seat is in the table, and what others are looking at."""
     return {
-        "shown": [place[key] for key in visible(rows, seat)],
-        "current": place.get(seat.current, -1) if seat.current else -1,
-        "counts": counts(rows.values(), seat.sieve),
+        "current": places.get(seat.current, -1) if seat.current else -1,
+        "taken": [[places[key], name] for key, name in others if key in places],
         "filter": {
             "state": seat.sieve.state, "photo": seat.sieve.photo_id, "role": seat.sieve.role,
         },
@@ -54,12 +61,18 @@ def scene_part(seat: Seat) -> Part:
 
 
 def status_part(
-    state: DeskState, rows: Mapping[Key, Row], stale: tuple[str, ...], seat: Seat
+    state: DeskState,
+    rows: Mapping[Key, Row],
+    stale: tuple[str, ...],
+    seat: Seat,
+    others: Sequence[Seat] = (),
 ) -> Part:
-    """The status line."""
+    """The status line; `others` sit at the desk as well."""
     report, before = state.report, state.before
     tally = dict.fromkeys(("used", "open", "rejected", "dubious"), 0)
     for row in rows.values():
+        if row.role not in POINT_KINDS:
+            continue
         tally["used"] += row.role == "control" and row.state in IN_USE
         tally["open"] += row.state == "auto"
         tally["rejected"] += row.state == "rejected"
@@ -75,6 +88,7 @@ def status_part(
         "counts": tally,
         "decided": state.decided,
         "operator": seat.operator,
+        "people": [[other.operator, list(other.current or ())] for other in others],
         "adjusting": state.adjusting,
         "stale": list(stale),
         "written": state.written,
@@ -105,6 +119,10 @@ class Pictured:
     """Heights."""
     trial: Trial | None = None
     """What turning the current measurement would do, once that is known."""
+    history: Sequence[Part] = ()
+    """What was decided about it."""
+    beside: Sequence[Key] = ()
+    """The same point in every scan, the current one among them."""
 
 
 def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: Pictured) -> Part:
@@ -117,7 +135,8 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
     overlay = overlay_of(state, drawn, pictured.dem, key)
     if overlay is None:
         return None
-    measurement = state.block.measurements[key]
+    measurement = state.measurement_of(key)
+    assert measurement is not None, "there is no overlay without one"
     oriented = state.oriented
     return {
         "key": list(key),
@@ -134,9 +153,10 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "figures": _figures(state, row, measurement),
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
         "peaks": _peaks(measurement),
-        "others": _others(rows, drawn, key),
+        "others": _others(rows, drawn, pictured.beside or (key,)),
         "ahead": _ahead(state, seat, rows, drawn),
         "trial": _trial(state, pictured.trial),
+        "history": list(pictured.history),
     }
 
 
@@ -150,6 +170,10 @@ def _trial(state: DeskState, trial: Trial | None) -> Part:
         "now": _short(state.report.sigma_nought, 3),
         "shift": _short(trial.shift_m, 2),
         "photo": trial.photo_id,
+        "neighbours": [
+            [*other.key, _short(other.now_px, 2), _short(other.then_px, 2)]
+            for other in trial.neighbours
+        ],
     }
 
 
@@ -174,7 +198,8 @@ def _raw(overlay: Overlay) -> Part:
 
 
 def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
-    point = state.block.surveyed[row.key[0]]
+    point = state.point_of(row.key[0])
+    assert point is not None, "rows are about points"
     now = misfits(state, (row.key,)).get(row.key)
     old = misfits(state, (row.key,), state.before).get(row.key) if state.before else None
     return {
@@ -184,10 +209,10 @@ def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
         "ratio": _short(now.ratio if now else None, 1),
         "residual": _pair(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": _short(measurement.sigma_px, 2),
-        "score": _short(measurement.score, 2),
-        "redundancy": _short(controllability(state).get(row.key), 2),
+        "score": _short(row.score, 2),
+        "redundancy": _short(row.controlled, 2),
         "place": [_short(measurement.column, 1), _short(measurement.row, 1)],
-        "source": point.source,
+        "source": point.source if row.role in POINT_KINDS else row.role,
         "surveyed": [_short(value, 1) for value in point.position],
         "surveyed_sigma": [_short(value, 2) for value in point.sigma_m],
         "remark": state.remark(measurement),
@@ -208,26 +233,27 @@ def _peaks(measurement: Measurement) -> Part:
     ]
 
 
-def _others(rows: Mapping[Key, Row], drawn: Drawn, key: Key) -> Part:
+def _others(rows: Mapping[Key, Row], drawn: Drawn, keys: Iterable[Key]) -> Part:
     """Every scan that shows the point, the current one among them."""
     return [
         {
-            "photo": row.key[1],
-            "state": row.state,
-            "misfit": _short(row.misfit_px, 1),
-            "version": drawn[row.key[1]].version,
+            "photo": key[1],
+            "state": rows[key].state,
+            "misfit": _short(rows[key].misfit_px, 1),
+            "version": drawn[key[1]].version,
         }
-        for row in rows.values()
-        if row.key[0] == key[0] and row.key[1] in drawn
+        for key in keys
+        if key in rows and key[1] in drawn
     ]
 
 
 def _ahead(state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn) -> Part:
     """Photo, version and place of what comes next, so that its pictures are there in time."""
+    ahead = [(key, state.point_of(key[0])) for key in coming(rows, seat)[:AHEAD]]
     return [
-        [key[1], drawn[key[1]].version, *_places(state.block.surveyed[key[0]].position[:2])]
-        for key in coming(rows, seat)[:AHEAD]
-        if key[1] in drawn
+        [key[1], drawn[key[1]].version, *_places(point.position[:2])]
+        for key, point in ahead
+        if key[1] in drawn and point is not None
     ]
 
 

@@ -1,13 +1,21 @@
 """The queue: one row per measurement, how doubtful each is and why, sorted and sieved."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from core.block.block import Measurement
 from ui.review.misfit import Misfit, controllability, misfits
 from ui.review.palette import ShownState
-from ui.review.state import STATE_FILTERS, DeskState, Key, Seat, Sieve, Sorting, StateFilter
+from ui.review.state import (
+    POINT_KINDS,
+    DeskState,
+    Key,
+    Kind,
+    Seat,
+    Sieve,
+    Sorting,
+)
 
 INFLUENCE_FLOOR = 0.4
 """Share of the gain that does not depend on how much a measurement steers the block."""
@@ -33,8 +41,8 @@ class Row:
 
     key: Key
     """Point and photo."""
-    role: str
-    """Control or check."""
+    role: Kind
+    """What it is: control, check, or something else that is doubtful."""
     state: ShownState
     """State on screen."""
     human: bool
@@ -47,18 +55,49 @@ class Row:
     """Distance from where the block expects it, scan pixels; NaN when that is not known."""
     score: float
     """Likeness, 0 to 1."""
+    controlled: float | None
+    """Share of an error here that would show, 0 to 1."""
     grounds: tuple[Ground, ...]
     """Why it is doubtful, heaviest first."""
 
 
-def queue_rows(state: DeskState) -> tuple[Row, ...]:
-    """Every measurement of a surveyed point, in the order of point and photo."""
-    away, controlled = misfits(state), controllability(state)
-    return tuple(
-        _row(state, measurement, away.get(key), controlled.get(key))
-        for key, measurement in sorted(state.block.measurements.items())
-        if measurement.point_id in state.block.surveyed
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class Away:
+    """How every measurement lies to one adjustment; found once for each."""
+
+    misfits: Mapping[Key, Misfit]
+    """Misfits by measurement."""
+    controlled: Mapping[Key, float]
+    """Controllability by measurement."""
+
+
+def away_of(state: DeskState) -> Away:
+    """Misfits and controllability of all measurements of a state."""
+    keys = (*state.block.measurements, *state.extra.measurements)
+    return Away(misfits(state, keys), controllability(state))
+
+
+def moved_away(away: Away, state: DeskState, keys: Iterable[Key]) -> Away:
+    """The same with the misfits of a few measurements found anew, in the same adjustment."""
+    fresh = {**away.misfits, **misfits(state, keys)}
+    return Away(fresh, away.controlled)
+
+
+def queue_rows(state: DeskState, away: Away | None = None) -> tuple[Row, ...]:
+    """Every measurement of a surveyed point, in the order of point and photo; then the rest."""
+    away = away or away_of(state)
+    keys = [key for key in sorted(state.block.measurements) if key[0] in state.block.surveyed]
+    return tuple(queue_row(state, away, key) for key in (*keys, *sorted(state.extra.measurements)))
+
+
+def queue_row(state: DeskState, away: Away, key: Key) -> Row:
+    """One row."""
+    measurement = state.measurement_of(key)
+    assert measurement is not None, "rows are made of measurements"
+    misfit, controlled = away.misfits.get(key), away.controlled.get(key)
+    if key in state.extra.measurements:
+        return _extra_row(state, measurement, misfit)
+    return _row(state, measurement, misfit, controlled)
 
 
 def ordered(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
@@ -88,7 +127,8 @@ def passes(row: Row, sieve: Sieve) -> bool:
         "review": row.state != "unused",
         "open": row.state == "auto",
     }.get(sieve.state, row.state == sieve.state)
-    return state_fits and sieve.photo_id in ("", row.key[1]) and sieve.role in ("", row.role)
+    kind_fits = row.role == sieve.role if sieve.role else row.role in POINT_KINDS
+    return state_fits and kind_fits and sieve.photo_id in ("", row.key[1])
 
 
 def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
@@ -107,23 +147,15 @@ def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
     return ahead[-1] if ahead else shown[0]
 
 
-def coming(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
-    """Measurements of the queue nobody has looked at: those behind the current one, then before."""
+def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> tuple[Key, ...]:
+    """Measurements of the queue nobody has looked at: those behind the current one, then before.
+
+    Those that others are looking at are left to them.
+    """
     shown = visible(rows, seat)
     here = shown.index(seat.current) if seat.current in shown else -1
     turned = (*shown[here + 1 :], *shown[: max(here, 0)])
-    return tuple(key for key in turned if rows[key].state == "auto")
-
-
-def counts(rows: Iterable[Row], sieve: Sieve) -> dict[StateFilter, int]:
-    """Rows by state within the photo and role of a sieve, for the queue's own buttons."""
-    within = [row for row in rows if passes(row, Sieve("all", sieve.photo_id, sieve.role))]
-    tally = dict.fromkeys(STATE_FILTERS, 0)
-    for row in within:
-        tally["open" if row.state == "auto" else row.state] += 1
-    tally["all"] = len(within)
-    tally["review"] = len(within) - tally["unused"]
-    return tally
+    return tuple(key for key in turned if rows[key].state == "auto" and key not in taken)
 
 
 def _row(
@@ -150,7 +182,26 @@ def _row(
         gain=gain,
         misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
         score=measurement.score,
+        controlled=controlled,
         grounds=grounds,
+    )
+
+
+def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None) -> Row:
+    """Tie point, photo or fiducial: doubtful by what made it one, with that said in words."""
+    human = measurement.status in ("accepted", "rejected")
+    doubt = 1.0 - measurement.score
+    return Row(
+        key=measurement.key,
+        role=state.extra.kinds[measurement.point_id],
+        state=measurement.status,
+        human=human,
+        doubt=doubt,
+        gain=0.0 if human else doubt,
+        misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
+        score=math.nan,
+        controlled=None,
+        grounds=(),
     )
 
 

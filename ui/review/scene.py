@@ -10,10 +10,10 @@ from core.arrays import Position
 from core.block.block import Block
 from core.frames import local_from_object
 from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
-from ui.review.misfit import misfits
+from ui.review.misfit import Misfit, misfits
 from ui.review.palette import LOOKS, ShownState
 from ui.review.picking import frustum_depth_m
-from ui.review.state import DeskState
+from ui.review.state import DeskState, Key
 
 Segments = Float64[np.ndarray, "n 2 3"]
 """Line segments, local frame, metres."""
@@ -67,15 +67,31 @@ class ScenePicture:
     """State of each vector."""
     ties: Points
     """Tie points."""
+    tie_vectors: Segments
+    """Each tie point and the end of its longest residual on the ground, at true length."""
     labels: Mapping[str, Position]
     """Names of the surveyed points."""
 
 
-def scene_picture(state: DeskState, stale: tuple[str, ...], outlines: Segments) -> ScenePicture:
-    """The scene of a state; the photos' outlines come from `footprints`."""
+def scene_picture(
+    state: DeskState,
+    stale: tuple[str, ...],
+    outlines: Segments,
+    away: Mapping[Key, Misfit] | None = None,
+    tied: Segments | None = None,
+) -> ScenePicture:
+    """The scene of a state.
+
+    Args:
+        state: Block and adjustment.
+        stale: Photos with stale orthos.
+        outlines: What `footprints` says.
+        away: Misfits, where they are known already.
+        tied: What `tie_vectors` says, where that is known already.
+    """
     oriented, origin = state.oriented, state.block.origin
     states = point_states(state)
-    vectors, vector_states = misfit_vectors(state)
+    vectors, vector_states = misfit_vectors(state, away)
     surveyed = state.block.surveyed
     ties = state.report.tie_positions
     ties = ties[np.all(np.isfinite(ties), axis=1)]
@@ -93,6 +109,7 @@ def scene_picture(state: DeskState, stale: tuple[str, ...], outlines: Segments) 
         vectors=vectors,
         vector_states=vector_states,
         ties=local_from_object(ties, origin),
+        tie_vectors=tie_vectors(state) if tied is None else tied,
         labels={name: point.position - origin for name, point in surveyed.items()},
     )
 
@@ -128,11 +145,15 @@ def point_states(state: DeskState) -> dict[str, ShownState]:
     }
 
 
-def misfit_vectors(state: DeskState) -> tuple[Segments, tuple[ShownState, ...]]:
+def misfit_vectors(
+    state: DeskState, away: Mapping[Key, Misfit] | None = None
+) -> tuple[Segments, tuple[ShownState, ...]]:
     """Misfits of all measurements that take part or judge, as displacements on the ground."""
     segments: list[np.ndarray] = []
     states: list[ShownState] = []
-    for key, misfit in misfits(state).items():
+    for key, misfit in (misfits(state) if away is None else away).items():
+        if key not in state.block.measurements:
+            continue
         shown = state.shown_state(state.block.measurements[key])
         if shown in ("unused", "rejected"):
             continue
@@ -140,6 +161,39 @@ def misfit_vectors(state: DeskState) -> tuple[Segments, tuple[ShownState, ...]]:
         segments.append(np.array([start, start + np.array([*misfit.metres, 0.0])]))
         states.append(shown)
     return np.array(segments).reshape(-1, 2, 3), tuple(states)
+
+
+def tie_vectors(state: DeskState) -> Segments:
+    """The longest residual of each tie point as a displacement on the ground, local frame.
+
+    Of each photo the map from ground to scan in its middle is used: enough for an arrow.
+    """
+    report = state.report
+    ties, block = report.block.ties, report.block
+    if not len(ties.point) or len(report.tie_positions) < ties.count:
+        return np.zeros((0, 2, 3))
+    lengths = np.nan_to_num(np.linalg.norm(report.tie_residuals_px, axis=1), nan=-1.0)
+    order = np.lexsort((lengths, ties.point))
+    last = np.flatnonzero(np.r_[np.diff(ties.point[order]) > 0, True])
+    longest = order[last]
+    found = np.isfinite(report.tie_positions[ties.point[longest]]).all(axis=1)
+    longest = longest[found & (lengths[longest] > 0)]
+    inverse = np.zeros((len(ties.photo_ids), 2, 2))
+    for number, name in enumerate(ties.photo_ids):
+        if name in block.photos:
+            inverse[number] = _ground_from_pixel(block, name)
+    metres = np.einsum("nij,nj->ni", inverse[ties.photo[longest]], report.tie_residuals_px[longest])
+    start = report.tie_positions[ties.point[longest]] - state.block.origin
+    return np.stack([start, start + np.column_stack([metres, np.zeros(len(metres))])], axis=1)
+
+
+def _ground_from_pixel(block: Block, photo_id: str) -> np.ndarray:
+    """Metres east and north of a step of one pixel, in the middle of a photo, (2, 2)."""
+    photo, camera = block.photos[photo_id], block.camera_of(photo_id)
+    middle = photo.interior.pixel_from_film(np.zeros((1, 2)))
+    pixels = middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    ground = photo.object_from_pixel(pixels, np.full(3, photo.ground_height_m), camera)[:, :2]
+    return (ground[1:] - ground[0]).T
 
 
 def readable_scale(state: DeskState) -> float:

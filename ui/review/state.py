@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement, Photo
+from core.block.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from ui.review.palette import ShownState
 
@@ -13,6 +13,10 @@ Key = tuple[str, str]
 """Point and photo: what names a measurement."""
 Made = Mapping[str, tuple[Photo, Camera]]
 """Photos, each with the orientation and the camera its ortho was made with."""
+Kind = Literal["control", "check", "tie", "photo", "fiducial"]
+"""What a row of the queue is about."""
+KINDS: tuple[Kind, ...] = ("control", "check", "tie", "photo", "fiducial")
+POINT_KINDS: tuple[Kind, ...] = ("control", "check")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
 StateFilter = Literal["review", "all", "open", "accepted", "rejected", "dubious", "unused"]
@@ -20,7 +24,8 @@ STATE_FILTERS: tuple[StateFilter, ...] = (
     "review", "all", "open", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 LAYERS: tuple[str, ...] = (
-    "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "labels",
+    "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors",
+    "labels",
 )  # fmt: skip
 """Layers of the 3D scene that can be switched."""
 
@@ -44,14 +49,14 @@ class Sieve:
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""
-    """`control`, `check`, or both when empty."""
+    """One kind; control and check points when empty."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
     """What one seat sees of the 3D scene."""
 
-    hidden: frozenset[str] = frozenset({"ties", "labels"})
+    hidden: frozenset[str] = frozenset({"ties", "tie_vectors", "labels"})
     """Layers that are switched off."""
     vector_scale: float = 20.0
     """Residual vectors on screen are this many times as long as on the ground."""
@@ -77,6 +82,10 @@ class Seat:
     """The measurement just rejected, whose reason a digit may still give."""
     scene: SceneOptions = SceneOptions()
     """What of the 3D scene is shown."""
+    quality: bool = False
+    """True while the view of the block's quality is open."""
+    pair: tuple[int, int] | None = None
+    """Numbers of two adjustments compared there; first and last when None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +117,24 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Extra:
+    """What is doubtful beside surveyed points, put as points that are measured in photos.
+
+    So that a tie point, a photo's place or a fiducial is looked at and judged as control is.
+    """
+
+    points: Mapping[str, SurveyedPoint] = field(default_factory=dict[str, SurveyedPoint])
+    """Places on the ground by name."""
+    measurements: Mapping[Key, Measurement] = field(default_factory=dict[Key, Measurement])
+    """Where each lies in a scan."""
+    kinds: Mapping[str, Kind] = field(default_factory=dict[str, Kind])
+    """Kind of each, by name."""
+
+
+NO_EXTRA = Extra()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DeskState:
     """The block, its adjustment, and what is going on."""
 
@@ -127,6 +154,10 @@ class DeskState:
     """Set while orthos are being made."""
     written: bool = True
     """False while tables and report on disk are older than the decisions."""
+    free: tuple[bool, bool] = (True, True)
+    """Whether cameras are estimated, and whether gross errors are looked for."""
+    extra: Extra = NO_EXTRA
+    """Tie points, photos and fiducials to be judged."""
 
     @property
     def oriented(self) -> Block:
@@ -136,6 +167,14 @@ class DeskState:
         return replace(
             self.block, photos=photos, cameras={**self.block.cameras, **adjusted.cameras}
         )
+
+    def measurement_of(self, key: Key) -> Measurement | None:
+        """The measurement a row is about, of a surveyed point or of anything else."""
+        return self.block.measurements.get(key) or self.extra.measurements.get(key)
+
+    def point_of(self, name: str) -> SurveyedPoint | None:
+        """The place on the ground a row is about."""
+        return self.block.surveyed.get(name) or self.extra.points.get(name)
 
     def shown_state(self, measurement: Measurement) -> ShownState:
         """The state on screen: what the adjustment left out by itself shows as unused."""

@@ -29,6 +29,10 @@ WALLIS_RADIUS = 40
 """Half window of the local contrast, pixels."""
 SAMPLE_PX = 512
 """Longest side of the small picture of a whole scan, pixels."""
+SPARSE_WINDOWS, SPARSE_PX = 5, 96
+"""Windows a side, and pixels a side of each, from which grey values are first learnt."""
+LARGE_PX = 4000
+"""Scans larger than this are not read whole before their first tile is shown."""
 Grey = UInt8[np.ndarray, "rows columns"]
 Colour = UInt8[np.ndarray, "rows columns 3"]
 ScanWindow = Callable[[str, int, int, int, int, int], Raster]
@@ -226,12 +230,38 @@ def local_contrast(grey: Grey) -> Grey:
     return np.clip(np.rint(result), 0, 255).astype(np.uint8)
 
 
-def fit_stretch(sample: Raster) -> Stretch:
+def sparse_sample(drawn: DrawnPhoto, read: ScanWindow) -> Raster:
+    """Small windows spread over the inner part of a scan: its grey values without reading it all.
+
+    A scan of 25,000 pixels a side without overviews takes seconds to be read as a whole.
+    """
+    columns, rows = drawn.photo.size_px
+    side = max(1, min(SPARSE_PX, columns // SPARSE_WINDOWS, rows // SPARSE_WINDOWS))
+    places = (np.arange(SPARSE_WINDOWS) + HALF_PIXEL) / SPARSE_WINDOWS * 2 / 3 + 1 / 6
+    lines = [
+        np.hstack(
+            [
+                read(
+                    drawn.photo.scan,
+                    min(int(across * columns), columns - side),
+                    min(int(down * rows), rows - side),
+                    side, side, 1,
+                )
+                for across in places
+            ]
+        )
+        for down in places
+    ]  # fmt: skip
+    return np.vstack(lines)
+
+
+def fit_stretch(sample: Raster, margin: int = 6) -> Stretch:
     """Black and white of a scan from a small picture of it: half a per cent at either end.
 
-    Only the inner part counts: margins, fiducials and notes are blacker and whiter than ground.
+    Only the inner part counts, without one `margin`-th at every side: margins, fiducials and notes
+    are blacker and whiter than ground. 0 takes everything.
     """
-    rows, columns = (side // 6 for side in sample.shape)
+    rows, columns = (side // margin if margin else 0 for side in sample.shape)
     inner = sample[rows : sample.shape[0] - rows, columns : sample.shape[1] - columns]
     values = np.asarray(inner, dtype=np.float64)
     values = values[np.isfinite(values)]

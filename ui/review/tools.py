@@ -1,6 +1,6 @@
 """What a gesture means: a changed seat, perhaps a decision, perhaps an act of the loop."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,20 +16,29 @@ from sessions.decisions import (
     MarkDubious,
     MarkNotVisible,
     Place,
+    Recorded,
     Reject,
     SetRole,
+    Withdraw,
+    standing,
 )
+from ui.review.adding import seen_in
 from ui.review.compare import Drawn, HeightSource, LikenessSource, pixel_from_ground
+from ui.review.doubtful import verdict_on
 from ui.review.gestures import (
     Explained,
     Filtered,
     Fitted,
+    Freed,
     Gesture,
     Judged,
     LayerSwitched,
+    Named,
     PeakChosen,
     PlacedInScan,
     PlacedOnGround,
+    PointAsked,
+    QualityAsked,
     RayPicked,
     Redone,
     Refined,
@@ -39,6 +48,7 @@ from ui.review.gestures import (
     Selected,
     Sorted,
     Stepped,
+    TakenBack,
     Undone,
     VectorsScaled,
     Verdict,
@@ -47,7 +57,9 @@ from ui.review.picking import Picked, pick
 from ui.review.queue import Row, coming, neighbour, ordered, visible
 from ui.review.state import DeskState, Key, Notice, Seat, Sieve, Sorting
 
-Act = Literal["", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current"]
+Act = Literal[
+    "", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current", "add", "free"
+]
 """What the loop shall do beyond recording a decision."""
 
 
@@ -65,6 +77,10 @@ class Desk:
     """Heights of the ground."""
     likeness: LikenessSource | None = None
     """Compares reference and scan; None where there is nothing to compare with."""
+    taken: frozenset[Key] = frozenset()
+    """What others are looking at now."""
+    recorded: Sequence[Recorded] = ()
+    """Every decision so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +110,14 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return _refine(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
-        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted():
+        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted() | Freed():
             return _act(gesture, seat)
+        case PointAsked():
+            return _ask_point(gesture, seat, desk)
+        case TakenBack(decision_id=decision_id):
+            return Meaning(seat, decision=taken_back(decision_id, desk.recorded))
         case RayPicked():
             return _pick(gesture, seat, desk)
-        case LayerSwitched() | VectorsScaled():
-            return Meaning(_with_scene(gesture, seat))
         case _:
             return Meaning(_moved(gesture, seat, desk))
 
@@ -127,9 +145,13 @@ def kept_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
     return replace(seat, order=order + fresh, current=current)
 
 
-def _act(gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted, seat: Seat) -> Meaning:
+def _act(
+    gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted | Freed, seat: Seat
+) -> Meaning:
     """What only the loop can do."""
     match gesture:
+        case Freed():
+            return Meaning(seat, act="free")
         case Undone():
             return Meaning(replace(seat, explaining=None), act="undo")
         case Redone():
@@ -144,19 +166,27 @@ def _act(gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted, seat
 
 def _judge(gesture: Judged, seat: Seat, desk: Desk) -> Meaning:
     """Record the verdict and go on; a key pressed again on a point already left does nothing."""
-    measurement = desk.state.block.measurements.get(gesture.key)
-    if measurement is None:
+    measurement = desk.state.measurement_of(gesture.key)
+    if measurement is None or gesture.key not in desk.rows:
         return Meaning(seat)
     verdict = gesture.verdict
+    extra = gesture.key in desk.state.extra.measurements
+    if extra and verdict not in ("accept", "reject"):
+        return Meaning(seat, notice=Notice("notice.yes-or-no"))
     stands = _standing_verdict(measurement.status, measurement.reason) == verdict
     here = gesture.key == seat.current
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
-    rejected = verdict == "reject" and not stands
+    rejected = verdict == "reject" and not stands and not extra
     after = replace(after, explaining=gesture.key if rejected else None)
     last = here and desk.rows[gesture.key].state == "auto" and not coming(desk.rows, seat)
+    decided = (
+        verdict_on(desk.state.extra, gesture.key, verdict == "accept")
+        if extra
+        else _decision_of(verdict, gesture.key)
+    )
     return Meaning(
         after,
-        decision=None if stands else _decision_of(verdict, gesture.key),
+        decision=None if stands else decided,
         notice=Notice("notice.queue-done") if last else None,
     )
 
@@ -187,8 +217,32 @@ def _standing_verdict(status: str, reason: str) -> Verdict | None:
 
 def _next_open(seat: Seat, desk: Desk) -> Key | None:
     """The next measurement in the queue nobody has looked at; else simply the next."""
-    following = coming(desk.rows, seat)
+    following = coming(desk.rows, seat, desk.taken) or coming(desk.rows, seat)
     return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
+
+
+def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> Withdraw | None:
+    """What turns one decision round: withdrawn when it stands, else its withdrawal withdrawn."""
+    if not any(item.decision_id == decision_id for item in recorded):
+        return None
+    stands = standing(recorded)
+    if any(item.decision_id == decision_id for item in stands):
+        return Withdraw(decision_id)
+    undone = [
+        item.decision_id
+        for item in stands
+        if isinstance(item.decision, Withdraw) and item.decision.decision_id == decision_id
+    ]
+    return Withdraw(undone[-1]) if undone else None
+
+
+def _ask_point(gesture: PointAsked, seat: Seat, desk: Desk) -> Meaning:
+    """A new point is measured in the background, for it takes a while in many scans."""
+    shown = seen_in(desk.state, np.array([[gesture.east, gesture.north]]), desk.dem)
+    if not shown:
+        return Meaning(seat, notice=Notice("notice.no-scan", grave=True))
+    notice = Notice("notice.measuring", {"count": str(len(shown))})
+    return Meaning(seat, act="add", notice=notice)
 
 
 def _explain(gesture: Explained, seat: Seat) -> Meaning:
@@ -203,6 +257,8 @@ def _measure(
 ) -> Meaning:
     """A place set by hand, or another peak: the seat stays, to look at what it did."""
     point_id, photo_id = gesture.key
+    if gesture.key in desk.state.extra.measurements:
+        return Meaning(seat, notice=Notice("notice.yes-or-no"))
     if point_id not in desk.state.block.surveyed or photo_id not in desk.drawn:
         return Meaning(seat)
     seat = replace(seat, current=gesture.key, explaining=None)
@@ -286,8 +342,14 @@ def _with_scene(gesture: LayerSwitched | VectorsScaled, seat: Seat) -> Seat:
 
 
 def _moved(gesture: Gesture, seat: Seat, desk: Desk) -> Seat:
-    """Walks through the queue, sorting and sieving: nothing is decided."""
+    """Walks through the queue, sorting and sieving, and the like: nothing is decided."""
     match gesture:
+        case LayerSwitched() | VectorsScaled():
+            return _with_scene(gesture, seat)
+        case Named(name=name):
+            return replace(seat, operator=name)
+        case QualityAsked(shown=shown, pair=pair):
+            return replace(seat, quality=shown, pair=pair or seat.pair)
         case Stepped(step=step):
             current = neighbour(visible(desk.rows, seat), seat, step)
             return replace(seat, current=current or seat.current)

@@ -2,10 +2,30 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from core.block.adjusted import AdjustmentReport
 from core.block.block import USED, Block, Measurement
+from sessions.judging import judged
 from ui.review.compare import ground_pixel_m, shift_px
+from ui.review.doubtful import verdict_on
+from ui.review.misfit import misfits
 from ui.review.state import DeskState, Key
+
+NEIGHBOURS = 3
+"""So many measurements beside the one looked at are told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbour:
+    """A measurement nearby, whose misfit a decision would change."""
+
+    key: Key
+    """The measurement."""
+    now_px: float
+    """Misfit as it is, scan pixels."""
+    then_px: float
+    """Misfit as it would be, scan pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,27 +39,37 @@ class Trial:
     sigma_nought: float
     """It would be this."""
     shift_m: float
-    """Largest shift of an orientation, metres on the ground."""
+    """Largest shift of a corner of a photo, metres on the ground."""
     photo_id: str
     """The photo that would shift most."""
+    neighbours: tuple[Neighbour, ...] = ()
+    """The nearest measurements in the same photo."""
 
 
 def tried_block(state: DeskState, key: Key) -> Block | None:
     """The block with one measurement turned; None where that can change nothing."""
-    measurement = state.block.measurements.get(key)
-    point = state.block.surveyed.get(key[0])
+    measurement, point = state.measurement_of(key), state.point_of(key[0])
     if measurement is None or point is None or point.role == "check":
         return None
+    if key in state.extra.measurements:
+        verdict = verdict_on(state.extra, key, use=False)
+        return None if verdict is None else judged(state.block, verdict)
     status = "rejected" if _takes_part(state, measurement) else "accepted"
     return state.block.with_measurement(replace(measurement, status=status))
 
 
 def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | None:
     """The figures of a trial against the adjustment on screen; None when it did not settle."""
-    measurement = state.block.measurements.get(key)
+    measurement = state.measurement_of(key)
     if measurement is None or not report.converged:
         return None
-    now, then = state.oriented, report.block
+    shift, most = largest_shift(state.oriented, report.block)
+    turned = _takes_part(state, measurement)
+    return Trial(key, turned, report.sigma_nought, shift, most, _neighbours(state, key, report))
+
+
+def largest_shift(now: Block, then: Block) -> tuple[float, str]:
+    """The largest shift of a corner of a photo between two adjustments, metres; and the photo."""
     shifts = {
         name: shift_px(photo, now.camera_of(name), then.photos[name], then.camera_of(name))
         * ground_pixel_m(photo, now.camera_of(name))
@@ -47,11 +77,30 @@ def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | No
         if name in then.photos
     }
     most = max(shifts, key=lambda name: shifts[name], default="")
-    return Trial(
-        key, _takes_part(state, measurement), report.sigma_nought, shifts.get(most, 0.0), most
+    return shifts.get(most, 0.0), most
+
+
+def _neighbours(state: DeskState, key: Key, report: AdjustmentReport) -> tuple[Neighbour, ...]:
+    """The nearest measurements in the same photo, with their misfits now and then."""
+    here = state.measurement_of(key)
+    assert here is not None, "asked for by the caller"
+    within = [
+        item
+        for item in state.block.measurements.values()
+        if item.photo_id == key[1] and item.key != key and state.shown_state(item) in USED
+    ]
+    within.sort(key=lambda item: np.hypot(item.column - here.column, item.row - here.row))
+    keys = [item.key for item in within[:NEIGHBOURS]]
+    now, then = misfits(state, keys), misfits(state, keys, report)
+    return tuple(
+        Neighbour(name, float(np.hypot(*now[name].pixels)), float(np.hypot(*then[name].pixels)))
+        for name in keys
+        if name in now and name in then
     )
 
 
 def _takes_part(state: DeskState, measurement: Measurement) -> bool:
     """True when the adjustment on screen used it."""
+    if measurement.key in state.extra.measurements:
+        return measurement.status in USED
     return state.shown_state(measurement) in USED

@@ -1,6 +1,9 @@
 """Every word the desk shows, in one place, so that another language is one more table."""
 
+from ui.review.wording_more import MORE
+
 ENGLISH: dict[str, str] = {
+    **MORE,
     "title": "Gruber review desk",
     "queue": "Queue",
     "block": "Block",
@@ -24,7 +27,7 @@ ENGLISH: dict[str, str] = {
     "state.dubious.long": "dubious, not used",
     "role.control": "Control",
     "role.check": "Check",
-    "role.both": "Both roles",
+    "role.both": "All points",
     "role.control.long": "Control point: steers the adjustment",
     "role.check.long": "Check point: only judges, never steers",
     "photo.all": "All scans",
@@ -58,6 +61,7 @@ ENGLISH: dict[str, str] = {
     "layer.vectors": "Vectors",
     "layer.checks": "Checks",
     "layer.ties": "Ties",
+    "layer.tie_vectors": "Tie vectors",
     "layer.labels": "Names",
     "layer.tip": "Show or hide {name} in the scene",
     "vectors.scale": "Vectors \u00d7",
@@ -165,6 +169,7 @@ ENGLISH: dict[str, str] = {
     "trial.accept": "Accepted: sigma nought {now} \u2192 {sigma}",
     "trial.shift": "Photos shift by up to {shift} m ({photo})",
     "trial.check": "A check point steers nothing.",
+    "trial.neighbours": "Misfits beside it:",
     "trial.wait": "\u2026",
     # status
     "status.sigma": "Sigma nought",
@@ -205,6 +210,14 @@ ENGLISH: dict[str, str] = {
     "notice.undo.Place": "Taken back: {what} placed by hand",
     "notice.undo.ChoosePeak": "Taken back: another peak for {what}",
     "notice.undo.SetRole": "Taken back: role of {what}",
+    "notice.undo.AddPoint": "Taken back: new point {what}",
+    "notice.redo.AddPoint": "Again: new point {what}",
+    "notice.undo.JudgeTie": "Taken back: verdict on {what}",
+    "notice.redo.JudgeTie": "Again: verdict on {what}",
+    "notice.undo.JudgePhoto": "Taken back: verdict on {what}",
+    "notice.redo.JudgePhoto": "Again: verdict on {what}",
+    "notice.undo.JudgeFiducial": "Taken back: verdict on {what}",
+    "notice.redo.JudgeFiducial": "Again: verdict on {what}",
     "notice.redo.Accept": "Again: {what} accepted",
     "notice.redo.Reject": "Again: {what} rejected",
     "notice.redo.MarkDubious": "Again: {what} dubious",
@@ -238,7 +251,8 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Space", "blink"), ("R", "raw"),
-    ("L", "likeness"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
+    ("L", "likeness"), ("P", "act.add"), ("B", "quality"),
+    ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the word for what it does."""
 

@@ -14,6 +14,7 @@ from ui.review.scene import FrustumPicture, Points, ScenePicture, Segments
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
 from ui.views import names
+from ui.views.needles import needles_glb
 
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
@@ -67,6 +68,7 @@ class BlockView:
         self._labels: dict[str, viser.LabelHandle] = {}
         self._sent: dict[str, object] = {}
         self._terrain: viser.GlbHandle | None = None
+        self._needles: viser.GlbHandle | None = None
         self._terrain_shown = True
         self._build(picture)
         self.fit(None)
@@ -85,6 +87,7 @@ class BlockView:
         self._show_cloud(names.TIES, picture.ties, "ties" not in hidden)
         self._show_lines(names.FOOTPRINTS, picture.footprints, "footprints" not in hidden)
         self._show_vectors(picture, options)
+        self._show_tie_vectors(picture, options)
         self._show_labels(picture.labels, "labels" not in hidden)
         self._show_current(pointed)
 
@@ -215,6 +218,18 @@ class BlockView:
                     names.VECTORS, points, colours, thickness=2.4, thickness_units="screen"
                 )
         handle.visible = "vectors" not in options.hidden and len(segments) > 0
+
+    def _show_tie_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
+        """Residuals of tie points as one mesh of needles: made when they are first asked for."""
+        shown = "tie_vectors" not in options.hidden and len(picture.tie_vectors) > 0
+        if shown and self._is_new(
+            names.TIE_VECTORS, (id(picture.tie_vectors), options.vector_scale)
+        ):
+            width = 0.12 * self._point_m
+            data = needles_glb(picture.tie_vectors, options.vector_scale, width, 1.1 * self._lift)
+            self._needles = self._scene.add_glb(names.TIE_VECTORS, data, cast_shadow=False)
+        if self._needles is not None:
+            self._needles.visible = shown
 
     def _show_labels(self, labels: Mapping[str, Position], visible: bool) -> None:
         """Names are made when they are first asked for: they are the slowest of all nodes."""

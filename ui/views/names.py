@@ -7,6 +7,7 @@ FOOTPRINTS = "/footprints"
 VECTORS = "/vectors"
 CHECKS = "/checks"
 TIES = "/ties"
+TIE_VECTORS = "/tie_vectors"
 CURRENT = "/current"
 CURRENT_RAY = "/current_ray"
 

@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
+GUEST = web.RequestKey("gruber.guest", bool)
 LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 ANYWHERE = frozenset({"0.0.0.0", "::", ""})
 
@@ -23,6 +24,11 @@ class Access:
     """Address the port listens on."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """Secret in the address the operator opens; a cookie afterwards."""
+
+    @property
+    def guest_token(self) -> str:
+        """Secret of those who only look; from it the other cannot be found."""
+        return hmac.new(self.token.encode(), b"guest", hashlib.sha256).hexdigest()[:32]
 
     @property
     def cookie(self) -> str:
@@ -41,8 +47,10 @@ class Access:
             entering = request.query.get("token")
             if entering is not None and request.path == "/":
                 return self._let_in(entering)
-            if not self._same(request.cookies.get(self.cookie, "")):
+            shown = request.cookies.get(self.cookie, "")
+            if not self._known(shown):
                 raise web.HTTPUnauthorized(text="Open the desk with the address it printed.")
+            request[GUEST] = not self._same(shown, self.token)
             response = await handler(request)
             if not response.prepared:
                 response.headers.update(HEADERS)
@@ -63,14 +71,19 @@ class Access:
 
     def _let_in(self, entering: str) -> web.StreamResponse:
         """Keep the token in a cookie and take it out of the address bar."""
-        if not self._same(entering):
+        if not self._known(entering):
             raise web.HTTPUnauthorized(text="That is not this desk's token.")
         response = web.Response(status=303, headers={"Location": "/"})
-        response.set_cookie(self.cookie, self.token, httponly=True, samesite="Lax", path="/")
+        response.set_cookie(self.cookie, entering, httponly=True, samesite="Lax", path="/")
         return response
 
-    def _same(self, offered: str) -> bool:
-        return hmac.compare_digest(offered.encode(), self.token.encode())
+    def _known(self, offered: str) -> bool:
+        """True for operators and guests."""
+        return self._same(offered, self.token) or self._same(offered, self.guest_token)
+
+    @staticmethod
+    def _same(offered: str, secret: str) -> bool:
+        return hmac.compare_digest(offered.encode(), secret.encode())
 
 
 HEADERS = {
@@ -79,6 +92,11 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
 }
 """On every answer."""
+
+
+def is_guest(request: web.Request) -> bool:
+    """True when a request may look and not decide."""
+    return request.get(GUEST, True)
 
 
 def _is_address(name: str) -> bool:

@@ -7,7 +7,8 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
-from ui.review.gestures import Gesture, gesture_from_message
+from ui.review.gestures import LOOKING, Gesture, gesture_from_message
+from ui.web.access import is_guest
 
 Parts = Mapping[str, str]
 """Parts of a page by name, each as JSON text."""
@@ -23,8 +24,10 @@ class Channel:
         hand_in: Callable[[Gesture], None],
         seat_taken: Callable[[str], None],
         seat_left: Callable[[str], None],
+        only_looking: str = "",
     ) -> None:
-        self._hand_in = hand_in
+        """`only_looking` is the notice, as JSON text, of a guest who tries to decide."""
+        self._hand_in, self._only_looking = hand_in, only_looking
         self._seat_taken, self._seat_left = seat_taken, seat_left
         self._pages: dict[web.WebSocketResponse, str] = {}
         self._sent: dict[web.WebSocketResponse, dict[str, str]] = {}
@@ -63,7 +66,7 @@ class Channel:
         try:
             async for message in page:
                 if message.type == WSMsgType.TEXT:
-                    self._receive(seat_id, message.data)
+                    self._receive(seat_id, message.data, is_guest(request))
         finally:
             sender.cancel()
             for table in (self._pages, self._sent, self._notices, self._wakes):
@@ -78,7 +81,7 @@ class Channel:
         for page in list(self._pages):
             await page.close()
 
-    def _receive(self, seat_id: str, text: str) -> None:
+    def _receive(self, seat_id: str, text: str, guest: bool) -> None:
         try:
             message: Any = json.loads(text)
         except ValueError:
@@ -86,7 +89,9 @@ class Channel:
         if not isinstance(message, dict):
             return
         gesture = gesture_from_message(seat_id, message)
-        if gesture is not None:
+        if guest and gesture is not None and not isinstance(gesture, LOOKING):
+            self.tell(seat_id, self._only_looking)
+        elif gesture is not None:
             self._hand_in(gesture)
 
     async def _send(self, page: web.WebSocketResponse, seat_id: str) -> None:

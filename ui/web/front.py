@@ -13,8 +13,9 @@ from typing import Any
 import aiohttp
 from aiohttp import WSMsgType, web
 
-from ui.web.access import Access
+from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
+from ui.web.results import result_routes
 from ui.web.tiles import TileStore, tile_routes
 
 PAGES = Path(__file__).parent / "pages"
@@ -64,6 +65,8 @@ class FrontInputs:
     """Viser."""
     start: dict[str, Any]
     """What a page needs once: words, palette, lattice, photos."""
+    results: Path | None = None
+    """Folder of tables and report."""
 
 
 class Front:
@@ -134,6 +137,7 @@ class Front:
                 web.get(f"{SCENE_PATH}/{SEAT}/", self._scene),
                 web.get(f"{SCENE_PATH}/{SEAT}", self._scene),
                 *tile_routes(self._inputs.tiles),
+                *result_routes(self._inputs.results),
             ]
         )
         return application
@@ -152,7 +156,7 @@ class Front:
         wanted = request.query.get("seat", "")
         own = request.query.get("own") == "1" or not self._inputs.channel.taken(wanted)
         seat = wanted if SEAT_NAME.fullmatch(wanted) and own else secrets.token_urlsafe(9)
-        return web.json_response({**self._inputs.start, "seat": seat})
+        return web.json_response({**self._inputs.start, "seat": seat, "guest": is_guest(request)})
 
     async def _scene(self, request: web.Request) -> web.StreamResponse:
         """Viser's page, or its websocket."""

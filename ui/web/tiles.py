@@ -19,6 +19,7 @@ from core.errors import PhotogrammetryError
 from core.geometry.grid import Grid
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource
 from ui.review.tiles import (
+    LARGE_PX,
     WALLIS_RADIUS,
     Colour,
     Grey,
@@ -32,6 +33,7 @@ from ui.review.tiles import (
     ortho_tile,
     overview_of,
     raw_tile,
+    sparse_sample,
     warped_tile,
 )
 
@@ -136,10 +138,14 @@ class TileStore:
     def thumbnail(self, photo: DrawnPhoto) -> Colour:
         """A photo's picture area, small; its grey range is known from then on."""
         overview = overview_of(photo, self.sources.read)
-        stretch = self._stretches[photo.photo.scan] = fit_stretch(overview.values)
+        # Tiles that are shown already keep their greys.
+        stretch = self._stretches.setdefault(photo.photo.scan, fit_stretch(overview.values))
         return frame_picture(photo, overview, stretch)
 
     def _stretch(self, photo: DrawnPhoto) -> Stretch:
+        if photo.photo.scan not in self._stretches and max(photo.photo.size_px) > LARGE_PX:
+            sample = sparse_sample(photo, self.sources.read)
+            self._stretches[photo.photo.scan] = fit_stretch(sample, margin=0)
         if photo.photo.scan not in self._stretches:
             overview = overview_of(photo, self.sources.read)
             self._stretches[photo.photo.scan] = fit_stretch(overview.values)
@@ -167,8 +173,8 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
         return await _answer(store, request, lambda: store.scan(photo, grid, False))
 
     async def likeness(request: web.Request) -> web.StreamResponse:
-        photo, names = _photo(store, request), ("east", "north", "height")
-        position = np.array([[float(request.match_info[name]) for name in names]])
+        photo = _photo(store, request)
+        position = np.array([_numbers(request, "east", "north", "height")])
         found = await store.likeness(photo, position)
         if isinstance(found, Failure):
             return web.Response(status=204)
@@ -234,14 +240,20 @@ def _wallis(request: web.Request) -> bool:
     return request.query.get("wallis") == "1"
 
 
-def _grid_about(request: web.Request) -> Grid:
-    """A small grid about a place on the ground."""
+def _numbers(request: web.Request, *names: str) -> list[float]:
+    """Numbers of an address, each finite."""
     try:
-        east, north, pixel = (
-            float(request.match_info[name]) for name in ("east", "north", "pixel")
-        )
+        found = [float(request.match_info[name]) for name in names]
     except ValueError as error:
         raise web.HTTPNotFound from error
+    if not all(abs(number) < 1e9 for number in found):
+        raise web.HTTPNotFound
+    return found
+
+
+def _grid_about(request: web.Request) -> Grid:
+    """A small grid about a place on the ground."""
+    east, north, pixel = _numbers(request, "east", "north", "pixel")
     if not 1e-3 < pixel < 1e3:
         raise web.HTTPNotFound
     half = THUMBNAIL / 2 * pixel

@@ -3,9 +3,10 @@ import { byId, number, shortName, start, word } from "/pages/words.js";
 import { drawVeil, onVeil } from "/pages/veil.js";
 import { canvas, crosshair, halo, line, measuredMark, text } from "/pages/marks.js";
 import { drawLayer, fetchAhead, onTile, orthoLayer, rawLayer, scanLayer } from "/pages/tiles.js";
+import { listen } from "/pages/pointing.js";
 
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
-const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false, blink: false, scale: 0 };
+const state = { mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false, adding: false, blink: false, scale: 0 };
 let point = null;
 let view = null; // {east, north: middle; scale: css pixels per metre}
 let cursor = null; // {east, north, raw}
@@ -13,6 +14,7 @@ let send = () => {};
 let nudged = null;
 let dragged = null;
 let asked = false;
+let drawn = { key: null, whole: false, at: 0 };
 const panes = {};
 
 export function setUpCompare(sender) {
@@ -20,7 +22,7 @@ export function setUpCompare(sender) {
   for (const name of ["left", "right"]) {
     const room = document.querySelector(`.pane[data-pane=${name}]`);
     panes[name] = { name, room, picture: room.querySelector(".picture"), marks: room.querySelector(".marks"), label: room.querySelector(".label"), where: room.querySelector(".where") };
-    listen(panes[name]);
+    listen(panes[name], HAND);
     new ResizeObserver(redraw).observe(room);
   }
   byId("swipe").addEventListener("input", (event) => { state.share = event.target.value / 100; redraw(); });
@@ -96,7 +98,7 @@ export function blink(on) {
   if (state.blink !== on) { state.blink = on; redraw(); }
 }
 
-export const compareState = () => ({ ...state, view, point });
+export const compareState = () => ({ ...state, view, point, drawn });
 
 // A step is given in scan pixels, right and down on the picture that is shown.
 export function nudge(right, down) {
@@ -141,31 +143,38 @@ function content(name) {
 const showsRaw = (kind) => state.raw && kind === "scan";
 
 function drawAll() {
-  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=likeness],[data-act=marks]")) {
-    button.classList.toggle("on", state[button.dataset.act]);
+  for (const button of document.querySelectorAll("[data-act=wallis],[data-act=raw],[data-act=likeness],[data-act=marks],[data-act=add]")) {
+    const name = button.dataset.act === "add" ? "adding" : button.dataset.act;
+    button.classList.toggle("on", state[name]);
   }
+  byId("adding").hidden = !state.adding;
+  byId("panes").classList.toggle("adding", state.adding);
   if (!point || !view) return;
+  let whole = true;
   for (const pane of Object.values(panes)) {
     if (pane.room.offsetParent === null) continue;
     pane.kind = content(pane.name);
-    drawPicture(pane);
+    whole = drawPicture(pane) && whole;
     drawMarks(pane);
   }
+  drawn = { key: point.key.join("|"), state: point.state, measured: point.marks.measured.join(), whole, at: performance.now() };
 }
 
+// True when every tile was there, none stood in for by a coarser one.
 function drawPicture(pane) {
   const [context, width, height] = canvas(pane.picture);
+  let whole = true;
   pane.picture.style.filter = state.contrast === 1 ? "" : `contrast(${state.contrast})`;
   const [name, photo] = [pane.kind, point.key[1]];
   if (showsRaw(name)) {
     const frame = rawFrame(width, height);
-    drawLayer(context, rawLayer(photo, point.scan.version, point.scan.size, state.wallis), frame, width, height);
+    whole = drawLayer(context, rawLayer(photo, point.scan.version, point.scan.size, state.wallis), frame, width, height);
     pane.label.textContent = word("pane.raw", { scan: shortName(photo) });
     if (state.likeness) drawVeil(context, point, (raw) => toScreen(pane, groundFromRaw(...raw), raw));
-    return;
+    return whole;
   }
   const frame = groundFrame(width, height);
-  if (name !== "scan") drawLayer(context, orthoLayer(state.wallis), frame, width, height);
+  if (name !== "scan") whole = drawLayer(context, orthoLayer(state.wallis), frame, width, height);
   if (name !== "ortho") {
     context.save();
     if (name === "swipe") {
@@ -173,12 +182,13 @@ function drawPicture(pane) {
       context.rect(width * state.share, 0, width, height);
       context.clip();
     } else if (name === "blend") context.globalAlpha = state.share;
-    drawLayer(context, scanLayer(photo, point.scan.version, state.wallis), frame, width, height);
+    whole = drawLayer(context, scanLayer(photo, point.scan.version, state.wallis), frame, width, height) && whole;
     context.restore();
     if (state.likeness) drawVeil(context, point, (raw) => toScreen(pane, groundFromRaw(...raw), raw));
   }
   const both = name === "swipe" || name === "blend";
   pane.label.textContent = both ? `${word("pane.ortho")} | ${word("pane.scan", { scan: shortName(photo) })}` : name === "ortho" ? word("pane.ortho") : word("pane.scan", { scan: shortName(photo) });
+  return whole;
 }
 
 // Layer coordinates of ground tiles: metres east and south of the lattice's corner.
@@ -332,62 +342,36 @@ function place(pane, at) {
   send({ kind: "place", key: point.key, frame: raw ? "scan" : "ground", place: raw ? at.raw : [at.east, at.north] });
 }
 
+// A new point is chosen where the ortho shows it, for there its coordinates are known.
+function addPoint(pane, x, y) {
+  if (takesPlace(pane, x) && pane.kind !== "blend") return;
+  const at = fromScreen(pane, x, y);
+  send({ kind: "add", place: [at.east, at.north] });
+  switchCompare("adding");
+}
+
 const takesPlace = (pane, x) => pane.kind === "scan" || pane.kind === "blend" || (pane.kind === "swipe" && x > pane.room.clientWidth * state.share);
 
-function listen(pane) {
-  const { room } = pane;
-  let down = null;
-  const at = (event) => {
-    const box = room.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  };
-  room.addEventListener("pointerdown", (event) => {
-    if (!point || event.button > 1) return;
-    const [x, y] = at(event);
+// What a pointer on a pane may do; `pointing.js` says when.
+const HAND = {
+  ready: () => point && view,
+  grips: (pane, x, y) => {
     const mark = measuredNow(pane);
-    const grips = event.button === 0 && state.marks && takesPlace(pane, x) && Math.hypot(mark[0] - x, mark[1] - y) < 8;
-    down = { x, y, button: event.button, moved: false, grips };
-    room.setPointerCapture(event.pointerId);
-    event.preventDefault();
-    byId("compare").focus({ preventScroll: true });
-  });
-  room.addEventListener("pointermove", (event) => {
-    if (!point || !view) return;
-    const [x, y] = at(event);
-    if (down && !down.moved && Math.hypot(x - down.x, y - down.y) > 4) { down.moved = true; down.px = x; down.py = y; }
-    if (down?.moved && down.grips) dragged = fromScreen(pane, x, y);
-    else if (down?.moved) {
-      room.classList.add("panning");
-      const [from, to] = [fromScreen(pane, down.px, down.py), fromScreen(pane, x, y)];
-      view.east += from.east - to.east;
-      view.north += from.north - to.north;
-      [down.px, down.py] = [x, y];
-    }
-    cursor = fromScreen(pane, x, y);
-    redraw();
-  });
-  room.addEventListener("pointerup", (event) => {
-    room.classList.remove("panning");
-    if (!down) return;
-    const [x, y] = at(event);
-    const wasClick = !down.moved && down.button === 0;
-    if (dragged) place(pane, dragged);
-    else if (wasClick && !down.grips && takesPlace(pane, x)) place(pane, fromScreen(pane, x, y));
-    dragged = null;
-    down = null;
-  });
-  room.addEventListener("pointercancel", () => { down = null; dragged = null; });
-  room.addEventListener("pointerleave", () => { if (!down) { cursor = null; redraw(); } });
-  room.addEventListener("wheel", (event) => {
-    if (!point) return;
-    event.preventDefault();
-    const [x, y] = at(event);
+    return state.marks && !state.adding && takesPlace(pane, x) && Math.hypot(mark[0] - x, mark[1] - y) < 8;
+  },
+  at: fromScreen,
+  drag: (place) => { dragged = place; },
+  drop: (pane) => { if (dragged) place(pane, dragged); },
+  click: (pane, x, y) => {
+    if (state.adding) addPoint(pane, x, y);
+    else if (takesPlace(pane, x)) place(pane, fromScreen(pane, x, y));
+  },
+  pan: (from, to) => { view.east += from.east - to.east; view.north += from.north - to.north; },
+  point: (place) => { cursor = place; redraw(); },
+  zoom: (pane, x, y, factor) => {
     const fixed = fromScreen(pane, x, y);
-    const factor = Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015));
     view.scale = bounded(view.scale * factor);
-    const now = fromScreen(pane, x, y);
-    view.east += fixed.east - now.east;
-    view.north += fixed.north - now.north;
+    HAND.pan(fixed, fromScreen(pane, x, y));
     redraw();
-  }, { passive: false });
-}
+  },
+};

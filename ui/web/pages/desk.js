@@ -1,10 +1,17 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
-import { byId, element, glyph, learnNames, number, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
+import { byId, element, learnNames, number, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
 import { setUpQueue, showQueue } from "/pages/queue.js";
 import { setUpPoint, showPoint } from "/pages/point.js";
 import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare } from "/pages/compare.js";
 import { showStatus } from "/pages/status.js";
+import { setUpPeople, showPeople } from "/pages/people.js";
+import { openQuality, setUpQuality, showQuality } from "/pages/quality.js";
+import { setUpResults } from "/pages/results.js";
+import { nextTheme, setUpTheme } from "/pages/theme.js";
+import { startTour, tourIsNew } from "/pages/tour.js";
+import { toggleHelp } from "/pages/help.js";
 
+const PIECE = 50;
 const parts = {};
 let seat = "";
 let socket = null;
@@ -14,7 +21,9 @@ let wanted = null;
 let judged = { shown: "", at: 0 };
 
 function send(message) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  const open = socket?.readyState === WebSocket.OPEN;
+  if (open) socket.send(JSON.stringify(message));
+  return open;
 }
 
 const shownNow = () => JSON.stringify([parts.point?.key, parts.point?.state]);
@@ -50,11 +59,16 @@ const ACTS = {
   remake: () => send({ kind: "remake" }),
   cancel: () => send({ kind: "cancel" }),
   help: () => toggleHelp(),
+  add: () => switchCompare("adding"),
+  quality: () => openQuality(parts.quality),
+  theme: () => nextTheme(),
+  tour: () => startTour(),
 };
 const KEYS = {
   KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
-  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", Enter: "refine", NumpadEnter: "refine",
+  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", KeyP: "add", KeyB: "quality", Enter: "refine", NumpadEnter: "refine",
 };
+const LAYERS = ["terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels"];
 const REPEATS = new Set(["next", "previous"]);
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 // Letters by what is printed on the key; by place only where another alphabet is set.
@@ -64,6 +78,16 @@ const letterOf = (event) => (event.key === "Enter" ? "Enter" : /^[a-z]$/i.test(e
 window.gruberKey = (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return false;
   const inScene = event.view !== window;
+  const sheet = document.querySelector("dialog[open]:not(#help)");
+  if (sheet) {
+    // Nothing is decided behind an open sheet.
+    if (event.type === "keydown" && (event.key === "Escape" || (sheet.id === "quality" && letterOf(event) === "KeyB"))) sheet.close();
+    return event.key === "Escape" || event.key.length === 1;
+  }
+  if (event.key === "Escape" && compareState().adding) {
+    switchCompare("adding");
+    return true;
+  }
   if (byId("help").open) {
     // Nothing is decided behind an open sheet of keys.
     if (event.type === "keydown" && (event.key === "Escape" || letterOf(event) === "KeyH")) toggleHelp();
@@ -122,7 +146,7 @@ function listenToKeys() {
 
 function setUpButtons() {
   const keyOf = Object.fromEntries(start.keys.map(([key, name]) => [name, key]));
-  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", "fit-whole": "fit.whole", "fit-current": "fit.current" };
+  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", quality: "quality", theme: "theme", tour: "tour", "fit-whole": "fit.whole", "fit-current": "fit.current" };
   const marks = { accept: "accepted", reject: "rejected", dubious: "dubious" };
   for (const button of document.querySelectorAll("[data-act]")) {
     const act = button.dataset.act;
@@ -140,7 +164,7 @@ function setUpButtons() {
 }
 
 function setUpScene() {
-  for (const layer of ["terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "labels"]) {
+  for (const layer of LAYERS) {
     const name = word(`layer.${layer}`);
     byId("layers").append(element("button", { "data-layer": layer, title: word("layer.tip", { name }), onclick: () => send({ kind: "layer", layer, shown: !parts.scene.layers[layer] }) }, name));
   }
@@ -173,12 +197,27 @@ function showReasons(explaining) {
   showReasons.later = setTimeout(() => { room.hidden = true; }, 6000);
 }
 
+// The table comes in pieces, of which only those that changed are sent.
+function takeRows(fresh) {
+  const pieces = Object.keys(fresh).filter((name) => name.startsWith("rows/"));
+  if (!pieces.length) return;
+  const rows = parts.rows ?? [];
+  for (const name of pieces) {
+    if (name !== "rows/count") rows.splice(Number(name.slice(5)) * PIECE, PIECE, ...fresh[name]);
+  }
+  if ("rows/count" in fresh) rows.length = Math.min(rows.length, fresh["rows/count"]);
+  for (const name of pieces) delete fresh[name];
+  fresh.rows = rows;
+}
+
 function receive(message) {
   const { notices, ...fresh } = message;
+  takeRows(fresh);
   Object.assign(parts, fresh);
-  if (fresh.rows || fresh.queue) showQueue(fresh.rows, fresh.queue);
+  if (fresh.rows || fresh.queue || fresh.order) showQueue(fresh.rows, fresh.queue, fresh.order);
   if (fresh.queue) { showReasons(fresh.queue.explaining); keepPlace(fresh.queue); }
-  if (fresh.status) showStatus(fresh.status);
+  if (fresh.status) { showStatus(fresh.status); showPeople(fresh.status, parts.point?.key); }
+  if (fresh.quality) showQuality(fresh.quality);
   if (fresh.scene) showScene(fresh.scene);
   if ("point" in fresh) {
     if (shownNow() !== judged.shown) judged.shown = "";
@@ -254,20 +293,6 @@ function showWire(on) {
   byId("wire").replaceChildren(element("span", { class: "dot" }), word(on ? "status.connected" : "status.lost"));
 }
 
-function toggleHelp() {
-  const dialog = byId("help");
-  if (dialog.open) { dialog.close(); return; }
-  const lines = start.keys.map(([key, name]) => element("tr", {}, element("td", {}, element("kbd", {}, key)), element("td", {}, word(name), element("span", {}, start.words[`${name}.tip`] ?? ""))));
-  const half = Math.ceil(lines.length / 2);
-  const palette = start.palette;
-  const looks = ["auto", "accepted", "dubious", "rejected", "unused"].map((state) => element("span", { title: word(`state.${state}.long`) }, stateGlyph(state, 15), word(`state.${state}`)));
-  dialog.replaceChildren(element("h2", {}, word("help.title")),
-    element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)), element("table", {}, ...lines.slice(half))),
-    element("div", { class: "marks-key" }, ...looks, element("span", {}, glyph("control", "#ffffff", 15), word("role.control")), element("span", {}, glyph("check", palette.check, 15), word("role.check")), element("span", {}, glyph("circle", palette.predicted, 15), word("mark.predicted")), element("span", {}, glyph("square", palette.peak, 15), word("mark.peak"))),
-    element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")));
-  dialog.showModal();
-}
-
 function setUpSplits() {
   const root = document.documentElement.style;
   for (const side of ["left", "right"]) {
@@ -311,11 +336,17 @@ async function open() {
   setUpPoint(send);
   setUpCompare(send);
   setUpScene();
+  setUpPeople(send);
+  setUpQuality(send);
+  setUpResults();
+  setUpTheme();
+  document.body.classList.toggle("guest", start.guest);
   listenToKeys();
   showWire(false);
   wanted = keptPlace();
   connect();
   window.gruber = { parts, compareState };
+  if (tourIsNew()) startTour();
 }
 
 open().catch((error) => { document.body.textContent = String(error); });

@@ -1,12 +1,12 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, other scans.
-import { byId, element, number, roleGlyph, shortName, start, stateGlyph, word } from "/pages/words.js";
+import { byId, element, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
 
 let send = () => {};
 export function setUpPoint(sender) { send = sender; }
 
 export function showPoint(point) {
   byId("nothing").hidden = point !== null;
-  for (const name of ["figures", "why", "trial", "peaks", "point-name"]) byId(name).replaceChildren();
+  for (const name of ["figures", "why", "trial", "peaks", "point-name", "history"]) byId(name).replaceChildren();
   for (const button of document.querySelectorAll("#acts button")) button.classList.remove("stands");
   if (!point) { showOthers(null); return; }
   const [name, photo] = point.key;
@@ -21,7 +21,17 @@ export function showPoint(point) {
   showWhy(point);
   showTrial(point);
   showPeaks(point);
+  showHistory(point);
   showOthers(point);
+}
+
+// Everything that was decided about the point, newest first; each can be turned round by itself.
+function showHistory(point) {
+  if (!point.history.length) return;
+  const lines = point.history.map((item) => element("li", { class: item.stands ? "" : "withdrawn", title: `${item.when}${item.by ? ` \u00b7 ${word("history.by", { who: item.by })}` : ""}` },
+    span(item.when.slice(11, 16), "faint"), span(word(`did.${item.what}`), ""), span(item.detail, "faint"), span(item.who, "muted"),
+    element("button", { class: "small", title: word(item.stands ? "history.back.tip" : "history.again.tip"), onclick: () => send({ kind: "back", decision: item.id }) }, word(item.stands ? "history.back" : "history.again"))));
+  byId("history").append(element("h3", {}, word("history")), element("ul", {}, ...lines));
 }
 
 const length = (pair) => (pair && pair[0] !== null ? Math.hypot(pair[0], pair[1]) : null);
@@ -73,7 +83,10 @@ function showTrial(point) {
     const values = { now: number(trial.now, 3), sigma: number(trial.sigma, 3), shift: number(trial.shift, 2), photo: shortName(trial.photo) };
     lines.push(word(trial.rejects ? "trial.reject" : "trial.accept", values), word("trial.shift", values));
   }
-  byId("trial").replaceChildren(element("h3", {}, word("trial")), ...lines.map((line) => element("div", { class: "figure" }, line)));
+  const beside = (trial?.neighbours ?? []).map(([name, , now, then]) => element("div", { class: "figure neighbour" },
+    span(shortPoint(name), ""), span(`${number(now, 2)} \u2192 ${number(then, 2)} px`, then > now + 0.02 ? "worse" : then < now - 0.02 ? "better" : "faint")));
+  if (beside.length) beside.unshift(element("div", { class: "figure faint" }, word("trial.neighbours")));
+  byId("trial").replaceChildren(element("h3", {}, word("trial")), ...lines.map((line) => element("div", { class: "figure" }, line)), ...beside);
 }
 
 function showPeaks(point) {

@@ -4,10 +4,14 @@ import { byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, s
 const ROW = 25;
 const STATES = ["review", "all", "open", "dubious", "accepted", "rejected", "unused"];
 const COLUMNS = [["point", "point", ""], ["photo", "photo", ""], ["misfit", "misfit", "right"], ["score", "score", "right"], ["doubt", "doubt", ""]];
+const KINDS = ["control", "check", "tie", "photo", "fiducial"];
+const POINTS = ["control", "check"];
 const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 let rows = [];
+let order = [];
 let queue = null;
+let learnt = 0;
 let send = () => {};
 const drawn = new Map();
 
@@ -18,7 +22,7 @@ export function setUpQueue(sender) {
     byId("chips").append(element("button", { class: "chip", "data-state": state, title: word(`state.${state}.long`), onclick: () => sieve({ state }) }, mark, word(`state.${state}`), element("b")));
   }
   fill("sieve-photo", [["", word("photo.all")], ...start.photos.map((name) => [name, shortName(name)])], (photo) => sieve({ photo }));
-  fill("sieve-role", [["", word("role.both")], ["control", word("role.control")], ["check", word("role.check")]], (role) => sieve({ role }));
+  fill("sieve-role", [["", word("role.both")], ...KINDS.map((kind) => [kind, word(`role.${kind}`)])], (role) => sieve({ role }));
   fill("sort-column", ["gain", "doubt", "misfit", "score", "photo", "point"].map((name) => [name, word(`sort.${name}`)]), (column) => sort(column, !["photo", "point", "score"].includes(column)));
   byId("sort-column").title = word("sort.by");
   byId("sort-turn").title = word("sort.turn");
@@ -42,17 +46,48 @@ function fill(name, options, chosen) {
   select.addEventListener("change", () => { chosen(select.value); select.blur(); });
 }
 
-const sieve = (change) => send({ kind: "filter", ...queue.filter, ...change });
+// What a filter lets through is found here at once; the desk hears of it and moves on if need be.
+function sieve(change) {
+  const filter = { ...queue.filter, ...change };
+  send({ kind: "filter", ...filter });
+  showQueue(null, { ...queue, filter }, null);
+}
+
+const ofKind = (row, filter) => (filter.role ? row[ROLE] === filter.role : POINTS.includes(row[ROLE])) && (!filter.photo || row[PHOTO] === filter.photo);
+const inState = (row, state) => state === "all" || (state === "review" ? row[STATE] !== "unused" : row[STATE] === (state === "open" ? "auto" : state));
+
+function sifted() {
+  const counts = Object.fromEntries(STATES.map((state) => [state, 0]));
+  const kinds = Object.fromEntries(KINDS.map((kind) => [kind, 0]));
+  const shown = [];
+  for (const index of order) {
+    const row = rows[index];
+    if (!row) continue;
+    if (row[STATE] === "auto" || row[STATE] === "unused") kinds[row[ROLE]] += 1;
+    if (!ofKind(row, queue.filter)) continue;
+    counts.all += 1;
+    counts[row[STATE] === "auto" ? "open" : row[STATE]] += 1;
+    if (row[STATE] !== "unused") counts.review += 1;
+    if (inState(row, queue.filter.state)) shown.push(index);
+  }
+  return { counts, kinds, shown };
+}
+
 const sort = (column, descending) => send({ kind: "sort", column, descending });
 
-export function showQueue(newRows, newQueue) {
-  if (newRows) {
-    if (newRows.length !== rows.length) learnPoints([...new Set(newRows.map((row) => row[POINT]))]);
-    rows = newRows;
-  }
-  const before = queue ? `${queue.current} ${queue.shown.indexOf(queue.current)}` : "";
+export function showQueue(newRows, newQueue, newOrder) {
+  const before = queue ? `${queue.current} ${queue.shown?.indexOf(queue.current)}` : "";
+  if (newRows) rows = newRows;
+  if (newOrder) order = newOrder;
   if (newQueue) queue = newQueue;
   if (!queue) return;
+  if (rows.length !== learnt) learnPoints([...new Set(rows.map((row) => row[POINT]))]);
+  learnt = rows.length;
+  const { counts, kinds, shown } = sifted();
+  Object.assign(queue, { counts, shown, isTaken: new Map(queue.taken ?? []) });
+  for (const option of byId("sieve-role").options) {
+    if (!POINTS.includes(option.value) && option.value) option.textContent = `${word(`role.${option.value}`)} (${kinds[option.value]})`;
+  }
   for (const chip of byId("chips").children) {
     chip.classList.toggle("on", chip.dataset.state === queue.filter.state);
     chip.querySelector("b").textContent = queue.counts[chip.dataset.state];
@@ -64,6 +99,7 @@ export function showQueue(newRows, newQueue) {
   for (const heading of byId("columns").children) heading.classList.toggle("by", heading.dataset.column === queue.sort.column);
   const place = queue.shown.indexOf(queue.current);
   byId("queue-place").textContent = word("queue.place", { here: place < 0 ? "\u2013" : place + 1, all: queue.shown.length });
+  byId("queue-empty").textContent = start.words[`queue.empty.${queue.filter.role}`] && !counts.all ? word(`queue.empty.${queue.filter.role}`) : word("queue.empty");
   byId("queue-empty").hidden = queue.shown.length > 0;
   byId("rows").style.height = `${queue.shown.length * ROW}px`;
   if (before !== `${queue.current} ${place}`) intoSight(place);
@@ -103,13 +139,14 @@ function draw() {
 
 function write(line, index) {
   const row = rows[index];
-  const shape = JSON.stringify([row, index === queue.current]);
+  const taken = queue.isTaken.get(index);
+  const shape = JSON.stringify([row, index === queue.current, taken]);
   if (line.dataset.shape === shape) return;
   line.dataset.shape = shape;
-  line.className = `row${index === queue.current ? " current" : ""}${row[HUMAN] ? " human" : ""}`;
+  line.className = `row${index === queue.current ? " current" : ""}${row[HUMAN] ? " human" : ""}${taken ? " taken" : ""}`;
   line.dataset.key = `${row[POINT]}|${row[PHOTO]}`;
   line.dataset.state = row[STATE];
-  line.title = `${row[POINT]} \u00b7 ${row[PHOTO]} \u00b7 ${word(`role.${row[ROLE]}`)} \u00b7 ${word(`state.${row[STATE]}.long`)}`;
+  line.title = `${row[POINT]} \u00b7 ${row[PHOTO]} \u00b7 ${word(`role.${row[ROLE]}`)} \u00b7 ${word(`state.${row[STATE]}.long`)}${taken ? ` \u00b7 ${word("people.here", { names: taken })}` : ""}`;
   line.onclick = () => send({ kind: "select", key: [row[POINT], row[PHOTO]] });
   const bar = element("i");
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;

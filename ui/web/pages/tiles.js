@@ -27,20 +27,29 @@ function image(address, ahead = false) {
 
 // A layer is {address(level, column, row), levels, pixel, limits?}; its own frame counts x right and
 // y down in units of `pixel` at level 0. `view` gives the layer coordinates of the canvas' corner and
-// css pixels per unit.
+// css pixels per unit. True when nothing that is still to come would change it.
 export function drawLayer(context, layer, view, width, height) {
   const { level, size, first, last } = covering(layer, view, width, height);
   context.imageSmoothingEnabled = true;
   context.imageSmoothingQuality = "high";
   const at = (value, corner) => Math.round((value - corner) * view.scale);
-  for (let row = first[1]; row <= last[1]; row += 1) {
-    for (let column = first[0]; column <= last[0]; column += 1) {
-      const left = at(column * size, view.x);
-      const top = at(row * size, view.y);
-      const box = [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
-      drawTile(context, layer, level, column, row, box);
+  let whole = true;
+  // Tiles on whole pixels of the screen leave no seams. Where one measures, a tile lies exactly where
+  // it belongs as well, over that.
+  const exact = view.scale * layer.pixel >= 3;
+  const side = size * view.scale;
+  for (const exactly of exact ? [false, true] : [false]) {
+    for (let row = first[1]; row <= last[1]; row += 1) {
+      for (let column = first[0]; column <= last[0]; column += 1) {
+        const left = at(column * size, view.x);
+        const top = at(row * size, view.y);
+        const box = exactly ? [(column * size - view.x) * view.scale, (row * size - view.y) * view.scale, side, side]
+          : [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
+        whole = drawTile(context, layer, level, column, row, box) && whole;
+      }
     }
   }
+  return whole;
 }
 
 function covering(layer, view, width, height) {
@@ -64,7 +73,7 @@ function drawTile(context, layer, level, column, row, box) {
   const tile = image(layer.address(level, column, row));
   if (tile.ready) {
     context.drawImage(tile, ...box);
-    return;
+    return true;
   }
   for (let up = 1; up <= 4 && level + up < layer.levels; up += 1) {
     const part = 2 ** up;
@@ -74,9 +83,10 @@ function drawTile(context, layer, level, column, row, box) {
     if (coarse?.ready) {
       const side = SIDE / part;
       context.drawImage(coarse, (column - over * part) * side, (row - down * part) * side, side, side, ...box);
-      return;
+      break;
     }
   }
+  return tile.failed === true;
 }
 
 // The browser keeps tiles for a day: an address must never mean another block or another day's desk.

@@ -28,6 +28,9 @@ const SHAPES = {
   diamond: '<path d="M8 2l6 6-6 6-6-6z" fill="C"/>',
   square: '<rect x="4.5" y="4.5" width="7" height="7" fill="none" stroke="C" stroke-width="1.6"/>',
   control: '<path d="M8 3l5.5 10h-11z" fill="none" stroke="C" stroke-width="1.5"/>',
+  tie: '<path d="M8 3v10M3 8h10M4.5 4.5l7 7M11.5 4.5l-7 7" stroke="C" stroke-width="1.3"/>',
+  photo: '<path d="M2.5 4h11v8.5h-11zM2.5 12.5l5.5-4 5.5 4" fill="none" stroke="C" stroke-width="1.3"/>',
+  fiducial: '<circle cx="8" cy="8" r="4.5" fill="none" stroke="C" stroke-width="1.3"/><path d="M8 1.5v13M1.5 8h13" stroke="C" stroke-width="1.1"/>',
   check: '<rect x="3.2" y="3.2" width="9.6" height="9.6" fill="none" stroke="C" stroke-width="1.5"/><circle cx="8" cy="8" r="1.3" fill="C"/>',
 };
 
@@ -42,7 +45,7 @@ export function stateGlyph(state, size = 14) {
   return glyph(look.glyph, look.colour, size);
 }
 
-export const roleGlyph = (role, size = 13) => glyph(role === "check" ? "check" : "control", role === "check" ? start.palette.check : "#9aa5b4", size);
+export const roleGlyph = (role, size = 13) => glyph(role, role === "check" ? start.palette.check : "#8d97a6", size);
 
 let prefix = "";
 
@@ -75,6 +78,7 @@ export function learnPoints(names) {
 }
 
 export function shortPoint(name) {
+  if (name.startsWith("photo ")) return word("role.photo.one");
   const part = halves && /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/.exec(name);
   return part ? `${part[1]} ${part[2].slice(halves[0])} ${part[3].slice(halves[1])}` : name;
 }

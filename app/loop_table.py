@@ -1,0 +1,62 @@
+"""The queue's rows, kept up with no more work than each change needs."""
+
+from collections.abc import Collection, Mapping
+
+from ui.review.picture import row_line
+from ui.review.queue import Away, Row, away_of, moved_away, queue_row, queue_rows
+from ui.review.state import DeskState, Key
+
+
+class Table:
+    """Rows of everything that can be judged, and the same as lines for the pages."""
+
+    def __init__(self) -> None:
+        self.rows: dict[Key, Row] = {}
+        self.places: dict[Key, int] = {}
+        self.lines: list[list[object]] = []
+        self.by_point: dict[str, list[Key]] = {}
+        self.away = Away({}, {})
+
+    def rebuild(self, state: DeskState) -> None:
+        """After an adjustment, or when rows came or went: everything anew."""
+        self.away = away_of(state)
+        self.rows = {row.key: row for row in queue_rows(state, self.away)}
+        self.places = {key: number for number, key in enumerate(self.rows)}
+        self.lines = [row_line(row) for row in self.rows.values()]
+        self.by_point = {}
+        for key in self.rows:
+            self.by_point.setdefault(key[0], []).append(key)
+
+    def touch(self, state: DeskState, keys: Collection[Key]) -> None:
+        """After a decision: only what it was about, in the same adjustment."""
+        if any(key not in self.rows for key in keys):
+            self.rebuild(state)
+            return
+        self.away = moved_away(self.away, state, keys)
+        self.lines = list(self.lines)
+        for key in keys:
+            self.rows[key] = queue_row(state, self.away, key)
+            self.lines[self.places[key]] = row_line(self.rows[key])
+
+
+def changed_keys(before: DeskState, after: DeskState) -> set[Key] | None:
+    """Rows that a decision changed; None when rows came or went."""
+    one, other = before.block, after.block
+    if one.measurements.keys() != other.measurements.keys():
+        return None
+    extra, fresh = before.extra.measurements, after.extra.measurements
+    if extra.keys() != fresh.keys():
+        return None
+    changed = _differing(one.measurements, other.measurements) | _differing(extra, fresh)
+    turned = {
+        name
+        for name, point in other.surveyed.items()
+        if (known := one.surveyed.get(name)) is not point
+        and (known is None or known.role != point.role)
+    }
+    return changed | {key for key in other.measurements if turned and key[0] in turned}
+
+
+def _differing(one: Mapping[Key, object], other: Mapping[Key, object]) -> set[Key]:
+    """Keys whose value is another; the same object is never looked into."""
+    return {key for key, value in other.items() if one[key] is not value and one[key] != value}

@@ -1,0 +1,30 @@
+"""Photos that do not belong: they are set aside and said so, and do not disturb the others."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from core.synthetic.archive import make_block
+from core.synthetic.options import SyntheticOptions
+from tests.journeys.copies import BlockCopy, gruber
+
+
+def test_a_photo_from_elsewhere_is_left_out_and_told__truth(
+    copy_of: Callable[..., BlockCopy], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A frame of another valley under the name of this one's third photo."""
+    make_block(tmp_path / "other", SyntheticOptions("tiny", seed=77))
+    foreign = sorted((tmp_path / "other" / "scans").glob("*.tif"))[2]
+    copy = copy_of(3)
+    strange = copy.scans[2]
+    copy.replace(strange, foreign.read_bytes())
+    shutil.rmtree(tmp_path / "other")
+    told = gruber(capsys, "run", copy.folder)
+    assert told.code == 0, told.err
+    report = copy.report()
+    standing = {row["scan"]: row["oriented"] for row in report["exterior"]}
+    assert standing == {scan.stem: scan != strange for scan in copy.scans}
+    assert [d for d in report["doubts"] if d["subject"] == strange.stem and d["gravity"] >= 0.8]
+    assert all(row["scan"] != strange.stem for row in report["control"].get("left_out", []))

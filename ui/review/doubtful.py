@@ -1,0 +1,202 @@
+"""What is doubtful beside control: tie points that bend the block, photos, fiducials."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from core.block.block import Block, Measurement, Photo, Status, SurveyedPoint
+from core.doubts import Doubt
+from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie, Recorded, standing
+from sessions.judging import tie_at
+from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
+from ui.review.state import DeskState, Extra, Key, Kind
+
+Verdict = JudgeTie | JudgePhoto | JudgeFiducial
+TIES_SHOWN = 60
+"""So many tie points are put into the queue, the worst ones."""
+TIE_SIGMAS = 2.6
+"""A tie point whose worst ray is further off than this, standard deviations, is looked at."""
+FEW_RAYS = 12
+"""A photo with fewer rays of tie points hardly hangs together with its neighbours."""
+FIDUCIAL_SIGMAS, FIDUCIAL_UM = 1.8, 12.0
+"""A mark is looked at when its residual exceeds both: sigmas of its scan, and micrometres."""
+GROUND_SIGMA_M = np.array([1.0, 1.0, 1.0])
+
+
+def extra_of(
+    state: DeskState,
+    base: Block,
+    decisions: Sequence[Recorded],
+    doubts: Iterable[Doubt],
+    dem: HeightSource,
+) -> Extra:
+    """Everything doubtful beside surveyed points, and what was said of such things before.
+
+    Args:
+        state: The block with its newest adjustment.
+        base: The block before any decision: what was left out is still there.
+        decisions: Everything recorded.
+        doubts: What the engine was unsure of.
+        dem: Heights, for places on the ground.
+    """
+    said = [item.decision for item in standing(decisions)]
+    verdicts = [item for item in said if isinstance(item, JudgeTie | JudgePhoto | JudgeFiducial)]
+    gathered = _Gathered(state, base, dem)
+    gathered.ties([item for item in verdicts if isinstance(item, JudgeTie)])
+    photos = {item.photo_id: item.use for item in verdicts if isinstance(item, JudgePhoto)}
+    gathered.photos(photos, {doubt.subject: doubt.message for doubt in doubts})
+    marks = {(v.photo_id, v.name): v.use for v in verdicts if isinstance(v, JudgeFiducial)}
+    gathered.fiducials(marks)
+    return Extra(gathered.points, gathered.measurements, gathered.kinds)
+
+
+def verdict_on(extra: Extra, key: Key, use: bool) -> Verdict | None:
+    """The decision that says whether something takes part."""
+    measurement, kind = extra.measurements.get(key), extra.kinds.get(key[0])
+    if measurement is None:
+        return None
+    match kind:
+        case "tie":
+            return JudgeTie(key[1], measurement.column, measurement.row, use)
+        case "photo":
+            return JudgePhoto(key[1], use)
+        case "fiducial":
+            return JudgeFiducial(key[1], key[0].partition(" ")[2], use)
+        case _:
+            return None
+
+
+def key_of_verdict(extra: Extra, verdict: Verdict) -> Key | None:
+    """The row that a decision was about."""
+    match verdict:
+        case JudgePhoto(photo_id=photo_id):
+            key = f"photo {photo_id}", photo_id
+            return key if key in extra.measurements else None
+        case JudgeFiducial(photo_id=photo_id, name=name):
+            key = f"fiducial {name}", photo_id
+            return key if key in extra.measurements else None
+        case JudgeTie(photo_id=photo_id, column=column, row=row):
+            for key, item in extra.measurements.items():
+                same = abs(item.column - column) < 0.5 and abs(item.row - row) < 0.5
+                if key[1] == photo_id and extra.kinds[key[0]] == "tie" and same:
+                    return key
+            return None
+
+
+class _Gathered:
+    """Points and measurements as they come together."""
+
+    def __init__(self, state: DeskState, base: Block, dem: HeightSource) -> None:
+        self.state, self.base, self.dem = state, base, dem
+        self.points: dict[str, SurveyedPoint] = {}
+        self.measurements: dict[Key, Measurement] = {}
+        self.kinds: dict[str, Kind] = {}
+
+    def ties(self, said: Sequence[JudgeTie]) -> None:
+        """Tie points with a ray far off, worst first; those judged before stay."""
+        judged = {
+            number: verdict.use
+            for verdict in said
+            if (number := tie_at(self.base.ties, verdict.photo_id, verdict.column, verdict.row))
+            is not None
+        }
+        worst = worst_ties(self.state)
+        for number in {**dict.fromkeys(judged), **dict.fromkeys(worst)}:
+            use = judged.get(number)
+            status: Status = "auto" if use is None else "accepted" if use else "rejected"
+            self._tie(number, status, worst.get(number, TIE_SIGMAS))
+
+    def photos(self, said: Mapping[str, bool], doubts: Mapping[str, str]) -> None:
+        """Photos without an orientation, with a doubt, or with hardly any ties."""
+        rays = _rays_by_photo(self.state.block)
+        for name, photo in self.base.photos.items():
+            placed = self.state.oriented.photos.get(name, photo)
+            few = bool(len(self.base.ties.point)) and rays.get(name, 0) < FEW_RAYS
+            reason = doubts.get(name, "")
+            if few and not reason:
+                reason = f"only {rays.get(name, 0)} rays of tie points bind it to its neighbours"
+            if photo.oriented and not reason and name not in said:
+                continue
+            status: Status = "auto" if photo.oriented else "unused"
+            if name in said:
+                status = "accepted" if said[name] else "rejected"
+            middle = placed.interior.pixel_from_film(np.zeros((1, 2)))
+            position = self._ground(name, middle)
+            if position is not None:
+                self._add(f"photo {name}", "photo", name, position, middle[0], 0.3, status, reason)
+
+    def fiducials(self, said: Mapping[tuple[str, str], bool]) -> None:
+        """Marks whose residual stands out within their scan."""
+        for photo_id, photo in self.base.photos.items():
+            interior = photo.interior
+            lengths = np.hypot(*interior.residuals_um.T) if len(interior.names) else []
+            limit = max(FIDUCIAL_SIGMAS * np.nan_to_num(interior.sigma_um), FIDUCIAL_UM)
+            for mark, pixel, length in zip(interior.names, interior.pixels, lengths, strict=True):
+                use = said.get((photo_id, mark))
+                if use is None and length <= limit:
+                    continue
+                position = self._ground(photo_id, pixel[None])
+                if position is None:
+                    continue
+                status: Status = "auto" if use is None else "accepted" if use else "rejected"
+                why = f"lies {length:.0f} um from where the certificate puts it"
+                score = float(np.clip(1.2 - 0.3 * length / limit, 0.1, 0.9))
+                name = f"fiducial {mark}"
+                self._add(name, "fiducial", photo_id, position, pixel, score, status, why)
+
+    def _tie(self, number: int, status: Status, ratio: float) -> None:
+        ties, report = self.base.ties, self.state.report
+        rays = np.flatnonzero(ties.point == number)
+        if not len(rays):
+            return
+        position = report.tie_positions[number] if number < len(report.tie_positions) else None
+        first = ties.photo_ids[int(ties.photo[rays[0]])]
+        if position is None or not np.isfinite(position).all():
+            position = self._ground(first, ties.pixels[rays[:1]])
+        if position is None:
+            return
+        score = float(np.clip(1.2 - ratio / (3 * TIE_SIGMAS) - 0.4, 0.05, 0.9))
+        why = f"a ray lies {ratio:.1f} sigma off"
+        for ray in rays:
+            photo_id = ties.photo_ids[int(ties.photo[ray])]
+            pixel = ties.pixels[ray]
+            self._add(f"tie {number}", "tie", photo_id, position, pixel, score, status, why)
+
+    def _add(self, name: str, kind: Kind, photo_id: str, position: np.ndarray,
+             pixel: np.ndarray, score: float, status: Status, reason: str) -> None:  # fmt: skip
+        self.kinds[name] = kind
+        if name not in self.points:
+            self.points[name] = SurveyedPoint(name, position, GROUND_SIGMA_M, "control", "hand")
+        made = Measurement(
+            name, photo_id, float(pixel[0]), float(pixel[1]), 0.5, score, status, reason
+        )
+        self.measurements[made.key] = made
+
+    def _ground(self, photo_id: str, pixels: np.ndarray) -> np.ndarray | None:
+        """Where a ray meets the ground; None where it does not."""
+        photo: Photo | None = self.state.oriented.photos.get(photo_id)
+        if photo is None:
+            return None
+        drawn = DrawnPhoto(photo, self.state.oriented.camera_of(photo_id), 0)
+        found = ground_from_pixel(pixels, drawn, self.dem, photo.ground_height_m)[0]
+        return found if np.isfinite(found).all() else None
+
+
+def worst_ties(state: DeskState) -> dict[int, float]:
+    """Tie points whose worst ray is far off: number and standard deviations, worst first."""
+    report = state.report
+    ties, residuals = report.block.ties, report.tie_residuals_px
+    if not len(ties.point):
+        return {}
+    unit = max(report.sigma_nought, 0.3)
+    ratio = np.linalg.norm(residuals, axis=1) / np.sqrt(2) / (ties.sigma_px * unit)
+    worst = np.zeros(ties.count)
+    taking_part = np.isfinite(ratio)
+    np.maximum.at(worst, ties.point[taking_part], ratio[taking_part])
+    order = np.argsort(-worst)[:TIES_SHOWN]
+    return {int(number): float(worst[number]) for number in order if worst[number] > TIE_SIGMAS}
+
+
+def _rays_by_photo(block: Block) -> dict[str, int]:
+    counts = np.bincount(block.ties.photo, minlength=len(block.ties.photo_ids))
+    return dict(zip(block.ties.photo_ids, counts.tolist(), strict=True))

@@ -1,0 +1,134 @@
+"""The view of a block's quality, as values a page can draw and print."""
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from core.block.quality import BlockQuality, assess_block
+from core.block.verdict import judge_block
+from ui.review.milestones import Milestone, milestone_line, shifts_m
+from ui.review.picture import Part, position_error_m
+from ui.review.scene import EDGE_PARTS, Segments
+from ui.review.state import DeskState
+
+TIES_DRAWN = 2500
+"""Tie points on the maps: enough to see where they are weak."""
+PAIRS_TOLD = 80
+
+
+def quality_part(
+    state: DeskState,
+    outlines: Segments,
+    milestones: tuple[Milestone, ...],
+    pair: tuple[int, int] | None = None,
+) -> Part:
+    """Everything the view shows; outlines are the footprints in the local frame."""
+    report = state.report
+    polygons = footprint_polygons(state, outlines)
+    found = assess_block(report, polygons)
+    findings = judge_block(found, report)
+    return {
+        "verdict": max((f.grave for f in findings), default=0),
+        "findings": [[f.text, f.grave, dict(f.values)] for f in findings],
+        "sigma": _number(report.sigma_nought, 3),
+        "mp": _number(position_error_m(report), 3),
+        "free": list(state.free),
+        "photos": _photos(found),
+        "overlaps": _overlaps(found),
+        "rays": [[number, count] for number, count in sorted(found.rays.items())],
+        "pattern": [
+            [[_number(value, 3) for value in cell] for cell in line] for line in found.pattern_px
+        ],
+        "pattern_counts": found.pattern_counts.tolist(),
+        "control_cells": found.control_cells.tolist(),
+        "map": _map(state, polygons),
+        "milestones": [milestone_line(one) for one in milestones],
+        "compared": _compared(milestones, pair),
+    }
+
+
+def footprint_polygons(state: DeskState, outlines: Segments) -> dict[str, shapely.Polygon]:
+    """Footprints as polygons in the local frame; each photo has the same number of segments."""
+    each, found = 4 * EDGE_PARTS, dict[str, shapely.Polygon]()
+    for number, name in enumerate(state.oriented.photos):
+        ring = outlines[number * each : (number + 1) * each, 0, :2]
+        if len(ring) == each and np.isfinite(ring).all():
+            polygon = shapely.Polygon(ring + state.block.origin[:2])
+            hull = polygon.convex_hull
+            if not polygon.is_valid and isinstance(hull, shapely.Polygon):
+                polygon = hull
+            found[name] = polygon
+    return found
+
+
+def _photos(found: BlockQuality) -> list[dict[str, Any]]:
+    return [
+        {
+            "photo": one.photo_id, "oriented": one.oriented,
+            "tilt": _number(one.tilt_deg, 2), "crab": _number(one.crab_deg, 2),
+            "rms": _number(one.rms_px, 2), "control": one.control, "ties": one.ties,
+            "sigma": _number(one.sigma_m, 2), "cells": list(one.cells),
+        }
+        for one in found.photos
+    ]  # fmt: skip
+
+
+def _overlaps(found: BlockQuality) -> list[list[Any]]:
+    pairs = sorted(found.overlaps, key=lambda pair: (pair.ties > 0, -pair.share))
+    return [
+        [p.first, p.second, _number(100 * p.share, 0), p.ties, p.along] for p in pairs[:PAIRS_TOLD]
+    ]
+
+
+def _map(state: DeskState, polygons: dict[str, shapely.Polygon]) -> dict[str, Any]:
+    """Places in metres from the block's origin: outlines, control, checks, ties with sigma."""
+    report, origin = state.report, state.block.origin[:2]
+    surveyed = state.block.surveyed
+    control = [
+        [*_place(surveyed[name].position, origin), *_place(adjusted, surveyed[name].position, 2)]
+        for name, adjusted in report.surveyed_positions.items()
+        if name in surveyed
+    ]
+    checks = [
+        [*_place(check.position, origin), *(_number(v, 2) for v in check.difference_m[:2])]
+        for check in report.checks
+    ]
+    sound = np.flatnonzero(np.isfinite(report.tie_positions).all(axis=1))
+    drawn = sound[:: max(1, -(-len(sound) // TIES_DRAWN))]
+    sigmas = np.linalg.norm(report.tie_sigmas_m[drawn, :2], axis=1) if len(drawn) else []
+    return {
+        "outlines": {
+            name: [[round(x - origin[0]), round(y - origin[1])] for x, y in polygon.exterior.coords]
+            for name, polygon in polygons.items()
+        },
+        "control": control,
+        "checks": checks,
+        "ties": [
+            [*_place(report.tie_positions[number], origin), _number(sigma, 2)]
+            for number, sigma in zip(drawn, sigmas, strict=True)
+        ],
+    }
+
+
+def _compared(milestones: tuple[Milestone, ...], pair: tuple[int, int] | None) -> Part:
+    """Two adjustments side by side: how far each photo moved between them, furthest first."""
+    by_number = {one.number: one for one in milestones}
+    if not by_number:
+        return None
+    numbers = (
+        pair if pair and all(n in by_number for n in pair) else (min(by_number), max(by_number))
+    )
+    one, other = (by_number[number] for number in numbers)
+    shifts = sorted(shifts_m(one, other).items(), key=lambda item: -item[1])
+    return {"pair": list(numbers), "shifts": [[name, _number(value, 3)] for name, value in shifts]}
+
+
+def _place(position: Any, origin: Any, digits: int = 0) -> list[float | None]:
+    return [_number(float(position[i]) - float(origin[i]), digits) for i in (0, 1)]
+
+
+def _number(value: float | None, digits: int) -> float | None:
+    if value is None or not np.isfinite(value):
+        return None
+    return round(float(value), digits)
