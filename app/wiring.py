@@ -2,6 +2,7 @@
 
 import logging
 import secrets
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -45,6 +46,8 @@ from ui.web.lines import Lines
 from ui.web.tiles import Sources, TileStore
 
 logger = logging.getLogger(__name__)
+SWITCH_S = 0.001
+"""Seconds after which a computing thread gives way to those that answer."""
 
 
 class Dem(HeightSource, SurfaceSource, Protocol):
@@ -171,6 +174,8 @@ def open_desk(desk: DeskInputs) -> Desk:
     Raises:
         PhotogrammetryError: The port cannot be had.
     """
+    # A thread that computes lets others in after this long; a key's answer passes several threads.
+    sys.setswitchinterval(SWITCH_S)
     made = made_with(desk.report.block) if desk.made is None else desk.made
     state = DeskState(desk.block, desk.report, made=made, written=desk.written)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))

@@ -17,6 +17,8 @@ from sessions.decisions import AddPoint
 
 logger = logging.getLogger(__name__)
 Adjust = Callable[[Block, Progress], AdjustmentReport]
+BEGIN_AFTER_S = 0.1
+"""An adjustment begins this much later: first the picture of what was decided goes out."""
 REPORT_EVERY_S = 0.15
 """Progress is passed on no more often than this."""
 
@@ -128,6 +130,7 @@ class Worker:
         while True:
             with self._change:
                 self._change.wait_for(lambda: self._wanted or self._trial or self._closed)
+                self._change.wait_for(lambda: self._closed, timeout=BEGIN_AFTER_S)
                 if self._closed:
                     return
                 if self._wanted is not None:

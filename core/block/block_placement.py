@@ -15,7 +15,7 @@ import numpy as np
 from core.arrays import PlanPosition, Scalars
 from core.block.block import Block, Photo
 from core.block.free_block import FreeBlock
-from core.block.ground_search import Laid, Level, Turn, distinct, steps_of
+from core.block.ground_search import Backdrop, Laid, Level, Turn, distinct, steps_of
 from core.block.pairs import footprint
 from core.block.patches import OpenPhoto
 from core.block.placement import (
@@ -89,18 +89,19 @@ def place_block(
     reach = block_reach_m(block, about)
     room = _Room.of(list(block.photos.values()), free.turns, options)
     gsd = room.first_gsd_m(min(opened.width_m for opened in photos.values()), reach, options)
+    finer = max(1, round(min(gsd * options.fine_px / (2 * reach), 2.5)))
     laid = laid_block(photos, reference, about, reach, gsd, mapper)
-    level = Level(laid, reference.ortho, Turn(0.0, 1.0), room.shift_m)
+    backdrop = Backdrop.read(reference.ortho, about, laid.half_m + room.shift_m, gsd / finer)
+    level = Level(laid, backdrop.coarser(finer), Turn(0.0, 1.0), room.shift_m)
     turns = level.search(room.trials(reach / gsd), 2, mapper)
     best = distinct(turns, options.hypotheses, reach)
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
-    fine_gsd = max(2 * reach / options.fine_px, 0.4 * gsd)
-    fine = laid_block(photos, reference, about, reach, fine_gsd, mapper)
+    fine = laid_block(photos, reference, about, reach, gsd / finer, mapper)
     step = 1.5 * gsd / reach
-    found = list(mapper(lambda turn: refined_turn(fine, reference, turn, step), best))
+    found = list(mapper(lambda turn: refined_turn(fine, backdrop, turn, step), best))
     found.sort(key=lambda turn: -turn.score)
-    return _placed(photos, about, tuple(found), fine_gsd, options)
+    return _placed(photos, about, tuple(found), gsd / finer, options)
 
 
 def block_reach_m(block: Block, about: PlanPosition) -> float:

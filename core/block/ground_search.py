@@ -69,23 +69,81 @@ class Laid:
     mask: Mask
     """Where it shows ground."""
 
+    @property
+    def half_m(self) -> float:
+        """Half its longer side, metres."""
+        return max(self.grid.columns, self.grid.rows) * self.grid.ground_sample_distance_m / 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Backdrop:
+    """The reference about a picture, read once for all searches."""
+
+    grid: Grid
+    """Where its pixels lie."""
+    values: Image
+    """Grey values."""
+    mask: Mask
+    """Where the reference shows ground."""
+
+    @staticmethod
+    def read(ortho: Ortho, about: PlanPosition, reach_m: float, gsd_m: float) -> "Backdrop":
+        """The square about a place, to so many metres on every side."""
+        side = 2 * int(np.ceil(reach_m / gsd_m)) + 1
+        west, north = float(about[0]) - side * gsd_m / 2, float(about[1]) + side * gsd_m / 2
+        patch = ortho.read(Grid(west, north, gsd_m, side, side))
+        return Backdrop(Grid(west, north, gsd_m, side, side), patch.values, patch.mask)
+
+    def coarser(self, factor: int) -> "Backdrop":
+        """Means of so many pixels a side; known where most of them are."""
+        gsd, side = self.grid.ground_sample_distance_m * factor, self.grid.columns // factor
+        whole = slice(0, side * factor)
+        size = (side, side)
+        inside = self.mask[whole, whole].astype(np.float32)
+        share = cv2.resize(inside, size, interpolation=cv2.INTER_AREA)
+        known = np.where(inside > 0, self.values[whole, whole], 0).astype(np.float32)
+        mean = cv2.resize(known, size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)
+        grid = Grid(self.grid.west, self.grid.north, gsd, side, side)
+        return Backdrop(grid, np.asarray(mean, np.float32), np.asarray(share) > 0.5)
+
+    def cut(self, grid: Grid) -> "Backdrop":
+        """The part nearest to a grid of the same pixel size; nothing is known beyond the rim."""
+        gsd = grid.ground_sample_distance_m
+        left = round((grid.west - self.grid.west) / gsd)
+        top = round((self.grid.north - grid.north) / gsd)
+        values = np.zeros((grid.rows, grid.columns), np.float32)
+        mask = np.zeros((grid.rows, grid.columns), bool)
+        down = slice(max(top, 0), min(top + grid.rows, self.grid.rows))
+        along = slice(max(left, 0), min(left + grid.columns, self.grid.columns))
+        if down.stop > down.start and along.stop > along.start:
+            into = (
+                slice(down.start - top, down.stop - top),
+                slice(along.start - left, along.stop - left),
+            )
+            values[into], mask[into] = self.values[down, along], self.mask[down, along]
+        west, north = self.grid.west + left * gsd, self.grid.north - top * gsd
+        return Backdrop(Grid(west, north, gsd, grid.columns, grid.rows), values, mask)
+
 
 class Level:
     """A laid picture and the reference about it at one ground sample distance."""
 
-    def __init__(self, laid: Laid, ortho: Ortho, start: Turn, radius_m: float) -> None:
-        """Read the reference.
+    def __init__(self, laid: Laid, backdrop: Backdrop, start: Turn, radius_m: float) -> None:
+        """Cut the reference.
 
         Args:
             laid: The picture.
-            ortho: The reference.
+            backdrop: The reference, of the same pixel size.
             start: Where the shifts are counted from.
             radius_m: Largest shift that is tried.
         """
-        self.laid, self.start = laid, start
+        self.laid = laid
         self.gsd_m = laid.grid.ground_sample_distance_m
         self.radius_px = round(radius_m / self.gsd_m)
-        patch = ortho.read(shifted_grid(laid.grid, start, self.radius_px))
+        wanted = shifted_grid(laid.grid, start, self.radius_px)
+        patch = backdrop.cut(wanted)
+        self.east_m = start.east_m + patch.grid.west - wanted.west
+        self.north_m = start.north_m + patch.grid.north - wanted.north
         field = angle_field(filled(patch.values, patch.mask), patch.mask)
         self.shape = tuple(fft.next_fast_len(side, real=True) for side in field.shape)
         self.field = forward(field, self.shape)
@@ -105,8 +163,8 @@ class Level:
         for _ in range(count):
             row, column = (int(i) for i in np.unravel_index(int(np.argmax(surface)), surface.shape))
             value = float(surface[row, column])
-            east = self.start.east_m + (column - self.radius_px) * self.gsd_m
-            north = self.start.north_m - (row - self.radius_px) * self.gsd_m
+            east = self.east_m + (column - self.radius_px) * self.gsd_m
+            north = self.north_m - (row - self.radius_px) * self.gsd_m
             found.append(Turn(kappa, scale, east, north, value, (value - middle) / spread))
             surface[max(row - 4, 0) : row + 5, max(column - 4, 0) : column + 5] = middle
         return found

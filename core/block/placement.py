@@ -16,6 +16,7 @@ import numpy as np
 from core.arrays import Matrix, PixelPoints
 from core.block.block import Photo
 from core.block.ground_search import (
+    Backdrop,
     Laid,
     Level,
     Turn,
@@ -50,7 +51,9 @@ class PlacementOptions:
     """Placements that are handed on."""
 
 
-NARROW = PlacementOptions(coarse_px=300, most_turn=float(np.radians(3.0)), most_scale=0.03)
+NARROW = PlacementOptions(
+    coarse_px=300, fine_px=600, most_turn=float(np.radians(3.0)), most_scale=0.03
+)
 """Finer, for photos that came with nearly the right turn and scale."""
 
 
@@ -81,21 +84,25 @@ def place_photo(
         mapper: Runs a function over trials, such as the `map` of a thread pool.
     """
     photo, width = opened.photo, opened.width_m
-    laid = laid_on_ground(opened, reference, photo_grid(opened, width / options.coarse_px))
-    level = Level(laid, reference.ortho, Turn(0.0, 1.0), search_radius_m(photo, options))
+    finer = max(1, round(options.fine_px / options.coarse_px))
+    gsd = width / options.coarse_px
+    laid = laid_on_ground(opened, reference, photo_grid(opened, gsd))
+    radius = search_radius_m(photo, options)
+    reach = laid.half_m + radius
+    backdrop = Backdrop.read(reference.ortho, photo.exterior.centre[:2], reach, gsd / finer)
+    level = Level(laid, backdrop.coarser(finer), Turn(0.0, 1.0), radius)
     turns = level.search(trial_turns(photo, options), 2, mapper)
     best = distinct(turns, options.hypotheses, width)
-    fine = laid_on_ground(opened, reference, photo_grid(opened, width / options.fine_px))
+    fine = laid_on_ground(opened, reference, photo_grid(opened, gsd / finer))
     step = 1.5 / options.coarse_px
-    refined = [refined_turn(fine, reference, turn, step) for turn in best]
+    refined = [refined_turn(fine, backdrop, turn, step) for turn in best]
     refined.sort(key=lambda turn: -turn.score)
-    sigma = 2 * width / options.fine_px
-    return tuple(placed(opened, turn, sigma) for turn in refined)
+    return tuple(placed(opened, turn, 2 * gsd / finer) for turn in refined)
 
 
-def refined_turn(laid: Laid, reference: Reference, turn: Turn, step: float) -> Turn:
+def refined_turn(laid: Laid, backdrop: Backdrop, turn: Turn, step: float) -> Turn:
     """The same placement sought again at a finer scale, uphill from a first one."""
-    level = Level(laid, reference.ortho, turn, 12 * laid.grid.ground_sample_distance_m)
+    level = Level(laid, backdrop, turn, 12 * laid.grid.ground_sample_distance_m)
     best: Turn | None = None
     for width in (step, step, step / 2):
         begin = best or turn

@@ -59,8 +59,9 @@ def test_clicks_on_dots_place_within_a_tenth_of_a_pixel__truth(tmp_path, sit_at,
             page.keyboard.press("+")
         for _ in range(6):
             errors.append(placed_error(page))
+            before = page.get_attribute(".row.current", "data-key")
             page.keyboard.press("j")
-            page.wait_for_timeout(200)
+            page.wait_for_function("k => gruber.parts.point.key.join('|') !== k", arg=before)
         settled_count = page.evaluate("gruber.parts.status.decided")
     with Session.open(tmp_path, "reader") as session:
         assert len(session.decisions()) == settled_count == len(errors)
@@ -70,7 +71,10 @@ def test_clicks_on_dots_place_within_a_tenth_of_a_pixel__truth(tmp_path, sit_at,
 
 def placed_error(page) -> float:
     """Click the dot nearest to the middle; pixels between what is recorded and the dot."""
-    page.wait_for_function("gruber.compareState().drawn.whole")
+    page.wait_for_function(
+        "() => { const { drawn, point } = gruber.compareState();"
+        " return drawn.whole && drawn.key === point.key.join('|'); }"
+    )
     pane = page.locator('.pane[data-pane="right"]')
     box = pane.bounding_box()
     size = pane.evaluate("pane => [pane.clientWidth, pane.clientHeight]")

@@ -157,7 +157,7 @@ function drawAll() {
     whole = drawPicture(pane) && whole;
     drawMarks(pane);
   }
-  drawn = { key: point.key.join("|"), state: point.state, measured: point.marks.measured.join(), whole, at: performance.now() };
+  drawn = { key: point.key.join("|"), state: point.state, measured: (nudged ?? point.marks.measured).join(), whole, at: performance.now() };
 }
 
 // True when every tile was there, none stood in for by a coarser one.
@@ -339,6 +339,9 @@ function describe(pane) {
 
 function place(pane, at) {
   const raw = showsRaw(pane.kind);
+  // The mark stands there at once; the desk's answer puts it where it is recorded.
+  nudged = raw ? at.raw : [at.east, at.north];
+  redraw();
   send({ kind: "place", key: point.key, frame: raw ? "scan" : "ground", place: raw ? at.raw : [at.east, at.north] });
 }
 

@@ -225,7 +225,7 @@ function receive(message) {
     comparePoint(parts.point);
   }
   for (const notice of notices ?? []) tell(notice);
-  if (notices?.some((notice) => notice.grave)) judged.shown = "";
+  if (notices?.some((notice) => notice.grave)) { judged.shown = ""; comparePoint(parts.point ?? null); }
   if (wanted) { comeBack(wanted); wanted = null; }
 }
 

@@ -1,0 +1,109 @@
+"""New points, history, quality, people and looks in a real Chromium, by key and by pointer."""
+
+import pytest
+
+from tests.browser.hands import current, settled, state_of
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_new_point_is_clicked_in_the_ortho_and_taken_back__truth(sit, desk):
+    page = sit(scene=False)
+    page.keyboard.press("p")
+    page.wait_for_selector("#adding:not([hidden])")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#adding", state="hidden")
+    page.click('[data-act="add"]')
+    box = page.locator('.pane[data-pane="left"]').bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 30, box["y"] + box["height"] / 2 + 20)
+    page.wait_for_function("gruber.parts.point.key[0] === 'H1'")
+    assert page.evaluate("gruber.parts.status.decided") == 1
+    assert page.evaluate("gruber.parts.point.history[0].what") == "AddPoint"
+    page.keyboard.press("u")
+    page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'H1')")
+
+
+def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
+    page = sit(scene=False)
+    first = current(page)
+    page.keyboard.press("m")
+    page.wait_for_function("gruber.parts.status.decided === 1")
+    page.keyboard.press("y")
+    page.wait_for_function("gruber.parts.status.decided === 2")
+    page.click(f'.row[data-key="{first}"]')
+    page.click("#history button")
+    page.wait_for_function("gruber.parts.status.decided === 1")
+    assert state_of(page, first) == "auto"
+    page.wait_for_selector("#history li.withdrawn")
+    page.click("#history button")
+    page.wait_for_function("gruber.parts.status.decided === 2")
+    assert state_of(page, first) == "dubious"
+
+
+def test_quality_follows_the_block_and_compares_adjustments__truth(sit):
+    page = sit(scene=False)
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality p.verdict")
+    assert page.locator("#quality svg.map").count() == 3
+    assert page.locator('#quality [data-part="photos"] tr').count() == 7
+    page.keyboard.press("y")
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality", state="hidden")
+    assert page.evaluate("gruber.parts.status.decided") == 0
+    page.keyboard.press("n")
+    settled(page)
+    page.click('[data-act="quality"]')
+    page.wait_for_function("gruber.parts.quality.milestones.length >= 2")
+    page.select_option('[data-pair="1"]', "1")
+    page.wait_for_function("gruber.parts.quality.compared.pair[1] === 1")
+    assert page.evaluate("gruber.parts.quality.compared.shifts.every(s => s[1] === 0)")
+
+
+def test_two_people_see_names_and_where_the_other_is__law(sit):
+    anna, berta = sit(scene=False), sit(scene=False)
+    berta.click("#who")
+    berta.fill("#name-field", "Berta")
+    berta.click("#naming button")
+    anna.wait_for_selector(".person:has-text('Berta')")
+    anna.wait_for_selector("#also-here:has-text('Berta')")
+    berta.keyboard.press("j")
+    anna.wait_for_selector("#also-here", state="hidden")
+    anna.wait_for_selector(".row.taken")
+    berta.reload()
+    berta.wait_for_function("gruber.parts.status?.operator === 'Berta'")
+
+
+def test_light_and_dark_and_the_tour__law(sit):
+    page = sit(scene=False)
+    page.click('[data-act="theme"]')
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+    page.reload()
+    page.wait_for_selector(".row.current")
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+    page.keyboard.press("h")
+    page.click("#help button")
+    for _ in range(5):
+        page.click("#tour-next")
+    page.wait_for_selector("#tour", state="hidden")
+
+
+def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
+    page = sit(scene=False)
+    page.select_option("#sieve-role", "fiducial")
+    page.wait_for_selector("#queue-empty:has-text('No fiducial')")
+    page.select_option("#sieve-role", "")
+    page.wait_for_selector(".row.current")
+
+
+def test_at_1366_by_768_nothing_is_cut_off__law(sit):
+    page = sit(scene=False)
+    page.set_viewport_size({"width": 1366, "height": 768})
+    page.wait_for_timeout(300)
+    clipped = page.evaluate(
+        "[...document.querySelectorAll('button:not([hidden]), .item, h2')]"
+        ".filter(e => e.offsetParent && (e.scrollWidth > e.clientWidth + 1"
+        " || e.getBoundingClientRect().right > innerWidth + 0.5)).map(e => e.outerHTML)"
+    )
+    assert clipped == []
+    box = page.locator("#acts").bounding_box()
+    assert box["y"] + box["height"] < 768
