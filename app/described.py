@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from app.project import Project
-from core.block.block import SurveyedPoint
+from core.block.block import UNKNOWN_M, SurveyedPoint
 from core.block.georeference import Georeference
 from core.formats.control_points import ListedPoint, read_control_points
 from core.formats.micmac_measures import read_image_measures
@@ -39,6 +39,7 @@ def described(project: Project) -> BlockInput:
         surveyed=tuple(surveyed(point) for point in listed),
         ortho_sigma_m=reference.ortho_sigma_m,
         dem_sigma_m=reference.dem_sigma_m,
+        adjustment=project.adjustment,
     )
 
 
@@ -53,11 +54,13 @@ def listed_points(file: Path | None, crs: str) -> tuple[ListedPoint, ...]:
 
 
 def surveyed(point: ListedPoint) -> SurveyedPoint:
-    """A point of the user's list."""
+    """A point of the user's list; what its role says is not known gets no weight."""
+    plan = UNKNOWN_M if point.role == "height" else point.sigma_plan_m
+    height = UNKNOWN_M if point.role == "plan" else point.sigma_height_m
     return SurveyedPoint(
         point.point_id,
         np.array([point.easting, point.northing, point.height]),
-        np.array([point.sigma_plan_m, point.sigma_plan_m, point.sigma_height_m]),
+        np.array([plan, plan, height]),
         "check" if point.role == "check" else "control",
         "surveyed",
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from app.described import described
 from app.project import Project
+from app.protocol import terrain_of
 from app.run import Run, RunOptions, make_mosaic, make_orthos, write_all
 from app.scan_files import ScanFiles
 from app.terminal import JsonLines
@@ -24,6 +25,7 @@ from core.block.block import Block, Photo
 from core.block.likeness import Likeness, likeness_about, search_options
 from core.block.orientation import OrientationOptions
 from core.block.patches import OpenPhoto
+from core.block.terrain import Terrain
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
@@ -63,7 +65,8 @@ def desk_inputs(
     scans = ScanFiles(project.folder)
     reference = open_reference(given, search_bounds(placed.block))
     block = assembly.report.block
-    adjusting = Adjusting(given.assembly.adjustment)
+    terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
+    adjusting = Adjusting(given.adjustment, terrain)
     report = adjusting(session.replayed(block))
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
@@ -96,15 +99,16 @@ def desk_inputs(
 class Adjusting:
     """The adjustment that `gruber run` would make of a block, or one that is chosen otherwise."""
 
-    def __init__(self, options: AdjustmentOptions) -> None:
+    def __init__(self, options: AdjustmentOptions, terrain: Terrain | None = None) -> None:
         self._given = self._options = options
+        self._terrain = terrain
 
     def __call__(self, block: Block, progress: Progress = SILENT) -> AdjustmentReport:
         """Adjust until no gross error is left."""
         options = self._options
         if not options.robust:
-            return adjust_block(block, options, progress)
-        return adjusted_without_gross(block, options, progress)
+            return adjust_block(block, options, progress, self._terrain)
+        return adjusted_without_gross(block, options, progress, self._terrain)
 
     def choose(self, cameras: bool, robust: bool) -> None:
         """Estimate the cameras or not, look for gross errors or not, from now on."""

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -10,8 +10,10 @@ from typing import Literal, cast, get_args
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from app.adjustment_section import adjustment_options
 from app.block_toml import FILE, METRES, MICROMETRES, Document, Table
 from app.camera_table import read_camera
+from core.block.adjusted import AdjustmentOptions
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
@@ -122,6 +124,8 @@ class Project:
     """Surveyed points."""
     ortho: OrthoSection = OrthoSection()
     """What orthos and mosaic are to be."""
+    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
+    """`[adjustment]`."""
 
     @property
     def folder(self) -> Path:
@@ -129,7 +133,7 @@ class Project:
         return self.file.parent
 
 
-SECTIONS = ("block", "camera", "scans", "reference", "control", "ortho")
+SECTIONS = ("block", "camera", "scans", "reference", "control", "adjustment", "ortho")
 """Tables of the file."""
 SCANS_KEYS = (
     "files",
@@ -164,6 +168,7 @@ def read_project(path: Path) -> Project:
         _reference(document),
         _control(document),
         _ortho(document),
+        adjustment_options(document),
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from shapely.geometry import Polygon
 
-from core.block.adjusted import AdjustmentReport
+from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.block import Block
 from core.doubts import Doubt
 from core.ground.comparison import MosaicAccuracy
@@ -21,6 +21,8 @@ class ReportContent:
     """Name of the block."""
     report: AdjustmentReport
     """The adjusted block and its figures."""
+    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
+    """What it was adjusted with."""
     before: Block | None = None
     """The block before the adjustment, for the changes of the cameras."""
     heights: str = ""

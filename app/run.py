@@ -12,6 +12,7 @@ from app.executors import Threads
 from app.fiducial_tables import write_fiducials
 from app.interruption import Interruption, interruptible
 from app.project import Project
+from app.protocol import terrain_of, write_protocol
 from app.remarks import remarks
 from app.report import write_report
 from app.report_content import ReportContent
@@ -130,7 +131,8 @@ class Run:
         """Lay the operator's decisions over the block and adjust it."""
         block = self.session.replayed(self.assembly.report.block)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
-        digest = digest_of("adjustment", 1, self.digests["control"], decisions)
+        options = self.given.adjustment
+        digest = digest_of("adjustment", 2, self.digests["control"], decisions, options)
         self.digests["adjustment"] = digest
         report = (
             None
@@ -138,7 +140,8 @@ class Run:
             else self.session.products.load_value("adjustment", digest)
         )
         if report is None:
-            report = adjusted_without_gross(block, self.given.assembly.adjustment)
+            terrain = terrain_of(self.dem()) if options.dem_sigma_m > 0 else None
+            report = adjusted_without_gross(block, options, progress, terrain)
             self.session.products.save_value("adjustment", digest, report)
         self.made["adjustment"] = report
         return told(report)
@@ -194,6 +197,7 @@ class Run:
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
+            adjustment=self.given.adjustment,
             before=self.made["georeference"].block,
             heights=self.project.block.heights,
             doubts=self.doubts(),
@@ -211,7 +215,8 @@ class Run:
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first."""
         every: list[Doubt] = []
-        for name in ("scans", "georeference", "reference", "ties", "placement", "control"):
+        names = ("scans", "georeference", "reference", "ties", "placement", "control", "adjustment")
+        for name in names:
             every.extend(self.made[name].doubts if name in self.made else ())
         return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
 
@@ -310,6 +315,8 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
         for name, photo in block.photos.items()
     }
     write_results(session.results, content.report)
+    terrain = terrain_of(dem)
+    write_protocol(session.results, content.name, content.report, content.adjustment, terrain)
     session.write_layers(block, content.report, outlines)
     write_report(session.results, replace(content, footprints=outlines))
 

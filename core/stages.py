@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from core.block.adjusted import AdjustmentOptions
 from core.block.approximation import Approximation
 from core.block.assembly import AssemblyOptions
 from core.block.block import Block, SurveyedPoint, TiePoints
@@ -72,6 +73,8 @@ class BlockInput:
     """How single photos are oriented."""
     assembly: AssemblyOptions = field(default_factory=AssemblyOptions)
     """How the block is brought together."""
+    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
+    """How it is adjusted in the end, with the operator's decisions."""
     placement: BlockPlacementOptions = field(default_factory=BlockPlacementOptions)
     """How the whole block is found."""
     ties: TieOptions = field(default_factory=TieOptions)

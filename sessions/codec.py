@@ -17,7 +17,14 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport, CheckResult, ExteriorSigmas
+from core.block.adjusted import (
+    AdjustmentOptions,
+    AdjustmentReport,
+    CheckResult,
+    ClassFigures,
+    ExteriorSigmas,
+    SharedParameter,
+)
 from core.block.approximation import Approximation
 from core.block.assembly import Assembly
 from core.block.block import (
@@ -65,6 +72,7 @@ REGISTERED: tuple[type, ...] = (
     Block,
     Camera,
     CheckResult,
+    ClassFigures,
     Doubt,
     ExteriorOrientation,
     ExteriorPrior,
@@ -93,6 +101,7 @@ REGISTERED: tuple[type, ...] = (
     ScanSet,
     Balance,
     Seam,
+    SharedParameter,
     SurveyedPoint,
     Tied,
     TiePoints,

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 from core.arrays import Position
 from core.block.adjusted import CheckResult
-from core.block.block import Block, Measurement, SurveyedPoint
+from core.block.block import UNKNOWN_M, Block, Measurement, SurveyedPoint
 from core.doubts import Failure
 from core.geometry.intersection import Intersection, OrientedRay, intersect
 
@@ -27,7 +27,8 @@ def predicted_residuals(block: Block) -> dict[tuple[str, str], tuple[float, floa
     for photo_id, measurements in by_photo.items():
         photo = block.photos[photo_id]
         known = np.array([block.surveyed[m.point_id].position for m in measurements])
-        predicted = photo.pixel_from_object(known, block.camera_of(photo_id))
+        with np.errstate(over="ignore", invalid="ignore"):
+            predicted = photo.pixel_from_object(known, block.camera_of(photo_id))
         for measurement, (column, row) in zip(measurements, predicted, strict=True):
             off = (float(column) - measurement.column, float(row) - measurement.row)
             residuals[measurement.key] = off
@@ -102,7 +103,11 @@ def known_differences(
     block: Block, surveyed: Mapping[str, Position], checks: Sequence[CheckResult]
 ) -> dict[str, float]:
     """RMS of adjusted minus known coordinates of control and check points, metres; NaN if none."""
-    control = [position - block.surveyed[name].position for name, position in surveyed.items()]
+    control = [
+        np.where(block.surveyed[name].sigma_m < UNKNOWN_M, position, np.nan)
+        - block.surveyed[name].position
+        for name, position in surveyed.items()
+    ]
     check = [result.difference_m for result in checks]
     # A height that was taken from the point itself tells nothing.
     heights = [result.difference_m[2] for result in checks if result.used_scans > 1]
@@ -115,5 +120,6 @@ def known_differences(
 
 
 def _rms(values: Float64[np.ndarray, "..."]) -> float:
-    """Root mean square, NaN of nothing."""
+    """Root mean square of what is a number, NaN of nothing."""
+    values = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

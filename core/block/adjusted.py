@@ -1,13 +1,15 @@
 """What an adjustment is asked for, and what it says when it is done."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
 
 from core.arrays import Position
 from core.block.block import Block
+from core.doubts import Doubt
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,30 @@ class AdjustmentOptions:
     """Reweight large residuals (Huber, then data snooping of tie points and automatic control)."""
     max_iterations: int = 50
     """Gauss-Newton steps at most."""
+    self_calibration: tuple[str, ...] = ()
+    """Additional parameters, sets of `core.geometry.deformation.SETS`; none by default."""
+    per_photo: bool = False
+    """Camera constants and additional parameters of each photo by itself, not of each camera."""
+    sigma_additional_um: float = 20.0
+    """Prior of each additional parameter about nought, micrometres at the edge of the frame."""
+    only_significant: bool = True
+    """Hold additional parameters at nought that do not stand out or cannot be told apart."""
+    gnss_shift: Literal["none", "block", "strip"] = "none"
+    """Common shift of the measured perspective centres, of the block or of each strip."""
+    gnss_drift: bool = False
+    """The shift grows evenly along the block or strip."""
+    misalignment: bool = False
+    """Common turn between the measured angles and the photos (boresight)."""
+    dem_sigma_m: float = 0.0
+    """Standard deviation of the terrain's height as an observation of tie points; 0 leaves it."""
+    free_network: bool = False
+    """Ties alone decide the block's shape; control only says where it lies (inner constraints)."""
+    variance_components: bool = False
+    """Estimate the weight of each class of observations from the residuals."""
+    test: Literal["w", "tau"] = "w"
+    """Test of residuals: against their stated sigmas (Baarda), or estimated ones (Pope)."""
+    risk: float = 0.001
+    """Probability that a good coordinate is taken for a gross error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +76,52 @@ class CheckResult:
     """Computed minus known, metres; with one photo the height is the known one."""
     used_scans: int
     """Number of photos it was intersected from."""
+    sigma_m: Position | None = None
+    """Standard deviations the adjustment predicts for the computed coordinates, metres; the known
+    ones' own error is not in it. None where it was not computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClassFigures:
+    """One class of observations: how many, how well checked, and how large its residuals are."""
+
+    observations: int
+    """Number of coordinates."""
+    redundancy: float
+    """Sum of their redundancy numbers."""
+    weighted_squares: float
+    """Sum of squared residuals over a-priori variances."""
+    factor: float = 1.0
+    """A-priori standard deviations were multiplied by this (variance components)."""
+
+    @property
+    def sigma_ratio(self) -> float:
+        """Standard deviation its residuals show, over the one used; NaN where nothing checks it."""
+        if self.redundancy < 0.5:
+            return float("nan")
+        return float(np.sqrt(self.weighted_squares / self.redundancy))
+
+
+@dataclass(frozen=True, slots=True)
+class SharedParameter:
+    """A value many photos share: a camera constant, an additional parameter, a GNSS shift."""
+
+    owner: str
+    """Camera, strip or block it belongs to."""
+    name: str
+    """`principal_distance_mm`, `x0_mm`, `k1_um`, `ebner_3_um`, `gnss_shift_X_m` and so on."""
+    value: float
+    """Change against what was known, in the unit its name ends with."""
+    sigma: float
+    """Standard deviation."""
+    test: float
+    """Value over standard deviation."""
+    correlation: float
+    """Largest correlation (with sign) with another shared parameter."""
+    partner: str
+    """Which one that is."""
+    held: bool = False
+    """True when it was held at nought because it did not stand out or could not be told apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,3 +164,13 @@ class AdjustmentReport:
     """RMS of control and check by coordinate: `control_X`, `check_X` and so on, metres."""
     rejected: Mapping[tuple[str, str], str]
     """Control measurements the adjustment itself left out (gross errors), with the reason."""
+    tie_reasons: Mapping[int, str] = field(default_factory=dict[int, str])
+    """Rays of `block.ties` that were left out as gross errors, with the reason."""
+    classes: Mapping[str, ClassFigures] = field(default_factory=dict[str, ClassFigures])
+    """`tie`, `control_image`, `control_plan`, `control_height`, `dem`, `centre`, `angles`."""
+    parameters: tuple[SharedParameter, ...] = ()
+    """What cameras and positions turned out to be."""
+    doubts: tuple[Doubt, ...] = ()
+    """What cannot be trusted about the block's geometry."""
+    condition: float = float("nan")
+    """By how much the photos' unknowns at most increase each other's variances; 1 is best."""

@@ -14,6 +14,7 @@ from core.block.datum import DatumOptions, lay_on_reference
 from core.block.orientation import OrientationOptions, OrientedPhoto
 from core.block.patches import OpenPhoto
 from core.block.standing import MIN_TIES, Site, stand_up
+from core.block.terrain import Terrain
 from core.doubts import Doubt, Failure
 from core.progress import Progress, Silent
 
@@ -151,13 +152,16 @@ def proposals(
 
 
 def adjusted_without_gross(
-    block: Block, options: AdjustmentOptions, progress: Progress = SILENT
+    block: Block,
+    options: AdjustmentOptions,
+    progress: Progress = SILENT,
+    terrain: Terrain | None = None,
 ) -> AdjustmentReport:
     """Adjust, leave out control whose ground position the block contradicts, adjust again.
 
     `progress` is told of every step of every adjustment; may raise `Cancelled`.
     """
-    report = adjust_block(block, options, progress)
+    report = adjust_block(block, options, progress, terrain)
     for _ in range(4):
         gross = gross_points(report)
         rejected = set(report.rejected)
@@ -174,7 +178,7 @@ def adjusted_without_gross(
             cameras=block.cameras,
             measurements={**block.measurements, **changed},
         )
-        report = adjust_block(block, options, progress)
+        report = adjust_block(block, options, progress, terrain)
     return report
 
 

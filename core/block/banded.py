@@ -36,6 +36,19 @@ class BorderedFactor:
     corner: Corner
     """Lower Cholesky factor of the corner with the band eliminated."""
 
+    @property
+    def condition(self) -> float:
+        """How near the photos' unknowns are to depending on each other, free of units; 1 is best.
+
+        The largest ratio of a diagonal element to its pivot: by so much the other photos' unknowns
+        increase the variance of one.
+        """
+        squares = self.lower**2
+        diagonal = squares[0].copy()
+        for below in range(1, len(squares)):
+            diagonal[below:] += squares[below, : len(diagonal) - below]
+        return float(np.max(diagonal / squares[0]))
+
 
 def factor_bordered(band: Band, border: Border, corner: Corner) -> BorderedFactor:
     """Factor the system; raises `numpy.linalg.LinAlgError` where it is not positive definite."""
@@ -51,6 +64,16 @@ def solve_bordered(
     corner_side: Float64[np.ndarray, "shared"],
 ) -> tuple[Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "shared"]]:
     """Solve for one right-hand side: unknowns of the band, unknowns of the border."""
+    band, shared = solve_bordered_many(factor, band_side[:, None], corner_side[:, None])
+    return band[:, 0], shared[:, 0]
+
+
+def solve_bordered_many(
+    factor: BorderedFactor,
+    band_side: Float64[np.ndarray, "unknowns sides"],
+    corner_side: Float64[np.ndarray, "shared sides"],
+) -> tuple[Float64[np.ndarray, "unknowns sides"], Float64[np.ndarray, "shared sides"]]:
+    """Solve for many right-hand sides."""
     rest = corner_side - factor.carried.T @ band_side
     shared = cho_solve((factor.corner, True), rest, check_finite=False)
     alone = cho_solve_banded((factor.lower, True), band_side, check_finite=False)

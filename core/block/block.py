@@ -17,6 +17,8 @@ Status = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """auto: used, no human has looked; unused: proposed and filtered out by the engine."""
 Role = Literal["control", "check"]
 Source = Literal["junction", "salient", "surveyed", "hand"]
+UNKNOWN_M = 1e4
+"""Standard deviation of a coordinate that is not known at all, metres: it has no weight."""
 USED: tuple[Status, ...] = ("auto", "accepted")
 
 

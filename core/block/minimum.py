@@ -46,8 +46,7 @@ def begin(network: Network, state: State, placed: Chosen) -> Fit:
     """The first state, without the rays whose points are behind the camera or nowhere."""
     lin = linearise(network, state)
     sound = np.bincount(network.rays.point, placed & ~lin.behind, network.points.count) >= 2
-    control = network.rays.measurement >= 0
-    taking_part = placed & ~lin.behind & (control | sound[network.rays.point])
+    taking_part = placed & ~lin.behind & (network.anchored | sound[network.rays.point])
     return Fit(state, lin, taking_part, taking_part.astype(np.float64))
 
 
@@ -97,7 +96,9 @@ def _step(
     except np.linalg.LinAlgError:
         return fit.state, None
     increment = solve(network, pattern, normals)
-    moved = fit.state.moved(increment.photos, increment.constants, increment.points)
+    moved = fit.state.moved(
+        increment.photos, increment.constants, increment.positioning, increment.points
+    )
     return moved, increment
 
 

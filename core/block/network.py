@@ -9,7 +9,10 @@ from jaxtyping import Float64, Int
 from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
 from core.block.adjusted import AdjustmentOptions
 from core.block.block import Block, Measurement, Photo
+from core.block.positioning import Positioning, positioning_of
+from core.errors import OrientationError
 from core.geometry.camera import Camera
+from core.geometry.deformation import AdditionalSet, additional_set
 from core.geometry.partials import (
     Rotations,
     angles_from_rotations,
@@ -26,6 +29,13 @@ SMALLEST_SIGMA_RAD = 1e-8
 """Angles are never held more firmly than this, radians."""
 SMALLEST_SIGMA_MM = 1e-6
 """Camera constants are never held more firmly than this, millimetres at the frame's corner."""
+
+CONSTANTS = 5
+"""Unknown constants of every camera: principal distance, x0, y0, k1, k2."""
+PER_PHOTO = "@"
+"""Between a camera's name and the photo's, where each photo has constants of its own."""
+MOST_CAMERAS = 100
+"""Cameras with unknowns of their own at most: all of them stand in the dense border."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +91,8 @@ class Priors:
     """1 / radians."""
     constants: Float64[np.ndarray, "cameras 6"]
     """The certificates: principal distance, x0, y0, k1, k2, k3."""
-    constant_weights: Float64[np.ndarray, "cameras 5"]
-    """Of the scaled constants, 1 / millimetres."""
+    constant_weights: Float64[np.ndarray, "cameras lens"]
+    """Of the scaled constants and the additional parameters, 1 / millimetres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,15 +115,35 @@ class Network:
     """All points."""
     priors: Priors
     """What is known beforehand."""
-    scale: Float64[np.ndarray, "cameras 5"]
+    scale: Float64[np.ndarray, "cameras lens"]
     """Scaled constant = constant x scale: all in millimetres at the corner of the frame."""
     estimate_cameras: bool
     """Whether the cameras' constants are unknowns."""
+    additional: AdditionalSet
+    """Additional parameters of each camera."""
+    positioning: Positioning
+    """What GNSS and IMU get wrong the same way in many photos."""
+
+    @property
+    def lens(self) -> int:
+        """Number of unknowns of one camera: five constants and the additional parameters."""
+        return CONSTANTS + len(self.additional.names)
+
+    @property
+    def lensed(self) -> int:
+        """Number of unknowns of all cameras; those of the positioning come after them."""
+        return self.lens * len(self.cameras) if self.estimate_cameras else 0
 
     @property
     def shared(self) -> int:
         """Number of unknowns that photos share."""
-        return 5 * len(self.cameras) if self.estimate_cameras else 0
+        return self.lensed + self.positioning.count
+
+    @property
+    def anchored(self) -> Flags:
+        """Rays of points whose coordinates are known: one such ray alone says something."""
+        known = np.any(self.points.known_weight > 0, axis=1, keepdims=False)
+        return (self.rays.measurement >= 0) & known[self.rays.point]
 
     @property
     def by_operator(self) -> Flags:
@@ -132,23 +162,30 @@ class State:
     """Image space into object space."""
     constants: Float64[np.ndarray, "cameras 6"]
     """Principal distance, x0, y0, k1, k2, k3 of each camera."""
+    additional: Float64[np.ndarray, "cameras more"]
+    """Additional parameters of each camera, millimetres."""
+    positioning: Float64[np.ndarray, "unknowns"]
+    """Shifts and drifts (metres), misalignment (radians)."""
     points: Float64[np.ndarray, "points 3"]
     """Object points, metres."""
 
     def moved(
         self,
         photos: Float64[np.ndarray, "photos 6"],
-        constants: Float64[np.ndarray, "cameras 5"],
+        constants: Float64[np.ndarray, "cameras lens"],
+        positioning: Float64[np.ndarray, "unknowns"],
         points: Float64[np.ndarray, "points 3"],
     ) -> "State":
         """The unknowns after increments (rotations by R exp[w])."""
         changed = self.constants.copy()
-        changed[:, :5] += constants
+        changed[:, :CONSTANTS] += constants[:, :CONSTANTS]
         return replace(
             self,
             centres=self.centres + photos[:, :3],
             rotations=self.rotations @ rotations_from_increments(photos[:, 3:]),
             constants=changed,
+            additional=self.additional + constants[:, CONSTANTS:],
+            positioning=self.positioning + positioning,
             points=self.points + points,
         )
 
@@ -156,8 +193,14 @@ class State:
 def network_of(block: Block, options: AdjustmentOptions) -> Network:
     """The part of a block that can be adjusted: oriented photos and what they show."""
     photos = tuple(photo for photo in block.photos.values() if photo.oriented)
-    names = sorted({photo.camera for photo in photos})
-    cameras = tuple(block.cameras[name] for name in names)
+    groups = [_group(photo, options) for photo in photos]
+    names = sorted(set(groups))
+    of_group = {group: photo.camera for group, photo in zip(groups, photos, strict=True)}
+    cameras = tuple(block.cameras[of_group[name]] for name in names)
+    if options.per_photo and len(names) > MOST_CAMERAS:
+        cause = f"{len(names)} photos each with constants of its own are too many."
+        remedy = f'Up to {MOST_CAMERAS} work; write self_calibration_per = "camera".'
+        raise OrientationError("block.toml [adjustment] self_calibration_per", cause, remedy)
     place = {photo.photo_id: index for index, photo in enumerate(photos)}
     measurements = tuple(
         measurement
@@ -168,25 +211,36 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
     )
     control = tuple(sorted({measurement.point_id for measurement in measurements}))
     kept, tie_point = _kept_ties(block, place)
-    scale = np.array([_scale(camera) for camera in cameras]).reshape(-1, 5)
+    more = additional_set(options.self_calibration if options.estimate_cameras else ())
+    scale = np.array([_scale(camera, len(more.names)) for camera in cameras])
     return Network(
         photos=photos,
         cameras=cameras,
         camera_names=tuple(names),
-        camera=np.array([names.index(photo.camera) for photo in photos], dtype=np.int64),
+        camera=np.array([names.index(group) for group in groups], dtype=np.int64),
         measurements=measurements,
         rays=_rays(block, place, kept, tie_point, measurements, control),
         points=_points(block, tie_point, control),
-        priors=_priors(photos, cameras, options),
-        scale=scale,
+        priors=_priors(photos, cameras, options, len(more.names)),
+        scale=scale.reshape(-1, CONSTANTS + len(more.names)),
         estimate_cameras=options.estimate_cameras,
+        additional=more,
+        positioning=positioning_of(photos, [block.cameras[p.camera] for p in photos], options),
     )
 
 
-def _scale(camera: Camera) -> list[float]:
-    """Constants in millimetres at the frame's corner: k1 r^3 and k2 r^5."""
+def _group(photo: Photo, options: AdjustmentOptions) -> str:
+    """Name of the camera a photo shares its constants with; its own when each is by itself."""
+    own = f"{PER_PHOTO}{photo.photo_id}"
+    return (
+        photo.camera if not options.per_photo or photo.camera.endswith(own) else photo.camera + own
+    )
+
+
+def _scale(camera: Camera, more: int) -> list[float]:
+    """Constants in millimetres at the frame's corner: k1 r^3 and k2 r^5; additional ones are."""
     corner = float(np.hypot(*camera.frame_mm)) / 2
-    return [1.0, 1.0, 1.0, corner**3, corner**5]
+    return [1.0, 1.0, 1.0, corner**3, corner**5] + [1.0] * more
 
 
 def _kept_ties(
@@ -268,7 +322,7 @@ def _points(block: Block, tie_point: Indices, control: tuple[str, ...]) -> Point
 
 
 def _priors(
-    photos: Sequence[Photo], cameras: Sequence[Camera], options: AdjustmentOptions
+    photos: Sequence[Photo], cameras: Sequence[Camera], options: AdjustmentOptions, more: int
 ) -> Priors:
     """Means and weights of exterior orientations and camera constants."""
     approximate = [photo.approximate for photo in photos]
@@ -278,6 +332,7 @@ def _priors(
         [options.sigma_principal_distance_mm]
         + [options.sigma_principal_point_mm] * 2
         + [distortion] * 2
+        + [options.sigma_additional_um / 1000.0] * more
     )
     return Priors(
         centres=np.array([known.centre for known in approximate]).reshape(-1, 3),

@@ -4,17 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy import stats
 
+from core.arrays import Scalars
 from core.block.banded import SIZE, BorderedInverse, invert_bordered
-from core.block.linearised import LENS, Linearised
+from core.block.linearised import Linearised
 from core.block.network import Network
-from core.block.solver import Normals, Pattern, Weights, backward3
+from core.block.roots import backward3
+from core.block.solver import Normals, Pattern, Weights
 from core.geometry.robust import robust_sigma
 
-CRITICAL = 4.13
-"""Standardised residual of a gross error: the shift found in 80 % of cases at a risk of 0.1 %."""
-CLEARED = 3.29
-"""A measurement left out comes back below this (risk 0.1 %)."""
+NONCENTRALITY = 4.13
+"""Shift of w that is found in 80 % of cases at a risk of 0.1 % (Baarda 1968)."""
+RISK = 0.001
+"""Probability that a good coordinate is taken for a gross error."""
 SMALLEST_REDUNDANCY = 1e-6
 """Below this a residual is nought whatever was measured, and says nothing."""
 
@@ -22,6 +25,38 @@ RayPairs = Float64[np.ndarray, "2 rays"]
 """Two film coordinates of each ray."""
 Chosen = Bool[np.ndarray, "rays"]
 """One truth value per ray."""
+
+
+@dataclass(frozen=True, slots=True)
+class TestLimits:
+    """From which standardised residual a measurement is left out, below which it comes back."""
+
+    critical: float
+    """The limit for residuals whose standard deviations are known."""
+    risk: float
+    """Probability of a false alarm for one coordinate."""
+
+    @staticmethod
+    def of(test: str, risk: float, redundancy: float) -> "TestLimits":
+        """Limits of Baarda's w test or Pope's tau test.
+
+        Args:
+            test: `w` trusts the stated standard deviations, `tau` estimates them.
+            risk: Probability of a false alarm for one coordinate.
+            redundancy: Redundancy of the adjustment.
+        """
+        limits = TestLimits(float(stats.norm.ppf(1 - risk / 2)), risk)
+        return TestLimits(limits.tau(redundancy), risk) if test == "tau" else limits
+
+    def tau(self, redundancy: float) -> float:
+        """The limit where the standard deviation comes from residuals of some redundancy r.
+
+        tau = t sqrt(r / (r - 1 + t^2)) with Student's t of r - 1 degrees of freedom (Pope 1976).
+        """
+        if redundancy <= 2:
+            return self.critical
+        t = float(stats.t.ppf(1 - self.risk / 2, redundancy - 1))
+        return t * float(np.sqrt(redundancy / (redundancy - 1 + t * t)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +70,9 @@ class Precision:
     points: Float64[np.ndarray, "points 3"]
     """Variances of the points' coordinates, square metres."""
     constants: Float64[np.ndarray, "shared shared"]
-    """Of the scaled camera constants."""
+    """Of the scaled camera constants, and of the positioning's unknowns."""
+    mixed: Float64[np.ndarray, "photos 6 shared"]
+    """Between photos and these."""
 
 
 def precision_of(
@@ -63,6 +100,7 @@ def precision_of(
         photos=own,
         points=_point_variances(normals, inner),
         constants=inverse.corner,
+        mixed=shared,
     )
 
 
@@ -78,6 +116,7 @@ def _photo_part(
     rays, photo_rays = network.rays, normals.photo_rays
     part = np.empty_like(photo_rays)
     constants = np.take(normals.camera_points, rays.point, axis=1)
+    shared = shared[:, :, : network.lensed]
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         part[:, start:stop] = _times(own[photo], photo_rays[:, start:stop])
         part[:, start:stop] += _times(shared[photo], constants[:, start:stop])
@@ -104,14 +143,15 @@ def _camera_part(
     normals: Normals,
     inverse: BorderedInverse,
     shared: Float64[np.ndarray, "photos 6 shared"],
-) -> Float64[np.ndarray, "shared points 3"]:
+) -> Float64[np.ndarray, "lensed points 3"]:
     """Rows of Q Y that belong to the cameras' constants."""
-    rays, count = network.rays, network.points.count
-    by_ray = np.empty((network.shared, len(rays.photo), 3))
+    rays, count, lensed = network.rays, network.points.count, network.lensed
+    by_ray = np.empty((lensed, len(rays.photo), 3))
+    shared = shared[:, :, :lensed]
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         by_ray[:, start:stop] = _times(shared[photo].T, normals.photo_rays[:, start:stop])
-    part = _times(inverse.corner, normals.camera_points)
-    for row in range(network.shared):
+    part = _times(inverse.corner[:lensed, :lensed], normals.camera_points)
+    for row in range(lensed):
         for axis in range(3):
             part[row, :, axis] += np.bincount(rays.point, by_ray[row, :, axis], count)
     return part
@@ -121,7 +161,7 @@ def _point_part(
     network: Network,
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
-    camera_part: Float64[np.ndarray, "shared points 3"],
+    camera_part: Float64[np.ndarray, "lensed points 3"],
 ) -> Float64[np.ndarray, "3 3 points"]:
     """I + Y^T Q Y of each point."""
     point, count = network.rays.point, network.points.count
@@ -166,7 +206,7 @@ def _point_variance(
     lin: Linearised,
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
-    camera_part: Float64[np.ndarray, "shared points 3"],
+    camera_part: Float64[np.ndarray, "lensed points 3"],
     inner: Float64[np.ndarray, "3 3 points"],
     axis: int,
 ) -> Weights:
@@ -179,7 +219,7 @@ def _point_variance(
     if lens:
         camera = network.camera[rays.photo]
         for row in range(lens):
-            constants = camera_part[camera * LENS + row, rays.point]
+            constants = camera_part[camera * network.lens + row, rays.point]
             mixed += lin.by_camera[axis, row] * constants.T
     own = np.einsum("in,ijn,jn->n", by_point, inner_of_ray, by_point)
     return own - 2 * np.sum(by_point * mixed, axis=0)
@@ -214,6 +254,7 @@ def gross_errors(
     precision: Precision,
     standardised: RayPairs,
     taking_part: Chosen,
+    limits: TestLimits,
 ) -> Chosen:
     """Rays to leave out next: beyond the critical value, and the worst where errors spread.
 
@@ -223,7 +264,8 @@ def gross_errors(
     """
     rays, control = network.rays, network.rays.measurement >= 0
     free = taking_part & ~network.by_operator
-    by_ray = np.where(free, _scaled(network, standardised, taking_part), 0.0)
+    by_ray = _scaled(network, standardised, precision, taking_part, limits)
+    by_ray = np.where(free, by_ray, 0.0)
     of_point = np.zeros(network.points.count)
     np.maximum.at(of_point, rays.point, by_ray)
     ground = _ground_scores(network, lin, precision, taking_part)[rays.point]
@@ -233,7 +275,7 @@ def gross_errors(
     np.maximum.at(of_photo, rays.photo[control], score[control])
     share = np.where(control, 0.5, 1.0)
     leading = misplaced | (by_ray >= share * of_point[rays.point])
-    return (score > CRITICAL) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
+    return (score > limits.critical) & leading & (~control | (score >= 0.5 * of_photo[rays.photo]))
 
 
 def _ground_scores(
@@ -241,36 +283,62 @@ def _ground_scores(
 ) -> Float64[np.ndarray, "points"]:
     """Largest standardised residual of each point's known coordinates; 0 for points that keep."""
     rays, count = network.rays, network.points.count
-    variance = 1 - precision.points * network.points.known_weight**2
-    checked = (variance > SMALLEST_REDUNDANCY) & (network.points.known_weight > 0)
+    known = network.points.known_weight > 0
+    variance = 1 - np.where(known, precision.points, 0.0) * network.points.known_weight**2
+    checked = (variance > SMALLEST_REDUNDANCY) & known
     scale = np.sqrt(np.where(checked, variance, 1.0))
     scores = np.where(checked, np.abs(lin.ground) / scale, 0.0)
     used = np.bincount(rays.point[taking_part], minlength=count) > 0
     if checked.any():
-        scores /= max(1.0, robust_sigma(scores[checked & used[:, None]]))
+        scores /= _class_scale(scores[checked & used[:, None]])
     accepted = np.bincount(rays.point[taking_part & network.by_operator], minlength=count) > 0
     return np.where(used & ~accepted, scores.max(axis=1), 0.0)
 
 
 def cleared_rays(
-    network: Network, standardised: RayPairs, taking_part: Chosen, candidates: Chosen
+    network: Network,
+    standardised: RayPairs,
+    precision: Precision,
+    taking_part: Chosen,
+    candidates: Chosen,
+    limits: TestLimits,
 ) -> Chosen:
     """Rays left out before that the others no longer contradict."""
-    worst = _scaled(network, standardised, taking_part)
+    worst = _scaled(network, standardised, precision, taking_part, limits)
     alive = np.bincount(network.rays.point, taking_part, network.points.count) >= 2
-    control = network.rays.measurement >= 0
-    return candidates & ~taking_part & (worst < CLEARED) & (control | alive[network.rays.point])
+    back = candidates & ~taking_part & (worst < limits.critical)
+    return back & (network.anchored | alive[network.rays.point])
 
 
-def _scaled(network: Network, standardised: RayPairs, taking_part: Chosen) -> Weights:
+def _scaled(
+    network: Network,
+    standardised: RayPairs,
+    precision: Precision,
+    taking_part: Chosen,
+    limits: TestLimits,
+) -> Weights:
     """The larger standardised residual of each ray over the sigma of its class, at least one.
 
-    The class's sigma is robust, so that gross errors do not hide each other.
+    The class's sigma is robust, so that gross errors do not hide each other. Where it is estimated,
+    residuals are measured by Pope's limit of the class instead of the known one.
     """
     control = network.rays.measurement >= 0
     worst = standardised.max(axis=0)
     for members in (control, ~control):
-        if (members & taking_part).any():
-            sigma = robust_sigma(standardised[:, members & taking_part].ravel())
-            worst[members] /= max(1.0, sigma)
+        used = members & taking_part
+        if used.any():
+            scale = _class_scale(standardised[:, used].ravel())
+            worst[members] /= scale
+            if scale > 1:
+                redundancy = float(np.sum(1 - precision.rays[:, used]))
+                worst[members] *= limits.critical / limits.tau(redundancy)
     return worst
+
+
+def _class_scale(standardised: Scalars) -> float:
+    """How much larger than stated residuals are, beyond what chance does to their median.
+
+    A deviation taken from the median of n values scatters by about 1.17 / sqrt(n).
+    """
+    chance = 1 + 2 * 1.17 / float(np.sqrt(len(standardised)))
+    return max(1.0, robust_sigma(standardised) / chance)

@@ -17,8 +17,9 @@ from core.block.banded import (
     factor_bordered,
     solve_bordered,
 )
-from core.block.linearised import LENS, Linearised
+from core.block.linearised import Linearised
 from core.block.network import Network
+from core.block.roots import backward3, cholesky3, forward3
 
 Weights = Float64[np.ndarray, "rays"]
 """Factor on the squared residuals of each ray."""
@@ -92,7 +93,7 @@ class Normals:
     """B L^-T of each ray, B its derivatives by the point."""
     photo_rays: Float64[np.ndarray, "6 rays 3"]
     """W L^-T of each ray and its photo."""
-    camera_points: Float64[np.ndarray, "shared points 3"]
+    camera_points: Float64[np.ndarray, "lensed points 3"]
     """W L^-T of each point and the cameras' constants."""
     root: Float64[np.ndarray, "6 points"]
     """L of each point: entries 00, 10, 11, 20, 21, 22."""
@@ -112,8 +113,10 @@ class Increment:
 
     photos: Float64[np.ndarray, "photos 6"]
     """Centre (metres) and rotation (radians)."""
-    constants: Float64[np.ndarray, "cameras 5"]
-    """Camera constants, unscaled."""
+    constants: Float64[np.ndarray, "cameras lens"]
+    """Camera constants, unscaled, and additional parameters."""
+    positioning: Float64[np.ndarray, "unknowns"]
+    """Shifts, drifts (metres) and misalignment (radians)."""
     points: Float64[np.ndarray, "points 3"]
     """Object points, metres."""
     decrement: float
@@ -168,47 +171,11 @@ def _eliminate_points(
     for axis in range(3):
         entry = weighted[0, axis] * lin.residuals[0] + weighted[1, axis] * lin.residuals[1]
         own[6 + axis] = np.bincount(point, entry, count) + known[:, axis] * lin.ground[:, axis]
-    root = _cholesky3(own[:6])
-    side = _forward3(root, own[6:])
+    root = cholesky3(own[:6])
+    side = forward3(root, own[6:])
     scaled = np.take(root, point, axis=1)
-    whitened = np.stack([_forward3(scaled, by_point[0]), _forward3(scaled, by_point[1])])
+    whitened = np.stack([forward3(scaled, by_point[0]), forward3(scaled, by_point[1])])
     return root, whitened, np.ascontiguousarray(side.T)
-
-
-def _cholesky3(own: Float64[np.ndarray, "6 points"]) -> Float64[np.ndarray, "6 points"]:
-    """Cholesky roots of many 3 x 3 matrices; a point nothing is known of gets infinite roots.
-
-    An infinite root makes everything that is divided by it nought: such a point stays where it is.
-    """
-    a, b, c, d, e, f = own
-    r00 = np.sqrt(np.where(a > 0, a, np.inf))
-    r10, r20 = b / r00, d / r00
-    rest = c - r10 * r10
-    r11 = np.sqrt(np.where(rest > 0, rest, np.inf))
-    r21 = (e - r20 * r10) / r11
-    rest = f - r20 * r20 - r21 * r21
-    r22 = np.sqrt(np.where(rest > 0, rest, np.inf))
-    return np.stack([r00, r10, r11, r20, r21, r22])
-
-
-def _forward3(
-    root: Float64[np.ndarray, "6 n"], side: Float64[np.ndarray, "3 n"]
-) -> Float64[np.ndarray, "3 n"]:
-    """L^-1 times a vector, for many at once."""
-    x = side[0] / root[0]
-    y = (side[1] - root[1] * x) / root[2]
-    z = (side[2] - root[3] * x - root[4] * y) / root[5]
-    return np.stack([x, y, z])
-
-
-def backward3(
-    root: Float64[np.ndarray, "6 n"], side: Float64[np.ndarray, "3 n"]
-) -> Float64[np.ndarray, "3 n"]:
-    """L^-T times a vector, for many at once."""
-    z = side[2] / root[5]
-    y = (side[1] - root[4] * z) / root[2]
-    x = (side[0] - root[1] * y - root[3] * z) / root[0]
-    return np.stack([x, y, z])
 
 
 def _shared_with_photos(
@@ -230,10 +197,10 @@ def _shared_with_cameras(
     lin: Linearised,
     by_point: Float64[np.ndarray, "2 3 rays"],
     weights: Weights,
-) -> Float64[np.ndarray, "shared points 3"]:
+) -> Float64[np.ndarray, "lensed points 3"]:
     """W L^-T of each point with the constants of all cameras."""
     rays, cameras, count = network.rays, len(network.cameras), network.points.count
-    shared = np.empty((network.shared, count, 3))
+    shared = np.empty((network.lensed, count, 3))
     bins = network.camera[rays.photo] * count + rays.point
     weighted = by_point * weights
     for row in range(lin.by_camera.shape[1]):
@@ -243,7 +210,7 @@ def _shared_with_cameras(
                 + lin.by_camera[1, row] * weighted[1, axis]
             )
             sums = np.bincount(bins, entry, cameras * count).reshape(cameras, count)
-            shared[row::LENS, :, axis] = sums
+            shared[row :: network.lens, :, axis] = sums
     return shared
 
 
@@ -277,7 +244,7 @@ class _Reduced:
 
     def _columns(self, photo: int) -> slice:
         """Unknowns of the photo's camera in the border; none when constants are held."""
-        lens = LENS if self._network.estimate_cameras else 0
+        lens = self._network.lens if self._network.estimate_cameras else 0
         start = int(self._network.camera[photo]) * lens
         return slice(start, start + lens)
 
@@ -290,10 +257,28 @@ class _Reduced:
         turned = np.swapaxes(lin.angles_by_rotation, 1, 2)
         self._blocks[:, 3:, 3:] += turned @ lin.angles_by_rotation
         self.photo_side[:, 3:] += (turned @ lin.angles[:, :, None])[:, :, 0]
-        if self._network.estimate_cameras:
-            weights = priors.constant_weights.ravel()
-            self._corner += np.diag(weights**2)
-            self.camera_side += weights * lin.constants.ravel()
+        lensed = self._network.lensed
+        weights = np.concatenate(
+            [priors.constant_weights.ravel()[:lensed], self._network.positioning.weights]
+        )
+        self._corner += np.diag(weights**2)
+        self.camera_side += weights * np.append(lin.constants.ravel()[:lensed], lin.positioning)
+        if self._network.positioning.count:
+            self._add_positioning(lin, turned)
+
+    def _add_positioning(self, lin: Linearised, turned: Float64[np.ndarray, "photos 3 3"]) -> None:
+        """What measured centres and angles say of shift, drift and misalignment."""
+        part = slice(self._network.lensed, None)
+        weights = self._network.priors.centre_weights[:, :, None]
+        self._border[:, :3, part] += weights * lin.centres_by_positioning
+        self._border[:, 3:, part] += turned @ lin.angles_by_positioning
+        for design, residuals in (
+            (lin.centres_by_positioning, lin.centres),
+            (lin.angles_by_positioning, lin.angles),
+        ):
+            rows = design.reshape(-1, design.shape[2])
+            self._corner[part, part] += rows.T @ rows
+            self.camera_side[part] += rows.T @ residuals.ravel()
 
     def damp(self, damping: float) -> None:
         """Levenberg and Marquardt: the diagonal grows, steps shrink."""
@@ -304,7 +289,7 @@ class _Reduced:
     def take_off_points(
         self,
         photo_rays: Float64[np.ndarray, "6 rays 3"],
-        camera_points: Float64[np.ndarray, "shared points 3"],
+        camera_points: Float64[np.ndarray, "lensed points 3"],
         point_side: Float64[np.ndarray, "points 3"],
     ) -> None:
         """Eliminate the points from photos' own blocks, border, corner and gradient."""
@@ -313,8 +298,8 @@ class _Reduced:
         common = np.concatenate([camera_points, point_side[None]])
         by_point = common.reshape(shared + 1, count)
         product = by_point @ by_point.T
-        self._corner -= product[:-1, :-1]
-        self.camera_side -= product[:-1, -1]
+        self._corner[:shared, :shared] -= product[:-1, :-1]
+        self.camera_side[:shared] -= product[:-1, -1]
         by_ray = np.take(common, network.rays.point, axis=1)
         for photo, (start, stop) in enumerate(
             zip(network.rays.first[:-1], network.rays.first[1:], strict=True)
@@ -323,7 +308,7 @@ class _Reduced:
             others = by_ray[:, start:stop].reshape(shared + 1, 3 * (stop - start))
             self._blocks[photo] -= own @ own.T
             product = own @ others.T
-            self._border[photo] -= product[:, :-1]
+            self._border[photo][:, :shared] -= product[:, :-1]
             self.photo_side[photo] -= product[:, -1]
 
     def factor(self, photo_rays: Float64[np.ndarray, "6 rays 3"]) -> BorderedFactor:
@@ -373,14 +358,16 @@ def solve(network: Network, pattern: Pattern, normals: Normals) -> Increment:
     moved = normals.point_side.T.copy()
     for axis in range(3):
         moved[axis] += np.bincount(rays.point, by_ray[axis], network.points.count)
-    moved += np.tensordot(shared, normals.camera_points, axes=1).T
-    constants = np.zeros((len(network.cameras), LENS))
+    lensed = network.lensed
+    moved += np.tensordot(shared[:lensed], normals.camera_points, axes=1).T
+    constants = np.zeros((len(network.cameras), network.lens))
     if network.estimate_cameras:
-        constants = shared.reshape(-1, LENS) / network.scale
+        constants = shared[:lensed].reshape(-1, network.lens) / network.scale
     fall = np.sum(photos * normals.photo_side) + np.sum(shared * normals.camera_side)
     return Increment(
         photos=photos,
         constants=constants,
+        positioning=shared[lensed:],
         points=-backward3(normals.root, moved).T,
         decrement=float(np.sum(normals.point_side**2) - fall),
     )

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64
 from core.arrays import Flags, ObjectPoints, Scalars
 from core.block.network import Network, State
 from core.geometry.collinearity import VACUUM, ideal_from_film
+from core.geometry.deformation import COEFFICIENTS
 from core.geometry.intersection import SMALLEST_ANGLE, closest_points
 from core.geometry.partials import Rotations, constants_of
 
@@ -56,10 +57,23 @@ def _oriented(network: Network) -> tuple[State, ObjectPoints, ObjectPoints]:
         centres=np.array([photo.exterior.centre for photo in photos]),
         rotations=np.array([photo.exterior.object_from_image for photo in photos]),
         constants=np.array([constants_of(camera) for camera in network.cameras]),
+        additional=_additional(network),
+        positioning=np.zeros(network.positioning.count),
         points=np.zeros((network.points.count, 3)),
     )
     directions = _directions(network, state.rotations)
     return state, state.centres[network.rays.photo], directions
+
+
+def _additional(network: Network) -> Float64[np.ndarray, "cameras more"]:
+    """Additional parameters nearest to the deformation the cameras have now."""
+    count = len(network.additional.names)
+    found = np.zeros((len(network.cameras), count))
+    basis = network.additional.basis.reshape(count, COEFFICIENTS)
+    for row, camera in enumerate(network.cameras):
+        if camera.deformation_mm and count:
+            found[row] = np.linalg.lstsq(basis.T, np.array(camera.deformation_mm))[0]
+    return found
 
 
 def _directions(network: Network, rotations: Rotations) -> ObjectPoints:

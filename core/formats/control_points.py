@@ -9,7 +9,8 @@ import numpy as np
 from core.errors import ProjectError
 
 COLUMNS = ("id", "X", "Y", "Z")
-ROLES = ("control", "check")
+ROLES = ("control", "plan", "height", "check")
+"""plan: control in X and Y alone; height: control in Z alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,7 @@ class ListedPoint:
     sigma_height_m: float
     """Standard deviation of the height, metres."""
     role: str
-    """control or check."""
+    """control, plan, height or check."""
 
 
 def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
@@ -68,7 +69,9 @@ def listed(path: Path, line: int, row: dict[str, str | None]) -> ListedPoint:
     role = (row.get("role") or "control").strip()
     if role not in ROLES:
         raise ProjectError(
-            path, f"line {line}: the role {role!r} is unknown.", "It is control or check."
+            path,
+            f"line {line}: the role {role!r} is unknown.",
+            "It is control, plan, height or check.",
         )
     try:
         east, north, height = (float(row[name] or "") for name in COLUMNS[1:])

@@ -32,6 +32,8 @@ class Camera:
     `bottom`; empty when nobody said."""
     fiducial_marks: int = 0
     """How many marks the camera has where `fiducials_mm` is empty: 4 or 8; 0 when nobody said."""
+    deformation_mm: tuple[float, ...] = ()
+    """The 50 coefficients of `core.geometry.deformation`, those of x first; empty means none."""
     certified: "Camera | None" = None
     """The camera as it stood before its constants were adjusted; None as long as they are not."""
 
@@ -45,6 +47,7 @@ class Camera:
         principal_distance_mm: float,
         principal_point_mm: tuple[float, float],
         radial_distortion: tuple[float, float, float],
+        deformation_mm: tuple[float, ...] = (),
     ) -> "Camera":
         """The same camera with adjusted constants."""
         return replace(
@@ -52,8 +55,14 @@ class Camera:
             principal_distance_mm=principal_distance_mm,
             principal_point_mm=principal_point_mm,
             radial_distortion=radial_distortion,
+            deformation_mm=deformation_mm,
             certified=self.certificate,
         )
+
+    @property
+    def half_mm(self) -> float:
+        """Half the longer side of the frame: what the deformation's coordinates are counted in."""
+        return max(self.frame_mm) / 2
 
     @property
     def frame_corners_mm(self) -> FilmPoints:

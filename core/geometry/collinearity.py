@@ -5,6 +5,7 @@ import numpy as np
 from core.arrays import FilmPoints, ObjectPoints, Scalars
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera, radial_factor
+from core.geometry.deformation import deformation_of
 from core.geometry.exterior import ExteriorOrientation
 
 VACUUM = Atmosphere()
@@ -35,7 +36,13 @@ def film_from_object(
     depth = np.where(image[:, 2] < -BEHIND, image[:, 2], np.nan)
     ideal = -camera.principal_distance_mm * image[:, :2] / depth[:, None]
     factor = image_factor(np.sum(ideal**2, axis=1), camera, atmosphere)
-    return ideal * factor[:, None] + np.array(camera.principal_point_mm)
+    film = ideal * factor[:, None] + np.array(camera.principal_point_mm)
+    return film + _deformation(ideal, camera) if camera.deformation_mm else film
+
+
+def _deformation(ideal: FilmPoints, camera: Camera) -> FilmPoints:
+    """Shift of ideal film points by the camera's additional parameters, millimetres."""
+    return deformation_of(ideal, np.array(camera.deformation_mm), camera.half_mm)
 
 
 def image_factor(radius_squared: Scalars, camera: Camera, atmosphere: Atmosphere) -> Scalars:
@@ -53,7 +60,8 @@ def ideal_from_film(film: FilmPoints, camera: Camera, atmosphere: Atmosphere) ->
     ideal = measured
     for _ in range(12):
         factor = image_factor(np.sum(ideal**2, axis=1), camera, atmosphere)
-        ideal = measured / factor[:, None]
+        shifted = measured - _deformation(ideal, camera) if camera.deformation_mm else measured
+        ideal = shifted / factor[:, None]
     return ideal
 
 

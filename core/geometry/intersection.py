@@ -16,6 +16,7 @@ from core.geometry.partials import (
     RayModel,
     constants_of,
     constants_of_air,
+    deformation_of_cameras,
     ray_model,
     stacked_partials,
 )
@@ -75,10 +76,12 @@ def intersect(
 
 def _model_of(photos: Sequence[OrientedRay]) -> RayModel:
     """The photos' constants, one column per ray."""
+    cameras = [photo.camera for photo in photos]
     return ray_model(
         np.array([photo.exterior.object_from_image for photo in photos]),
-        np.array([constants_of(photo.camera) for photo in photos]),
+        np.array([constants_of(camera) for camera in cameras]),
         np.concatenate([constants_of_air(photo.atmosphere) for photo in photos]),
+        deformation_of_cameras(cameras, np.arange(len(cameras))),
     )
 
 

@@ -4,15 +4,17 @@ The model is that of `collinearity.film_from_object`. Arrays are laid out with t
 coordinate, parameter, ray), so that the many rays of one photo are contiguous.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
 from core.arrays import ObjectPoints, Scalars
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.collinearity import BEHIND, VACUUM
+from core.geometry.deformation import TERMS, Coefficients, shifts, slopes
 from core.geometry.exterior import ExteriorOrientation
 
 Offsets = Float64[np.ndarray, "3 rays"]
@@ -21,6 +23,18 @@ Rotations = Float64[np.ndarray, "photos 3 3"]
 """A stack of rotation matrices, image space into object space."""
 Vectors = Float64[np.ndarray, "photos 3"]
 """A stack of vectors."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deformation:
+    """The additional parameters of the cameras of some rays."""
+
+    coefficients: Coefficients
+    """Of each camera, millimetres."""
+    half_mm: Float64[np.ndarray, "groups"]
+    """What the coordinates of each are counted in."""
+    group: Int[np.ndarray, "rays"]
+    """Camera of each ray."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +47,8 @@ class RayModel:
     """Principal distance, x0, y0 (mm), k1, k2, k3 (per mm^2, mm^4, mm^6)."""
     atmosphere: Float64[np.ndarray, "2 rays"]
     """Refraction K (dimensionless) and curvature 1 / (2 R) (per metre)."""
+    deformation: Deformation | None = None
+    """Additional parameters, if any camera has some."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +63,8 @@ class FilmPartials:
     """By a rotation increment w about the image axes, R exp[w], mm per radian."""
     by_camera: Float64[np.ndarray, "2 5 rays"]
     """By principal distance, x0, y0 (mm per mm), k1 and k2 (mm per unit)."""
+    ideal: Float64[np.ndarray, "2 rays"]
+    """Ideal image coordinates from the principal point, millimetres."""
 
 
 def film_partials(
@@ -61,9 +79,25 @@ def film_partials(
     )
     single = np.zeros(len(points), dtype=np.int64)
     rays = RayModel(
-        model.rotation[:, :, single], model.constants[:, single], model.atmosphere[:, single]
+        model.rotation[:, :, single],
+        model.constants[:, single],
+        model.atmosphere[:, single],
+        deformation_of_cameras([camera], single),
     )
     return stacked_partials((points - exterior.centre).T, rays)
+
+
+def deformation_of_cameras(
+    cameras: Sequence[Camera], group: Int[np.ndarray, "rays"]
+) -> Deformation | None:
+    """The cameras' own deformation, None where none has any; `group` is the camera of each ray."""
+    if not any(camera.deformation_mm for camera in cameras):
+        return None
+    coefficients = np.zeros((len(cameras), 2, TERMS))
+    for row, camera in enumerate(cameras):
+        if camera.deformation_mm:
+            coefficients[row] = np.reshape(camera.deformation_mm, (2, TERMS))
+    return Deformation(coefficients, np.array([camera.half_mm for camera in cameras]), group)
 
 
 def constants_of(camera: Camera) -> Float64[np.ndarray, "6"]:
@@ -82,12 +116,14 @@ def ray_model(
     rotations: Rotations,
     constants: Float64[np.ndarray, "photos 6"],
     atmospheres: Float64[np.ndarray, "photos 2"],
+    deformation: Deformation | None = None,
 ) -> RayModel:
     """Rows turned into columns."""
     return RayModel(
         np.ascontiguousarray(np.moveaxis(rotations, 0, -1)),
         np.ascontiguousarray(constants.T),
         np.ascontiguousarray(atmospheres.T),
+        deformation,
     )
 
 
@@ -103,19 +139,34 @@ def stacked_partials(offsets: Offsets, rays: RayModel) -> FilmPartials:
     factor, slope = _factor_and_slope(s, rays)
     # The lens: how the film point follows the ideal point.
     uu, uv, vv = factor + slope * u * u, slope * u * v, factor + slope * v * v
+    vu, film = uv, np.stack([u * factor + rays.constants[1], v * factor + rays.constants[2]])
+    if rays.deformation is not None:
+        bent, bends = _deformed(u, v, rays.deformation)
+        film, uu, uv = film + bent, uu + bends[0, 0], uv + bends[0, 1]
+        vu, vv = vu + bends[1, 0], vv + bends[1, 1]
     by_image = np.empty((2, 3, len(c)))
     _centre_partials(by_image, offsets, rays, u, v, depth)
     by_angle = np.array([[-u * v / c, c + u * u / c, v], [-c - v * v / c, u * v / c, -u]])
     refraction_by_c = -2.0 * rays.atmosphere[0] * s / c**3
     zero, one = np.zeros_like(c), np.ones_like(c)
     camera_u = (u / c * (uu + refraction_by_c * c) + uv * v / c, one, zero, u * s, u * s * s)
-    camera_v = (v / c * (vv + refraction_by_c * c) + uv * u / c, zero, one, v * s, v * s * s)
+    camera_v = (v / c * (vv + refraction_by_c * c) + vu * u / c, zero, one, v * s, v * s * s)
     return FilmPartials(
-        film=np.stack([u * factor + rays.constants[1], v * factor + rays.constants[2]]),
-        by_centre=_through_lens(by_image, uu, uv, vv),
-        by_rotation=_through_lens(by_angle, uu, uv, vv),
+        film=film,
+        by_centre=_through_lens(by_image, uu, uv, vu, vv),
+        by_rotation=_through_lens(by_angle, uu, uv, vu, vv),
         by_camera=np.array([camera_u, camera_v]),
+        ideal=np.stack([u, v]),
     )
+
+
+def _deformed(
+    u: Scalars, v: Scalars, deformation: Deformation
+) -> tuple[Float64[np.ndarray, "2 rays"], Float64[np.ndarray, "2 2 rays"]]:
+    """Shift of ideal points by the additional parameters, and its derivatives by the points."""
+    half = deformation.half_mm[deformation.group]
+    bent = shifts(u / half, v / half, deformation.coefficients, deformation.group)
+    return bent, slopes(u / half, v / half, deformation.coefficients, deformation.group) / half
 
 
 def _ideal(offsets: Offsets, rays: RayModel) -> tuple[Scalars, Scalars, Scalars]:
@@ -160,10 +211,10 @@ def _centre_partials(
 
 
 def _through_lens(
-    ideal: Float64[np.ndarray, "2 3 rays"], uu: Scalars, uv: Scalars, vv: Scalars
+    ideal: Float64[np.ndarray, "2 3 rays"], uu: Scalars, uv: Scalars, vu: Scalars, vv: Scalars
 ) -> Float64[np.ndarray, "2 3 rays"]:
     """Derivatives of the ideal point turned into derivatives of the film point."""
-    return np.stack([uu * ideal[0] + uv * ideal[1], uv * ideal[0] + vv * ideal[1]])
+    return np.stack([uu * ideal[0] + uv * ideal[1], vu * ideal[0] + vv * ideal[1]])
 
 
 def rotations_from_increments(increments: Vectors) -> Rotations:

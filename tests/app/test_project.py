@@ -9,6 +9,7 @@ import pytest
 import shapely
 
 from app.project import Project, read_project
+from core.block.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
 
 TOML = """
@@ -230,3 +231,63 @@ def test_manual_describes_every_key_and_no_other__law(folder: Path) -> None:
             read(folder, text.replace(f"{header}\n", f"{header}\nqqqq = 1\n"))
         admitted = caught.value.remedy.removeprefix("Use one of ").removesuffix(".").split(", ")
         assert set(re.findall(r"(?m)^\| `(\w+)` \|", page)) == set(admitted) - {"override"}
+
+
+# ------------------------------------------------------------------ [adjustment]
+
+
+def with_adjustment(*lines: str) -> str:
+    return TOML + "\n[adjustment]\n" + "\n".join(lines) + "\n"
+
+
+def test_adjustment_is_optional_and_every_key_is_read__truth(folder: Path) -> None:
+    assert read(folder).adjustment == AdjustmentOptions()
+    toml = with_adjustment(
+        "cameras = false",
+        'self_calibration = ["tangential", "ebner12"]',
+        'self_calibration_per = "photo"',
+        "sigma_additional_um = 5",
+        'gnss_shift = "strip"',
+        "gnss_drift = true",
+        "imu_misalignment = true",
+        "dem_sigma_m = 2.5",
+        'network = "free"',
+        "variance_components = true",
+        'gross_errors = "tau"',
+        "risk = 0.01",
+        "only_significant = false",
+    )
+    given = read(folder, toml).adjustment
+    assert given == AdjustmentOptions(
+        estimate_cameras=False,
+        self_calibration=("tangential", "ebner12"),
+        per_photo=True,
+        sigma_additional_um=5.0,
+        only_significant=False,
+        gnss_shift="strip",
+        gnss_drift=True,
+        misalignment=True,
+        dem_sigma_m=2.5,
+        free_network=True,
+        variance_components=True,
+        test="tau",
+        risk=0.01,
+    )
+    assert not read(folder, with_adjustment('gross_errors = "none"')).adjustment.robust
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('self_calibration = ["ebner"]', "'ebner' is no set of parameters"),
+        ('self_calibration = ["ebner12", "affinity"]', "hold the same terms more than once"),
+        ("self_calibration = 3", "must be a list of sets"),
+        ('gnss_shift = "photo"', '"photo" is not known'),
+        ("risk = 0.5", "cannot be"),
+        ("variance_component = true", "is no key of this table"),
+    ],
+)
+def test_wrong_adjustment_keys_are_named__law(folder: Path, line: str, said: str) -> None:
+    with pytest.raises(ProjectError, match=r"block.toml:\d+ \[adjustment\]") as caught:
+        read(folder, with_adjustment(line))
+    assert said in str(caught.value)

@@ -1,6 +1,7 @@
 """Readers for the published blocks: only what the tests need, in the form of our own values."""
 
 import csv
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -240,3 +241,57 @@ def with_checks_as_ties(block: Block) -> Block:
         np.append(ties.sigma_px, sigmas),
     )
     return replace(block, ties=more)
+
+
+# ---------------------------------------------------------------- RC30, photos 62 and 63
+
+RC30 = "film-blocks-numeric/rc30-photos-62-63"
+RC30_MEASURED_UM = 9.0
+"""RMS of the published resections: what a measurement is worth."""
+
+
+def read_rc30(folder: Path) -> Block:
+    """Two film photos with eight control points each, measured in millimetres of film."""
+    camera = Camera("RC30", 154.006, (230.0, 230.0))
+    nothing = np.zeros((0, 2))
+    interior = InteriorOrientation(
+        "nominal", np.array([[0.015, 0, -115], [0, -0.015, 115]]), (), nothing, nothing, np.nan
+    )
+    start = ExteriorOrientation(np.array([4300.0, 2100.0, 2300.0]), 0.0, 0.0, 0.0)
+    photos, surveyed, measurements = {}, {}, {}
+    name = ""
+    for line in (folder / "Block_62_63.yml").read_text().splitlines():
+        words = _numbers(line.split("#")[0].partition(":")[2])
+        point = line.partition(":")[0].strip()
+        if line.strip().startswith("Photo6"):
+            name = line.strip()[len("Photo") :][:2]
+            photos[name] = VacuumPhoto(
+                name, f"{name}.tif", (15334, 15334), "RC30", interior, start, start, UNKNOWN, 250.0,
+                True,
+            )  # fmt: skip
+        elif point.isdigit() and len(words) == 3:
+            place = np.array([float(word) for word in words])
+            surveyed[point] = SurveyedPoint(point, place, np.zeros(3), "control", "surveyed")
+        elif point.isdigit() and len(words) == 2:
+            pixel = interior.pixel_from_film(np.array([[float(word) for word in words]]))[0]
+            measurements[point, name] = Measurement(
+                point, name, *pixel.tolist(), RC30_MEASURED_UM / 15, status="accepted"
+            )
+    return Block("local", {"RC30": camera}, photos, surveyed, measurements)
+
+
+def _numbers(line: str) -> list[str]:
+    return re.findall(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?", line)
+
+
+def read_rc30_orientation(folder: Path) -> dict[str, ExteriorOrientation]:
+    """The orientations of the published resections, from the intersection that used them."""
+    lines = (folder / "TwoPhotoInter_62_63.yml").read_text().splitlines()
+    found: dict[str, ExteriorOrientation] = {}
+    for row, line in enumerate(lines):
+        if "XYZ" in line:
+            name = lines[row - 1].strip()[len("Photo_") :].rstrip(":")
+            centre = np.array([float(word) for word in _numbers(line)])
+            angles = np.radians([float(word) for word in _numbers(lines[row + 1].split("#")[0])])
+            found[name] = ExteriorOrientation(centre, *(float(angle) for angle in angles))
+    return found

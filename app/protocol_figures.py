@@ -1,0 +1,348 @@
+"""Every figure of the adjustment's protocol, as one JSON-able value; its text shows no other."""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from app.results import final_status
+from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
+from core.block.foresight import Effect, Foresight, LeftOut
+from core.block.ray_counts import RayCounts, ray_counts_of
+from core.block.reliability import TestLimits
+
+AXES = ("X", "Y", "Z")
+PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")
+"""The nine places of a photo, as they lie on the film."""
+
+
+def protocol_figures(
+    name: str,
+    report: AdjustmentReport,
+    options: AdjustmentOptions,
+    foresight: Foresight | None,
+) -> dict[str, Any]:
+    """All figures of an adjustment.
+
+    Args:
+        name: Name of the block.
+        report: The adjusted block.
+        options: What it was adjusted with.
+        foresight: Its equations; None where no photo took part.
+    """
+    counts = ray_counts_of(report)
+    corners = {} if foresight is None else foresight.corner_sigmas()
+    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    return {
+        "block": {"name": name, **_block(report, counts)},
+        "options": _options(report, options),
+        "quality": _quality(report),
+        "classes": {name: _class(figures) for name, figures in report.classes.items()},
+        "parameters": [_parameter(parameter) for parameter in report.parameters],
+        "ties": _ties(report, counts),
+        "photos": _photos(report, counts, {n: scale * s for n, s in corners.items()}),
+        "control": _control(report, foresight, scale),
+        "checks": _checks(report),
+        "rms_m": dict(report.rms_m),
+        "exterior": _exterior(report),
+        "excluded": _excluded(report),
+        "doubts": [
+            {"kind": d.kind, "subject": d.subject, "message": d.message, "gravity": d.gravity}
+            for d in sorted(report.doubts, key=lambda doubt: -doubt.gravity)
+        ],
+    }
+
+
+def _block(report: AdjustmentReport, counts: RayCounts) -> dict[str, Any]:
+    block = report.block
+    photos = [block.photos[name] for name in report.exterior_sigmas]
+    above = [float(photo.exterior.centre[2]) - photo.ground_height_m for photo in photos]
+    scales = [
+        1000 * height / block.camera_of(photo.photo_id).principal_distance_mm
+        for photo, height in zip(photos, above, strict=True)
+    ]
+    return {
+        "crs": block.crs,
+        "photos": len(block.photos),
+        "photos_adjusted": len(photos),
+        "strips": len(set(counts.strip.values())),
+        "strip_of_photo": {name: number + 1 for name, number in counts.strip.items()},
+        "mean_height_over_ground_m": _mean(above),
+        "mean_ground_height_m": _mean([photo.ground_height_m for photo in photos]),
+        "mean_scale_number": _mean(scales),
+    }
+
+
+def _options(report: AdjustmentReport, options: AdjustmentOptions) -> dict[str, Any]:
+    block = report.block
+    limits = TestLimits.of(options.test, options.risk, max(report.redundancy, 3))
+    control = [p for p in block.surveyed.values() if p.role == "control"]
+    used = [m for m in block.measurements.values() if m.key in report.redundancy_numbers]
+    sigmas = {
+        "tie_px": _median(block.ties.sigma_px.tolist()),
+        "control_px": _median([m.sigma_px for m in used]),
+        **{
+            f"control_{axis}_m": _median([float(p.sigma_m[row]) for p in control])
+            for row, axis in enumerate(AXES)
+        },
+        "principal_distance_mm": options.sigma_principal_distance_mm,
+        "principal_point_mm": options.sigma_principal_point_mm,
+        "distortion_um": options.sigma_distortion_um,
+        "additional_um": options.sigma_additional_um,
+        "dem_m": options.dem_sigma_m or None,
+    }
+    return {
+        "a_priori_sigmas": sigmas,
+        "cameras_estimated": options.estimate_cameras,
+        "self_calibration": list(options.self_calibration),
+        "self_calibration_per": "photo" if options.per_photo else "camera",
+        "gnss_shift": options.gnss_shift,
+        "gnss_drift": options.gnss_drift,
+        "imu_misalignment": options.misalignment,
+        "network": "free" if options.free_network else "control",
+        "variance_components": options.variance_components,
+        "refraction": True,
+        "earth_curvature": True,
+        "gross_errors": options.test if options.robust else "none",
+        "risk": options.risk,
+        "critical_value": limits.critical if options.robust else None,
+    }
+
+
+def _quality(report: AdjustmentReport) -> dict[str, Any]:
+    """Sigma nought, also as the deviation of a tie point's coordinate on scan and film."""
+    sigma_px = _median(report.block.ties.sigma_px.tolist())
+    sizes = [1000 * photo.interior.pixel_size_mm for photo in report.block.photos.values()]
+    pixels = None if sigma_px is None else report.sigma_nought * sigma_px
+    return {
+        "sigma_nought": report.sigma_nought,
+        "sigma_nought_px": pixels,
+        "sigma_nought_um": None if pixels is None or not sizes else pixels * float(np.mean(sizes)),
+        "redundancy": report.redundancy,
+        "iterations": report.iterations,
+        "converged": report.converged,
+        "condition": report.condition,
+    }
+
+
+def _class(figures: ClassFigures) -> dict[str, Any]:
+    return {
+        "observations": figures.observations,
+        "redundancy": figures.redundancy,
+        "mean_redundancy_number": figures.redundancy / max(figures.observations, 1),
+        "sigma_ratio": figures.sigma_ratio,
+        "weight_factor": figures.factor,
+    }
+
+
+def _parameter(parameter: Any) -> dict[str, Any]:
+    fields = ("owner", "name", "value", "sigma", "test", "correlation", "partner", "held")
+    return {field: getattr(parameter, field) for field in fields}
+
+
+def _ties(report: AdjustmentReport, counts: RayCounts) -> dict[str, Any]:
+    residuals = report.tie_residuals_px[np.isfinite(report.tie_residuals_px).all(axis=1)]
+    rays = len(residuals)
+    taken = rays + len(report.tie_reasons)
+    return {
+        "points": sum(counts.within.values()) + sum(counts.across.values()),
+        "rays": rays,
+        "accepted_percent": 100 * rays / taken if taken else None,
+        "within_strips": {str(number): count for number, count in counts.within.items()},
+        "across_strips": {str(number): count for number, count in counts.across.items()},
+        "rms_px": _rms_columns(residuals),
+        "largest_px": np.abs(residuals).max(axis=0).tolist() if rays else [None, None],
+    }
+
+
+def _photos(
+    report: AdjustmentReport, counts: RayCounts, corners: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """One row a photo: rays, how many were accepted, residuals, ground standard deviations."""
+    ties = report.block.ties
+    lost = Counter(ties.photo_ids[ties.photo[ray]] for ray in report.tie_reasons)
+    used = np.isfinite(report.tie_residuals_px).all(axis=1)
+    rows: list[dict[str, Any]] = []
+    for name in report.exterior_sigmas:
+        number = ties.photo_ids.index(name) if name in ties.photo_ids else -1
+        residuals = report.tie_residuals_px[used & (ties.photo == number)]
+        by_rays = counts.by_photo.get(name, {})
+        taken = len(residuals) + lost[name]
+        rows.append(
+            {
+                "scan": name,
+                "strip": counts.strip[name] + 1,
+                "tie_points": len(residuals),
+                "accepted_percent": 100 * len(residuals) / taken if taken else None,
+                "multi_ray_points": sum(c for n, c in by_rays.items() if n > 2),
+                "points_by_rays": {str(n): count for n, count in by_rays.items()},
+                "control": sum(key[1] == name for key in report.redundancy_numbers),
+                "rms_px": _rms_columns(residuals),
+                "largest_px": float(np.linalg.norm(residuals, axis=1).max())
+                if len(residuals)
+                else None,
+                "ground_sigma_m": {
+                    place: np.round(sigma, 4).tolist()
+                    for place, sigma in zip(PLACES, corners.get(name, ()), strict=False)
+                },
+            }
+        )
+    return rows
+
+
+def _control(report: AdjustmentReport, foresight: Foresight | None, scale: float) -> dict[str, Any]:
+    """Residuals, reliability and the point without itself."""
+    block = report.block
+    smallest = {} if foresight is None else foresight.smallest_errors()
+    effects = {} if foresight is None else foresight.effects(sorted(report.redundancy_numbers))
+    left_out = {} if foresight is None else {p.point_id: p for p in foresight.leave_one_out()}
+    points = [
+        {
+            "point_id": name,
+            "difference_m": (position - block.surveyed[name].position).tolist(),
+            "sigma_m": report.surveyed_sigmas_m[name].tolist(),
+            **_without(left_out.get(name), scale),
+        }
+        for name, position in sorted(report.surveyed_positions.items())
+    ]
+    measurements = [
+        {
+            "point_id": key[0],
+            "scan": key[1],
+            "residual_px": list(report.residuals_px[key]),
+            "redundancy_number": number,
+            "says": _checked(number),
+            **_reliable(smallest.get(key), effects.get(key), scale),
+        }
+        for key, number in sorted(report.redundancy_numbers.items())
+    ]
+    differences = np.array([point["difference_m"] for point in points]).reshape(-1, 3)
+    return {
+        "points": points,
+        "measurements": measurements,
+        "rms_m": _rms_columns(differences),
+        "largest_m": np.abs(differences).max(axis=0).tolist() if points else [None] * 3,
+        "left_out_rms_m": _rms_columns(
+            np.array([p["left_out_m"] for p in points if p["left_out_m"]]).reshape(-1, 3)
+        ),
+    }
+
+
+def _without(left_out: LeftOut | None, scale: float) -> dict[str, Any]:
+    if left_out is None:
+        return {"left_out_m": None, "left_out_sigma_m": None, "left_out_test": None}
+    return {
+        "left_out_m": left_out.difference_m.tolist(),
+        "left_out_sigma_m": (scale * left_out.sigma_m).tolist(),
+        "left_out_test": left_out.test / scale,
+    }
+
+
+def _reliable(
+    smallest: tuple[float, float] | None, effect: Effect | None, scale: float
+) -> dict[str, Any]:
+    return {
+        "test": None if effect is None else effect.test / scale,
+        "shift_if_rejected_m": None if effect is None else effect.shift_m,
+        "smallest_detectable_px": None if smallest is None else scale * smallest[0],
+        "its_effect_on_the_ground_m": None if smallest is None else scale * smallest[1],
+    }
+
+
+def _checked(number: float) -> str:
+    """A redundancy number in words."""
+    if number < 0.1:
+        return "cannot be checked by any other"
+    return "weakly checked" if number < 0.3 else "well checked"
+
+
+def _checks(report: AdjustmentReport) -> dict[str, Any]:
+    points = [
+        {
+            "point_id": check.point_id,
+            "difference_m": check.difference_m.tolist(),
+            "predicted_sigma_m": None if check.sigma_m is None else check.sigma_m.tolist(),
+            "used_scans": check.used_scans,
+        }
+        for check in report.checks
+    ]
+    told = [check.sigma_m for check in report.checks if check.sigma_m is not None]
+    differences = np.array([p["difference_m"] for p in points]).reshape(-1, 3)
+    return {
+        "points": points,
+        "rms_m": [report.rms_m.get(f"check_{axis}") for axis in AXES],
+        "predicted_rms_m": _rms_columns(np.array(told).reshape(-1, 3)),
+        "largest_m": np.abs(differences).max(axis=0).tolist() if points else [None] * 3,
+    }
+
+
+def _exterior(report: AdjustmentReport) -> dict[str, Any]:
+    rows: list[dict[str, Any]] = []
+    for name, sigmas in report.exterior_sigmas.items():
+        exterior = report.block.photos[name].exterior
+        rows.append(
+            {
+                "scan": name,
+                "centre_m": exterior.centre.tolist(),
+                "angles_deg": np.degrees([exterior.omega, exterior.phi, exterior.kappa]).tolist(),
+                "sigma_centre_m": sigmas.centre_m.tolist(),
+                "sigma_angles_deg": np.degrees(sigmas.angles).tolist(),
+            }
+        )
+    centres = np.array([row["sigma_centre_m"] for row in rows]).reshape(-1, 3)
+    angles = np.array([row["sigma_angles_deg"] for row in rows]).reshape(-1, 3)
+    return {
+        "photos": rows,
+        "rms_sigma_centre_m": _rms_columns(centres),
+        "rms_sigma_angles_deg": _rms_columns(angles),
+        "largest_sigma_centre_m": centres.max(axis=0).tolist() if rows else [None] * 3,
+        "largest_sigma_angles_deg": angles.max(axis=0).tolist() if rows else [None] * 3,
+    }
+
+
+def _excluded(report: AdjustmentReport) -> dict[str, Any]:
+    """Everything that took no part, with the reason."""
+    block, ties = report.block, report.block.ties
+    control: list[dict[str, Any]] = []
+    for key, item in sorted(block.measurements.items()):
+        status, reason = final_status(report, item)
+        if block.surveyed[key[0]].role == "control" and status not in ("auto", "accepted"):
+            control.append(
+                {
+                    "point_id": key[0],
+                    "scan": key[1],
+                    "status": status,
+                    "reason": reason,
+                    "residual_px": list(report.residuals_px.get(key, (np.nan, np.nan))),
+                }
+            )
+    rays = [
+        {
+            "tie_point": int(ties.point[ray]),
+            "scan": ties.photo_ids[ties.photo[ray]],
+            "reason": reason,
+        }
+        for ray, reason in sorted(report.tie_reasons.items())
+    ]
+    return {"control": control, "tie_rays": rays}
+
+
+def _rms_columns(values: Any) -> list[float | None]:
+    """Root mean square of each column, leaving out what is no number."""
+    if not len(values):
+        return [None] * values.shape[1]
+    good = np.isfinite(values)
+    sums = np.where(good, values, 0.0) ** 2
+    return [
+        float(np.sqrt(total / count)) if count else None
+        for total, count in zip(sums.sum(axis=0), good.sum(axis=0), strict=True)
+    ]
+
+
+def _median(values: list[float]) -> float | None:
+    return float(np.median(values)) if values else None
+
+
+def _mean(values: list[float]) -> float | None:
+    return float(np.mean(values)) if values else None
