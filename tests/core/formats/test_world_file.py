@@ -16,7 +16,7 @@ from core.formats.world_file import (
     read_world_file,
     write_world_file,
 )
-from core.geometry.transforms import PlaneTransform, fit_affine
+from core.geometry.transforms import PlaneTransform, fit_affine, rotation_and_scale
 from tests.core.scan.film_maker import write_gray
 
 finite = st.floats(-1e3, 1e3, allow_nan=False)
@@ -119,3 +119,29 @@ def test_unusable_world_file_says_why__truth(tmp_path: Path, text: str, words: s
     path.write_text(text)
     with pytest.raises(ScanError, match=words):
         read_world_file(path)
+
+
+FIGURE_9 = """-0.3540303707910937
+0.03754364929849707
+0.03754364929849707
+0.3540303707910937
+-576837.6652261121
+-1195069.5395885226
+"""
+
+
+def test_world_file_of_figure_9_of_the_thesis__paper(tmp_path: Path) -> None:
+    """Kobylí 1984: a similarity, 0.3560 m on the ground, turned by 173.9 degrees (METHODS 1.1)."""
+    (tmp_path / "scan.jgw").write_text(FIGURE_9)
+    world = read_world_file(tmp_path / "scan.jgw")
+    assert not world.mirrored
+    assert world.ground_sample_distance_m == pytest.approx(0.3560, abs=5e-5)
+    turn, scale = rotation_and_scale(world.object_from_pixel, mirrored=True)
+    assert np.degrees(turn) == pytest.approx(173.9, abs=0.06)
+    assert scale == pytest.approx(world.ground_sample_distance_m, rel=1e-12)
+    # Lines 5 and 6 are the centre of the first pixel, half a pixel inside its corner.
+    centre = world.object_from_pixel @ [0.5, 0.5, 1.0]
+    assert centre == pytest.approx([-576837.6652261121, -1195069.5395885226], abs=1e-9)
+    write_world_file(tmp_path / "again.jgw", world.object_from_pixel)
+    lines = [float(word) for word in (tmp_path / "again.jgw").read_text().split()]
+    assert lines == pytest.approx([float(word) for word in FIGURE_9.split()], abs=1e-6)

@@ -1,0 +1,133 @@
+"""MicMac's marks: MeasuresCamera.xml (millimetres) and MeasuresIm-SCAN.xml (pixels) (FORMATS 4.3).
+
+Both hold one or more MesureAppuiFlottant1Im, bare or wrapped in SetOfMesureAppuisFlottants. Pixels
+count from the centre of the first pixel there, from its outer corner here. The camera's file should
+count millimetres from the upper left with y downwards; files that count from the middle with y
+upwards, as certificates do, are met too and told apart by their signs.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from core.errors import ScanError
+from core.frames import HALF_PIXEL
+
+Places = Mapping[str, tuple[float, float]]
+PREFIX, SUFFIX = "MeasuresIm-", ".xml"
+FORBIDDEN = ("<!DOCTYPE", "<!ENTITY")
+"""Entities can be nested until memory ends; no such file holds any."""
+
+
+def read_image_measures(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
+    """Marks in pixels (column, row; outer corner of the first pixel), by image and by mark.
+
+    Raises:
+        ScanError: Missing, no XML, or without marks.
+    """
+    return {
+        image: {name: (x + HALF_PIXEL, y + HALF_PIXEL) for name, (x, y) in marks.items()}
+        for image, marks in _read(path).items()
+    }
+
+
+def read_camera_measures(path: Path) -> dict[str, tuple[float, float]]:
+    """The camera's marks in the film frame: millimetres from their middle, x right, y up.
+
+    Raises:
+        ScanError: Missing, no XML, or without marks.
+    """
+    marks = next(iter(_read(path).values()))
+    places = np.array(list(marks.values()))
+    if (places >= -1e-9).all():
+        # The origin is arbitrary there: the middle of the marks' box stands for the fiducial centre.
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2
+        places = (places - middle) * np.array([1.0, -1.0])
+    return {name: (float(x), float(y)) for name, (x, y) in zip(marks, places, strict=True)}
+
+
+def write_image_measures(path: Path, image: str, marks: Places) -> None:
+    """Write the marks of one scan (column, row; outer corner of the first pixel).
+
+    Args:
+        path: The file, `MeasuresIm-IMAGE.xml` by custom; see `image_measures_name`.
+        image: File name of the scan.
+        marks: Column and row by mark.
+    """
+    shifted = {n: (c - HALF_PIXEL, r - HALF_PIXEL) for n, (c, r) in marks.items()}
+    _write(path, image, shifted, wrapped=True)
+
+
+def write_camera_measures(path: Path, marks: Places) -> None:
+    """Write the camera's marks: millimetres from the upper left of their box, y downwards."""
+    places = np.array(list(marks.values()), dtype=np.float64)
+    corner = np.array([places[:, 0].min(), places[:, 1].max()])
+    moved = (places - corner) * np.array([1.0, -1.0])
+    _write(path, "Glob", dict(zip(marks, map(tuple, moved.tolist()), strict=True)), wrapped=False)
+
+
+def image_measures_name(image: str) -> str:
+    """The name MicMac looks for."""
+    return f"{PREFIX}{image}{SUFFIX}"
+
+
+def _read(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
+    """Both numbers of every mark as written, by image and mark."""
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise ScanError(
+            path, f"The marks cannot be read ({error.strerror}).", "Check the file."
+        ) from error
+    try:
+        if any(word in text for word in FORBIDDEN):
+            raise ValueError("it declares entities")
+        root = ElementTree.fromstring(text)  # entities are refused above
+        found = {
+            _text(one, "NameIm") or path.stem.removeprefix(PREFIX): {
+                _text(mark, "NamePt"): _pair(_text(mark, "PtIm"))
+                for mark in one.iter("OneMesureAF1I")
+            }
+            for one in root.iter("MesureAppuiFlottant1Im")
+        }
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ScanError(
+            path,
+            f"It holds no marks of MicMac ({error}).",
+            "Export MeasuresIm-*.xml or MeasuresCamera.xml again.",
+        ) from error
+    found = {image: marks for image, marks in found.items() if marks}
+    if not found:
+        raise ScanError(path, "It holds no marks.", "Measure some in SaisieAppuisInit first.")
+    return found
+
+
+def _text(element: ElementTree.Element, tag: str) -> str:
+    """Text of a child, trimmed: samples carry blanks."""
+    return (element.findtext(tag) or "").strip()
+
+
+def _pair(text: str) -> tuple[float, float]:
+    """Two numbers."""
+    x, y = (float(word) for word in text.split())
+    if not np.isfinite([x, y]).all():
+        raise ValueError(f"{text} is no place")
+    return x, y
+
+
+def _write(path: Path, image: str, marks: Places, wrapped: bool) -> None:
+    """One image's marks, indented as MicMac does."""
+    one = ElementTree.Element("MesureAppuiFlottant1Im")
+    ElementTree.SubElement(one, "NameIm").text = image
+    for name, (x, y) in marks.items():
+        mark = ElementTree.SubElement(one, "OneMesureAF1I")
+        ElementTree.SubElement(mark, "NamePt").text = name
+        ElementTree.SubElement(mark, "PtIm").text = f"{x:.6f} {y:.6f}"
+    root = one
+    if wrapped:
+        root = ElementTree.Element("SetOfMesureAppuisFlottants")
+        root.append(one)
+    ElementTree.indent(root, "     ")
+    path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
