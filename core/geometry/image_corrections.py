@@ -1,8 +1,8 @@
 """What moves an image point, and the points of a photo that matter: formulas with their sources.
 
-The notes on image coordinates (chapter 4, cited by section) give them for near-vertical photos. What
-the bundle itself uses stands in `atmosphere` and `camera`; here are the same effects as plain
-figures, with the ones that only explain a photo: image motion, relief displacement, nadir.
+The notes on image coordinates (chapter 4, cited by section) give them for near-vertical photos;
+what the bundle itself uses stands in `atmosphere` and `camera`. Here are the same effects as plain
+figures, with those that only explain a photo: image motion, relief displacement, nadir.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ KM_H = 0.2778
 
 
 def photo_scale(principal_distance_mm: float, flying_height_m: float, ground_m: float) -> float:
-    """s = f / (H - h): 1e-4 is 1:10 000 ("Princip perspektivního zobrazení").
+    """S = f / (H - h): 1e-4 is 1:10 000 ("Princip perspektivního zobrazení").
 
     Args:
         principal_distance_mm: f, millimetres.
@@ -30,7 +30,7 @@ def photo_scale(principal_distance_mm: float, flying_height_m: float, ground_m: 
 
 
 def relief_displacement_mm(radius_mm: Scalars, height_m: Scalars, above_ground_m: float) -> Scalars:
-    """dr = r h / H: how far the top of an object leans away from the nadir on a vertical photo.
+    """Dr = r h / H: how far the top of an object leans away from the nadir on a vertical photo.
 
     Args:
         radius_mm: Distance of its image from the nadir point, millimetres.
@@ -55,14 +55,14 @@ def image_motion_mm(
 
 
 def refraction_um(radius_mm: Scalars, principal_distance_mm: float, refraction: float) -> Scalars:
-    """dr = K (r + r^3 / c^2), outwards, micrometres (table 4.1); K of `refraction_constant`."""
+    """Dr = K (r + r^3 / c^2), outwards, micrometres (table 4.1); K of `refraction_constant`."""
     return 1000 * refraction * (radius_mm + radius_mm**3 / principal_distance_mm**2)
 
 
 def curvature_um(
     radius_mm: Scalars, principal_distance_mm: float, above_ground_m: float
 ) -> Scalars:
-    """dr = H r^3 / (2 R c^2), inwards, micrometres (table 4.2)."""
+    """Dr = H r^3 / (2 R c^2), inwards, micrometres (table 4.2)."""
     return 1000 * above_ground_m * radius_mm**3 / (2 * EARTH_RADIUS_M * principal_distance_mm**2)
 
 
