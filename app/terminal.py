@@ -1,6 +1,7 @@
 """How long work shows itself on a terminal, or to a machine that reads lines of JSON."""
 
 import json
+import os
 import sys
 import time
 from typing import TextIO
@@ -18,6 +19,15 @@ from rich.progress import (
 from core.errors import PhotogrammetryError
 
 
+class LastingConsole(Console):
+    """A console whose work goes on when the other end of the pipe is closed."""
+
+    def on_broken_pipe(self) -> None:
+        """Say nothing more: `gruber review | head -1` must not close the desk."""
+        self.quiet = True
+        let_go_of_output()
+
+
 class StageProgress:
     """One stage's bar; satisfies `core.progress.Progress`."""
 
@@ -33,7 +43,7 @@ class Terminal:
     """Bars with time left on a terminal, one plain line a stage elsewhere."""
 
     def __init__(self, console: Console | None = None) -> None:
-        self.console = console or Console(highlight=False, soft_wrap=True)
+        self.console = console or LastingConsole(highlight=False, soft_wrap=True)
         self.bars: Progress | None = None
 
     def stage(self, name: str, title: str) -> StageProgress:
@@ -118,9 +128,19 @@ class JsonLines:
         """Nothing to put in order."""
 
     def write(self, message: dict[str, object]) -> None:
-        """One line."""
-        self.stream.write(json.dumps(message, ensure_ascii=False) + "\n")
-        self.stream.flush()
+        """One line; none when nobody reads any more."""
+        try:
+            self.stream.write(json.dumps(message, ensure_ascii=False) + "\n")
+            self.stream.flush()
+        except BrokenPipeError:
+            let_go_of_output()
+
+
+def let_go_of_output() -> None:
+    """Send what is still printed nowhere, so that the end of the program does not fail either."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 Voice = Terminal | JsonLines

@@ -2,7 +2,10 @@
 
 import io
 import json
+import subprocess
+import sys
 
+import pytest
 from rich.console import Console
 
 import app.terminal
@@ -74,3 +77,29 @@ def test_every_line_for_machines_is_one_json_object__truth(monkeypatch):
         "cause": "it is cut off.",
         "remedy": "Scan it again.",
     }
+
+
+@pytest.mark.parametrize("voice", ["Terminal", "JsonLines"])
+def test_work_goes_on_when_nobody_reads_any_more__law(voice):
+    code = (
+        "import sys, app.terminal\n"
+        f"voice = app.terminal.{voice}()\n"
+        "voice.say('first')\n"
+        "sys.stdin.readline()\n"
+        "voice.say('second')\n"
+        "voice.say('third')\n"
+        "sys.stderr.write('went on')\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert "first" in process.stdout.readline()
+        process.stdout.close()
+        process.stdin.write("closed\n")
+        process.stdin.close()
+        assert process.stderr.read() == "went on"
+    assert process.returncode == 0

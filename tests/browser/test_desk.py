@@ -95,7 +95,7 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
     assert state_of(page, rejected) == "rejected"
 
 
-def test_sigma_nought_changes_within_a_second__law(sit):
+def test_sigma_nought_changes_with_every_key__law(sit):
     page = sit()
     took = []
     for _ in range(3):

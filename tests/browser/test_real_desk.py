@@ -38,7 +38,7 @@ def test_frustums_dem_points_and_vectors_are_shown__truth(real_desk, sit_at):
     assert not scene.get_by_text("Connected").first.is_visible()
 
 
-def test_y_n_u_change_state_and_figures_within_a_second__truth(real_desk, sit_at):
+def test_y_n_u_change_state_and_figures__truth(real_desk, sit_at):
     page = sit_at(real_desk.desk.url, scene=False)
     point, before, _ = press(page, "n")
     assert state_of(page, point) == "rejected"

@@ -324,8 +324,7 @@ def test_axes_of_s_jtsk_are_recognised_wherever_they_slip__truth(
     axes, words = SLIPS[slip]
     copy = copy_of(1)
     spoiling(axes)(copy)
-    told = gruber(capsys, "run", copy.folder, "--until", "reference")
-    told.refuses(file, "S-JTSK", *words)
+    gruber(capsys, "run", copy.folder, "--until", "reference").refuses(file, "S-JTSK", *words)
 
 
 def test_files_without_crs_that_fit_the_block_are_taken__truth(
