@@ -30,6 +30,7 @@ from ui.review.compare import (
     ground_pixel_m,
     made_with,
 )
+from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.palette import page_palette
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
@@ -108,6 +109,8 @@ class DeskInputs:
     """What the engine was unsure of."""
     reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
     """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    origins: Origins = NO_ORIGINS
+    """What the photos began from: scans as they were found."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
     results: Path | None = None
@@ -200,6 +203,7 @@ def open_desk(desk: DeskInputs) -> Desk:
         desk.likeness,
         desk.doubts,
         desk.reference_sigma_m,
+        desk.origins,
         desk.choose,
     )
     loop = ReviewLoop(inputs, _screen(front, channel, scene, tiles, desk.language))
