@@ -54,5 +54,41 @@ VIEWS: dict[str, str] = {
     "notice.undo.PlaceFiducial": "Taken back: fiducial {what} placed by hand",
     "notice.redo.PlaceFiducial": "Again: fiducial {what} placed by hand",
     "did.PlaceFiducial": "fiducial placed",
+    # placing page
+    "placing": "Placing by hand",
+    "placing.why": "No photo of this block stands on the reference ortho yet. Click two places, far "
+    "apart, that you recognise in one photo and in the ortho: tie points carry them to the others. "
+    "More pairs check each other.",
+    "placing.scans": "Photos (J, K)",
+    "placing.unknown": "no place known",
+    "placing.pairs": "Pairs in {scan}",
+    "placing.pairs.count": "{count} pairs",
+    "placing.pixel": "column, row",
+    "placing.ground": "easting, northing",
+    "placing.residual": "off",
+    "placing.remove": "Remove this pair",
+    "placing.now.click": "Click the same place in the photo and in the ortho, in either order.",
+    "placing.now.ortho": "Now click the same place in the ortho.",
+    "placing.now.scan": "Now click the same place in the photo.",
+    "placing.now.enough": "Enough to begin with: save, then run. One more pair shows whether they "
+    "agree; the dashed ring says where it should be.",
+    "placing.figures": "About 1:{scale}, a pixel is {pixel} m on the ground, turned by "
+    "{turn}\u00b0.",
+    "placing.rms": "A similarity through {count} pairs leaves {rms} m RMS; relief and tilt leave "
+    "some tens of metres.",
+    "placing.two": "Two pairs fit exactly: only a third would show a mistake.",
+    "placing.save": "Save",
+    "placing.was": "These were saved before.",
+    "placing.saved": "Saved as {file}.",
+    "placing.removed": "The file of points was removed.",
+    "placing.hint": "Drag moves the picture or a mark, the wheel zooms, arrows nudge the last mark "
+    "(Shift: ten times as far).",
+    "placing.run.title": "Then",
+    "placing.run": "Run the block",
+    "placing.run.hint": "Saved points are read first. The run can be begun here or in a terminal: "
+    "{command}. When it has gone through here, the desk opens in this page.",
+    "placing.stage": "Stage {place} of {stages}: {title}",
+    "placing.cancelled": "The run was cancelled; the next one goes on from there.",
+    "placing.done": "The block stands. The desk is opening.",
 }
 """English."""
