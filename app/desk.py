@@ -103,9 +103,10 @@ def origins_of(given: BlockInput, session: Session, placed: Georeferenced) -> Or
     """What the photos began from, as the last run kept it."""
     scans = cast("ScanSet | None", session.products.latest_value("scans"))
     pixels_mm = {scan.path.stem: scan.scan_pixel_um / 1000 for scan in given.scans}
+    sources = {name: str(found.source) for name, found in placed.approximations.items()}
     if scans is None:
-        return Origins(pixel_mm=pixels_mm, set_aside=placed.set_aside)
-    return Origins(scans.oriented, pixels_mm, {**scans.set_aside, **placed.set_aside})
+        return Origins({}, pixels_mm, sources, placed.set_aside)
+    return Origins(scans.oriented, pixels_mm, sources, {**scans.set_aside, **placed.set_aside})
 
 
 class Adjusting:

@@ -19,6 +19,7 @@ from ui.review.picture import (
     scene_part,
     status_part,
 )
+from ui.review.placement import placement_part
 from ui.review.quality import quality_part
 from ui.review.scene import Segments
 from ui.review.state import DeskState, Key, Seat
@@ -75,6 +76,9 @@ class Pages:
             parts["board"] = board_part(
                 moment.state, self._inputs.origins, moment.drawn, moment.recorded
             )
+        if seat.sheet == "placement":
+            given = self._inputs
+            parts["placement"] = placement_part(moment.state, given.origins, given.doubts)
         self._screen.show(seat.seat_id, parts)
 
     def show_point(self, seat: Seat, moment: Moment) -> None:

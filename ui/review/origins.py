@@ -22,6 +22,8 @@ class Origins:
     """Scans with their marks as they were found, by photo; empty where that was not kept."""
     pixel_mm: Mapping[str, float] = field(default_factory=dict[str, float])
     """Nominal size of a scan pixel by photo, millimetres."""
+    sources: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What placed each photo at first: `world-file`, `points`, `footprints` or `exterior`."""
     set_aside: Mapping[str, str] = field(default_factory=dict[str, str])
     """Scans that could not be used or placed at all, with the reason."""
 

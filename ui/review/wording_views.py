@@ -54,11 +54,38 @@ VIEWS: dict[str, str] = {
     "notice.undo.PlaceFiducial": "Taken back: fiducial {what} placed by hand",
     "notice.redo.PlaceFiducial": "Again: fiducial {what} placed by hand",
     "did.PlaceFiducial": "fiducial placed",
+    # placement
+    "placement": "Placement",
+    "placement.tip": "On the map: where the photos were said to lie, and where they lie",
+    "placement.both": "Both",
+    "placement.before": "Before",
+    "placement.after": "After",
+    "placement.given": "by the given georeference",
+    "placement.placed": "as placed",
+    "placement.summary": "Georeferences were off by {median} m in the median, {worst} m at worst.",
+    "placement.nothing": "No photo is placed.",
+    "placement.photo": "Photo",
+    "placement.east": "E m",
+    "placement.north": "N m",
+    "placement.turn": "Turn \u00b0",
+    "placement.scale": "Scale",
+    "placement.rms": "Off m",
+    "placement.rms.tip": "Root mean square over the photo of how far its ground was shown from "
+    "where it lies",
+    "placement.none": "could not be placed",
+    "placement.source": "First placed by {source}.",
+    "placement.source.world-file": "its world file",
+    "placement.source.points": "points clicked by hand",
+    "placement.source.footprints": "its footprint",
+    "placement.source.exterior": "the list of exterior orientations",
+    "placement.aside": "Set aside",
+    "placement.hint": "Drag moves, wheel zooms, a click chooses a photo, J and K walk, space "
+    "changes between before and after.",
     # placing page
     "placing": "Placing by hand",
-    "placing.why": "No photo of this block stands on the reference ortho yet. Click two places, far "
-    "apart, that you recognise in one photo and in the ortho: tie points carry them to the others. "
-    "More pairs check each other.",
+    "placing.why": "No photo of this block stands on the reference ortho yet. Click two places, "
+    "far apart, that you recognise in one photo and in the ortho: tie points carry them to the "
+    "others. More pairs check each other.",
     "placing.scans": "Photos (J, K)",
     "placing.unknown": "no place known",
     "placing.pairs": "Pairs in {scan}",
@@ -72,6 +99,7 @@ VIEWS: dict[str, str] = {
     "placing.now.scan": "Now click the same place in the photo.",
     "placing.now.enough": "Enough to begin with: save, then run. One more pair shows whether they "
     "agree; the dashed ring says where it should be.",
+    "placing.now.many": "Three pairs and more check each other: save, then run.",
     "placing.figures": "About 1:{scale}, a pixel is {pixel} m on the ground, turned by "
     "{turn}\u00b0.",
     "placing.rms": "A similarity through {count} pairs leaves {rms} m RMS; relief and tilt leave "

@@ -7,6 +7,7 @@ import { showStatus } from "/pages/status.js";
 import { setUpPeople, showPeople } from "/pages/people.js";
 import { openQuality, setUpQuality, showQuality } from "/pages/quality.js";
 import { boardKey, boardState, openBoard, setUpBoard, showBoard } from "/pages/board.js";
+import { openPlacement, placementKey, placementState, setUpPlacement, showPlacement } from "/pages/placement.js";
 import { setUpResults } from "/pages/results.js";
 import { nextTheme, setUpTheme } from "/pages/theme.js";
 import { startTour, tourIsNew } from "/pages/tour.js";
@@ -64,12 +65,13 @@ const ACTS = {
   add: () => switchCompare("adding"),
   quality: () => openQuality(parts.quality),
   board: () => openBoard(parts.board),
+  placement: () => openPlacement(parts.placement),
   theme: () => nextTheme(),
   tour: () => startTour(),
 };
 const KEYS = {
   KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
-  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", KeyP: "add", KeyB: "quality", KeyI: "board", Enter: "refine", NumpadEnter: "refine",
+  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", KeyP: "add", KeyB: "quality", KeyI: "board", KeyG: "placement", Enter: "refine", NumpadEnter: "refine",
 };
 const LAYERS = ["terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels"];
 const REPEATS = new Set(["next", "previous"]);
@@ -83,6 +85,7 @@ window.gruberKey = (event) => {
   const inScene = event.view !== window;
   const sheet = document.querySelector("dialog[open]:not(#help)");
   if (sheet?.id === "board") return boardKey(event, letterOf(event));
+  if (sheet?.id === "placement") return placementKey(event, letterOf(event));
   if (sheet) {
     // Nothing is decided behind an open sheet.
     if (event.type === "keydown" && (event.key === "Escape" || (sheet.id === "quality" && letterOf(event) === "KeyB"))) sheet.close();
@@ -150,7 +153,7 @@ function listenToKeys() {
 
 function setUpButtons() {
   const keyOf = Object.fromEntries(start.keys.map(([key, name]) => [name, key]));
-  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", quality: "quality", board: "board", theme: "theme", tour: "tour", "fit-whole": "fit.whole", "fit-current": "fit.current" };
+  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", quality: "quality", board: "board", placement: "placement", theme: "theme", tour: "tour", "fit-whole": "fit.whole", "fit-current": "fit.current" };
   const marks = { accept: "accepted", reject: "rejected", dubious: "dubious" };
   for (const button of document.querySelectorAll("[data-act]")) {
     const act = button.dataset.act;
@@ -223,6 +226,7 @@ function receive(message) {
   if (fresh.status) { showStatus(fresh.status); showPeople(fresh.status, parts.point?.key); }
   if (fresh.quality) showQuality(fresh.quality);
   if (fresh.board) showBoard(fresh.board);
+  if (fresh.placement) showPlacement(fresh.placement);
   if (fresh.scene) showScene(fresh.scene);
   if ("point" in fresh) {
     if (shownNow() !== judged.shown) judged.shown = "";
@@ -346,6 +350,7 @@ async function open() {
   setUpPeople(send);
   setUpQuality(send);
   setUpBoard(send);
+  setUpPlacement(send);
   setUpResults();
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);
@@ -353,7 +358,7 @@ async function open() {
   showWire(false);
   wanted = keptPlace();
   connect();
-  window.gruber = { parts, compareState, boardState };
+  window.gruber = { parts, compareState, boardState, placementState };
   if (tourIsNew()) startTour();
 }
 

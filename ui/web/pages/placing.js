@@ -210,7 +210,7 @@ function showPairs() {
     return element("tr", {}, element("td", {}, `${index + 1}`), element("td", {}, `${number(pair[0], 1)}, ${number(pair[1], 1)}`), element("td", {}, `${number(pair[2], 1)}, ${number(pair[3], 1)}`),
       element("td", { class: "off" }, off ? number(Math.hypot(...off), 1, "m") : "\u2013"), element("td", {}, element("button", { class: "small", disabled: start.guest, title: word("placing.remove"), onclick: () => remove(index) }, "\u00d7")));
   });
-  const next = pending.scan ? "placing.now.ortho" : pending.ortho ? "placing.now.scan" : scan.pairs.length < 2 ? "placing.now.click" : "placing.now.enough";
+  const next = pending.scan ? "placing.now.ortho" : pending.ortho ? "placing.now.scan" : scan.pairs.length < 2 ? "placing.now.click" : scan.pairs.length < 3 ? "placing.now.enough" : "placing.now.many";
   const figures = fit.matrix ? [element("p", {}, word("placing.figures", { scale: number(fit.scale, 0), pixel: number(fit.pixel_m, 2), turn: number(fit.turn_deg, 0) }))] : [];
   if (fit.rms !== null && fit.rms !== undefined) figures.push(element("p", {}, word("placing.rms", { rms: number(fit.rms, 1), count: fit.count })));
   else if (scan.pairs.length === 2) figures.push(element("p", { class: "muted" }, word("placing.two")));
