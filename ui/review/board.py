@@ -15,6 +15,7 @@ from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
 from sessions.fiducials import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
+from ui.review.films import films_part
 from ui.review.origins import Origins
 from ui.review.state import DeskState
 
@@ -63,7 +64,7 @@ def board_part(
             }
         )
     photos.sort(key=lambda row: (-row["doubt"], -sum(c["doubt"] for c in row["cells"])))
-    return {"photos": photos}
+    return {"photos": photos, "films": films_part(state, origins)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

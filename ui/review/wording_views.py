@@ -54,6 +54,35 @@ VIEWS: dict[str, str] = {
     "notice.undo.PlaceFiducial": "Taken back: fiducial {what} placed by hand",
     "notice.redo.PlaceFiducial": "Again: fiducial {what} placed by hand",
     "did.PlaceFiducial": "fiducial placed",
+    # film
+    "film.none": "No film of this block has marks.",
+    "film.left": "Residuals",
+    "film.left.tip": "What the interior orientation leaves of the marks.",
+    "film.plain": "Shape",
+    "film.plain.tip": "What shift, turn and one scale would leave: how the film has changed its "
+    "shape.",
+    "film.one": "{photo}, \u00b5m",
+    "film.roll": "Mean of {count} films of camera {camera}, \u00b5m",
+    "film.single": "One film alone: no mean over the roll.",
+    "film.photo": "Photo",
+    "film.scale_x": "Scale x ppm",
+    "film.scale_x.tip": "Length of the film along x over the certified one, less one; with a "
+    "scanner's own scale error, which cannot be told from the film's",
+    "film.scale_y": "Scale y ppm",
+    "film.scale_y.tip": "As scale x",
+    "film.shear": "Shear mrad",
+    "film.shear.tip": "Deviation of the film's axes from a right angle",
+    "film.rms": "RMS \u00b5m",
+    "film.rms.tip": "After the interior orientation, per coordinate",
+    "film.plain.rms": "Shape RMS",
+    "film.redundancy": "Redundancy",
+    "film.chance": "Chance",
+    "film.chance.tip": "Probability of residuals as large by the marks' own sigmas: small ones "
+    "tell of film, not of a mistake",
+    "film.mean": "{camera}: mean of {count}",
+    "film.long": "Negative scales: the film has shrunk. What the mean over the roll shows is the "
+    "camera or its certificate; what differs from film to film is the film. The same figures are in "
+    "results/film.csv.",
     # placement
     "placement": "Placement",
     "placement.tip": "On the map: where the photos were said to lie, and where they lie",

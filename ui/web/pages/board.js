@@ -64,7 +64,7 @@ function head() {
 
 function body() {
   if (!found.photos.length) return element("p", { class: "muted" }, word("board.none"));
-  if (tab === "film") return element("div", { class: "sheet" }, filmPart(found));
+  if (tab === "film") return element("div", { class: "sheet" }, filmPart(found, () => showBoard(found)));
   const cameras = [...new Set(found.photos.map((row) => row.camera))];
   const tables = cameras.map((camera) => {
     const rows = found.photos.filter((row) => row.camera === camera);

@@ -35,11 +35,12 @@ export function showPlacement(fresh) {
   const first = !found;
   found = fresh;
   const kept = sheet.querySelector(".shifts")?.scrollTop ?? 0;
+  if (!found.photos.some((one) => one.photo === current)) current = found.photos[0]?.photo ?? "";
   const body = sheet.querySelector(".view-body");
   room = body.querySelector(".map-room") ?? freshRoom();
   body.replaceChildren(head(), element("div", { class: "two-rooms placement" }, room, side()));
   sheet.querySelector(".shifts").scrollTop = kept;
-  if (first) { if (!found.photos.some((one) => one.photo === current)) current = found.photos[0]?.photo ?? ""; fit(); }
+  if (first) fit();
   redraw();
 }
 
