@@ -139,6 +139,8 @@ CLEARED = 0.35
 """Leaving a mark out must bring the RMS down to this share before the mark counts as wrong."""
 USUAL_SIGMA_PX = 0.1
 """A-priori sigma of a mark whose own is not known, pixels."""
+FILM_STEPS = 24
+"""Halvings in the search for how much film and scanner are bent."""
 WARP_CHANCE = 0.001
 """Chance below which eight marks or more call for a warp beyond an affine film."""
 
@@ -177,7 +179,9 @@ def fit_interior(
     fit = _fit(pixels[keep], certified_mm[keep], sigmas[keep], model, mirrored)
     if isinstance(fit, Failure):
         return fit
-    interior = _interior(fit, tuple(np.array(names)[keep].tolist()), pixels[keep])
+    factor = fit.weighted_square_sum / fit.redundancy if fit.redundancy else float("nan")
+    fit = _with_film(fit, pixels[keep], certified_mm[keep], sigmas[keep], mirrored)
+    interior = _interior(fit, factor, tuple(np.array(names)[keep].tolist()), pixels[keep])
     if interior.rms_um > limit_um(interior.pixel_size_mm):
         return Failure(
             f"The fiducials do not fit their certificate: RMS {interior.rms_um:.0f} um.",
@@ -249,6 +253,32 @@ def _fit(
     return best
 
 
+def _with_film(
+    fit: FilmFit, pixels: PixelPoints, film: FilmPoints, sigmas_mm: Scalars, mirrored: bool
+) -> FilmFit:
+    """The fit with what the marks' own sigmas do not explain laid to film and scanner.
+
+    Their bends are the same for a mark that was measured well and one that was measured less well,
+    so they are added to all variances alike, as large as makes the weighted square sum what chance
+    would give; a factor on the variances would have the best measured marks carry the fit.
+    """
+    best = fit
+    if fit.redundancy < 1 or fit.weighted_square_sum <= fit.redundancy:
+        return best
+    least, most = 0.0, 2 * fit.sigma + float(sigmas_mm.max())
+    for _ in range(FILM_STEPS):
+        bends = (least + most) / 2
+        trial = fit_film(fit.model, pixels, film, np.hypot(sigmas_mm, bends), mirrored)
+        if isinstance(trial, Failure):
+            return best
+        best = trial
+        if trial.weighted_square_sum > trial.redundancy:
+            least = bends
+        else:
+            most = bends
+    return best
+
+
 def _called_for(affine: FilmFit, larger: FilmFit) -> bool:
     """F-test of two more parameters."""
     left, gained = larger.weighted_square_sum, affine.weighted_square_sum
@@ -277,11 +307,11 @@ def _kept(
     return keep
 
 
-def _interior(fit: FilmFit, names: tuple[str, ...], pixels: PixelPoints) -> InteriorOrientation:
+def _interior(
+    fit: FilmFit, factor: float, names: tuple[str, ...], pixels: PixelPoints
+) -> InteriorOrientation:
     """The fit as an interior orientation, residuals in micrometres."""
-    factor = fit.weighted_square_sum / fit.redundancy if fit.redundancy else float("nan")
     return InteriorOrientation(
         fit.model, fit.matrix, names, pixels, fit.residuals * 1000, fit.sigma * 1000,
-        fit.warp, fit.cofactor * max(factor, 1.0) if fit.redundancy else fit.cofactor,
-        fit.redundancy, factor,
+        fit.warp, fit.cofactor, fit.redundancy, factor,
     )  # fmt: skip

@@ -24,6 +24,12 @@ NEAR_PX = 0.05
 """Step from which what is far from the drawn mark no longer counts, pixels."""
 NOISE_SHARE = 0.2
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
+SOFT_PX = 0.7
+"""Blur (Gaussian sigma) of both fields before they are compared, pixels: a sharp line is less wide
+than resampling can follow, and its middle would be drawn to the middles of pixels."""
+EDGE_PX = 0.25
+"""How far a drawn edge may lie beside the scan's before it counts as dirt, pixels: the shape of a
+real mark is not quite the drawn one's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +58,7 @@ def match_mark(
         start: Approximate middle (column, row) in the window, pixels.
         limit_px: How far from the start the middle may be.
     """
+    window, template = softened(window), softened(template)
     slope_c, slope_r = np.gradient(template, axis=1), np.gradient(template, axis=0)
     place = np.array(start, dtype=np.float64)
     state = (1.0, 0.0, 0.0, 0.0)
@@ -83,6 +90,7 @@ def centre_by_symmetry(
         start: Approximate middle (column, row) in the window, pixels.
         limit_px: How far from the start the middle may be.
     """
+    window = softened(window)
     place = np.array(start, dtype=np.float64)
     sigma = alike = 0.0
     far = True
@@ -107,6 +115,11 @@ def centre_by_symmetry(
                 break
             far = False
     return Centre(float(place[0]), float(place[1]), sigma, alike)
+
+
+def softened(field: np.ndarray) -> np.ndarray:
+    """A field under the blur in which middles are looked for."""
+    return np.asarray(cv2.GaussianBlur(field, (0, 0), SOFT_PX, borderType=cv2.BORDER_REPLICATE))
 
 
 def sample_about(window: Gray, place: Shift, side: int) -> Weights:
@@ -163,7 +176,10 @@ def _solve(
     chosen = weights > 0
     design, right, base = columns[chosen], wanted[chosen], weights[chosen]
     # On a flawless black background the median is nought: the mark's edges must not be bounded.
-    spread = max(1.4826 * float(np.median(np.abs(right))), NOISE_SHARE * contrast) + 1e-6
+    noise = max(1.4826 * float(np.median(np.abs(right))), NOISE_SHARE * contrast) + 1e-6
+    # Nor is half a pixel's share at an edge dirt: that would leave only the pixels in which the
+    # mark happens to have no edge, and the middle would jump from pixel to pixel.
+    spread = np.hypot(noise, EDGE_PX * np.hypot(design[:, 0], design[:, 1]))
     if far_counts:
         used = base * np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(right), 1e-12))
     else:

@@ -18,6 +18,18 @@ WILD = Camera(
                   "P3": (-106.007, 106.006), "P4": (106.0, 105.999)},
 )  # fmt: skip
 MICMAC_ORIGIN = 0.5
+WILD_BY_HAND = {
+    "P1": (5667.08, 5213.88),
+    "P2": (649.09, 5201.83),
+    "P3": (653.19, 189.67),
+    "P4": (5672.51, 200.42),
+    "S5": (555.25, 2695.93),
+    "S6": (5764.31, 2707.49),
+    "S7": (3168.05, 99.91),
+    "S8": (3163.04, 5302.77),
+}
+"""Careful measurement in crops enlarged twelve times: a circle laid on the crest of the ring, lines
+through the rays inside and outside it, the mean of their middles (which differ by 0.1 px)."""
 
 
 @pytest.mark.parametrize("name", VOVCHA)
@@ -65,9 +77,11 @@ def test_wild_marks_against_the_hand__real(shared_data: Path) -> None:
     )
     assert np.sqrt(np.mean(away**2)) < 0.6
     assert np.abs(away).max() < 1.4
-    # The certificate's corners and this print differ by 13 um whoever measures them.
-    assert oriented.interior.rms_um < 14.0
-    assert max(mark.disagreement_px for mark in oriented.fiducials) < 0.1
+    # The certificate's corners and this print differ by 13 um whoever measures them: 13.0 by the
+    # student, 13.9 by the crests of the rings, 13.4 by the rays outside them.
+    assert oriented.interior.model == "affine"
+    assert oriented.interior.rms_um <= 13.0
+    assert max(mark.disagreement_px for mark in oriented.fiducials) < 0.05
 
 
 def test_eight_wild_marks_are_found__real(shared_data: Path) -> None:
@@ -76,6 +90,9 @@ def test_eight_wild_marks_are_found__real(shared_data: Path) -> None:
     camera = Camera("wild", 153.664, (228.0, 228.0), fiducials_mm={**WILD.fiducials_mm, **sides})
     oriented = orient_scan(shared_data / "bc-2002-wild-frame" / "15BCC02013_114.jpg", camera, 42.33)
     assert len(oriented.fiducials) == 8
+    for mark in oriented.fiducials:
+        by_hand = WILD_BY_HAND[mark.name]
+        assert np.hypot(mark.column - by_hand[0], mark.row - by_hand[1]) < 0.3
     assert max(mark.disagreement_px for mark in oriented.fiducials) < 0.15
     mask = oriented.usable(16)
     gray = read_overview(oriented.scan, 16)
