@@ -216,8 +216,11 @@ class Clicking:
                     "Click two places or more, far apart.",
                 )  # fmt: skip
             values = np.array(pairs, dtype=np.float64)
-            enabled = np.ones(len(values), dtype=np.bool_)
-            points = QgisPoints(path, self._found.given.crs, values[:, 2:], values[:, :2], enabled)
+            off = self._switched_off(path)
+            plane = np.vstack([values[:, 2:], off.plane])
+            pixels = np.vstack([values[:, :2], off.pixels])
+            enabled = np.arange(len(plane)) < len(values)
+            points = QgisPoints(path, self._found.given.crs, plane, pixels, enabled)
             with whole_file(path) as temporary:
                 write_qgis_points(temporary, points)
         return {**fit, "saved": path.name}

@@ -8,6 +8,7 @@ import numpy as np
 
 from core.block.block import Photo
 from core.geometry.camera import Camera
+from core.geometry.interior import limit_um
 from core.scan.corrected_marks import MarkChange
 from core.scan.fiducials import FiducialMeasurement
 from core.scan.orientation import ScanOrientation
@@ -150,7 +151,10 @@ class _Row:
         sigma = np.nan_to_num(self.photo.interior.sigma_um)
         limit = max(FIDUCIAL_SIGMAS * float(sigma), FIDUCIAL_UM)
         length = 0.0 if residual is None else float(np.hypot(*residual))
-        grounds = [0.5 * min(length / limit, 1.8), 0.8 if cell["state"] == "unused" else 0.0]
+        bound = limit_um(self.photo.interior.pixel_size_mm)
+        # Two measures: one mark far off makes the sigma of its own scan large.
+        grounds = [0.5 * min(length / limit, 1.8), 0.9 * min(length / bound, 1.0)]
+        grounds.append(0.8 if cell["state"] == "unused" else 0.0)
         if cell["score"] is not None:
             grounds.append(0.8 * min(max((UNLIKE - cell["score"]) / (UNLIKE - UNLIKE_AT), 0), 1))
             grounds.append(0.7 * min(cell["apart"] / APART_PX, 1))

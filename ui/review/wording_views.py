@@ -81,8 +81,8 @@ VIEWS: dict[str, str] = {
     "tell of film, not of a mistake",
     "film.mean": "{camera}: mean of {count}",
     "film.long": "Negative scales: the film has shrunk. What the mean over the roll shows is the "
-    "camera or its certificate; what differs from film to film is the film. The same figures are in "
-    "results/film.csv.",
+    "camera or its certificate; what differs from film to film is the film. The figures are those "
+    "of results/film.csv, with the decisions made here.",
     # placement
     "placement": "Placement",
     "placement.tip": "On the map: where the photos were said to lie, and where they lie",
