@@ -86,8 +86,8 @@ def nothing_stands(
         else f"the photo does not stand on the reference ortho: {why}.",
         "Check that ortho, DEM and roads cover the photos and that no mask hides them; then the "
         "principal distance and the scan pixel size. If all is right, click two places far apart "
-        "in one photo in the QGIS Georeferencer and save them as its .points file: tie points "
-        "carry them to the others.",
+        "in one photo: gruber review shows it beside the ortho (a .points file of the QGIS "
+        "Georeferencer does as well). Tie points carry them to the others.",
     )
 
 

@@ -7,9 +7,10 @@ from typing import Any, Literal
 import numpy as np
 
 from core.block.block import Photo
+from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.interior import limit_um
-from core.scan.corrected_marks import MarkChange
+from core.scan.corrected_marks import MarkChange, corrected_scan
 from core.scan.fiducials import FiducialMeasurement
 from core.scan.orientation import ScanOrientation
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
@@ -42,8 +43,8 @@ def board_part(
     photos: list[Part] = []
     for name, photo in state.block.photos.items():
         camera = state.block.camera_of(name)
-        film = origins.films.get(name)
-        row = _Row(photo, camera, film, changes.get(name, {}))
+        film, own = origins.films.get(name), changes.get(name, {})
+        row = _Row(photo, camera, film, own, _doubts(film, camera, own))
         cells = [row.cell(mark, last.get((name, mark))) for mark in row.names]
         if not cells:
             continue
@@ -60,7 +61,7 @@ def board_part(
                 "rms": _short(interior.rms_um, 1) if interior.names else None,
                 "redundancy": interior.redundancy,
                 "doubt": max(cell["doubt"] for cell in cells),
-                "why": [] if film is None else _of_scan(film, changes.get(name, {})),
+                "why": [doubt.message for doubt in row.doubts if _of_scan(doubt)],
                 "cells": cells,
             }
         )
@@ -76,6 +77,7 @@ class _Row:
     camera: Camera
     film: ScanOrientation | None
     changes: Mapping[str, MarkChange]
+    doubts: tuple[Doubt, ...]
 
     @property
     def names(self) -> list[str]:
@@ -86,15 +88,15 @@ class _Row:
         """All about one mark."""
         interior, change = self.photo.interior, self.changes.get(name, MarkChange())
         found = self._found(name)
-        used = name in interior.names
         place = change.place
+        used = name in interior.names and (place is None or self._stands(name, place))
         if place is None and found is not None:
             place = (found.column, found.row)
         if place is None and used:
             column, row = interior.pixels[interior.names.index(name)].tolist()
             place = (column, row)
         state = _state(used, change, place)
-        residual = self._residual(name, place)
+        residual = self._residual(name, place, used)
         why = [] if said is not None else self._why(name)
         measured = found if change.place is None else None
         cell: Part = {
@@ -123,9 +125,12 @@ class _Row:
 
     def _why(self, name: str) -> list[str]:
         """What the engine doubts about this mark."""
-        if self.film is None:
-            return []
-        return [d.message for d in self.film.doubts if d.evidence.get("fiducial") == name]
+        return [d.message for d in self.doubts if d.evidence.get("fiducial") == name]
+
+    def _stands(self, name: str, place: tuple[float, float]) -> bool:
+        """True when the orientation rests on a mark placed by hand, where it was placed."""
+        pixel = self.photo.interior.pixels[self.photo.interior.names.index(name)]
+        return bool(np.allclose(pixel, place, atol=1e-6))
 
     def _expected(self, name: str) -> list[float | None] | None:
         """Where the other marks and the certificate put it, scan pixels."""
@@ -134,10 +139,12 @@ class _Row:
             return None
         return _pair(self.photo.interior.pixel_from_film(np.array([certified]))[0], 2)
 
-    def _residual(self, name: str, place: tuple[float, float] | None) -> np.ndarray | None:
+    def _residual(
+        self, name: str, place: tuple[float, float] | None, used: bool
+    ) -> np.ndarray | None:
         """Measured minus certified, or what it would be for a mark that is not used, um."""
         interior = self.photo.interior
-        if name in interior.names:
+        if used:
             return interior.residuals_um[interior.names.index(name)]
         certified = self.camera.fiducials_mm.get(name)
         if place is None or certified is None or not interior.names:
@@ -178,13 +185,21 @@ def _last_said(recorded: Sequence[Recorded]) -> dict[tuple[str, str], Recorded]:
     }
 
 
-def _of_scan(film: ScanOrientation, changes: Mapping[str, MarkChange]) -> list[str]:
-    """What is doubtful about the interior orientation as a whole, until somebody corrected it."""
-    if changes:
-        return []
+def _doubts(
+    film: ScanOrientation | None, camera: Camera, changes: Mapping[str, MarkChange]
+) -> tuple[Doubt, ...]:
+    """What the engine doubts about a scan, with the marks as they were corrected."""
+    if film is None:
+        return ()
+    if not changes:
+        return film.doubts
+    return corrected_scan(film, camera, film.interior.pixel_size_mm, changes).doubts
+
+
+def _of_scan(doubt: Doubt) -> bool:
+    """True for doubts about the interior orientation as a whole."""
     kinds = ("fiducial", "interior", "scan-", "film")
-    own = [d for d in film.doubts if "fiducial" not in d.evidence and d.kind.startswith(kinds)]
-    return [doubt.message for doubt in own]
+    return "fiducial" not in doubt.evidence and doubt.kind.startswith(kinds)
 
 
 def _window_px(pixel_mm: float) -> int:
