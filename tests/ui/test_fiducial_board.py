@@ -125,9 +125,9 @@ def test_the_board_shows_every_mark_worst_first__law(state, given):
     moved = replace(state, block=replay(inputs.block, recorded, inputs.origins.films))
     worst = board_part(moved, inputs.origins, drawn, recorded)["photos"][0]
     cell = next(one for one in worst["cells"] if one["name"] == mark.name)
-    # So far off that no orientation stands with it: it stays as it was, and says so.
+    # So far off that the others contradict it: it is left out, and the board says so.
     assert (worst["photo"], cell["state"], cell["said"]["who"]) == (name, "unused", "anna")
-    assert any("stays what it was" in why for why in worst["why"])
+    assert any("was left out" in why for why in worst["why"])
     assert np.hypot(*cell["residual"]) > 1000
     recorded = said(PlaceFiducial(name, mark.name, mark.column + 0.6, mark.row))
     moved = replace(state, block=replay(inputs.block, recorded, inputs.origins.films))

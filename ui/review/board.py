@@ -115,7 +115,7 @@ class _Row:
             else {"id": said.decision_id, "who": said.who, "when": said.when[:16]},
         }
         # Who placed a mark may have missed it: its residual still counts.
-        decided = said is not None and state != "placed"
+        decided = said is not None and state in ("hidden", "used")
         cell["doubt"] = 0.0 if decided else round(self._doubt(cell, residual), 2)
         return cell
 

@@ -49,8 +49,9 @@ function drawing(marks, [width, height], longest) {
     }
     const title = svg("title");
     title.textContent = words;
-    const name = svg("text", { x: x + 2 * unit, y: y + (y < 0 ? -1.8 : 4.2) * unit, "font-size": 3.2 * unit, class: "legend" });
-    name.textContent = `${mark[0]}  ${number(Math.hypot(...vectorOf(mark)), 1)}`;
+    // Inside the frame, where no line runs.
+    const name = svg("text", { x: x + (x > unit ? -3 : 3) * unit, y: y + (y > 0 ? -4 : 6.5) * unit, "font-size": 3.4 * unit, "text-anchor": x > unit ? "end" : "start", class: "legend" });
+    name.textContent = `${mark[0]} \u00b7 ${number(Math.hypot(...vectorOf(mark)), 1)}`;
     group.append(title, name);
     children.push(group);
   }
