@@ -144,7 +144,11 @@ def _rescues(
         if isinstance(result.found, VerifiedMatches)
         for name in pair
     }
-    tried = {key for key, result in results.items() if result.pair.overlap >= options.whole_overlap}
+    tried = {
+        key
+        for key, result in results.items()
+        if result.pair.overlap >= options.whole_overlap or result.pair.first_region is None
+    }
     for name in sorted(set(block.photos) - tied):
         here = block.photos[name].exterior.centre
         others = sorted(
