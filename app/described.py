@@ -29,7 +29,11 @@ def described(project: Project) -> BlockInput:
             for scan in scans.listed
         ),
         georeference=Georeference(
-            scans.georeference, scans.footprints, scans.footprint_name, scans.exterior
+            scans.georeference,
+            scans.footprints,
+            scans.footprint_name,
+            scans.exterior,
+            scans.scale_number,
         ),
         ortho=reference.ortho,
         dem=reference.dem,

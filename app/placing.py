@@ -36,6 +36,7 @@ from sessions.session import HIDDEN, Session
 from sessions.whole import clean_leftovers, whole_file
 from ui.review.compare import DrawnPhoto
 from ui.review.palette import page_palette
+from ui.review.placement import NOWHERE
 from ui.review.tiles import Lattice
 from ui.review.wording import sentence, words
 from ui.web.access import Access
@@ -58,7 +59,9 @@ class Placeable:
     reference: Reference
     """Ortho and heights."""
     placed: Block | None = None
-    """Photos where the archive's georeference puts them, as far as it does."""
+    """Photos where the archive's georeference puts them."""
+    nowhere: frozenset[str] = frozenset()
+    """Photos of which it says nothing."""
 
 
 def placeable(project: Project, session: Session) -> Placeable | None:
@@ -78,8 +81,10 @@ def placeable(project: Project, session: Session) -> Placeable | None:
         )
     given = described(project)
     placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
-    block = None if placed is None else placed.block
-    return Placeable(given, scans, open_reference(given), block)
+    if placed is None:
+        return Placeable(given, scans, open_reference(given))
+    nowhere = {n for n, one in placed.approximations.items() if one.source in NOWHERE}
+    return Placeable(given, scans, open_reference(given), placed.block, frozenset(nowhere))
 
 
 class Placing:
@@ -248,7 +253,7 @@ class Clicking:
         scan, block = self._found.scans.oriented[name], self._found.placed
         clicked, why = self._clicked(scan)
         known: dict[str, Any] | None = None
-        if block is not None and name in block.photos:
+        if block is not None and name in block.photos and name not in self._found.nowhere:
             photo, camera = block.photos[name], block.camera_of(name)
             middle = footprint(photo, camera).centroid
             height = float(photo.exterior.centre[2]) - photo.ground_height_m

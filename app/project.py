@@ -11,7 +11,7 @@ import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.adjustment_section import adjustment_options
-from app.block_toml import FILE, METRES, MICROMETRES, Document, Table
+from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
 from app.camera_table import read_camera
 from core.block.adjusted import AdjustmentOptions
 from core.errors import CrsError, ProjectError
@@ -64,6 +64,8 @@ class ScansSection:
     """What to begin from."""
     fiducial_measures: tuple[Path, ...] = ()
     """MicMac's MeasuresIm-*.xml: fiducials measured by hand, which go before found ones."""
+    scale_number: float | None = None
+    """Scale of the photos, for those that no source places."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +196,7 @@ def _cameras(document: Document) -> dict[str, Camera]:
 
 
 def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
-    keys = (*SCANS_KEYS, "georeference", "override")
+    keys = (*SCANS_KEYS, "georeference", "scale_number", "override")
     table = document.table("scans", keys=keys, required=True)
     footprints, named = table.file("footprints"), table.text("footprint_name", "LMS_TIF_UP")
     if footprints is not None:
@@ -210,6 +212,7 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
         table.file("exterior"),
         cast("Georeference", georeference),
         table.files("fiducial_measures"),
+        table.number("scale_number", SCALE_NUMBERS) if table.has("scale_number") else None,
     )
 
 

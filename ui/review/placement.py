@@ -16,6 +16,8 @@ from ui.review.origins import Origins
 from ui.review.state import DeskState
 
 Part = dict[str, Any]
+NOWHERE = ("area",)
+"""Sources that say nothing of where a photo lies."""
 
 
 def placement_part(state: DeskState, origins: Origins, doubts: Iterable[Doubt]) -> Part:
@@ -33,7 +35,7 @@ def placement_part(state: DeskState, origins: Origins, doubts: Iterable[Doubt]) 
         for name, photo in oriented.photos.items()
     ]
     photos.sort(key=lambda row: (row["oriented"], -(row["rms"] or 0.0)))
-    off = [row["rms"] for row in photos if row["oriented"]]
+    off = [row["rms"] for row in photos if row["rms"] is not None]
     return {
         "photos": photos,
         "set_aside": [[name, why] for name, why in sorted(origins.set_aside.items())],
@@ -45,18 +47,19 @@ def placement_part(state: DeskState, origins: Origins, doubts: Iterable[Doubt]) 
 def _photo(photo: Photo, camera: Camera, source: str, messages: dict[str, list[str]]) -> Part:
     """One photo with both outlines, metres east and north, and by how much they differ."""
     off = displacement(photo, camera)
+    given = source not in NOWHERE
     believed = replace(photo, exterior=photo.approximate)
     placed = photo.oriented
     return {
         "photo": photo.photo_id,
         "oriented": placed,
         "source": source,
-        "before": _ring(believed, camera),
+        "before": _ring(believed, camera) if given else None,
         "after": _ring(photo, camera) if placed else None,
-        "shift": [round(float(value), 1) for value in off.shift_m] if placed else None,
-        "turn": round(float(np.degrees(off.turn)), 2) if placed else None,
-        "scale": round(off.scale, 4) if placed else None,
-        "rms": round(off.rms_m, 1) if placed else None,
+        "shift": [round(float(value), 1) for value in off.shift_m] if placed and given else None,
+        "turn": round(float(np.degrees(off.turn)), 2) if placed and given else None,
+        "scale": round(off.scale, 4) if placed and given else None,
+        "rms": round(off.rms_m, 1) if placed and given else None,
         "why": [] if placed else messages.get(photo.photo_id, []),
     }
 

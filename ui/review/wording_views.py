@@ -92,6 +92,7 @@ VIEWS: dict[str, str] = {
     "placement.given": "by the given georeference",
     "placement.placed": "as placed",
     "placement.summary": "Georeferences were off by {median} m in the median, {worst} m at worst.",
+    "placement.none-given": "No georeference said where these photos lie.",
     "placement.nothing": "No photo is placed.",
     "placement.photo": "Photo",
     "placement.east": "E m",
@@ -107,6 +108,7 @@ VIEWS: dict[str, str] = {
     "placement.source.points": "points clicked by hand",
     "placement.source.footprints": "its footprint",
     "placement.source.exterior": "the list of exterior orientations",
+    "placement.source.area": "nothing but its scale: it was sought all over the ortho",
     "placement.aside": "Set aside",
     "placement.hint": "Drag moves, wheel zooms, a click chooses a photo, J and K walk, space "
     "changes between before and after.",

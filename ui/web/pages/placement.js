@@ -87,7 +87,7 @@ const middleOf = (ring) => [0, 1].map((axis) => ring.reduce((sum, corner) => sum
 
 function head() {
   const modes = ["both", "before", "after"].map((name) => element("button", { class: mode === name ? "on" : "", "data-mode": name, onclick: () => { mode = name; showPlacement(found); } }, word(`placement.${name}`)));
-  const words = found.median === null ? word("placement.nothing") : word("placement.summary", { median: number(found.median, 0), worst: number(found.worst, 0) });
+  const words = found.median === null ? word(found.photos.some((one) => one.oriented) ? "placement.none-given" : "placement.nothing") : word("placement.summary", { median: number(found.median, 0), worst: number(found.worst, 0) });
   return element("header", {}, element("h2", {}, word("placement")), element("span", { class: "segments" }, ...modes), element("span", { class: "muted" }, words), element("span", { class: "stretch" }),
     element("span", { class: "legend-line before" }, word("placement.given")), element("span", { class: "legend-line after" }, word("placement.placed")),
     element("button", { onclick: fit }, word("act.fit")), element("button", { id: "placement-close", onclick: () => byId("placement").close() }, word("act.refuse")));
@@ -95,7 +95,7 @@ function head() {
 
 function side() {
   const lines = found.photos.map((one) => element("tr", { class: one.photo === current ? "on" : one.oriented ? "" : "loose", "data-photo": one.photo, onclick: () => choose(one.photo) }, element("td", { class: "name", title: one.photo }, shortName(one.photo)),
-    ...(one.oriented ? [element("td", {}, number(one.shift[0], 1)), element("td", {}, number(one.shift[1], 1)), element("td", {}, number(one.turn, 1)), element("td", {}, number(one.scale, 3)), element("td", { class: "rms" }, number(one.rms, 1))] : [element("td", { colspan: 5, class: "none" }, word("placement.none"))])));
+    ...(one.oriented ? [element("td", {}, number(one.shift?.[0], 1)), element("td", {}, number(one.shift?.[1], 1)), element("td", {}, number(one.turn, 1)), element("td", {}, number(one.scale, 3)), element("td", { class: "rms" }, number(one.rms, 1))] : [element("td", { colspan: 5, class: "none" }, word("placement.none"))])));
   const heads = ["photo", "east", "north", "turn", "scale", "rms"].map((name) => element("th", { title: start.words[`placement.${name}.tip`] ?? null }, word(`placement.${name}`)));
   const one = found.photos.find((photo) => photo.photo === current);
   const about = one ? [element("h3", {}, shortName(one.photo)), element("p", {}, one.source ? word("placement.source", { source: word(`placement.source.${one.source}`) }) : ""), ...one.why.map((why) => element("p", { class: "doubted" }, why))] : [];
