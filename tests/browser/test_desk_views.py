@@ -40,7 +40,11 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
     page.keyboard.press("Enter")
     page.wait_for_selector(".notice:has-text('snapped')")
     # Snapped onto the mark of another scan, it lies where it was found.
-    assert np.hypot(*np.subtract(page.evaluate(CELL, name)["place"], before["place"])) < 0.4
+    page.wait_for_function(
+        f"([name, x, y]) => {{ const [a, b] = ({CELL})(name).place;"
+        " return Math.hypot(a - x, b - y) < 0.4; }",
+        arg=[name, *before["place"]],
+    )
     photo, mark = name.split("|")
     last = real_desk.session.decisions()[-1].decision
     assert (last.photo_id, last.name) == (photo, mark)
