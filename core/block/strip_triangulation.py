@@ -23,7 +23,7 @@ from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.geometry.resection import PhotoModel, moved
 
 STEPS = 8
-QUADRATIC = 5
+QUADRATIC = 8
 """So many known points along a strip allow it to be bent; fewer only to be shifted and turned."""
 Left = Float64[np.ndarray, "left 3"]
 """What is left at known points: E, N, height, metres."""
