@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from app.project import Project
+from core.block.assembly import AssemblyOptions
 from core.block.block import UNKNOWN_M, SurveyedPoint
 from core.block.georeference import Georeference
+from core.block.orientation import OrientationOptions
 from core.formats.control_points import ListedPoint, read_control_points
 from core.geometry.crs import check_range, read_crs
 from core.stages import BlockInput, ScanInput
@@ -16,6 +18,7 @@ def described(project: Project) -> BlockInput:
     """What the engine is given of a project."""
     scans, reference = project.scans, project.reference
     listed = listed_points(project.control.points, project.block.crs)
+    orientation = OrientationOptions(operators=project.control.operators)
     return BlockInput(
         name=project.block.name,
         crs=project.block.crs,
@@ -32,6 +35,8 @@ def described(project: Project) -> BlockInput:
         surveyed=tuple(surveyed(point) for point in listed),
         ortho_sigma_m=reference.ortho_sigma_m,
         dem_sigma_m=reference.dem_sigma_m,
+        orientation=orientation,
+        assembly=AssemblyOptions(orientation=orientation),
         adjustment=project.adjustment,
     )
 

@@ -182,7 +182,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=3,
+        version=4,
     ),
     Stage(
         "control",
@@ -190,6 +190,7 @@ STAGES: tuple[Stage, ...] = (
         ("orientation", "ties"),
         lambda given: (given.assembly, given.surveyed),
         find_control,
+        version=2,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic
