@@ -25,7 +25,11 @@ def described(project: Project) -> BlockInput:
         cameras=project.cameras,
         scans=tuple(ScanInput(scan.path, scan.camera, scan.scan_pixel_um) for scan in scans.listed),
         georeference=Georeference(
-            scans.georeference, scans.footprints, scans.footprint_name, scans.exterior
+            scans.georeference,
+            scans.footprints,
+            scans.footprint_name,
+            scans.exterior,
+            scans.scale_number,
         ),
         ortho=reference.ortho,
         dem=reference.dem,

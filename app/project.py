@@ -11,7 +11,7 @@ import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.adjustment_section import adjustment_options
-from app.block_toml import FILE, METRES, MICROMETRES, MILLIMETRES, Document, Table
+from app.block_toml import FILE, METRES, MICROMETRES, MILLIMETRES, SCALE_NUMBERS, Document, Table
 from core.block.adjusted import AdjustmentOptions
 from core.block.descriptors import has_akaze
 from core.block.matching import USUAL
@@ -64,6 +64,8 @@ class ScansSection:
     """List of known exterior orientations; goes before `georeference` where it names a scan."""
     georeference: Georeference = "world-file"
     """What to begin from."""
+    scale_number: float | None = None
+    """Scale of the photos, for those that no source places."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +241,7 @@ def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
 
 
 def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
-    keys = (*SCANS_KEYS, "georeference", "override")
+    keys = (*SCANS_KEYS, "georeference", "scale_number", "override")
     table = document.table("scans", keys=keys, required=True)
     footprints, named = table.file("footprints"), table.text("footprint_name", "LMS_TIF_UP")
     if footprints is not None:
@@ -254,6 +256,7 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
         named,
         table.file("exterior"),
         cast("Georeference", georeference),
+        table.number("scale_number", SCALE_NUMBERS) if table.has("scale_number") else None,
     )
 
 

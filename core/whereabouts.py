@@ -13,7 +13,7 @@ from core.block.block_placement import PlacedBlock, place_block
 from core.block.free_block import free_blocks
 from core.block.georeference import Archive, georeference_photo, open_archive
 from core.block.orientation import OrientedPhoto, orient_photo, orient_placed_photo
-from core.block.pairs import footprint
+from core.block.pairs import footprint, position_sigma_m
 from core.block.patches import OpenPhoto
 from core.block.reference_points import ReferenceFeatures
 from core.doubts import Doubt, Failure
@@ -66,7 +66,7 @@ def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferen
     """
     scans: ScanSet = made["scans"]
     reference = open_reference(given)
-    archive = open_archive(given.georeference, given.crs, scans.oriented)
+    archive = open_archive(given.georeference, given.crs, scans.oriented, reference.ortho.bounds)
     cameras = {scan.path.stem: scan.camera for scan in given.scans}
     found: dict[str, Approximation] = {}
     failed: dict[str, PhotogrammetryError] = {}
@@ -105,7 +105,10 @@ def approximated(
         return error
     if isinstance(found, Approximation):
         return found
-    remedy = "Give a world file, a footprint, QGIS .points or an EO list under [scans]."
+    remedy = (
+        "Give a world file, a footprint, QGIS .points or an EO list under [scans], or the scale of "
+        "the photos (scale_number = 15000), to have them sought all over the reference ortho."
+    )
     return OrientationError(scan.scan.path, found.reason, remedy)
 
 
@@ -225,6 +228,8 @@ def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, Orient
         )
 
     def alone(photo: Photo) -> OrientedPhoto | Failure:
+        if position_sigma_m(photo) > opened(photo).width_m:
+            return Failure("nothing says where it lies, and no tie points carry it there")
         best: OrientedPhoto | Failure = Failure("it was not tried")
         for number, start in enumerate(placed.approximations[photo.photo_id].hypotheses):
             rng = random_for(given.name, photo.photo_id, str(number))

@@ -38,8 +38,10 @@ class BlockPlacementOptions:
     """Width of a photo in pixels in the first search, where the block is small enough."""
     block_px: int = 420
     """Largest side of the block in pixels in the first search."""
-    most_trials: int = 1500
-    """More turns and scales than this are thinned out, by a coarser first search."""
+    most_work: float = 4e8
+    """Trials times pixels of each; where it would be more, the first search is coarser."""
+    candidates: int = 24
+    """Places of the first search that are sought again more finely."""
     fine_px: int = 900
     """Largest side of the block in pixels when the best places are sought again."""
     search_sigmas: float = 2.5
@@ -94,14 +96,14 @@ def place_block(
     backdrop = Backdrop.read(reference.ortho, about, laid.half_m + room.shift_m, gsd / finer)
     level = Level(laid, backdrop.coarser(finer), Turn(0.0, 1.0), room.shift_m)
     turns = level.search(room.trials(reach / gsd), 2, mapper)
-    best = distinct(turns, options.hypotheses, reach)
+    best = distinct(turns, options.candidates, reach)
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
     fine = laid_block(photos, reference, about, reach, gsd / finer, mapper)
     step = 1.5 * gsd / reach
     found = list(mapper(lambda turn: refined_turn(fine, backdrop, turn, step), best))
     found.sort(key=lambda turn: -turn.score)
-    return _placed(photos, about, tuple(found), gsd / finer, options)
+    return _placed(photos, about, tuple(found[: options.hypotheses]), gsd / finer, options)
 
 
 def block_reach_m(block: Block, about: PlanPosition) -> float:
@@ -133,11 +135,15 @@ class _Room:
         return _Room(turns, options.search_sigmas * float(np.min(plan)), scale)
 
     def first_gsd_m(self, width_m: float, reach_m: float, options: BlockPlacementOptions) -> float:
-        """The finest ground sample distance whose trials are not too many."""
+        """The finest ground sample distance at which the search is not too long."""
         gsd = max(width_m / options.photo_px, 2 * reach_m / options.block_px)
-        while len(self.trials(reach_m / gsd)) > options.most_trials:
+        while self._work(reach_m / gsd, self.shift_m / gsd) > options.most_work:
             gsd *= 1.15
         return gsd
+
+    def _work(self, reach_px: float, shift_px: float) -> float:
+        """Trials times pixels of each."""
+        return len(self.trials(reach_px)) * (2 * (reach_px + shift_px)) ** 2
 
     def trials(self, reach_px: float) -> list[tuple[float, float]]:
         """Turns and scales in steps that move the block's rim by about two pixels."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 from scipy.spatial import KDTree
 
 from core.arrays import Flags, Indices, PixelPoints, Scalars, locked
@@ -23,6 +23,9 @@ from core.geometry.relative import (
     relative_from_exteriors,
 )
 
+SAME_PHOTO = "same_photo"
+"""Evidence of a refusal: so many matches that stay where they are."""
+
 
 @dataclass(frozen=True, slots=True)
 class MatchOptions:
@@ -41,6 +44,9 @@ class MatchOptions:
     still_mm: float = 1.0
     """A match that lies in the same place of both films is no ground: marks, notes, scratches of
     the camera; three times as much where no fiducials tell where the film lies."""
+    twice: float = 0.15
+    """Two scans show the same photo when so many of the features of one stay in their place on the
+    film of the other: marks, notes and dust alone are far fewer."""
     relative: RelativeOptions = field(default_factory=RelativeOptions)
     """The geometric check."""
 
@@ -202,7 +208,11 @@ def verify_matches(
     rng: np.random.Generator,
 ) -> VerifiedMatches | Failure:
     """Keep the matches that agree with one relative orientation and with their neighbours."""
-    matches = matches.chosen(_moved(photos, features, matches, options))
+    still = _still(photos, features, matches, options)
+    if _same_photo(features, still, options):
+        reason = "They are two scans of one photo: nothing moves from one to the other."
+        return Failure(reason, {SAME_PHOTO: float(still.sum(axis=1).max())})
+    matches = matches.chosen(~still[0])
     first = features[0].pixels[matches.first]
     second = features[1].pixels[matches.second]
     # Tolerances hold at the scale of matching; the larger reduction of the two decides.
@@ -243,17 +253,31 @@ def like_neighbours(first: PixelPoints, second: PixelPoints, options: MatchOptio
     return off <= limit
 
 
-def _moved(
+def _still(
     photos: tuple[Photo, Photo],
     features: tuple[Features, Features],
     matches: Matches,
     options: MatchOptions,
-) -> Flags:
-    """False for matches that stay in their place on the film."""
+) -> Bool[np.ndarray, "turns matches"]:
+    """Matches that stay in their place on the film, laid upon each other in each quarter turn."""
     here = photos[0].interior.film_from_pixel(features[0].pixels[matches.first])
     there = photos[1].interior.film_from_pixel(features[1].pixels[matches.second])
     unsure = any(photo.interior.model == "nominal" for photo in photos)
-    return np.linalg.norm(here - there, axis=1) > options.still_mm * (3.0 if unsure else 1.0)
+    turned = [there, there[:, ::-1] * [-1, 1], -there, there[:, ::-1] * [1, -1]]
+    apart = np.linalg.norm(here - np.stack(turned), axis=2)
+    return apart <= options.still_mm * (3.0 if unsure else 1.0)
+
+
+def _same_photo(
+    features: tuple[Features, Features],
+    still: Bool[np.ndarray, "turns matches"],
+    options: MatchOptions,
+) -> bool:
+    """True when the greater part of the matches, and a good part of all features, stays."""
+    staying = int(still.sum(axis=1).max(initial=0))
+    fewer = min(len(side.pixels) for side in features)
+    enough = max(options.relative.min_inliers, options.twice * fewer)
+    return staying >= enough and 2 * staying > still.shape[1]
 
 
 def _window(pixels: PixelPoints, reduction: int) -> tuple[float, float]:

@@ -10,7 +10,13 @@ from core.arrays import PixelPoints
 from core.block.block import Block, Photo
 from core.block.chains import PairKey
 from core.block.features import Features
-from core.block.matches import MatchOptions, VerifiedMatches, match_features, verify_matches
+from core.block.matches import (
+    SAME_PHOTO,
+    MatchOptions,
+    VerifiedMatches,
+    match_features,
+    verify_matches,
+)
 from core.block.pairs import CandidatePair, PairOptions, find_pairs, ground_of, within
 from core.doubts import Failure
 from core.geometry.camera import Camera
@@ -69,7 +75,7 @@ def match_pairs(
     for pair in tracked(rescues, len(rescues), progress, "matching loose photos"):
         result = _match_whole(block, pair, features, options, rng)
         key = pair.first, pair.second
-        if isinstance(result.found, VerifiedMatches):
+        if _telling(result):
             results[key] = replace(result, unexpected=key not in results)
     return dict(sorted(results.items()))
 
@@ -110,8 +116,13 @@ def _match_whole(
 
 
 def _better(first: PairResult, second: PairResult) -> PairResult:
-    """The second if it was accepted."""
-    return second if isinstance(second.found, VerifiedMatches) else first
+    """The second if it says more."""
+    return second if _telling(second) else first
+
+
+def _telling(result: PairResult) -> bool:
+    """True when a pair was accepted, or is one photo scanned twice."""
+    return isinstance(result.found, VerifiedMatches) or SAME_PHOTO in result.found.evidence
 
 
 def _in_region(
@@ -133,7 +144,11 @@ def _rescues(
         if isinstance(result.found, VerifiedMatches)
         for name in pair
     }
-    tried = {key for key, result in results.items() if result.pair.overlap >= options.whole_overlap}
+    tried = {
+        key
+        for key, result in results.items()
+        if result.pair.overlap >= options.whole_overlap or result.pair.first_region is None
+    }
     for name in sorted(set(block.photos) - tied):
         here = block.photos[name].exterior.centre
         others = sorted(

@@ -55,7 +55,8 @@ def find_pairs(block: Block, options: PairOptions | None = None) -> tuple[Candid
     """All pairs of a block whose footprints may overlap, by name.
 
     Positions may be hundreds of metres off: a pair is tried when its footprints, grown by the
-    standard deviations of the photos' positions, have the wanted share in common.
+    standard deviations of the photos' positions, have the wanted share in common. Where positions
+    are not known to a footprint every pair is tried, and no overlap is expected of it.
     """
     options = options or PairOptions()
     prints = {name: footprint(photo, block.camera_of(name)) for name, photo in block.photos.items()}
@@ -64,6 +65,9 @@ def find_pairs(block: Block, options: PairOptions | None = None) -> tuple[Candid
         ours, theirs = prints[first], prints[second]
         smaller = min(ours.area, theirs.area)
         if smaller <= 0:
+            continue
+        if _sigma_m(block, first, second) > np.sqrt(smaller):
+            found.append(CandidatePair(first, second, 0.0, None, None))
             continue
         growth = _growth_m(block, first, second, options, float(np.sqrt(smaller)))
         if ours.distance(theirs) > growth:
@@ -99,5 +103,11 @@ def position_sigma_m(photo: Photo) -> float:
 
 def _growth_m(block: Block, first: str, second: str, options: PairOptions, side_m: float) -> float:
     """By how much footprints grow before they are compared."""
-    sigma = np.hypot(position_sigma_m(block.photos[first]), position_sigma_m(block.photos[second]))
-    return float(min(options.sigmas * sigma, options.max_growth * side_m))
+    sigma = _sigma_m(block, first, second)
+    return min(options.sigmas * sigma, options.max_growth * side_m)
+
+
+def _sigma_m(block: Block, first: str, second: str) -> float:
+    """Standard deviation of the relative position of two footprints, metres."""
+    one, other = (position_sigma_m(block.photos[name]) for name in (first, second))
+    return float(np.hypot(one, other))

@@ -6,6 +6,7 @@ import numpy as np
 
 from core.block.block import Block, TiePoints
 from core.block.chains import common_rays
+from core.block.matches import SAME_PHOTO
 from core.block.pair_search import PairResult
 from core.doubts import Doubt, Failure
 
@@ -34,6 +35,8 @@ class PairReport:
     """True when the approximate positions, within their deviations, exclude any overlap."""
     reason: str = ""
     """Why the pair was refused; empty when it was not."""
+    same_photo: bool = False
+    """True when both are scans of one photo."""
 
     @property
     def tied(self) -> bool:
@@ -47,7 +50,8 @@ def report_pair(result: PairResult, ties: TiePoints) -> PairReport:
     if isinstance(found, Failure):
         agreeing = int(found.evidence.get("agreeing", 0))
         refused = (0.0, float("nan"), 0, False, found.reason)
-        return PairReport(pair.first, pair.second, pair.overlap, result.matches, agreeing, *refused)
+        shown = (pair.first, pair.second, pair.overlap, result.matches, agreeing)
+        return PairReport(*shown, *refused, same_photo=SAME_PHOTO in found.evidence)
     numbers = ties.photo_ids.index(pair.first), ties.photo_ids.index(pair.second)
     return PairReport(
         pair.first,
@@ -123,7 +127,7 @@ def _pair_doubts(reports: tuple[PairReport, ...], few_ties: int) -> list[Doubt]:
     """Pairs that should have tied and did not, or hardly did."""
     doubts: list[Doubt] = []
     for report in reports:
-        if report.unexpected:
+        if report.unexpected and report.tied:
             doubts.append(_misplaced(report))
         subject = f"{report.first} {report.second}"
         evidence = {
@@ -133,7 +137,13 @@ def _pair_doubts(reports: tuple[PairReport, ...], few_ties: int) -> list[Doubt]:
             "ties": report.ties,
         }
         share = f"{100 * report.overlap:.0f} %"
-        if not report.tied and report.overlap >= 0.15:
+        if report.same_photo:
+            message = (
+                f"{report.first} and {report.second} are scans of one photo: together they say "
+                "nothing of heights, and count twice. Take one of them out of the block."
+            )
+            doubts.append(Doubt("same-photo", subject, message, 0.8, evidence))
+        elif not report.tied and report.overlap >= 0.15:
             message = f"The photos should overlap by {share}, but did not tie. {report.reason}"
             doubts.append(Doubt("pair-not-tied", subject, message, 0.4, evidence))
         elif report.tied and report.ties < few_ties:
