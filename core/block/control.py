@@ -97,12 +97,9 @@ def search_points(
         opened: The photo with the block's orientation.
         reference: Ortho, heights and roads.
         points: Junctions and salient points.
-        orientation: Sizes of the templates, and the operator: the first named.
+        orientation: Sizes, and the operator: the first named.
         options: How far to look.
         progress: Told as the work goes on.
-
-    Returns:
-        One search for every point the photo may show and the reference knows.
     """
     reduction = finest_reduction(opened, reference, orientation)
     pixel_m = opened.ground_pixel_m * reduction
@@ -124,34 +121,29 @@ def search_points(
         seen = surfaces_about(images, pixel, half, matching, point % MIRRORED_EVERY == 0)
         if seen is None:
             continue
-        surface, mirrored, roads = seen
-        height, middle, spread = decoys_of(surface, inner)
-        decoys, area = height, float(surface.size - (2 * inner + 1) ** 2)
-        if mirrored is not None:
-            more = decoys_of(mirrored, -1)[0]
-            decoys, area = decoys + more, area + mirrored.size
-        peaks = candidates_near(surface, half, inner, middle, spread, matching)
+        point_sigma_m = float(sigma_px[point]) * opened.ground_pixel_m
+        sigma_m = float(np.hypot(point_sigma_m, options.prediction_sigma_m))
+        peaks, decoys, area_px2 = weighed(seen[:2], half, inner, matching)
         offset = np.array([[peak.column, peak.row] for peak in peaks]).reshape(-1, 2)
-        match = np.array([max(peak.sigma_px, MATCH_FLOOR_PX * reduction) for peak in peaks])
-        ground = np.hypot(
-            float(sigma_px[point]) * opened.ground_pixel_m, options.prediction_sigma_m
-        )
+        match_px = np.array([max(peak.sigma_px, MATCH_FLOOR_PX * reduction) for peak in peaks])
         found.append(
             Search(
                 points.ids[point],
                 opened.photo.photo_id,
-                roads,
-                tuple(
-                    replace(peak, column=peak.column + pixel[0], row=peak.row + pixel[1])
-                    for peak in peaks
-                ),
+                seen[2],
+                tuple(moved(peak, pixel) for peak in peaks),
                 np.hypot(*offset.T) * opened.ground_pixel_m,
-                np.hypot(match * opened.ground_pixel_m, ground),
+                np.hypot(match_px * opened.ground_pixel_m, sigma_m),
                 decoys,
-                area * pixel_m**2,
+                area_px2 * pixel_m**2,
             )
         )
     return tuple(sorted(found, key=lambda search: search.point_id))
+
+
+def moved(peak: Peak, pixel: np.ndarray) -> Peak:
+    """A peak given as an offset, in scan pixels."""
+    return replace(peak, column=peak.column + float(pixel[0]), row=peak.row + float(pixel[1]))
 
 
 def surfaces_about(
@@ -169,6 +161,25 @@ def surfaces_about(
     surface = images.surface(name, *parts)
     mirrored = images.mirrored_surface(name, *parts) if mirror else None
     return surface, mirrored, has_roads(cut(images.reference[name], parts[1]))
+
+
+def weighed(
+    surfaces: tuple[Surface, Surface | None], half: int, inner: int, matching: MatchingOptions
+) -> tuple[tuple[Peak, ...], tuple[float, ...], float]:
+    """Peaks near the prediction as offsets in scan pixels; decoys, and the area they come from.
+
+    Args:
+        surfaces: That of the point, and that of its mirrored template where it was searched.
+        half: Half-width of the search, pixels of the pass.
+        inner: Half-width of the part where a peak may be right.
+        matching: The pass.
+    """
+    surface, mirrored = surfaces
+    decoys, middle, spread = decoys_of(surface, inner)
+    area = float(surface.size - (2 * inner + 1) ** 2)
+    if mirrored is not None:
+        decoys, area = decoys + decoys_of(mirrored, -1)[0], area + mirrored.size
+    return candidates_near(surface, half, inner, middle, spread, matching), decoys, area
 
 
 def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, float]:
