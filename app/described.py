@@ -40,6 +40,7 @@ def described(project: Project) -> BlockInput:
         ortho_sigma_m=reference.ortho_sigma_m,
         dem_sigma_m=reference.dem_sigma_m,
         orientation=orientation,
+        preset=project.control.preset,
         assembly=AssemblyOptions(orientation=orientation),
         adjustment=project.adjustment,
     )

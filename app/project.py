@@ -16,6 +16,7 @@ from core.block.adjusted import AdjustmentOptions
 from core.block.descriptors import has_akaze
 from core.block.matching import USUAL
 from core.block.operators import OPERATORS
+from core.block.published import Preset
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
@@ -98,6 +99,8 @@ class ControlSection:
     """Surveyed points the user has."""
     operators: tuple[str, ...] = USUAL
     """What scan and reference are compared by; the first proposes the control."""
+    preset: Preset = "gruber"
+    """Whose control it is: our own, or that of a published chain to compare it with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,8 +327,9 @@ def _reference(document: Document) -> ReferenceSection:
 
 
 def _control(document: Document) -> ControlSection:
-    table = document.table("control", keys=("points", "operators"))
-    return ControlSection(table.file("points"), _operators(table))
+    table = document.table("control", keys=("points", "operators", "preset"))
+    preset = cast("Preset", table.choice("preset", get_args(Preset), "gruber"))
+    return ControlSection(table.file("points"), _operators(table), preset)
 
 
 def _operators(table: Table) -> tuple[str, ...]:

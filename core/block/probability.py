@@ -34,6 +34,8 @@ GRID = np.linspace(-2.0, 30.0, 641)
 BANDWIDTH = 0.35
 HEIGHT_SIGMA = (0.8, 6.0)
 """Least and greatest standard deviation of the heights of right peaks."""
+GATE = 3.0
+"""Right peaks lie within this many stated standard deviations (99 % of them)."""
 WIDER = (0.8, 1.25)
 """Least and greatest factor on the stated standard deviations of distance."""
 PRIOR_COUNT, PRIOR_SHARE = 4.0, 0.25
@@ -142,7 +144,8 @@ def posterior(searches: Searches, found: Calibration) -> Scalars:
     sigma = searches.sigma_m * found.wider
     log_near = -0.5 * (searches.distance_m / sigma) ** 2 - np.log(2 * np.pi * sigma**2)
     log_odds = np.interp(searches.height, GRID, found.log_ratio) + log_near
-    odds = found.share * np.exp(np.clip(log_odds, -60.0, 60.0))
+    near = searches.distance_m <= GATE * searches.sigma_m
+    odds = np.where(near, found.share * np.exp(np.clip(log_odds, -60.0, 60.0)), 0.0)
     total = np.bincount(searches.search, weights=odds, minlength=searches.count)
     return odds / (1.0 - found.share + total[searches.search])
 
