@@ -14,6 +14,10 @@ from app.adjustment_section import adjustment_options
 from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
 from app.camera_table import read_camera
 from core.block.adjusted import AdjustmentOptions
+from core.block.descriptors import has_akaze
+from core.block.matching import USUAL
+from core.block.operators import OPERATORS
+from core.block.published import Preset
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
@@ -96,6 +100,10 @@ class ControlSection:
 
     points: Path | None = None
     """Surveyed points the user has."""
+    operators: tuple[str, ...] = USUAL
+    """What scan and reference are compared by; the first proposes the control."""
+    preset: Preset = "gruber"
+    """Whose control it is: our own, or that of a published chain to compare it with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,7 +288,25 @@ def _reference(document: Document) -> ReferenceSection:
 
 
 def _control(document: Document) -> ControlSection:
-    return ControlSection(document.table("control", keys=("points",)).file("points"))
+    table = document.table("control", keys=("points", "operators", "preset"))
+    preset = cast("Preset", table.choice("preset", get_args(Preset), "gruber"))
+    return ControlSection(table.file("points"), _operators(table), preset)
+
+
+def _operators(table: Table) -> tuple[str, ...]:
+    """Names of operators, each once."""
+    key = "operators"
+    given: object = table.values.get(key, list(USUAL))
+    names = cast("list[object]", [given] if isinstance(given, str) else given)
+    known = f"Write a list of {', '.join(OPERATORS)}; without the key it is {list(USUAL)}."
+    if not isinstance(given, str | list) or not names:
+        raise table.error(key, f"must be a list of operators, not {given!r}.", known)
+    for name in names:
+        if name not in OPERATORS:
+            raise table.error(key, f"{name!r} is no operator.", known)
+        if name == "akaze" and not has_akaze():
+            raise table.error(key, "the OpenCV of this machine has no AKAZE.", "Take another.")
+    return tuple(dict.fromkeys(cast("list[str]", names)))
 
 
 def _ortho(document: Document) -> OrthoSection:

@@ -24,6 +24,8 @@ from core.reference.coverage import check_coverage
 from core.reference.dem import Dem, open_dem
 from core.reference.ortho import open_ortho
 from core.reference.reference import Reference
+from core.reference.road_lines import lines_on_ground
+from core.reference.roads import read_roads
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced, Made, PlacedBlocks, ScanSet, Tied, Work
@@ -39,13 +41,17 @@ def random_for(*names: str) -> np.random.Generator:
 
 
 def open_reference(given: BlockInput, bounds: Bounds | None = None) -> Reference:
-    """The reference of a block, its files opened; heights within bounds held in memory."""
+    """The reference of a block, its files opened; heights and roads within bounds in memory."""
     dem = open_dem(given.dem, given.crs)
+    if bounds is not None:
+        dem = dem.cropped(bounds)
+    roads = None if bounds is None else read_roads(given.roads, given.crs, bounds)
     return Reference(
         open_ortho(given.ortho, given.crs),
-        dem if bounds is None else dem.cropped(bounds),
+        dem,
         given.ortho_sigma_m,
         given.dem_sigma_m,
+        None if roads is None else lines_on_ground(roads, dem),
     )
 
 

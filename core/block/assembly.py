@@ -9,7 +9,14 @@ import numpy as np
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
-from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
+from core.block.control import (
+    ControlOptions,
+    Search,
+    judged,
+    search_points,
+    surveyed_of,
+    with_proposals,
+)
 from core.block.datum import DatumOptions, lay_on_reference
 from core.block.orientation import OrientationOptions, OrientedPhoto
 from core.block.patches import OpenPhoto
@@ -141,14 +148,15 @@ def proposals(
 ) -> tuple[Measurement, ...]:
     """Search the reference points in every oriented photo."""
 
-    def searched(photo: Photo) -> tuple[Measurement, ...]:
+    def searched(photo: Photo) -> tuple[Search, ...]:
         opened = OpenPhoto(photo, block.cameras[photo.camera], site.scans[photo.photo_id])
-        return measurements_of(
+        return search_points(
             opened, site.reference, site.points, options.orientation, options.control
         )
 
     photos = [photo for photo in block.photos.values() if photo.oriented]
-    return tuple(value for values in mapper(searched, photos) for value in values)
+    searches = [search for found in mapper(searched, photos) for search in found]
+    return judged(searches, site.sources, options.control)[0]
 
 
 def adjusted_without_gross(

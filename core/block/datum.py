@@ -133,6 +133,7 @@ def ballot(
     matching = MatchingOptions(
         reduction=reduction,
         template_half_px=orientation.template_half_px,
+        operators=orientation.operators,
         min_search_px=half,
         max_search_px=half,
     )

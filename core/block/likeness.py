@@ -8,10 +8,12 @@ from core.arrays import PixelPoints, locked
 from core.block.matching import SEPARATION_PX, MatchingOptions, prepared
 from core.block.orientation import OrientationOptions, finest_reduction
 from core.block.patches import OpenPhoto, Window, read_pair
-from core.block.similarity import Image, detect_peaks, gradient_surface
+from core.block.similarity import Image, detect_peaks
 from core.doubts import Failure
 from core.reference.reference import Reference
 
+OPERATOR = "fused"
+"""What the desk compares with."""
 REACH_PX = 3.0
 """A place is refined to a peak no further away than this, pixels of the pass."""
 PEAKS = 12
@@ -20,10 +22,10 @@ PEAKS = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likeness:
-    """Similarity of gradients by place, in the scan."""
+    """Likeness to ortho and roads by place, in the scan."""
 
     values: Image
-    """1 where both are the same, 0 and below where they have nothing in common, (n, n)."""
+    """1 where all is the same, 0 and below where they have nothing in common, (n, n)."""
     first: PixelPoints
     """Scan pixel of the first value, (1, 2)."""
     reduction: int
@@ -59,6 +61,7 @@ def search_options(
         template_half_px=orientation.template_half_px,
         min_search_px=half,
         max_search_px=half,
+        operators=(OPERATOR,),
     )
 
 
@@ -90,5 +93,5 @@ def likeness_about(
     around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
     if images.pair.known[patch].mean() < 0.9:
         return Failure("the reference is not known about the point")
-    surface = gradient_surface(images.scan_field[around], images.reference_field[patch])
+    surface = images.surface(OPERATOR, around, patch)
     return Likeness(surface, locked(pixel - half * reduction), reduction)

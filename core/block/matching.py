@@ -1,6 +1,6 @@
-"""Where reference points may lie in one photo: candidate peaks of two operators."""
+"""Where reference points may lie in one photo: candidate peaks of several operators."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,17 +8,9 @@ from jaxtyping import Float64, Int
 
 from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
 from core.block.block import Peak
+from core.block.operators import GREY, Operator, operator_named
 from core.block.patches import OpenPhoto, Pair, Window, read_pair
-from core.block.similarity import (
-    Field,
-    Image,
-    SurfacePeak,
-    detect_peaks,
-    doubled_angle_field,
-    gradient_surface,
-    high_passed,
-    ncc_surface,
-)
+from core.block.similarity import Description, Surface, SurfacePeak, detect_peaks
 from core.geometry.consensus import Candidates
 from core.geometry.resection import PhotoModel
 from core.progress import Progress, Silent
@@ -28,6 +20,8 @@ Members = Int[np.ndarray, "members"]
 """Indices of some of the points."""
 Pixel = Float64[np.ndarray, "2"]
 """One place, column and row."""
+Slices = tuple[slice, slice]
+"""Rows and columns of a window."""
 TILE_PX = 1536
 SEPARATION_PX = 4
 """No two peaks of a surface, and no peak and its rim, are closer than this (window pixels)."""
@@ -36,8 +30,12 @@ NCC_TRUST = 0.4
 values of a wood together, so that such peaks agree with each other and are wrong."""
 DULL = 3.0
 """A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""
+USUAL = ("fused", "ncc-high-pass")
+"""What is compared unless `block.toml` says otherwise."""
+LEAST_KNOWN = 0.9
+"""Share of a template on which the reference is known at least."""
 SAME_PLACE_PX = 2.5
-"""Peaks of the two operators closer than this (window pixels) are one candidate."""
+"""Peaks of two operators closer than this (window pixels) are one candidate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +54,8 @@ class MatchingOptions:
     """Smallest half-width of the search."""
     max_search_px: int = 120
     """Largest half-width of the search."""
+    operators: tuple[str, ...] = USUAL
+    """What is compared, by name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,13 +84,31 @@ class Found:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """A pair prepared for both operators."""
+    """A pair described for every operator."""
 
     pair: Pair
-    scan_detail: Image
-    reference_detail: Image
-    scan_field: Field
-    reference_field: Field
+    """The pair."""
+    operators: Mapping[str, Operator]
+    """By name."""
+    scan: Mapping[str, Description]
+    """What each compares of the scan."""
+    reference: Mapping[str, Description]
+    """What each compares of the reference."""
+
+    def surface(self, operator: str, around: Slices, patch: Slices) -> Surface:
+        """Likeness of a patch of the reference at every place within a part of the scan."""
+        return self.operators[operator].surface(
+            cut(self.scan[operator], around), cut(self.reference[operator], patch)
+        )
+
+    def mirrored_surface(self, operator: str, around: Slices, patch: Slices) -> Surface:
+        """The same with the patch mirrored before it is described: whatever it finds is wrong."""
+        made = self.operators[operator]
+        mirrored = made.of_reference(
+            np.ascontiguousarray(self.pair.reference[patch][:, ::-1]),
+            np.ascontiguousarray(self.pair.roads[patch][:, ::-1]),
+        )
+        return made.surface(cut(self.scan[operator], around), mirrored)
 
 
 def predict_pixels(
@@ -123,21 +141,44 @@ def match_points(
 ) -> list[Found]:
     """Search every predicted reference point in a scan, tile by tile."""
     half = search_half_px(prediction, options)
+    found = [
+        match
+        for images, point in looked_at(opened, reference, prediction, half, options, progress)
+        for match in [
+            match_point(images, point, prediction.pixels[point], int(half[point]), options)
+        ]
+        if match is not None
+    ]
+    return sorted(found, key=lambda match: match.point)
+
+
+def looked_at(
+    opened: OpenPhoto,
+    reference: Reference,
+    prediction: Prediction,
+    half: Indices,
+    options: MatchingOptions,
+    progress: Progress | None = None,
+) -> Iterator[tuple[Images, int]]:
+    """Every point that may lie in the picture, with the prepared tile it lies in.
+
+    Args:
+        opened: The photo.
+        reference: Ortho, heights and roads.
+        prediction: Where the points should be.
+        half: Half-width of each search, reduced pixels.
+        options: Sizes and operators.
+        progress: Told as the work goes on.
+    """
     todo = np.nonzero(prediction.inside & (half > 0))[0]
-    found: list[Found] = []
     watch = progress or Silent()
     done = 0
     for window, members in tiles(prediction.pixels, todo, half, options):
         watch.report(done, len(todo), opened.photo.photo_id)
         images = prepared(read_pair(opened, reference, window), options)
-        for point in members:
-            match = match_point(
-                images, int(point), prediction.pixels[point], int(half[point]), options
-            )
-            if match is not None:
-                found.append(match)
+        for point in members.tolist():
+            yield images, point
         done += len(members)
-    return sorted(found, key=lambda match: match.point)
 
 
 def search_half_px(prediction: Prediction, options: MatchingOptions) -> Indices:
@@ -169,33 +210,32 @@ def tiles(
 
 
 def prepared(pair: Pair, options: MatchingOptions) -> Images:
-    """High-passed grey values and doubled-angle fields of both halves of a pair."""
-    sigma = options.template_half_px / 3
+    """Both halves of a pair, described for every operator."""
+    operators = {name: operator_named(name, options.template_half_px) for name in options.operators}
     return Images(
         pair,
-        high_passed(pair.scan, sigma),
-        high_passed(pair.reference, sigma),
-        doubled_angle_field(pair.scan),
-        doubled_angle_field(pair.reference),
+        operators,
+        {name: operator.of_scan(pair.scan) for name, operator in operators.items()},
+        {
+            name: operator.of_reference(pair.reference, pair.roads)
+            for name, operator in operators.items()
+        },
     )
+
+
+def cut(description: Description, part: Slices) -> Description:
+    """The same part of every layer."""
+    return tuple(np.ascontiguousarray(layer[part]) for layer in description)
 
 
 def match_point(
     images: Images, point: int, pixel: Pixel, half: int, options: MatchingOptions
 ) -> Found | None:
-    """Peaks of both operators for one point; None where the reference is not known."""
-    place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
-    column, row = int(place[0]), int(place[1])
-    inner = options.template_half_px
-    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
-    outer = inner + half
-    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
-    if images.pair.known[patch].mean() < 0.9:
+    """Peaks of all operators for one point; None where the reference is not known."""
+    parts = parts_about(images, pixel, half, options.template_half_px)
+    if parts is None:
         return None
-    surfaces = {
-        "ncc": ncc_surface(images.scan_detail[around], images.reference_detail[patch]),
-        "gradient": gradient_surface(images.scan_field[around], images.reference_field[patch]),
-    }
+    surfaces = {name: images.surface(name, *parts) for name in images.operators}
     peaks = merged(surfaces, options)
     reduction = options.reduction
     moved = tuple(
@@ -211,7 +251,21 @@ def match_point(
     return Found(point, moved, float(((2 * half + 1) * reduction) ** 2)) if moved else None
 
 
-def merged(surfaces: dict[str, Image], options: MatchingOptions) -> list[tuple[str, SurfacePeak]]:
+def parts_about(
+    images: Images, pixel: Pixel, half: int, inner: int
+) -> tuple[Slices, Slices] | None:
+    """The window that is searched about a point, and its template; None without reference."""
+    place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
+    column, row = int(place[0]), int(place[1])
+    outer = inner + half
+    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
+    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
+    return (around, patch) if images.pair.known[patch].mean() >= LEAST_KNOWN else None
+
+
+def merged(
+    surfaces: Mapping[str, Surface], options: MatchingOptions
+) -> list[tuple[str, SurfacePeak]]:
     """Peaks of all operators, best first; two operators at one place make one candidate."""
     every: list[tuple[str, SurfacePeak]] = []
     for operator, surface in surfaces.items():
@@ -223,8 +277,8 @@ def merged(surfaces: dict[str, Image], options: MatchingOptions) -> list[tuple[s
         same = [index for index, (_, other) in enumerate(kept) if close(peak, other)]
         if not same:
             kept.append((operator, peak))
-        elif operator not in kept[same[0]][0]:
-            kept[same[0]] = "gradient+ncc", kept[same[0]][1]
+        elif operator not in (names := kept[same[0]][0].split("+")):
+            kept[same[0]] = "+".join(sorted([*names, operator])), kept[same[0]][1]
     return kept
 
 
@@ -243,7 +297,7 @@ def candidates_of(found: list[Found], sigma_ground_px: Scalars, floor_px: float)
     """
     rows = [(match, peak) for match in found for peak in match.peaks]
     point = np.array([match.point for match, _ in rows], dtype=np.int64)
-    trust = np.array([NCC_TRUST if peak.operator == "ncc" else 1.0 for _, peak in rows])
+    trust = np.array([NCC_TRUST if peak.operator in GREY else 1.0 for _, peak in rows])
     sigma = np.clip([peak.sigma_px for _, peak in rows], floor_px, DULL * floor_px)
     return Candidates(
         point=point,

@@ -8,6 +8,7 @@ import numpy as np
 from core.arrays import Indices, Matrix, ObjectPoints, Scalars
 from core.block.block import Peak
 from core.block.matching import (
+    USUAL,
     Found,
     MatchingOptions,
     candidates_of,
@@ -38,6 +39,8 @@ class OrientationOptions:
     crown_shift_m: float = 6.0
     """Standard deviation of what woods and shadows do to the first pass, metres: crowns lean and
     shadows turn with the hour, all the same way, so that no covariance tells of it."""
+    operators: tuple[str, ...] = USUAL
+    """What is compared in all passes, by name."""
     finest_gsd_m: float = 0.35
     """Finer detail than this is grain rather than ground."""
     placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
@@ -143,7 +146,9 @@ def coarse_pass(
     at_place = opened.at(placed.exterior)
     gsd = max(opened.width_m / options.coarse_width_px, finest_gsd_m(opened, reference, options))
     matching = MatchingOptions(
-        reduction=reduction_for(at_place, gsd), template_half_px=options.coarse_template_half_px
+        reduction=reduction_for(at_place, gsd),
+        template_half_px=options.coarse_template_half_px,
+        operators=options.operators,
     )
     outcome, _ = resected(at_place, reference, points, placed.covariance, matching, options, rng)
     return outcome
@@ -197,7 +202,10 @@ def fine_passes(
     found: tuple[Found, ...] = ()
     for shift in (options.crown_shift_m, 2.0 * reduction * opened.ground_pixel_m):
         matching = MatchingOptions(
-            reduction=reduction, template_half_px=options.template_half_px, min_search_px=10
+            reduction=reduction,
+            template_half_px=options.template_half_px,
+            min_search_px=10,
+            operators=options.operators,
         )
         at_result = opened.at(result.exterior)
         outcome, seen = resected(

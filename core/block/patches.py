@@ -19,6 +19,12 @@ from core.scan.raster import ScanFile, read_window
 LATTICE_PX = 24
 """Spacing of the nodes that are followed to the ground, in pixels of the window."""
 ITERATIONS = 12
+ROAD_MARGIN_M = 200.0
+"""Relief displaces roads: so far outside a window on level ground they are still drawn."""
+SHIFT = 4
+"""Bits after the point of what is drawn."""
+FAR_PX = 1e5
+"""No road is drawn that far outside a window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +63,8 @@ class Pair:
     """Grey values of the ortho, warped through orientation and DEM into the scan's geometry."""
     known: Mask
     """Where the reference is known."""
+    roads: Image
+    """255 where the map has a road, drawn into the scan's geometry; else 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +129,30 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window) -> Pair:
         outside="edge",
     )
     image, known = warped_reference(opened, reference, window)
-    return Pair(window, np.asarray(grey, np.float32), image, known)
+    roads = drawn_roads(opened, reference, window)
+    return Pair(window, np.asarray(grey, np.float32), image, known, roads)
+
+
+def drawn_roads(opened: OpenPhoto, reference: Reference, window: Window) -> Image:
+    """The roads of the map as strips of their width, as the photo would see them in a window."""
+    picture = np.zeros((window.rows, window.columns), np.float32)
+    if reference.roads is None:
+        return picture
+    photo, pixel_m = opened.photo, opened.ground_pixel_m * window.reduction
+    rim = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [window.columns, window.rows]
+    heights = np.full(4, photo.ground_height_m)
+    corners = photo.object_from_pixel(
+        window.pixel_from_window(rim.astype(np.float64)), heights, opened.camera
+    )
+    west, south = corners[:, :2].min(axis=0) - ROAD_MARGIN_M
+    east, north = corners[:, :2].max(axis=0) + ROAD_MARGIN_M
+    for points, width_m in reference.roads.within((west, south, east, north)):
+        pixels = window.window_from_pixel(photo.pixel_from_object(points, opened.camera))
+        if np.all(np.isfinite(pixels)) and np.abs(pixels).max() < FAR_PX:
+            fixed = np.round((pixels - 0.5) * (1 << SHIFT)).astype(np.int32)
+            thick = max(1, round(width_m / pixel_m))
+            cv2.polylines(picture, [fixed[:, None]], False, 255.0, thick, cv2.LINE_8, SHIFT)
+    return picture
 
 
 def warped_reference(opened: OpenPhoto, reference: Reference, window: Window) -> tuple[Image, Mask]:

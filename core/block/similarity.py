@@ -1,8 +1,7 @@
-"""Operators that say how alike a reference patch and a place of the scan are, and their peaks.
+"""Surfaces of likeness, up to 1, over the displacements of a template, and their peaks.
 
-Both operators answer with a surface of values up to 1 over the displacements of a template:
-`ncc` is the normalised cross-correlation of high-passed grey values, `gradient` correlates
-doubled gradient angles, so that a dark road matches a bright one (METHODS 4.1).
+`ncc_surface` is the normalised cross-correlation, `gradient_surface` correlates doubled gradient
+angles, so that a dark road matches a bright one. `core.block.operators` says what is compared.
 """
 
 from dataclasses import dataclass
@@ -16,6 +15,8 @@ Field = Float32[np.ndarray, "rows columns 2"]
 Template = Float32[np.ndarray, "template_rows template_columns"]
 TemplateField = Float32[np.ndarray, "template_rows template_columns 2"]
 Surface = Float32[np.ndarray, "shifts_down shifts_right"]
+Description = tuple[Float32[np.ndarray, "..."], ...]
+"""What an operator compares of an image: layers (rows, columns) or (rows, columns, channels)."""
 
 GRAIN_SIGMA_PX = 0.7
 GRADIENT_SIGMA_PX = 1.2

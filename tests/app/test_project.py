@@ -129,6 +129,10 @@ MISTAKES = {
         r":13 \[scans\] camra: is no key .* Did you mean `camera`\?",
     ),
     "unknown table": (TOML + "[refrence]\n", r":20 refrence: is no key .* `reference`\?"),
+    "operator": (
+        TOML + '[control]\noperators = ["magic"]\n',
+        r"'magic' is no operator.*Write a list of ncc",
+    ),
     "no table": (TOML.replace("[block]", "[control]"), r"has no \[block\]. Add it"),
     "no camera": (re.sub(r"\[camera.wide\]\n(.+\n)+", "", TOML), "describes no camera"),
     "nameless camera": (TOML.replace("[camera.wide]", "[camera]"), "describes no camera"),

@@ -1,5 +1,6 @@
 """The block is brought together by its ties, searched for control, and rid of gross errors."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -74,6 +75,21 @@ def test_only_photos_that_stand_are_searched_for_control__truth(tiny):
     options = AssemblyOptions(orientation=OrientationOptions(template_half_px=30))
     found = proposals(block, site, options, map)
     assert {value.photo_id for value in found} == {name}
+
+
+def test_one_worker_and_two_propose_the_same__law(tiny):
+    """To the last digit, whichever photo is done first."""
+    ground = ground_over(tiny, 5)
+    ids = tuple(f"P{i:02d}" for i in range(len(ground)))
+    points = ReferencePoints(ids, ground, np.full(ground.shape, 0.4))
+    site = Site(tiny.reference, tiny.scans, points, dict.fromkeys(ids, "salient"))
+    block = tiny.block.with_photos({n: replace(p, oriented=True) for n, p in tiny.photos.items()})
+    options = AssemblyOptions(orientation=OrientationOptions(template_half_px=30))
+    alone = proposals(block, site, options, map)
+    with ThreadPoolExecutor(2) as pool:
+        together = proposals(block, site, options, pool.map)
+    assert len(alone) > 20
+    assert repr(alone) == repr(together)
 
 
 def gross_flight():
