@@ -41,7 +41,8 @@ class BlockPlacementOptions:
     most_work: float = 4e8
     """Trials times pixels of each; where it would be more, the first search is coarser."""
     candidates: int = 24
-    """Places of the first search that are sought again more finely."""
+    """Places of a coarser first search that are sought again more finely; of one that is not
+    coarser, only those that are handed on."""
     fine_px: int = 900
     """Largest side of the block in pixels when the best places are sought again."""
     search_sigmas: float = 2.5
@@ -90,13 +91,15 @@ def place_block(
     about = np.mean([photo.exterior.centre[:2] for photo in block.photos.values()], axis=0)
     reach = block_reach_m(block, about)
     room = _Room.of(list(block.photos.values()), free.turns, options)
-    gsd = room.first_gsd_m(min(opened.width_m for opened in photos.values()), reach, options)
+    width = min(opened.width_m for opened in photos.values())
+    finest = max(width / options.photo_px, 2 * reach / options.block_px)
+    gsd = room.first_gsd_m(finest, reach, options)
     finer = max(1, round(min(gsd * options.fine_px / (2 * reach), 2.5)))
     laid = laid_block(photos, reference, about, reach, gsd, mapper)
     backdrop = Backdrop.read(reference.ortho, about, laid.half_m + room.shift_m, gsd / finer)
     level = Level(laid, backdrop.coarser(finer), Turn(0.0, 1.0), room.shift_m)
     turns = level.search(room.trials(reach / gsd), 2, mapper)
-    best = distinct(turns, options.candidates, reach)
+    best = distinct(turns, options.candidates if gsd > finest else options.hypotheses, reach)
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
     fine = laid_block(photos, reference, about, reach, gsd / finer, mapper)
@@ -134,9 +137,8 @@ class _Room:
         scale = min(options.search_sigmas * float(np.min(height)), options.most_scale)
         return _Room(turns, options.search_sigmas * float(np.min(plan)), scale)
 
-    def first_gsd_m(self, width_m: float, reach_m: float, options: BlockPlacementOptions) -> float:
-        """The finest ground sample distance at which the search is not too long."""
-        gsd = max(width_m / options.photo_px, 2 * reach_m / options.block_px)
+    def first_gsd_m(self, gsd: float, reach_m: float, options: BlockPlacementOptions) -> float:
+        """A ground sample distance, or the finest above it at which the search is not too long."""
         while self._work(reach_m / gsd, self.shift_m / gsd) > options.most_work:
             gsd *= 1.15
         return gsd
