@@ -14,6 +14,7 @@ import numpy as np
 from core.arrays import Scalars
 from core.block.block import Block, Measurement, Peak, Source, SurveyedPoint
 from core.block.matching import (
+    DULL,
     SEPARATION_PX,
     Images,
     MatchingOptions,
@@ -125,7 +126,8 @@ def search_points(
         sigma_m = float(np.hypot(point_sigma_m, options.prediction_sigma_m))
         peaks, decoys, area_px2 = weighed(seen[:2], half, inner, matching)
         offset = np.array([[peak.column, peak.row] for peak in peaks]).reshape(-1, 2)
-        match_px = np.array([max(peak.sigma_px, MATCH_FLOOR_PX * reduction) for peak in peaks])
+        floor_px = MATCH_FLOOR_PX * reduction
+        match_px = np.clip([peak.sigma_px for peak in peaks], floor_px, DULL * floor_px)
         found.append(
             Search(
                 points.ids[point],

@@ -14,6 +14,7 @@ from core.formats.qgis_points import read_qgis_points
 from core.stages import ScanSet
 from core.whereabouts import open_reference
 from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS
 
 pytestmark = pytest.mark.browser
 CELL = """name => gruber.boardState().found.photos.flatMap(row => row.cells.map(cell =>
@@ -92,6 +93,7 @@ def unplaced(run_folder):
 
 def test_two_places_clicked_in_photo_and_ortho_are_saved__truth(unplaced, chromium, tiny_run):
     context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     page.goto(unplaced.url)
     page.wait_for_function("window.gruber?.place().scan")
