@@ -122,7 +122,7 @@ def test_two_places_clicked_in_photo_and_ortho_are_saved__truth(unplaced, chromi
     assert np.abs(points.pixels - pixels).max() < 2.5
     assert points.crs
     page.reload()
-    page.wait_for_function("gruber.place().scan.pairs.length === 3")
+    page.wait_for_function("window.gruber?.place().scan?.pairs.length === 3")
     context.close()
 
 
