@@ -190,6 +190,16 @@ def test_each_mistake_names_the_line_and_the_remedy__truth(
     assert caught.value.remedy
 
 
+def test_an_operator_this_machine_lacks_is_refused__truth(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.project.has_akaze", lambda: False)
+    with pytest.raises(PhotogrammetryError, match="has no AKAZE. Take another"):
+        read(folder, TOML + '[control]\noperators = ["akaze"]\n')
+    monkeypatch.setattr("app.project.has_akaze", lambda: True)
+    assert read(folder, TOML + '[control]\noperators = "akaze"\n').control.operators == ("akaze",)
+
+
 def test_missing_attribute_names_those_that_are_there__truth(folder: Path) -> None:
     pyogrio.raw.write(
         folder / "footprints.gpkg",
