@@ -194,7 +194,7 @@ def test_an_operator_this_machine_lacks_is_refused__truth(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.project.has_akaze", lambda: False)
-    with pytest.raises(PhotogrammetryError, match="has no AKAZE. Take another"):
+    with pytest.raises(PhotogrammetryError, match=r"has no AKAZE\. Take another"):
         read(folder, TOML + '[control]\noperators = ["akaze"]\n')
     monkeypatch.setattr("app.project.has_akaze", lambda: True)
     assert read(folder, TOML + '[control]\noperators = "akaze"\n').control.operators == ("akaze",)
