@@ -97,13 +97,12 @@ class Placing:
     @property
     def url(self) -> str:
         """The address to open, with the token."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._access.host, self._access.host)
-        return f"http://{host}:{self.port}/?token={self._access.token}"
+        return self._access.url(self.port)
 
     @property
     def guest_url(self) -> str:
         """The address for those who only look."""
-        return self.url.replace(self._access.token, self._access.guest_token)
+        return self._access.guest_url(self.port)
 
     @property
     def port(self) -> int:

@@ -120,21 +120,20 @@ class DeskInputs:
 class Desk:
     """An open review desk."""
 
-    def __init__(self, front: Front, access: Access, host: str, parts: list[Any]) -> None:
-        self._front, self._access, self._host = front, access, host
+    def __init__(self, front: Front, access: Access, parts: list[Any]) -> None:
+        self._front, self._access = front, access
         self._parts = parts
         self._over = threading.Event()
 
     @property
     def url(self) -> str:
         """The address to open, with the token."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._host, self._host)
-        return f"http://{host}:{self.port}/?token={self._access.token}"
+        return self._access.url(self.port)
 
     @property
     def guest_url(self) -> str:
         """The address for those who may look and decide nothing."""
-        return self.url.replace(self._access.token, self._access.guest_token)
+        return self._access.guest_url(self.port)
 
     @property
     def port(self) -> int:
@@ -217,7 +216,7 @@ def open_desk(desk: DeskInputs) -> Desk:
         drawn_from_block(state.oriented),
     )
     parts = [front, illustrator, remaker, worker, loop, scene, tiles]
-    opened = Desk(front, access, desk.host, parts)
+    opened = Desk(front, access, parts)
     try:
         front.start()
     except OSError as error:

@@ -18,6 +18,7 @@ from sessions.fiducials import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
 from ui.review.films import films_part
+from ui.review.numbers import short, shortened
 from ui.review.origins import Origins
 from ui.review.state import DeskState
 
@@ -56,9 +57,9 @@ def board_part(
                 "size": list(photo.size_px),
                 "version": drawn[name].version if name in drawn else 1,
                 "window": _window_px(interior.pixel_size_mm),
-                "pixel_um": _short(1000 * interior.pixel_size_mm, 3),
+                "pixel_um": short(1000 * interior.pixel_size_mm, 3),
                 "model": interior.model,
-                "rms": _short(interior.rms_um, 1) if interior.names else None,
+                "rms": short(interior.rms_um, 1) if interior.names else None,
                 "redundancy": interior.redundancy,
                 "doubt": max(cell["doubt"] for cell in cells),
                 "why": [doubt.message for doubt in row.doubts if _of_scan(doubt)],
@@ -102,12 +103,12 @@ class _Row:
         cell: Part = {
             "name": name,
             "state": state,
-            "place": _pair(place, 2),
+            "place": shortened(place, 2),
             "expected": self._expected(name),
-            "residual": _pair(residual, 1),
-            "score": _short(measured.correlation, 2) if measured else None,
-            "apart": _short(measured.disagreement_px, 2) if measured else None,
-            "sigma": _short(measured.sigma_px, 2) if measured else None,
+            "residual": shortened(residual, 1),
+            "score": short(measured.correlation, 2) if measured else None,
+            "apart": short(measured.disagreement_px, 2) if measured else None,
+            "sigma": short(measured.sigma_px, 2) if measured else None,
             "kind": measured.kind if measured else "",
             "why": why,
             "said": None
@@ -137,7 +138,7 @@ class _Row:
         certified = self.camera.fiducials_mm.get(name)
         if certified is None:
             return None
-        return _pair(self.photo.interior.pixel_from_film(np.array([certified]))[0], 2)
+        return shortened(self.photo.interior.pixel_from_film(np.array([certified]))[0], 2)
 
     def _residual(
         self, name: str, place: tuple[float, float] | None, used: bool
@@ -206,14 +207,3 @@ def _window_px(pixel_mm: float) -> int:
     """Side of the scan that a thumbnail shows, even, pixels."""
     side = round(WINDOW_MM / max(pixel_mm, 1e-6) / 2) * 2
     return int(min(max(side, LEAST_PX), MOST_PX))
-
-
-def _short(value: float | None, digits: int) -> float | None:
-    """A rounded number, None for what is not one."""
-    if value is None or not np.isfinite(value):
-        return None
-    return round(float(value), digits)
-
-
-def _pair(values: Any, digits: int) -> list[float | None] | None:
-    return None if values is None else [_short(float(value), digits) for value in values]
