@@ -8,7 +8,7 @@ from app.project import Project
 from core.block.assembly import AssemblyOptions
 from core.block.block import UNKNOWN_M, SurveyedPoint
 from core.block.georeference import Georeference
-from core.block.orientation import OrientationOptions
+from core.block.registration.orientation import OrientationOptions
 from core.formats.control_points import ListedPoint, read_control_points
 from core.formats.micmac_measures import read_image_measures
 from core.geometry.crs import check_range, read_crs

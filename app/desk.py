@@ -22,10 +22,10 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block, Photo
-from core.block.likeness import Likeness, likeness_about, search_options
-from core.block.orientation import OrientationOptions
-from core.block.patches import OpenPhoto
-from core.block.terrain import Terrain
+from core.block.least_squares.terrain import Terrain
+from core.block.registration.likeness import Likeness, likeness_about, search_options
+from core.block.registration.orientation import OrientationOptions
+from core.block.registration.patches import OpenPhoto
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera

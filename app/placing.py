@@ -15,7 +15,7 @@ from app.placing_run import Running
 from app.project import Project
 from app.scan_files import ScanFiles
 from core.block.block import Block, ExteriorPrior, Photo
-from core.block.pairs import footprint
+from core.block.ties.pairs import footprint
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, ScanError
 from core.formats.qgis_points import (

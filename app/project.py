@@ -14,10 +14,10 @@ from app.adjustment_section import adjustment_options
 from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
 from app.camera_table import read_camera
 from core.block.adjusted import AdjustmentOptions
-from core.block.descriptors import has_akaze
-from core.block.matching import USUAL
-from core.block.operators import OPERATORS
 from core.block.published import Preset
+from core.block.registration.descriptors import has_akaze
+from core.block.registration.matching import USUAL
+from core.block.registration.operators import OPERATORS
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs

@@ -9,7 +9,7 @@ from typing import Any, cast
 from app.protocol_figures import protocol_figures
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.foresight import foresee
-from core.block.terrain import Terrain
+from core.block.least_squares.terrain import Terrain
 from core.progress import Silent
 from core.reference.dem import Dem
 from sessions.whole import whole_file

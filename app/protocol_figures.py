@@ -9,9 +9,9 @@ import numpy as np
 from app.results import final_status
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.block.foresight import Effect, Foresight, LeftOut
+from core.block.least_squares.reliability import TestLimits
 from core.block.methods import compare_methods
 from core.block.ray_counts import RayCounts, ray_counts_of
-from core.block.reliability import TestLimits
 
 AXES = ("X", "Y", "Z")
 PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")

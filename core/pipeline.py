@@ -10,12 +10,12 @@ import numpy as np
 
 from core.block.assembly import Assembly, assemble_block
 from core.block.block import Block
-from core.block.features import usable_from_mask
-from core.block.patches import OpenPhoto
 from core.block.published import CHAINS, assemble_published
-from core.block.reference_points import ReferenceFeatures, gather_reference_points
-from core.block.standing import Site
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.registration.standing import Site
 from core.block.tie_points import match_ties
+from core.block.ties.features import usable_from_mask
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera

@@ -12,10 +12,10 @@ from core.block.block import Block, Photo
 from core.block.block_placement import PlacedBlock, place_block
 from core.block.free_block import free_blocks
 from core.block.georeference import Archive, georeference_photo, open_archive
-from core.block.orientation import OrientedPhoto, orient_photo, orient_placed_photo
-from core.block.pairs import footprint, position_sigma_m
-from core.block.patches import OpenPhoto
-from core.block.reference_points import ReferenceFeatures
+from core.block.registration.orientation import OrientedPhoto, orient_photo, orient_placed_photo
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.reference_points import ReferenceFeatures
+from core.block.ties.pairs import footprint, position_sigma_m
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera

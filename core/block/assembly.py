@@ -17,11 +17,11 @@ from core.block.control import (
     surveyed_of,
     with_proposals,
 )
-from core.block.datum import DatumOptions, lay_on_reference
-from core.block.orientation import OrientationOptions, OrientedPhoto
-from core.block.patches import OpenPhoto
-from core.block.standing import MIN_TIES, Site, stand_up
-from core.block.terrain import Terrain
+from core.block.least_squares.terrain import Terrain
+from core.block.registration.datum import DatumOptions, lay_on_reference
+from core.block.registration.orientation import OrientationOptions, OrientedPhoto
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.standing import MIN_TIES, Site, stand_up
 from core.doubts import Doubt, Failure
 from core.progress import Progress, Silent
 

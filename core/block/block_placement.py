@@ -15,15 +15,15 @@ import numpy as np
 from core.arrays import PlanPosition, Scalars
 from core.block.block import Block, Photo
 from core.block.free_block import FreeBlock
-from core.block.ground_search import Backdrop, Laid, Level, Turn, distinct, steps_of
-from core.block.pairs import footprint
-from core.block.patches import OpenPhoto
-from core.block.placement import (
+from core.block.registration.ground_search import Backdrop, Laid, Level, Turn, distinct, steps_of
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.placement import (
     Placement,
     laid_on_ground,
     placement_covariance,
     refined_turn,
 )
+from core.block.ties.pairs import footprint
 from core.doubts import Failure
 from core.geometry.grid import Grid
 from core.reference.reference import Reference

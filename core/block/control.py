@@ -2,7 +2,7 @@
 
 Every search looks much further than the block can be off. What it finds there, and with the
 template mirrored, is certainly wrong, and tells what chance brings about in these very photos: from
-that comes the probability of each candidate (`core.block.probability`).
+that comes the probability of each candidate (`core.block.registration.probability`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 
 from core.arrays import Scalars
 from core.block.block import Block, Measurement, Peak, Source, SurveyedPoint
-from core.block.matching import (
+from core.block.registration.matching import (
     DULL,
     SEPARATION_PX,
     Images,
@@ -23,16 +23,16 @@ from core.block.matching import (
     parts_about,
     predict_pixels,
 )
-from core.block.operators import has_roads
-from core.block.orientation import (
+from core.block.registration.operators import has_roads
+from core.block.registration.orientation import (
     OrientationOptions,
     ReferencePoints,
     finest_reduction,
     ground_sigma_px,
 )
-from core.block.patches import OpenPhoto
-from core.block.probability import Calibration, Searches, probabilities
-from core.block.similarity import FLAT, Surface, detect_peaks
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.probability import Calibration, Searches, probabilities
+from core.block.registration.similarity import FLAT, Surface, detect_peaks
 from core.progress import Progress
 from core.reference.reference import Reference
 

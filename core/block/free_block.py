@@ -19,7 +19,7 @@ from core.arrays import PlanPosition, Scalars
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
 from core.block.block import Block, ExteriorPrior, Photo
-from core.block.chains import with_rays
+from core.block.ties.chains import with_rays
 from core.geometry.exterior import ExteriorOrientation
 
 MIN_COMMON = 8

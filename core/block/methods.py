@@ -8,9 +8,9 @@ from core.arrays import Position
 from core.block.accuracy import intersect_checks
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
-from core.block.independent_models import Triangulated, triangulate_models
-from core.block.stereo_models import Sights, form_models
-from core.block.strip_triangulation import triangulate_strips
+from core.block.classical.independent_models import Triangulated, triangulate_models
+from core.block.classical.stereo_models import Sights, form_models
+from core.block.classical.strip_triangulation import triangulate_strips
 from core.doubts import Failure
 
 

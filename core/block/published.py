@@ -19,17 +19,17 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import adjust_block
 from core.block.block import Block, Measurement, Peak, Photo
 from core.block.control import with_proposals
-from core.block.matching import (
+from core.block.registration.matching import (
     MatchingOptions,
     looked_at,
     parts_about,
     predict_pixels,
     reduction_for,
 )
-from core.block.orientation import ReferencePoints
-from core.block.patches import OpenPhoto
-from core.block.similarity import Surface
-from core.block.standing import Site
+from core.block.registration.orientation import ReferencePoints
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.similarity import Surface
+from core.block.registration.standing import Site
 from core.doubts import Doubt
 from core.geometry.direct_linear import RansacOptions, agreeing_points, is_flat
 

@@ -14,9 +14,9 @@ from app.cli import main as gruber
 from app.described import described
 from app.project import read_project
 from core.block.block import Block
-from core.block.patches import OpenPhoto
-from core.block.reference_points import ReferenceFeatures
-from core.block.standing import Site
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.reference_points import ReferenceFeatures
+from core.block.registration.standing import Site
 from core.reference.reference import Reference
 from core.stages import BlockInput, PlacedBlocks, Tied
 from core.synthetic.archive import make_block

@@ -19,12 +19,12 @@ import cv2
 import numpy as np
 
 from core.block.adjusted import AdjustmentReport
-from core.block.descriptors import has_akaze
-from core.block.matching import MatchingOptions, looked_at, parts_about, predict_pixels
-from core.block.matching import reduction_for as reduced
-from core.block.operators import OPERATORS
-from core.block.orientation import ReferencePoints
 from core.block.published import CHAINS, Preset, assemble_published
+from core.block.registration.descriptors import has_akaze
+from core.block.registration.matching import MatchingOptions, looked_at, parts_about, predict_pixels
+from core.block.registration.matching import reduction_for as reduced
+from core.block.registration.operators import OPERATORS
+from core.block.registration.orientation import ReferencePoints
 from core.pipeline import find_control
 from core.progress import Silent
 from core.stages import Work

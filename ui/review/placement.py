@@ -9,7 +9,7 @@ import numpy as np
 
 from core.block.block import Photo
 from core.block.displacement import displacement
-from core.block.pairs import ground_of
+from core.block.ties.pairs import ground_of
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from ui.review.origins import Origins

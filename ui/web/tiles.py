@@ -13,7 +13,7 @@ import numpy as np
 from aiohttp import web
 
 from core.arrays import ObjectPoints
-from core.block.likeness import Likeness
+from core.block.registration.likeness import Likeness
 from core.doubts import Failure
 from core.errors import PhotogrammetryError
 from core.geometry.grid import Grid

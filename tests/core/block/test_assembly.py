@@ -14,10 +14,10 @@ from core.block.assembly import (
     proposals,
 )
 from core.block.block import Peak
-from core.block.matching import Found
-from core.block.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
-from core.block.patches import object_on_ground
-from core.block.standing import Site
+from core.block.registration.matching import Found
+from core.block.registration.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
+from core.block.registration.patches import object_on_ground
+from core.block.registration.standing import Site
 from core.geometry.resection import moved
 from core.synthetic.truth import judge_orientations
 from tests.flights import FlightPlan, fly

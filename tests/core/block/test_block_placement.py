@@ -11,8 +11,8 @@ from core.block.approximation import Ground, approximate_in_area
 from core.block.block import Block, ExteriorPrior, TiePoints
 from core.block.block_placement import BlockPlacementOptions, laid_block, place_block
 from core.block.free_block import FreeBlock, free_blocks
-from core.block.ground_search import angle_field
-from core.block.patches import OpenPhoto
+from core.block.registration.ground_search import angle_field
+from core.block.registration.patches import OpenPhoto
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from tests.core.block.test_placement import astray_m

@@ -15,8 +15,8 @@ from core.block.control import (
     surveyed_of,
     with_proposals,
 )
-from core.block.orientation import OrientationOptions, ReferencePoints
-from core.block.patches import object_on_ground
+from core.block.registration.orientation import OrientationOptions, ReferencePoints
+from core.block.registration.patches import object_on_ground
 
 OPTIONS = ControlOptions()
 SOURCES: dict[str, Source] = {

@@ -8,10 +8,10 @@ import pytest
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
 from core.block.block import TiePoints
-from core.block.independent_models import Triangulated, triangulate_models
+from core.block.classical.independent_models import Triangulated, triangulate_models
+from core.block.classical.stereo_models import Sights, form_models
+from core.block.classical.strip_triangulation import triangulate_strips
 from core.block.methods import compare_methods
-from core.block.stereo_models import Sights, form_models
-from core.block.strip_triangulation import triangulate_strips
 from core.doubts import Failure
 from tests.flights import FlightPlan, fly
 

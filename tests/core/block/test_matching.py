@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.block.block import Peak
-from core.block.matching import (
+from core.block.registration.matching import (
     DULL,
     NCC_TRUST,
     SEPARATION_PX,
@@ -20,7 +20,7 @@ from core.block.matching import (
     search_half_px,
     tiles,
 )
-from core.block.patches import object_on_ground
+from core.block.registration.patches import object_on_ground
 from core.geometry.resection import moved
 
 STILL = np.zeros((6, 6))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from core.block.descriptors import has_akaze
-from core.block.operators import OPERATORS, Operator, has_roads, operator_named
+from core.block.registration.descriptors import has_akaze
+from core.block.registration.operators import OPERATORS, Operator, has_roads, operator_named
 
 HALF, REACH = 20, 12
 NONE = np.zeros((121, 121), np.float32)
@@ -126,7 +126,7 @@ def test_every_operator_has_its_name__law():
 
 def test_a_drawn_road_lies_where_the_photo_shows_it__truth(tiny):
     """Vertices of the true lines, projected, lie on the strips that were drawn."""
-    from core.block.patches import Window, drawn_roads
+    from core.block.registration.patches import Window, drawn_roads
     from core.reference.road_lines import lines_on_ground
     from core.reference.roads import read_roads
     from core.synthetic.orthos import CRS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.block.block import Block, ExteriorPrior, Photo
-from core.block.pairs import find_pairs, footprint, ground_of, within
+from core.block.ties.pairs import find_pairs, footprint, ground_of, within
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation

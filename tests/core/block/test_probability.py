@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from core.block.probability import GRID, Searches, log_clutter, posterior, probabilities
+from core.block.registration.probability import (
+    GRID,
+    Searches,
+    log_clutter,
+    posterior,
+    probabilities,
+)
 
 REACH_M, SIGMA_M, PER_M2 = 6.0, 0.7, 0.05
 

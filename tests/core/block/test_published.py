@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from core.block.adjusted import AdjustmentOptions
-from core.block.orientation import ReferencePoints
-from core.block.patches import object_on_ground
 from core.block.published import (
     CHAINS,
     PublishedOptions,
@@ -15,7 +13,9 @@ from core.block.published import (
     joined_pixels,
     kept_of,
 )
-from core.block.standing import Site
+from core.block.registration.orientation import ReferencePoints
+from core.block.registration.patches import object_on_ground
+from core.block.registration.standing import Site
 from core.geometry.resection import moved
 from tests.tiny import true_ties
 
