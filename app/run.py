@@ -20,6 +20,7 @@ from app.terminal import Voice
 from core.block.adjusted import AdjustmentReport
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block
+from core.block.foresight import foresee
 from core.doubts import Doubt
 from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
@@ -329,10 +330,10 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
         for name, photo in block.photos.items()
     }
     write_results(session.results, content.report)
-    terrain = terrain_of(dem)
-    write_protocol(session.results, content.name, content.report, content.adjustment, terrain)
+    ahead = foresee(content.report, content.adjustment, terrain=terrain_of(dem))
+    write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
     session.write_layers(block, content.report, outlines)
-    write_report(session.results, replace(content, footprints=outlines))
+    write_report(session.results, replace(content, footprints=outlines, foresight=ahead))
 
 
 def told(value: Any) -> str:
