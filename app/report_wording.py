@@ -73,8 +73,9 @@ TEXT = {
     ),
     "spread": (
         "Along the block's edge known points are at most {rules[plan][edge_gap_bases]:.1f} bases "
-        "apart in plan and {rules[heights][edge_gap_bases]:.1f} in height (rule: {rules[plan][edge_gap_most]:g} and "
-        "{rules[heights][edge_gap_most]:g}); inside lie {rules[plan][per_model]:.1f} and "
+        "apart in plan and {rules[heights][edge_gap_bases]:.1f} in height (rule: "
+        "{rules[plan][edge_gap_most]:g} and {rules[heights][edge_gap_most]:g}); "
+        "inside lie {rules[plan][per_model]:.1f} and "
         "{rules[heights][per_model]:.1f} for each stereo model (rule: "
         "{rules[plan][per_model_least]:g} and {rules[heights][per_model_least]:g})."
     ),
