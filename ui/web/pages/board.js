@@ -172,7 +172,7 @@ function showLarge() {
   const acts = [["keep", "Y", () => use(true)], ["hide", "V", () => use(false)], ["snap", "Enter", snap], ["undo", "U", () => send({ kind: "undo" })]];
   const buttons = acts.map(([name, key, act]) => element("button", { "data-board": name, title: word(`board.${name}.tip`), disabled: start.guest, onclick: (event) => { act(); event.target.blur(); } }, word(`board.${name}`), element("kbd", {}, key)));
   const said = cell.said ? [element("p", { class: "decided" }, word("board.said", { who: cell.said.who, when: cell.said.when.replace("T", " ") }), element("button", { class: "small", disabled: start.guest, onclick: () => send({ kind: "back", decision: cell.said.id }) }, word("history.back")))] : [];
-  const canvasRoom = room.querySelector(".large") ?? element("div", { class: "large pane" }, element("canvas", { class: "picture" }), element("canvas", { class: "marks" }), element("span", { class: "where" }));
+  const canvasRoom = room.querySelector(".magnified") ?? element("div", { class: "magnified pane" }, element("canvas", { class: "picture" }), element("canvas", { class: "marks" }), element("span", { class: "where" }));
   room.replaceChildren(
     element("h3", {}, stateGlyph(LOOKS[cell.state], 14), element("b", {}, cell.name), element("span", { class: "muted" }, shortName(row.photo)), element("span", { class: "stretch" }),
       element("button", { class: "small", title: word("board.previous"), onclick: () => step(-1) }, "\u2039"), element("button", { class: "small", title: word("board.next"), onclick: () => step(1) }, "\u203a")),
