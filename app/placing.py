@@ -234,10 +234,10 @@ class Clicking:
         """Points of the file that somebody switched off in QGIS: they stay, switched off.
 
         Raises:
-            ScanError: The file is there and cannot be read.
+            ScanError: The file holds something that cannot be read.
         """
         none = np.zeros((0, 2))
-        if not path.exists():
+        if not path.exists() or not path.read_bytes().strip():
             return QgisPoints(path, "", none, none, np.zeros(0, dtype=np.bool_))
         try:
             points = in_crs(read_qgis_points(path), self._found.given.crs)

@@ -24,6 +24,9 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from sessions.session import Session
 from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST, ArrayDem, Landscape, landscape
+from ui.review.compare import drawn_from_block
+from ui.review.scene import Footprints, Segments
+from ui.review.state import DeskState
 
 FLYING_HEIGHT_M = 1650.0
 FRAME_MM = 180.0
@@ -195,6 +198,12 @@ def adjust(block: Block, progress=None):
     return (
         adjust_block(block, OPTIONS) if progress is None else adjust_block(block, OPTIONS, progress)
     )
+
+
+def outlines(state: DeskState) -> Segments:
+    """Outlines of the photos as they stand now."""
+    oriented = state.oriented
+    return Footprints(tiny_block().land.dem).of(drawn_from_block(oriented), oriented.origin)
 
 
 def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> DeskInputs:

@@ -144,7 +144,7 @@ function explain(digit) {
 let handAt = -Infinity;
 window.gruberAtWork = () => {
   const idle = performance.now() - handAt;
-  return idle < 300 || (idle < 1500 && !compareState().drawn.whole);
+  return idle < 800 || (idle < 2000 && !compareState().drawn.whole);
 };
 
 function listenToKeys() {

@@ -35,7 +35,7 @@ if (drawnByProcessor) {
 
 // Without a GPU one frame of the block takes as long as ten of the desk, and both draw in one thread.
 const SLOW_MS = 45;
-const PATIENCE_MS = 1500;
+const PATIENCE_MS = 3000;
 const PAUSE_MS = 80;
 const LOOK_AGAIN_MS = 25;
 const frames = { real: window.requestAnimationFrame.bind(window), stop: window.cancelAnimationFrame.bind(window) };
