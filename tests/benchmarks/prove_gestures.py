@@ -2,8 +2,8 @@
 
 Run: python -m tests.benchmarks.prove_gestures
 
-Each gesture is made in a real Chromium; then the session is opened from disk by another reader: what
-is new there must be one decision of the kind that the gesture means, about the point that was shown.
+Each gesture is made in a real Chromium; then the session is opened from disk by another reader:
+what is new there must be one decision, as the gesture means it, about the point that was shown.
 """
 
 import sys
