@@ -1,12 +1,11 @@
 """Which junctions of a synthetic place stood then and stand now."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 
 from core.synthetic.lasting import lasting_junctions, lasting_nodes, options_of
-from core.synthetic.network import Road
+from core.synthetic.network import Network, Road
 
 PLACES = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0], [-100.0, 0.0], [0.0, -100.0]])
 
@@ -16,8 +15,8 @@ def road(start, end, **epochs) -> Road:
     return Road(start, end, "track", 0, line, line, **epochs)
 
 
-def network(*roads):
-    return SimpleNamespace(nodes=PLACES, roads=roads)
+def network(*roads) -> Network:
+    return Network(PLACES, roads, ())
 
 
 def test_three_arms_in_both_epochs_make_a_lasting_junction__law():
