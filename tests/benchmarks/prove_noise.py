@@ -38,10 +38,12 @@ def say(line: str) -> None:
     sys.stdout.flush()
 
 
-def laid_on(ground: Case, other: Case) -> list[OpenPhoto]:
-    """The scans of another place where the photos of this one are."""
+def laid_on(ground: Case, other: Case, turn: int) -> list[OpenPhoto]:
+    """The scans of another place where the photos of this one are, each where another time."""
     camera = next(iter(ground.block.cameras.values()))
-    pairs = zip(ground.block.photos.values(), sorted(other.site.scans), strict=False)
+    names = sorted(other.site.scans)
+    names = [*names[turn:], *names[:turn]]
+    pairs = zip(ground.block.photos.values(), names, strict=False)
     return [OpenPhoto(photo, camera, other.site.scans[name]) for photo, name in pairs]
 
 
@@ -74,7 +76,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--photos", type=int, default=200)
     parser.add_argument("--seed", type=int, default=501)
-    parser.add_argument("--blocks", type=int, default=12)
+    parser.add_argument("--blocks", type=int, default=4)
     parser.add_argument("--size", default="tiny", choices=("tiny", "small"))
     parser.add_argument("--folder", type=Path, help="where blocks are kept")
     given = parser.parse_args()
@@ -84,12 +86,13 @@ def main() -> int:
         prepared(name, level, root / f"p{options.seed}", options)
         for name, level, options in plans(given.size, given.seed)[: given.blocks]
     ]
+    pairs = [(one, two) for one in cases for two in cases if one is not two]
     done = wrong = used = measured = 0
-    for step in range(1, len(cases)):
-        for number, ground in enumerate(cases):
-            if done >= given.photos:
+    for turn in range(len(cases[0].block.photos)):
+        for ground, other in pairs:
+            photos = laid_on(ground, other, turn)[: given.photos - done]
+            if not photos:
                 break
-            photos = laid_on(ground, cases[(number + step) % len(cases)])[: given.photos - done]
             wrong += sum(accepted(ground, opened, done + i) for i, opened in enumerate(photos))
             done += len(photos)
             found = believed(ground, photos)
