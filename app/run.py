@@ -316,7 +316,7 @@ def make_mosaic(
 ) -> MosaicProduct:
     """The mosaic of the orthos, unless it is fresh."""
     digest_of = session.products.digest_of
-    inputs = digest_of("mosaic", 1, orthos)
+    inputs = digest_of("mosaic", 2, orthos)
     target, seams = session.results / "mosaic.tif", session.results / "seams.gpkg"
     kept = None if anew else session.products.load_value("mosaic", digest_of(inputs, target))
     if kept is not None and seams.is_file():
@@ -325,6 +325,7 @@ def make_mosaic(
         product = compose_mosaic(
             orthos, mosaic_grid(orthos), mosaic_part, seams_part, progress=progress
         )
+    product = replace(product, path=target)
     session.products.save_value("mosaic", digest_of(inputs, target), product)
     return product
 
