@@ -18,16 +18,20 @@ from core.scan.centring import (
     disc_weights,
     match_mark,
     sample_about,
+    softened,
 )
 from core.scan.constellation import Constellation
 from core.scan.edges import centre_by_edges
 from core.scan.marks import Mark, draw_mark, resized
+from core.scan.notches import centre_by_sides
 from core.scan.raster import ScanFile, read_window
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
-NOTCH_SIGMA_PX = 0.08
+NOTCH_SIGMA_PX = 0.03
 """What the picture beside a notch does to its edges at least, pixels."""
+STEPS_APART_PX = 0.2
+"""How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 """Blurs that are tried, pixels of the fitting."""
 
@@ -161,25 +165,25 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
     template = fitted.drawn(spot.outward, pixel_mm)
     weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
     outline = template if fitted.bright else -template
-    ways = [
-        centre_by_edges(
-            spot.gray, outline, weights, spot.start, 0.4 / pixel_mm + 2, False, half_way
-        )
-        for half_way in (False, True)
-    ]
-    first, second = ways
+    limit_px = 0.4 / pixel_mm + 2
+    first = centre_by_edges(spot.gray, outline, weights, spot.start, limit_px, False, True)
     if isinstance(first, Failure):
         return first
+    start = (first.column, first.row)
+    second = centre_by_sides(spot.gray, template, weights, start, limit_px)
     if isinstance(second, Failure):
         return second
-    place = np.array([first.column, first.row])
-    patch = sample_about(spot.gray, place, template.shape[0])
-    # The picture's own ups and downs are cut off at its usual gray.
-    usual = [float(np.median(patch[(template > 0.5) == side])) for side in (False, True)]
-    low, high = min(usual), max(usual)
-    likeness = correlation(np.clip(patch, low, high), template, weights)
-    both = _together(spot, first, second, likeness if fitted.bright else -likeness)
-    return replace(both, sigma_px=float(np.hypot(both.sigma_px, NOTCH_SIGMA_PX)))
+    likeness = second.correlation if fitted.bright else -second.correlation
+    apart = float(np.hypot(first.column - second.column, first.row - second.row))
+    # The steps alone are drawn aside by the picture's slopes: they only confirm.
+    beyond = max(apart - STEPS_APART_PX, 0.0) / 2
+    return TwoWays(
+        spot.corner[0] + second.column,
+        spot.corner[1] + second.row,
+        float(np.hypot(np.hypot(second.sigma_px, NOTCH_SIGMA_PX), beyond)),
+        likeness,
+        apart,
+    )
 
 
 def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> TwoWays:
@@ -250,11 +254,11 @@ def _likeness(spots: Sequence[Spot], fitted: FittedMark, cell_mm: float) -> floa
             drawn[outward] = fitted.drawn(outward, cell_mm)
         template = drawn[outward]
         weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
-        match = match_mark(spot.gray, template, weights, spot.start, limit_px=0.3 / cell_mm + 1)
+        match = match_mark(spot.gray, template, weights, spot.start, 0.3 / cell_mm + 1, False)
         if isinstance(match, Failure):
             values.append(-1.0)
             continue
         patch = sample_about(spot.gray, np.array([match.column, match.row]), template.shape[0])
-        values.append(correlation(patch, template, weights) * (1 if fitted.bright else -1))
+        values.append(correlation(patch, softened(template), weights) * (1 if fitted.bright else -1))
     # The drawn mark's own size is its window: likeness of a larger one is worth more.
     return float(np.mean(np.sort(values)[len(values) // 4 :]))
