@@ -22,7 +22,7 @@ FAR = 3.0
 CONVERGED_PX = 1e-3
 NEAR_PX = 0.05
 """Step from which what is far from the drawn mark no longer counts, pixels."""
-NOISE_SHARE = 0.2
+NOISE_SHARE = 0.08
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
 LAGS = 3
 """How far apart pixels are whose noise is taken to be correlated."""
@@ -30,7 +30,7 @@ SOFT_TAPS = 4
 SOFT_PX = 0.7
 """Blur (Gaussian sigma) of both fields before they are compared, pixels: a sharp line is less wide
 than resampling can follow, and its middle would be drawn to the middles of pixels."""
-EDGE_PX = 0.25
+EDGE_PX = 0.15
 """How far a drawn edge may lie beside the scan's before it counts as dirt, pixels: the shape of a
 real mark is not quite the drawn one's."""
 
@@ -188,9 +188,7 @@ def _gaussian(shift: float) -> Float64[np.ndarray, "taps"]:
     return weights / weights.sum()
 
 
-def _part(
-    window: Gray, column: int, row: int, side: int
-) -> Float32[np.ndarray, "side side"]:
+def _part(window: Gray, column: int, row: int, side: int) -> Float32[np.ndarray, "side side"]:
     """A square of the window, continued by its edge where it reaches beyond."""
     rows, columns = window.shape
     inside_c = np.clip(np.arange(column, column + side), 0, columns - 1)

@@ -7,11 +7,12 @@ import numpy as np
 
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
-from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
+from core.geometry.transforms import PlaneTransform, fit_similarity
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
-from core.scan.layouts import UPRIGHT, Layout, Way, certified_layouts, guessed_layouts, lying
+from core.scan.layouts import UPRIGHT, Way, certified_layouts, guessed_layouts, lying
 from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found
+from core.scan.mark_sets import find_mark_sets, middles_apart_mm
 from core.scan.measuring import (
     FittedMark,
     Spot,
@@ -19,6 +20,7 @@ from core.scan.measuring import (
     fit_mark,
     measure_spot,
     open_spots,
+    sought,
 )
 from core.scan.naming import name_marks
 from core.scan.raster import ScanFile, photo_id_of
@@ -40,9 +42,9 @@ class FiducialOptions:
     """What dirt that doubles the difference from the drawn mark does to its middle, pixels."""
     max_sigma_px: float = 0.5
     """Standard deviation beyond which a mark is not used, pixels."""
-    unsure_px: float = 0.15
+    unsure_px: float = 0.1
     """Standard deviation from which a mark that stands is pointed out, pixels."""
-    sigma_floor_px: float = 0.03
+    sigma_floor_px: float = 0.015
     """No mark is believed better than this, pixels."""
     agree_mm: float = 1.5
     """How far corner marks and marks of the sides may disagree about each other's places."""
@@ -112,7 +114,7 @@ def measure_fiducials(
     options = options or FiducialOptions()
     photo_id = photo_id_of(scan.path)
     layouts = certified_layouts(camera, quarters_of(camera, area))
-    found = _all_found(scan, layouts, scan_pixel_mm, area, options)
+    found = find_mark_sets(scan, layouts, scan_pixel_mm, area, options.agree_mm, options.search)
     if not found:
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
     measured = _measured(scan, found, scan_pixel_mm, options)
@@ -146,7 +148,7 @@ def measure_unknown_fiducials(
         found = find_constellation(scan, layouts, scan_pixel_mm, area, search)
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
-    apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm
+    apart = len(sets) == 2 and middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm
     if len(sets) == 2 and (apart or camera.fiducial_marks == 4):
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
@@ -191,65 +193,6 @@ def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
     return (0, 2) if (spans[0] - spans[1]) * (width - height) > 0 else (1, 3)
 
 
-def _all_found(
-    scan: ScanFile,
-    layouts: Sequence[Layout],
-    pixel_mm: float,
-    area: FilmArea,
-    options: FiducialOptions,
-) -> list[Constellation]:
-    """One set for each layout, all agreeing: where two disagree the better one places the other."""
-    sets = [find_constellation(scan, [one], pixel_mm, area, options.search) for one in layouts]
-    found = [one for one in sets if isinstance(one, Constellation)]
-    if len(layouts) < 2 or not found:
-        return found
-    found.sort(key=lambda one: one.score * one.symmetry, reverse=True)
-    best = found[0]
-    others = [one for one in layouts if one is not best.layout]
-    result = [best]
-    for layout in others:
-        narrow = replace(layout, ways=(best.way,))
-        placed = _placed_by(best, area, pixel_mm)
-        search = replace(options.search, reach_seen_mm=options.agree_mm + 3.0)
-        again = find_constellation(scan, [narrow], pixel_mm, placed, search)
-        if isinstance(again, Constellation) and _agree(best, again, pixel_mm, options):
-            result.append(again)
-    return result
-
-
-def _placed_by(found: Constellation, area: FilmArea, pixel_mm: float) -> FilmArea:
-    """The picture area moved and turned so that a found set lies in it as its layout says."""
-    film = found.layout.lying(found.way)
-    at = {name: i for i, name in enumerate(found.layout.names)}
-    fit = fit_similarity(film[[at[n] for n in found.names]], found.pixels, mirrored=True)
-    if not isinstance(fit, PlaneTransform):
-        return area
-    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    half = np.ptp(area.corners, axis=0) * pixel_mm / 2
-    return FilmArea(apply_affine(fit.matrix, corners * half), ("left", "right", "top"), area.scores)
-
-
-def _agree(
-    first: Constellation, second: Constellation, pixel_mm: float, options: FiducialOptions
-) -> bool:
-    """True when a similarity through the first set puts the second where it was found."""
-    at = {name: i for i, name in enumerate(first.layout.names)}
-    film = first.layout.lying(first.way)[[at[n] for n in first.names]]
-    fit = fit_similarity(film, first.pixels, mirrored=True)
-    if not isinstance(fit, PlaneTransform):
-        return False
-    at = {name: i for i, name in enumerate(second.layout.names)}
-    put = apply_affine(fit.matrix, second.layout.lying(first.way)[[at[n] for n in second.names]])
-    apart = np.linalg.norm(put - second.pixels, axis=1)
-    return bool(np.median(apart) * pixel_mm < options.agree_mm)
-
-
-def _middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:
-    """Distance between the middles of two sets of four."""
-    middles = [np.mean(list(one.predicted.values()), axis=0) for one in sets]
-    return float(np.linalg.norm(middles[0] - middles[1])) * pixel_mm
-
-
 def _measured(
     scan: ScanFile, found: Sequence[Constellation], pixel_mm: float, options: FiducialOptions
 ) -> FiducialSet:
@@ -258,17 +201,26 @@ def _measured(
     marks: list[FiducialMeasurement] = []
     doubts: list[Doubt] = []
     fitted: list[FittedMark] = []
+    known: dict[str, TwoWays | Failure] = {}
     for one in found:
         spots = open_spots(scan, one, pixel_mm)
-        fit = fit_mark([spot for spot in spots.values() if spot.found], one, pixel_mm)
+        if one.names or not fitted:
+            fit = fit_mark([spot for spot in spots.values() if spot.found], one, pixel_mm)
+        else:
+            # Nobody saw these marks from afar: they are sought where and as the others tell.
+            fit = fitted[0]
+            spots = {name: sought(spot, fit, pixel_mm) for name, spot in spots.items()}
         results = _both_ways(spots, one, fit, pixel_mm)
         if not fit.mark.symmetric:
             # A notch drawn turned by a little is found beside its place.
-            fit = replace(fit, turn=_turn_of(results, one, fit.turn))
+            fit = replace(fit, turn=_turn_of(_judged(results, options), one, fit.turn))
             results = _both_ways(spots, one, fit, pixel_mm)
         fitted.append(fit)
-        spoilt = _spoilt(results)
-        for name, result in _judged(results, options).items():
+        everyone = results if one.names else {**known, **results}
+        known |= results
+        spoilt, judged = _spoilt(everyone), _judged(everyone, options)
+        for name in results:
+            result = judged[name]
             if isinstance(result, Failure):
                 doubts.append(doubtful_mark(photo_id, name, one.predicted[name], result))
                 continue

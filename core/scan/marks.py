@@ -137,9 +137,7 @@ def _drawn_notch(mark: Mark, half: int, turn: float) -> Float64[np.ndarray, "sid
     axis = np.arange(-half, half + 1, dtype=np.float64)
     right, down = np.meshgrid(axis, axis)
     angle = np.arctan2(mark.outward[1], mark.outward[0]) + turn
-    shares = [
-        _half_plane(right, down, angle + normal) for normal in NOTCH_NORMALS[mark.shape]
-    ]
+    shares = [_half_plane(right, down, angle + normal) for normal in NOTCH_NORMALS[mark.shape]]
     return np.minimum(*shares)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from jaxtyping import Float32
 
@@ -32,6 +33,9 @@ NOTCH_SIGMA_PX = 0.03
 """What the picture beside a notch does to its edges at least, pixels."""
 STEPS_APART_PX = 0.2
 """How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
+OUTLINE_SIGMAS = 3.0
+OUTLINE_PX = 0.1
+"""How far the outline may lie from the mark's middle before dirt is suspected, pixels."""
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 """Blurs that are tried, pixels of the fitting."""
 
@@ -123,7 +127,9 @@ def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> Fi
     blur = 0.0
     if best.mark.notch:
         return best
-    for step in (0.2, 0.1, 0.05):
+    # The ends of arms on one side only draw the middle of a mark along with its size.
+    finer = () if best.mark.symmetric else (0.025, 0.0125)
+    for step in (0.2, 0.1, 0.05, *finer):
         for _ in range(3):
             factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
                        (1.0, 1 / (1 + 2 * step)))  # fmt: skip
@@ -133,11 +139,23 @@ def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> Fi
             trials = [replace(best, mark=mark) for mark in marks]
             values = [_likeness(small, trial, cell) for trial in trials]
             winner = int(np.argmax(values))
-            if values[winner] <= likeness + 1e-4:
+            if values[winner] <= likeness + (1e-4 if step >= 0.05 else 2e-5):
                 break
             likeness, best = values[winner], trials[winner]
             blur = best.mark.blur_px
     return best
+
+
+def sought(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
+    """The spot with its start where the window is most like a mark that was fitted elsewhere."""
+    template = fitted.drawn(spot.outward, pixel_mm).astype(np.float32)
+    side = template.shape[0]
+    if min(spot.gray.shape) <= side:
+        return spot
+    field = cv2.matchTemplate(spot.gray, template, cv2.TM_CCOEFF_NORMED)
+    best = int(np.nan_to_num(field if fitted.bright else -field).argmax())
+    row, column = divmod(best, field.shape[1])
+    return replace(spot, start=(column + side / 2, row + side / 2))
 
 
 def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
@@ -157,7 +175,30 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
     if isinstance(second, Failure):
         return second
     likeness = matched.correlation if fitted.bright else -matched.correlation
-    return _together(spot, matched, second, likeness)
+    both = _together(spot, matched, second, likeness)
+    if not fitted.mark.symmetric:
+        return both
+    outline = template if fitted.bright else -template
+    middle = (both.column - spot.corner[0], both.row - spot.corner[1])
+    third = centre_by_edges(spot.gray, outline, weights, middle, limit_px=0.1 / pixel_mm + 1)
+    return both if isinstance(third, Failure) else _confirmed(spot, both, third)
+
+
+def _confirmed(spot: Spot, both: TwoWays, third: Centre) -> TwoWays:
+    """Both ways beside the outline: dirt that touches the mark moves them, but few of its edges."""
+    column, row = spot.corner[0] + third.column, spot.corner[1] + third.row
+    apart = float(np.hypot(column - both.column, row - both.row))
+    sigma = float(np.hypot(both.sigma_px, third.sigma_px))
+    if apart < max(OUTLINE_SIGMAS * sigma, OUTLINE_PX):
+        return both
+    wide = float(np.hypot(third.sigma_px, apart / 2))
+    return replace(
+        both,
+        column=column,
+        row=row,
+        sigma_px=wide,
+        disagreement_px=max(apart, both.disagreement_px),
+    )
 
 
 def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
@@ -259,6 +300,8 @@ def _likeness(spots: Sequence[Spot], fitted: FittedMark, cell_mm: float) -> floa
             values.append(-1.0)
             continue
         patch = sample_about(spot.gray, np.array([match.column, match.row]), template.shape[0])
-        values.append(correlation(patch, softened(template), weights) * (1 if fitted.bright else -1))
+        values.append(
+            correlation(patch, softened(template), weights) * (1 if fitted.bright else -1)
+        )
     # The drawn mark's own size is its window: likeness of a larger one is worth more.
     return float(np.mean(np.sort(values)[len(values) // 4 :]))
