@@ -22,8 +22,8 @@ FAR_PX = 5.0
 """The same while the mark is still being approached."""
 STEP_PX = 0.25
 TIP_PX = 12.0
-"""Outline this near to the tip of a notch is not used, pixels: there a narrow notch is no wider than
-its two edges are blurred."""
+"""Outline this near to the tip of a notch is not used, pixels: there a narrow notch is no wider
+than its two edges are blurred."""
 STEP_HALF_PX = 2.5
 """Half width of a step under blur, pixels."""
 SIDE_PX = 5.0
@@ -57,7 +57,7 @@ def centre_by_edges(
         grows: Solve for growth too; impossible where all edges meet in one point, as in a notch.
         half_way: Take the place of half the step instead of its steepest part.
     """
-    window, template = softened(window), softened(template)
+    window, template = softened(window).astype(np.float32), softened(template)
     points, normals = _outline(template, weights, half_way)
     if not grows:
         # About the tip itself both edges run into each other.
