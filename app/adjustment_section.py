@@ -35,6 +35,7 @@ KEYS = (
     "variance_components",
     "gross_errors",
     "risk",
+    "compare_methods",
 )
 
 
@@ -70,6 +71,7 @@ def adjustment_options(document: Document) -> AdjustmentOptions:
         variance_components=table.flag("variance_components", False),
         test="tau" if test == "tau" else "w",
         risk=table.number("risk", RISK, DEFAULT.risk),
+        compare_methods=table.flag("compare_methods", False),
     )
 
 

@@ -48,6 +48,8 @@ MILLIMETRES = Unit("millimetres", 10, 2000, (("metres", 1000), ("micrometres", 0
 """Principal distances and sides of a picture."""
 MICROMETRES = Unit("micrometres", 3, 500, (("millimetres", 1000), ("dots per inch", 0)))
 """Scan pixels."""
+SCALE_NUMBERS = Unit("ones (15000 for 1 : 15 000)", 500, 500_000)
+"""Scales of photos."""
 METRES = Unit("metres", 0.001, 1000, (("millimetres", 0.001),))
 """Standard deviations and ground sample distances."""
 

@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from app.project import Project
+from core.block.assembly import AssemblyOptions
 from core.block.block import UNKNOWN_M, SurveyedPoint
 from core.block.georeference import Georeference
+from core.block.registration.orientation import OrientationOptions
 from core.formats.control_points import ListedPoint, read_control_points
 from core.formats.micmac_measures import read_image_measures
 from core.geometry.crs import check_range, read_crs
@@ -20,6 +22,7 @@ def described(project: Project) -> BlockInput:
     measured: dict[str, dict[str, tuple[float, float]]] = {}
     for file in scans.fiducial_measures:
         measured |= read_image_measures(file)
+    orientation = OrientationOptions(operators=project.control.operators)
     return BlockInput(
         name=project.block.name,
         crs=project.block.crs,
@@ -29,7 +32,11 @@ def described(project: Project) -> BlockInput:
             for scan in scans.listed
         ),
         georeference=Georeference(
-            scans.georeference, scans.footprints, scans.footprint_name, scans.exterior
+            scans.georeference,
+            scans.footprints,
+            scans.footprint_name,
+            scans.exterior,
+            scans.scale_number,
         ),
         ortho=reference.ortho,
         dem=reference.dem,
@@ -39,6 +46,9 @@ def described(project: Project) -> BlockInput:
         surveyed=tuple(surveyed(point) for point in listed),
         ortho_sigma_m=reference.ortho_sigma_m,
         dem_sigma_m=reference.dem_sigma_m,
+        orientation=orientation,
+        preset=project.control.preset,
+        assembly=AssemblyOptions(orientation=orientation),
         adjustment=project.adjustment,
     )
 

@@ -22,21 +22,22 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block, Photo
-from core.block.likeness import Likeness, likeness_about, search_options
-from core.block.orientation import OrientationOptions
-from core.block.patches import OpenPhoto
-from core.block.terrain import Terrain
+from core.block.least_squares.terrain import Terrain
+from core.block.registration.likeness import Likeness, likeness_about, search_options
+from core.block.registration.orientation import OrientationOptions
+from core.block.registration.patches import OpenPhoto
 from core.doubts import Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
 from core.progress import Part, Progress
 from core.reference.reference import Reference
 from core.scan.raster import ScanFile
-from core.stages import Georeferenced
+from core.stages import BlockInput, Georeferenced, ScanSet
 from core.whereabouts import open_reference, search_bounds
 from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m
+from ui.review.origins import Origins
 from ui.review.state import Made
 
 SEARCH_M = 12.0
@@ -67,7 +68,8 @@ def desk_inputs(
     block = assembly.report.block
     terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
     adjusting = Adjusting(given.adjustment, terrain)
-    report = adjusting(session.replayed(block))
+    origins = origins_of(given, session, placed)
+    report = adjusting(session.replayed(block, origins.films))
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
         name=project.block.name,
@@ -79,6 +81,7 @@ def desk_inputs(
         read_scan=scans,
         adjust=adjusting,
         choose=adjusting.choose,
+        origins=origins,
         doubts=assembly.doubts,
         reference_sigma_m=(given.ortho_sigma_m, given.ortho_sigma_m, given.dem_sigma_m),
         results=session.results,
@@ -94,6 +97,16 @@ def desk_inputs(
             report.block, reference.ortho.ground_sample_distance_m, given.assembly.orientation
         ),
     )
+
+
+def origins_of(given: BlockInput, session: Session, placed: Georeferenced) -> Origins:
+    """What the photos began from, as the last run kept it."""
+    scans = cast("ScanSet | None", session.products.latest_value("scans"))
+    pixels_mm = {scan.path.stem: scan.scan_pixel_um / 1000 for scan in given.scans}
+    sources = {name: str(found.source) for name, found in placed.approximations.items()}
+    if scans is None:
+        return Origins({}, pixels_mm, sources, placed.set_aside)
+    return Origins(scans.oriented, pixels_mm, sources, {**scans.set_aside, **placed.set_aside})
 
 
 class Adjusting:

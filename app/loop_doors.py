@@ -10,6 +10,7 @@ from core.doubts import Doubt
 from sessions.session import Session
 from ui.review.compare import Drawn, HeightSource, LikenessSource
 from ui.review.gestures import Gesture
+from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, Seat
@@ -84,5 +85,7 @@ class LoopInputs:
     """What the engine was unsure of."""
     reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
     """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    origins: Origins = NO_ORIGINS
+    """What the photos began from."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""

@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from app.loop_doors import Screen
+from app.loop_doors import LoopInputs, Screen
 from app.loop_table import Table
 from sessions.decisions import Recorded
-from ui.review.compare import Drawn, HeightSource
+from ui.review.board import board_part
+from ui.review.compare import Drawn
 from ui.review.history import history_of
 from ui.review.milestones import Milestone
 from ui.review.picture import (
@@ -18,6 +19,7 @@ from ui.review.picture import (
     scene_part,
     status_part,
 )
+from ui.review.placement import placement_part
 from ui.review.quality import quality_part
 from ui.review.scene import Segments
 from ui.review.state import DeskState, Key, Seat
@@ -51,8 +53,8 @@ class Moment:
 class Pages:
     """Makes the parts of a page and hands them to the screen."""
 
-    def __init__(self, screen: Screen, dem: HeightSource) -> None:
-        self._screen, self._dem = screen, dem
+    def __init__(self, screen: Screen, inputs: LoopInputs) -> None:
+        self._screen, self._dem, self._inputs = screen, inputs.dem, inputs
 
     def show(self, seat: Seat, moment: Moment) -> None:
         """Everything of one seat."""
@@ -70,6 +72,13 @@ class Pages:
             parts["quality"] = quality_part(
                 moment.state, moment.outlines, moment.milestones, seat.pair
             )
+        if seat.sheet == "board":
+            parts["board"] = board_part(
+                moment.state, self._inputs.origins, moment.drawn, moment.recorded
+            )
+        if seat.sheet == "placement":
+            given = self._inputs
+            parts["placement"] = placement_part(moment.state, given.origins, given.doubts)
         self._screen.show(seat.seat_id, parts)
 
     def show_point(self, seat: Seat, moment: Moment) -> None:

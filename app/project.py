@@ -11,9 +11,13 @@ import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.adjustment_section import adjustment_options
-from app.block_toml import FILE, METRES, MICROMETRES, Document, Table
+from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
 from app.camera_table import read_camera
 from core.block.adjusted import AdjustmentOptions
+from core.block.published import Preset
+from core.block.registration.descriptors import has_akaze
+from core.block.registration.matching import USUAL
+from core.block.registration.operators import OPERATORS
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
@@ -64,6 +68,8 @@ class ScansSection:
     """What to begin from."""
     fiducial_measures: tuple[Path, ...] = ()
     """MicMac's MeasuresIm-*.xml: fiducials measured by hand, which go before found ones."""
+    scale_number: float | None = None
+    """Scale of the photos, for those that no source places."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +100,10 @@ class ControlSection:
 
     points: Path | None = None
     """Surveyed points the user has."""
+    operators: tuple[str, ...] = USUAL
+    """What scan and reference are compared by; the first proposes the control."""
+    preset: Preset = "gruber"
+    """Whose control it is: our own, or that of a published chain to compare it with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +204,7 @@ def _cameras(document: Document) -> dict[str, Camera]:
 
 
 def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
-    keys = (*SCANS_KEYS, "georeference", "override")
+    keys = (*SCANS_KEYS, "georeference", "scale_number", "override")
     table = document.table("scans", keys=keys, required=True)
     footprints, named = table.file("footprints"), table.text("footprint_name", "LMS_TIF_UP")
     if footprints is not None:
@@ -210,6 +220,7 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
         table.file("exterior"),
         cast("Georeference", georeference),
         table.files("fiducial_measures"),
+        table.number("scale_number", SCALE_NUMBERS) if table.has("scale_number") else None,
     )
 
 
@@ -277,7 +288,25 @@ def _reference(document: Document) -> ReferenceSection:
 
 
 def _control(document: Document) -> ControlSection:
-    return ControlSection(document.table("control", keys=("points",)).file("points"))
+    table = document.table("control", keys=("points", "operators", "preset"))
+    preset = cast("Preset", table.choice("preset", get_args(Preset), "gruber"))
+    return ControlSection(table.file("points"), _operators(table), preset)
+
+
+def _operators(table: Table) -> tuple[str, ...]:
+    """Names of operators, each once."""
+    key = "operators"
+    given: object = table.values.get(key, list(USUAL))
+    names = cast("list[object]", [given] if isinstance(given, str) else given)
+    known = f"Write a list of {', '.join(OPERATORS)}; without the key it is {list(USUAL)}."
+    if not isinstance(given, str | list) or not names:
+        raise table.error(key, f"must be a list of operators, not {given!r}.", known)
+    for name in names:
+        if name not in OPERATORS:
+            raise table.error(key, f"{name!r} is no operator.", known)
+        if name == "akaze" and not has_akaze():
+            raise table.error(key, "the OpenCV of this machine has no AKAZE.", "Take another.")
+    return tuple(dict.fromkeys(cast("list[str]", names)))
 
 
 def _ortho(document: Document) -> OrthoSection:

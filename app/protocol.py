@@ -9,7 +9,7 @@ from typing import Any, cast
 from app.protocol_figures import protocol_figures
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.foresight import foresee
-from core.block.terrain import Terrain
+from core.block.least_squares.terrain import Terrain
 from core.progress import Silent
 from core.reference.dem import Dem
 from sessions.whole import whole_file
@@ -84,6 +84,7 @@ def protocol_text(figures: Mapping[str, Any]) -> str:
         _ground,
         _control,
         _checks,
+        _methods,
         _exterior,
         _excluded,
     )
@@ -275,6 +276,30 @@ def _checks(f: Mapping[str, Any]) -> list[str]:
         f"RMS X, Y, Z {_list(c['rms_m'], 3)} m; predicted {_list(c['predicted_rms_m'], 3)} m; "
         f"largest {_list(c['largest_m'], 3)} m",
         "point                      found - known (m)              predicted (m)  photos",
+        *rows,
+        "",
+    ]
+
+
+def _methods(f: Mapping[str, Any]) -> list[str]:
+    if not f["methods"]:
+        return []
+    rows = [
+        f"{m['method']:<8}"
+        + (
+            f"not done: {m['reason']}"
+            if m["reason"]
+            else "".join(
+                f"{_list(m[key] or [None] * 3, 3):>27}"
+                for key in ("joint_m", "control_m", "check_m", "centres_m")
+            )
+        )
+        for m in f["methods"]
+    ]
+    return [
+        "METHODS COMPARED (RMS of X, Y, Z, metres)",
+        "                        at joints                    control               check points"
+        "        centres - bundle's",
         *rows,
         "",
     ]

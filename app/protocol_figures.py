@@ -9,8 +9,9 @@ import numpy as np
 from app.results import final_status
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.block.foresight import Effect, Foresight, LeftOut
+from core.block.least_squares.reliability import TestLimits
+from core.block.methods import compare_methods
 from core.block.ray_counts import RayCounts, ray_counts_of
-from core.block.reliability import TestLimits
 
 AXES = ("X", "Y", "Z")
 PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")
@@ -44,6 +45,7 @@ def protocol_figures(
         "photos": _photos(report, counts, {n: scale * s for n, s in corners.items()}),
         "control": _control(report, foresight, scale),
         "checks": _checks(report),
+        "methods": _methods(report) if options.compare_methods else [],
         "rms_m": dict(report.rms_m),
         "exterior": _exterior(report),
         "excluded": _excluded(report),
@@ -275,6 +277,26 @@ def _checks(report: AdjustmentReport) -> dict[str, Any]:
         "predicted_rms_m": _rms_columns(np.array(told).reshape(-1, 3)),
         "largest_m": np.abs(differences).max(axis=0).tolist() if points else [None] * 3,
     }
+
+
+def _methods(report: AdjustmentReport) -> list[dict[str, Any]]:
+    """Strips, independent models and bundle side by side."""
+    return [
+        {
+            "method": result.method,
+            "reason": result.reason,
+            **{
+                name: None if values is None else values.tolist()
+                for name, values in (
+                    ("joint_m", result.joint_m),
+                    ("control_m", result.control_m),
+                    ("check_m", result.check_m),
+                    ("centres_m", result.centres_m),
+                )
+            },
+        }
+        for result in compare_methods(report)
+    ]
 
 
 def _exterior(report: AdjustmentReport) -> dict[str, Any]:

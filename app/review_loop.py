@@ -29,7 +29,7 @@ from ui.review.adding import measured_point, next_name, renamed
 from ui.review.compare import Drawn, drawn_from_block, redrawn, stale_photos
 from ui.review.doubtful import extra_of
 from ui.review.gestures import Freed, Gesture, PointAsked
-from ui.review.history import gives_reason, key_of, touched_by
+from ui.review.history import gives_reason, key_of, subject_of, touched_by
 from ui.review.milestones import Milestone, with_milestone
 from ui.review.scene import (
     ScenePicture,
@@ -49,7 +49,7 @@ class ReviewLoop:
 
     def __init__(self, inputs: LoopInputs, screen: Screen) -> None:
         self._inputs, self._screen = inputs, screen
-        self._pages, self._table = Pages(screen, inputs.dem), Table()
+        self._pages, self._table = Pages(screen, inputs), Table()
         self._session = inputs.session
         self._inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._seats: dict[str, Seat] = {}
@@ -61,7 +61,7 @@ class ReviewLoop:
         self._milestones: tuple[Milestone, ...] = ()
         self._stale: tuple[str, ...] = ()
         self._outlines: Segments = np.zeros((0, 2, 3))
-        self._tied: Segments = np.zeros((0, 2, 3))
+        self._tied = self._outlines
         self._job, self._tried = 0, 0
         self._trials: dict[Key, Trial] = {}
         self._trying: Key | None = None
@@ -202,7 +202,7 @@ class ReviewLoop:
         self._decided(self._seats[seat.seat_id])
         if touched is None:
             return
-        about = " \u00b7 ".join(key) if key else getattr(touched.decision, "point_id", "")
+        about = " \u00b7 ".join(key) if key else subject_of(touched.decision)
         notice = f"notice.{found.act}.{type(touched.decision).__name__}"
         self._screen.tell(seat.seat_id, Notice(notice, {"what": about}))
 
@@ -239,8 +239,7 @@ class ReviewLoop:
         self._replay()
         self._state = replace(self._state, adjusting=True, written=False)
         # Who decided sees it first.
-        first = self._seats[seat.seat_id]
-        self._show_seat(first)
+        self._show_seat(first := self._seats[seat.seat_id])
         for other in elsewhere(first, self._present_seats()):
             self._show_seat(other)
         self._adjust()
@@ -251,7 +250,7 @@ class ReviewLoop:
         before = self._state
         self._recorded = self._session.decisions()
         plain = [d for d in standing(self._recorded) if not isinstance(d.decision, Withdraw)]
-        block = self._session.replayed(self._inputs.base)
+        block = self._session.replayed(self._inputs.base, self._inputs.origins.films)
         self._state = replace(self._state, block=block, decided=len(plain))
         self._gather()
         self._recount(changed_keys(before, self._state) if self._table.rows else None)
@@ -370,10 +369,11 @@ class ReviewLoop:
         taken = frozenset(
             other.current for other in elsewhere(seat, self._present_seats()) if other.current
         )
-        inputs, rows = self._inputs, self._table.rows
+        given = self._inputs
         return Desk(
-            self._state, rows, self._drawn, inputs.dem, inputs.likeness, taken, self._recorded
-        )
+            self._state, self._table.rows, self._drawn, given.dem, given.likeness, taken,
+            self._recorded, given.origins,
+        )  # fmt: skip
 
     def _moment(self) -> Moment:
         return Moment(

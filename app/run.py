@@ -31,6 +31,7 @@ from core.progress import Part, Progress
 from core.reference.dem import Dem
 from core.stages import BlockInput, Georeferenced, PlacedBlocks, ScanSet, Stage, Tied, Work
 from core.whereabouts import open_reference, search_bounds
+from sessions.fiducials import Films, judged_scans, mark_changes, with_effect
 from sessions.products import digest_of
 from sessions.session import Session
 from sessions.whole import whole_file
@@ -70,6 +71,7 @@ class Run:
         self.seconds: dict[str, float] = {}
         self.threads = Threads(options.workers)
         self.interruption = Interruption()
+        self.films: Films = {}
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
@@ -122,14 +124,24 @@ class Run:
         if value is None:
             value = stage.run(self.given, self.made, Work(progress, self.threads.map))
             self.session.products.save_value(stage.name, digest, value)
-        self.made[stage.name] = value
         if isinstance(value, ScanSet):
-            write_fiducials(self.session.results, self.given, value)
+            value = self.corrected(value)
+        self.made[stage.name] = value
         return told(value) + (" (as before)" if fresh else "")
+
+    def corrected(self, found: ScanSet) -> ScanSet:
+        """The scans with the fiducials that operators corrected: what follows depends on them."""
+        decisions = self.session.decisions()
+        scans, self.films = judged_scans(found, self.given, decisions), found.oriented
+        if scans is not found:
+            digest = self.digests.get("scans", "")
+            self.digests["scans"] = digest_of(digest, with_effect(mark_changes(decisions)))
+        write_fiducials(self.session.results, self.given, scans)
+        return scans
 
     def adjust(self, progress: Progress) -> str:
         """Lay the operator's decisions over the block and adjust it."""
-        block = self.session.replayed(self.assembly.report.block)
+        block = self.session.replayed(self.assembly.report.block, self.films)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
         options = self.given.adjustment
         digest = digest_of("adjustment", 2, self.digests["control"], decisions, options)
@@ -184,6 +196,7 @@ class Run:
         """Take what was made last instead of walking, with another adjustment and mosaic."""
         for stage in STAGES:
             self.made[stage.name] = self.session.products.latest_value(stage.name)
+        self.made["scans"] = self.corrected(self.made["scans"])
         self.made["adjustment"], self.made["mosaic"] = report, mosaic
 
     def report(self, progress: Progress) -> str:

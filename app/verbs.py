@@ -8,7 +8,8 @@ from app.demo import make_demo, tell_truth
 from app.desk import desk_inputs
 from app.doctor import examine
 from app.new_block import recognise, write_block_toml
-from app.project import read_project
+from app.placing import open_placing, placeable
+from app.project import Project, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.terminal import Voice
 from app.wiring import open_desk
@@ -48,13 +49,35 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
     """The review desk, until Ctrl-C."""
     project = read_project(given.block)
     with Session.open(project.folder, given.operator) as session:
-        inputs = desk_inputs(project, session, given.operator, given.host, given.port)
+        port, opened = placed_by_hand(project, session, given, voice)
+        inputs = desk_inputs(project, session, given.operator, given.host, port)
         with open_desk(inputs) as desk:
             voice.say(f"The desk is open at {desk.url}  (Ctrl-C closes it; nothing is lost)")
             voice.say(f"Guests, who look and decide nothing: {desk.guest_url}")
-            if not given.no_browser:
+            if not given.no_browser and not opened:
                 webbrowser.open(desk.url)
             desk.wait()
+
+
+def placed_by_hand(
+    project: Project, session: Session, given: argparse.Namespace, voice: Voice
+) -> tuple[int, bool]:
+    """Let a block that does not stand be placed by clicks first.
+
+    Returns:
+        The port of the desk, and whether a page is open there already.
+    """
+    found = placeable(project, session)
+    if found is None:
+        return given.port, False
+    with open_placing(project, found, given.host, given.port) as placing:
+        voice.say("No photo of this block stands on the reference yet. Two points clicked in one")
+        voice.say(f"photo place it: {placing.url}  (Ctrl-C closes; what was saved stays)")
+        if not given.no_browser:
+            webbrowser.open(placing.url)
+        placing.wait()
+        # The page is still open there, and comes to the desk by itself.
+        return placing.port, True
 
 
 def report(given: argparse.Namespace, voice: Voice) -> None:

@@ -30,6 +30,7 @@ from ui.review.compare import (
     ground_pixel_m,
     made_with,
 )
+from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.palette import page_palette
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
@@ -108,6 +109,8 @@ class DeskInputs:
     """What the engine was unsure of."""
     reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
     """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    origins: Origins = NO_ORIGINS
+    """What the photos began from: scans as they were found."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
     results: Path | None = None
@@ -117,21 +120,20 @@ class DeskInputs:
 class Desk:
     """An open review desk."""
 
-    def __init__(self, front: Front, access: Access, host: str, parts: list[Any]) -> None:
-        self._front, self._access, self._host = front, access, host
+    def __init__(self, front: Front, access: Access, parts: list[Any]) -> None:
+        self._front, self._access = front, access
         self._parts = parts
         self._over = threading.Event()
 
     @property
     def url(self) -> str:
         """The address to open, with the token."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._host, self._host)
-        return f"http://{host}:{self.port}/?token={self._access.token}"
+        return self._access.url(self.port)
 
     @property
     def guest_url(self) -> str:
         """The address for those who may look and decide nothing."""
-        return self.url.replace(self._access.token, self._access.guest_token)
+        return self._access.guest_url(self.port)
 
     @property
     def port(self) -> int:
@@ -200,6 +202,7 @@ def open_desk(desk: DeskInputs) -> Desk:
         desk.likeness,
         desk.doubts,
         desk.reference_sigma_m,
+        desk.origins,
         desk.choose,
     )
     loop = ReviewLoop(inputs, _screen(front, channel, scene, tiles, desk.language))
@@ -213,7 +216,7 @@ def open_desk(desk: DeskInputs) -> Desk:
         drawn_from_block(state.oriented),
     )
     parts = [front, illustrator, remaker, worker, loop, scene, tiles]
-    opened = Desk(front, access, desk.host, parts)
+    opened = Desk(front, access, parts)
     try:
         front.start()
     except OSError as error:

@@ -10,11 +10,12 @@ import numpy as np
 
 from core.block.assembly import Assembly, assemble_block
 from core.block.block import Block
-from core.block.features import usable_from_mask
-from core.block.patches import OpenPhoto
-from core.block.reference_points import ReferenceFeatures, gather_reference_points
-from core.block.standing import Site
+from core.block.published import CHAINS, assemble_published
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.registration.standing import Site
 from core.block.tie_points import match_ties
+from core.block.ties.features import usable_from_mask
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
@@ -148,6 +149,9 @@ def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
         features.points,
         features.sources,
     )
+    if given.preset != "gruber":
+        chain, rng = CHAINS[given.preset], random_for(given.name, given.preset)
+        return Assembly(*assemble_published(block, site, chain, given.adjustment, rng, work.mapper))
     return assemble_block(
         block,
         site,
@@ -208,14 +212,15 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=3,
+        version=4,
     ),
     Stage(
         "control",
         "Control points and the block",
         ("orientation", "ties"),
-        lambda given: (given.assembly, given.surveyed),
+        lambda given: (given.assembly, given.surveyed, given.preset),
         find_control,
+        version=2,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

@@ -11,8 +11,9 @@ from core.block.assembly import AssemblyOptions
 from core.block.block import Block, SurveyedPoint, TiePoints
 from core.block.block_placement import BlockPlacementOptions, PlacedBlock
 from core.block.georeference import Georeference
-from core.block.orientation import OrientationOptions
-from core.block.placement import Placement
+from core.block.published import Preset
+from core.block.registration.orientation import OrientationOptions
+from core.block.registration.placement import Placement
 from core.block.tie_points import TieOptions
 from core.doubts import Doubt
 from core.geometry.camera import Camera
@@ -71,6 +72,8 @@ class BlockInput:
     """Accuracy of a height, metres."""
     orientation: OrientationOptions = field(default_factory=OrientationOptions)
     """How single photos are oriented."""
+    preset: Preset = "gruber"
+    """Whose control it is."""
     assembly: AssemblyOptions = field(default_factory=AssemblyOptions)
     """How the block is brought together."""
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)

@@ -12,10 +12,10 @@ from core.block.block import Block, Photo
 from core.block.block_placement import PlacedBlock, place_block
 from core.block.free_block import free_blocks
 from core.block.georeference import Archive, georeference_photo, open_archive
-from core.block.orientation import OrientedPhoto, orient_photo, orient_placed_photo
-from core.block.pairs import footprint
-from core.block.patches import OpenPhoto
-from core.block.reference_points import ReferenceFeatures
+from core.block.registration.orientation import OrientedPhoto, orient_photo, orient_placed_photo
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.reference_points import ReferenceFeatures
+from core.block.ties.pairs import footprint, position_sigma_m
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera
@@ -24,6 +24,8 @@ from core.reference.coverage import check_coverage
 from core.reference.dem import Dem, open_dem
 from core.reference.ortho import open_ortho
 from core.reference.reference import Reference
+from core.reference.road_lines import lines_on_ground
+from core.reference.roads import read_roads
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced, Made, PlacedBlocks, ScanSet, Tied, Work
@@ -39,13 +41,17 @@ def random_for(*names: str) -> np.random.Generator:
 
 
 def open_reference(given: BlockInput, bounds: Bounds | None = None) -> Reference:
-    """The reference of a block, its files opened; heights within bounds held in memory."""
+    """The reference of a block, its files opened; heights and roads within bounds in memory."""
     dem = open_dem(given.dem, given.crs)
+    if bounds is not None:
+        dem = dem.cropped(bounds)
+    roads = None if bounds is None else read_roads(given.roads, given.crs, bounds)
     return Reference(
         open_ortho(given.ortho, given.crs),
-        dem if bounds is None else dem.cropped(bounds),
+        dem,
         given.ortho_sigma_m,
         given.dem_sigma_m,
+        None if roads is None else lines_on_ground(roads, dem),
     )
 
 
@@ -60,7 +66,7 @@ def georeference_photos(given: BlockInput, made: Made, work: Work) -> Georeferen
     """
     scans: ScanSet = made["scans"]
     reference = open_reference(given)
-    archive = open_archive(given.georeference, given.crs, scans.oriented)
+    archive = open_archive(given.georeference, given.crs, scans.oriented, reference.ortho.bounds)
     cameras = {scan.path.stem: scan.camera for scan in given.scans}
     found: dict[str, Approximation] = {}
     failed: dict[str, PhotogrammetryError] = {}
@@ -99,7 +105,10 @@ def approximated(
         return error
     if isinstance(found, Approximation):
         return found
-    remedy = "Give a world file, a footprint, QGIS .points or an EO list under [scans]."
+    remedy = (
+        "Give a world file, a footprint, QGIS .points or an EO list under [scans], or the scale of "
+        "the photos (scale_number = 15000), to have them sought all over the reference ortho."
+    )
     return OrientationError(scan.scan.path, found.reason, remedy)
 
 
@@ -219,6 +228,8 @@ def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, Orient
         )
 
     def alone(photo: Photo) -> OrientedPhoto | Failure:
+        if position_sigma_m(photo) > opened(photo).width_m:
+            return Failure("nothing says where it lies, and no tie points carry it there")
         best: OrientedPhoto | Failure = Failure("it was not tried")
         for number, start in enumerate(placed.approximations[photo.photo_id].hypotheses):
             rng = random_for(given.name, photo.photo_id, str(number))

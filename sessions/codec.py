@@ -37,11 +37,11 @@ from core.block.block import (
     TiePoints,
 )
 from core.block.block_placement import PlacedBlock
-from core.block.ground_search import Turn
-from core.block.matching import Found
-from core.block.orientation import OrientedPhoto, ReferencePoints
-from core.block.placement import Placement
-from core.block.reference_points import ReferenceFeatures
+from core.block.registration.ground_search import Turn
+from core.block.registration.matching import Found
+from core.block.registration.orientation import OrientedPhoto, ReferencePoints
+from core.block.registration.placement import Placement
+from core.block.registration.reference_points import ReferenceFeatures
 from core.doubts import Doubt, Failure
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera

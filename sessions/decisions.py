@@ -155,6 +155,20 @@ class JudgeFiducial:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceFiducial:
+    """The operator's own measurement of a fiducial."""
+
+    photo_id: str
+    """The photo."""
+    name: str
+    """The mark, as the certificate names it."""
+    column: float
+    """Pixels, corner origin."""
+    row: float
+    """Pixels, corner origin."""
+
+
+@dataclass(frozen=True, slots=True)
 class Withdraw:
     """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
 
@@ -164,7 +178,9 @@ class Withdraw:
 
 PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChoosePeak
 """A decision about one point in one photo."""
-Decision = PhotoDecision | SetRole | AddPoint | JudgeTie | JudgePhoto | JudgeFiducial | Withdraw
+FiducialDecision = JudgeFiducial | PlaceFiducial
+"""A decision about one fiducial of one scan."""
+Decision = PhotoDecision | SetRole | AddPoint | JudgeTie | JudgePhoto | FiducialDecision | Withdraw
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)
 

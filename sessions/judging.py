@@ -1,19 +1,17 @@
-"""Lay a verdict on a tie point, a photo or a fiducial over a block."""
+"""Lay a verdict on a tie point or a photo over a block."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from core.block.block import Block, TiePoints
-from core.doubts import Failure
-from core.geometry.interior import fit_interior
-from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
+from sessions.decisions import JudgePhoto, JudgeTie
 
 SAME_RAY_PX = 1.0
 """Two rays of a photo nearer than this, scan pixels, are the same."""
 
 
-def judged(block: Block, decision: JudgeTie | JudgePhoto | JudgeFiducial) -> Block | None:
+def judged(block: Block, decision: JudgeTie | JudgePhoto) -> Block | None:
     """The block after the verdict; None when what it is about is not in this block."""
     match decision:
         case JudgeTie():
@@ -25,8 +23,6 @@ def judged(block: Block, decision: JudgeTie | JudgePhoto | JudgeFiducial) -> Blo
             # A photo that was never placed cannot be used because somebody says so.
             kept = replace(photo, oriented=photo.oriented and use)
             return block.with_photos({**block.photos, photo_id: kept})
-        case JudgeFiducial():
-            return _with_fiducial(block, decision)
 
 
 def tie_at(ties: TiePoints, photo_id: str, column: float, row: float) -> int | None:
@@ -53,21 +49,3 @@ def _with_tie(block: Block, decision: JudgeTie) -> Block | None:
         ties.photo_ids, ties.point[kept], ties.photo[kept], ties.pixels[kept], ties.sigma_px[kept]
     )
     return replace(block, ties=fewer)
-
-
-def _with_fiducial(block: Block, decision: JudgeFiducial) -> Block | None:
-    """The interior orientation without a wrong mark; as it is where too few would be left."""
-    photo = block.photos.get(decision.photo_id)
-    if photo is None or decision.name not in photo.interior.names:
-        return None
-    if decision.use:
-        return block
-    interior = photo.interior
-    keep = [i for i, name in enumerate(interior.names) if name != decision.name]
-    certified = interior.film_from_pixel(interior.pixels) - interior.residuals_um / 1000
-    names = [interior.names[i] for i in keep]
-    fitted = fit_interior(names, interior.pixels[keep], certified[keep])
-    if isinstance(fitted, Failure):
-        return None
-    without = replace(photo, interior=fitted)
-    return block.with_photos({**block.photos, decision.photo_id: without})

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.block.block import Block, Measurement, Peak, Photo, SurveyedPoint
+from core.scan.corrected_marks import MarkChange
 from sessions.decisions import (
     NOT_VISIBLE,
     Accept,
@@ -19,12 +20,14 @@ from sessions.decisions import (
     MarkNotVisible,
     PhotoDecision,
     Place,
+    PlaceFiducial,
     Recorded,
     Reject,
     SetRole,
     Withdraw,
     standing,
 )
+from sessions.fiducials import Films, changed, knows, with_changes, with_effect
 from sessions.judging import judged
 
 HAND_SIGMA_PX = 0.5
@@ -44,15 +47,22 @@ class Replayed:
     session and tried again at every replay."""
 
 
-def replay(block: Block, decisions: Sequence[Recorded]) -> Block:
-    """The block with the standing decisions laid over it, in the order they were made."""
-    return replay_all(block, decisions).block
+def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = None) -> Block:
+    """The block with the standing decisions laid over it, in the order they were made.
+
+    Args:
+        block: As the engine left it.
+        decisions: Everything recorded.
+        found: Scans with their fiducials as they were found; see `fiducials.with_changes`.
+    """
+    return replay_all(block, decisions, found).block
 
 
-def replay_all(block: Block, decisions: Sequence[Recorded]) -> Replayed:
+def replay_all(block: Block, decisions: Sequence[Recorded], found: Films | None = None) -> Replayed:
     """As `replay`, with the standing decisions that are about nothing in this block."""
     measurements, surveyed = dict(block.measurements), dict(block.surveyed)
     known_photos, unmatched = block.photos, list[Recorded]()
+    marks: dict[str, dict[str, MarkChange]] = {}
     known = {recorded.decision_id for recorded in decisions}
     for recorded in standing(decisions):
         match recorded.decision:
@@ -62,13 +72,17 @@ def replay_all(block: Block, decisions: Sequence[Recorded]) -> Replayed:
                 matched = _set_role(surveyed, decision)
             case AddPoint() as decision:
                 matched = _add_point(known_photos, surveyed, measurements, decision)
-            case JudgeTie() | JudgePhoto() | JudgeFiducial() as decision:
-                changed = judged(block, decision)
-                matched, block = changed is not None, changed or block
+            case JudgeTie() | JudgePhoto() as decision:
+                after = judged(block, decision)
+                matched, block = after is not None, after or block
+            case JudgeFiducial() | PlaceFiducial() as decision:
+                matched = knows(block, decision)
+                changed(marks, decision)
             case decision:
                 matched = _decide(known_photos, surveyed, measurements, decision, recorded.who)
         if not matched:
             unmatched.append(recorded)
+    block = with_changes(block, with_effect(marks), found)
     return Replayed(replace(block, surveyed=surveyed, measurements=measurements), tuple(unmatched))
 
 

@@ -16,6 +16,7 @@ from core.errors import StorageError
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import Decision, Recorded, Withdraw, last_to_redo, last_to_undo
 from sessions.disk import told
+from sessions.fiducials import Films
 from sessions.layers import write_layers
 from sessions.processes import only_run
 from sessions.products import Products
@@ -95,13 +96,13 @@ class Session:
         """What was recorded after a given decision, by whomever; 0 for everything."""
         return tuple(self._recorded(row) for row in self._store.rows(after=decision_id))
 
-    def replayed(self, block: Block) -> Block:
-        """The block with all standing decisions laid over it."""
-        return self.replayed_all(block).block
+    def replayed(self, block: Block, found: Films | None = None) -> Block:
+        """The block with all standing decisions laid over it; `found` as for `replay`."""
+        return self.replayed_all(block, found).block
 
-    def replayed_all(self, block: Block) -> Replayed:
+    def replayed_all(self, block: Block, found: Films | None = None) -> Replayed:
         """As `replayed`, with the decisions that find no place in this block."""
-        return replay_all(block, self.decisions())
+        return replay_all(block, self.decisions(), found)
 
     def undo(self, operator: str | None = None) -> Recorded | None:
         """Withdraw the operator's own last decision that stands; None when there is none."""

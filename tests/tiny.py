@@ -7,7 +7,7 @@ import numpy as np
 
 from core.arrays import locked
 from core.block.block import Block, ExteriorPrior, Photo, TiePoints
-from core.block.patches import OpenPhoto
+from core.block.registration.patches import OpenPhoto
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.reference.dem import Dem, open_dem

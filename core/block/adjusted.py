@@ -52,6 +52,8 @@ class AdjustmentOptions:
     """Test of residuals: against their stated sigmas (Baarda), or estimated ones (Pope)."""
     risk: float = 0.001
     """Probability that a good coordinate is taken for a gross error."""
+    compare_methods: bool = False
+    """Whether the protocol has strips and independent models beside the bundle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

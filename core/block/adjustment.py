@@ -6,13 +6,13 @@ from functools import cache
 from threadpoolctl import ThreadpoolController
 
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment_report import report_of, untouched
 from core.block.block import Block
 from core.block.degenerate import examined
-from core.block.free_network import freed, laid_on_control
-from core.block.network import Network, network_of
-from core.block.solution import Solution, solve_network
-from core.block.terrain import Terrain
+from core.block.least_squares.adjustment_report import report_of, untouched
+from core.block.least_squares.free_network import freed, laid_on_control
+from core.block.least_squares.network import Network, network_of
+from core.block.least_squares.solution import Solution, solve_network
+from core.block.least_squares.terrain import Terrain
 from core.progress import Progress, Silent
 
 DEFAULT = AdjustmentOptions()

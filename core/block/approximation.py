@@ -33,7 +33,7 @@ from core.geometry.transforms import (
     rotation_and_scale,
 )
 
-GeoreferenceSource = Literal["world-file", "points", "footprints", "exterior"]
+GeoreferenceSource = Literal["world-file", "points", "footprints", "exterior", "area"]
 QUARTERS = np.arange(4) * np.pi / 2
 FAR_M = 50_000.0
 """A photo further than this outside the DEM is a mistake, not a poor start, metres."""
@@ -66,6 +66,10 @@ class PriorOptions:
     """Place from an EO list without sigma columns, metres."""
     list_deg: float = 0.5
     """Angles from an EO list without sigma columns, degrees."""
+    area_height_share: float = 0.06
+    """Height over ground from a scale number, which archives round, as a share of it."""
+    area_kappa_deg: float = 45.0
+    """kappa of each hypothesis where nothing tells the direction of flight, degrees."""
     strip_kappa_deg: float = 20.0
     """kappa of each hypothesis from the direction of flight, degrees."""
 
@@ -203,6 +207,34 @@ def approximate_from_footprint(
     return Approximation(hypotheses[0], prior, "footprints", hypotheses)
 
 
+def approximate_in_area(
+    area: Bounds,
+    scale_number: float,
+    camera: Camera,
+    ground: Ground,
+    options: PriorOptions | None = None,
+) -> Approximation:
+    """A vertical photo somewhere in an area, of any kappa: all that its scale number tells.
+
+    Args:
+        area: West, south, east, north of where it may lie, metres.
+        scale_number: Flying height over principal distance, such as 15000 for 1 : 15 000.
+        camera: Camera.
+        ground: CRS and mean height.
+        options: Standard deviations.
+    """
+    options = options or PriorOptions()
+    west, south, east, north = area
+    middle, scale = np.array([west + east, south + north]) / 2, scale_number / 1000
+    hypotheses = tuple(_over(middle, float(k), scale, camera, ground) for k in QUARTERS)
+    prior = _prior(
+        max(east - west, north - south) / 5,
+        options.area_height_share * scale * camera.principal_distance_mm,
+        options.tilt_deg, options.area_kappa_deg,
+    )  # fmt: skip
+    return Approximation(hypotheses[0], prior, "area", hypotheses)
+
+
 def approximate_from_eo(
     record: EoRecord,
     file: Path,
@@ -243,7 +275,7 @@ def approximate_from_eo(
     start = 0.0 if direction is None else direction
     kappas = start + QUARTERS[[0, 2, 1, 3]]
     hypotheses = tuple(ExteriorOrientation(centre, 0.0, 0.0, _wrapped(float(k))) for k in kappas)
-    spread = 45.0 if direction is None else options.strip_kappa_deg
+    spread = options.area_kappa_deg if direction is None else options.strip_kappa_deg
     angles = np.radians([options.tilt_deg, options.tilt_deg, spread])
     return Approximation(
         hypotheses[0], ExteriorPrior(np.array(place), angles), "exterior", hypotheses

@@ -9,12 +9,19 @@ import numpy as np
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
-from core.block.control import ControlOptions, measurements_of, surveyed_of, with_proposals
-from core.block.datum import DatumOptions, lay_on_reference
-from core.block.orientation import OrientationOptions, OrientedPhoto
-from core.block.patches import OpenPhoto
-from core.block.standing import MIN_TIES, Site, stand_up
-from core.block.terrain import Terrain
+from core.block.control import (
+    ControlOptions,
+    Search,
+    judged,
+    search_points,
+    surveyed_of,
+    with_proposals,
+)
+from core.block.least_squares.terrain import Terrain
+from core.block.registration.datum import DatumOptions, lay_on_reference
+from core.block.registration.orientation import OrientationOptions, OrientedPhoto
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.standing import MIN_TIES, Site, stand_up
 from core.doubts import Doubt, Failure
 from core.progress import Progress, Silent
 
@@ -141,14 +148,15 @@ def proposals(
 ) -> tuple[Measurement, ...]:
     """Search the reference points in every oriented photo."""
 
-    def searched(photo: Photo) -> tuple[Measurement, ...]:
+    def searched(photo: Photo) -> tuple[Search, ...]:
         opened = OpenPhoto(photo, block.cameras[photo.camera], site.scans[photo.photo_id])
-        return measurements_of(
+        return search_points(
             opened, site.reference, site.points, options.orientation, options.control
         )
 
     photos = [photo for photo in block.photos.values() if photo.oriented]
-    return tuple(value for values in mapper(searched, photos) for value in values)
+    searches = [search for found in mapper(searched, photos) for search in found]
+    return judged(searches, site.sources, options.control)[0]
 
 
 def adjusted_without_gross(

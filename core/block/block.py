@@ -117,7 +117,7 @@ class Peak:
     score: float
     """Height of the peak in its operator's own measure."""
     operator: str
-    """`ncc` or `gradient`, or `operator` for a hand placed one."""
+    """Names of the operators that see it, joined by `+`, or `operator` for a hand placed one."""
 
 
 @dataclass(frozen=True, slots=True)

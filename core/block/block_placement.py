@@ -15,15 +15,15 @@ import numpy as np
 from core.arrays import PlanPosition, Scalars
 from core.block.block import Block, Photo
 from core.block.free_block import FreeBlock
-from core.block.ground_search import Backdrop, Laid, Level, Turn, distinct, steps_of
-from core.block.pairs import footprint
-from core.block.patches import OpenPhoto
-from core.block.placement import (
+from core.block.registration.ground_search import Backdrop, Laid, Level, Turn, distinct, steps_of
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.placement import (
     Placement,
     laid_on_ground,
     placement_covariance,
     refined_turn,
 )
+from core.block.ties.pairs import footprint
 from core.doubts import Failure
 from core.geometry.grid import Grid
 from core.reference.reference import Reference
@@ -38,8 +38,11 @@ class BlockPlacementOptions:
     """Width of a photo in pixels in the first search, where the block is small enough."""
     block_px: int = 420
     """Largest side of the block in pixels in the first search."""
-    most_trials: int = 1500
-    """More turns and scales than this are thinned out, by a coarser first search."""
+    most_work: float = 4e8
+    """Trials times pixels of each; where it would be more, the first search is coarser."""
+    candidates: int = 24
+    """Places of a coarser first search that are sought again more finely; of one that is not
+    coarser, only those that are handed on."""
     fine_px: int = 900
     """Largest side of the block in pixels when the best places are sought again."""
     search_sigmas: float = 2.5
@@ -88,20 +91,22 @@ def place_block(
     about = np.mean([photo.exterior.centre[:2] for photo in block.photos.values()], axis=0)
     reach = block_reach_m(block, about)
     room = _Room.of(list(block.photos.values()), free.turns, options)
-    gsd = room.first_gsd_m(min(opened.width_m for opened in photos.values()), reach, options)
+    width = min(opened.width_m for opened in photos.values())
+    finest = max(width / options.photo_px, 2 * reach / options.block_px)
+    gsd = room.first_gsd_m(finest, reach, options)
     finer = max(1, round(min(gsd * options.fine_px / (2 * reach), 2.5)))
     laid = laid_block(photos, reference, about, reach, gsd, mapper)
     backdrop = Backdrop.read(reference.ortho, about, laid.half_m + room.shift_m, gsd / finer)
     level = Level(laid, backdrop.coarser(finer), Turn(0.0, 1.0), room.shift_m)
     turns = level.search(room.trials(reach / gsd), 2, mapper)
-    best = distinct(turns, options.hypotheses, reach)
+    best = distinct(turns, options.candidates if gsd > finest else options.hypotheses, reach)
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
     fine = laid_block(photos, reference, about, reach, gsd / finer, mapper)
     step = 1.5 * gsd / reach
     found = list(mapper(lambda turn: refined_turn(fine, backdrop, turn, step), best))
     found.sort(key=lambda turn: -turn.score)
-    return _placed(photos, about, tuple(found), gsd / finer, options)
+    return _placed(photos, about, tuple(found[: options.hypotheses]), gsd / finer, options)
 
 
 def block_reach_m(block: Block, about: PlanPosition) -> float:
@@ -132,12 +137,15 @@ class _Room:
         scale = min(options.search_sigmas * float(np.min(height)), options.most_scale)
         return _Room(turns, options.search_sigmas * float(np.min(plan)), scale)
 
-    def first_gsd_m(self, width_m: float, reach_m: float, options: BlockPlacementOptions) -> float:
-        """The finest ground sample distance whose trials are not too many."""
-        gsd = max(width_m / options.photo_px, 2 * reach_m / options.block_px)
-        while len(self.trials(reach_m / gsd)) > options.most_trials:
+    def first_gsd_m(self, gsd: float, reach_m: float, options: BlockPlacementOptions) -> float:
+        """A ground sample distance, or the finest above it at which the search is not too long."""
+        while self._work(reach_m / gsd, self.shift_m / gsd) > options.most_work:
             gsd *= 1.15
         return gsd
+
+    def _work(self, reach_px: float, shift_px: float) -> float:
+        """Trials times pixels of each."""
+        return len(self.trials(reach_px)) * (2 * (reach_px + shift_px)) ** 2
 
     def trials(self, reach_px: float) -> list[tuple[float, float]]:
         """Turns and scales in steps that move the block's rim by about two pixels."""

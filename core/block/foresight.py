@@ -15,15 +15,15 @@ from jaxtyping import Float64
 
 from core.arrays import Position
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.banded import SIZE
 from core.block.block import UNKNOWN_M, Block, Measurement
-from core.block.equations import Equations
-from core.block.footprints import ground_shifts_of
-from core.block.network import CONSTANTS
-from core.block.reliability import NONCENTRALITY
-from core.block.solution import Solution
-from core.block.terrain import Terrain
-from core.block.warm import solution_of
+from core.block.least_squares.banded import SIZE
+from core.block.least_squares.equations import Equations
+from core.block.least_squares.footprints import ground_shifts_of
+from core.block.least_squares.network import CONSTANTS
+from core.block.least_squares.reliability import NONCENTRALITY
+from core.block.least_squares.solution import Solution
+from core.block.least_squares.terrain import Terrain
+from core.block.least_squares.warm import solution_of
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.geometry.partials import rotations_from_increments

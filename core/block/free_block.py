@@ -19,7 +19,7 @@ from core.arrays import PlanPosition, Scalars
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
 from core.block.block import Block, ExteriorPrior, Photo
-from core.block.chains import with_rays
+from core.block.ties.chains import with_rays
 from core.geometry.exterior import ExteriorOrientation
 
 MIN_COMMON = 8
@@ -217,7 +217,8 @@ def laid_by_sources(
 ) -> tuple[Similarities, float]:
     """The plane block turned, then scaled and shifted as its sources want it, and what it costs.
 
-    The cost is the sum of squared differences in standard deviations.
+    The cost is the sum of squared differences in standard deviations. Sources that all name one
+    place say where the block lies, and nothing of how its photos lie to each other.
     """
     about = np.exp(1j * turn)
     linear = (plane[:, 0] + 1j * plane[:, 1]) * about
@@ -227,6 +228,8 @@ def laid_by_sources(
     scale_weight = sum(1 / source.sigma_scale**2 for source in sources) / len(sources)
     middle = np.sum(weight * place) / weight.sum(), np.sum(weight * known) / weight.sum()
     own, theirs = place - middle[0], known - middle[1]
+    if not np.any(np.abs(known - known[0]) > 0):
+        weight = np.zeros_like(weight)
     top = float(np.sum(weight * (own * theirs.conj()).real)) + scale_weight
     scale = max(top / (float(np.sum(weight * np.abs(own) ** 2)) + scale_weight), 0.5)
     kappas = np.angle(linear)

@@ -16,6 +16,7 @@ from core.block.approximation import (
     approximate_from_footprint,
     approximate_from_points,
     approximate_from_world_file,
+    approximate_in_area,
     flight_directions,
     world_file_centre,
 )
@@ -25,7 +26,7 @@ from core.formats.footprints import Footprint, Footprints, read_footprints
 from core.formats.qgis_points import find_qgis_points, read_qgis_points
 from core.formats.world_file import read_georeference
 from core.geometry.camera import Camera
-from core.geometry.crs import check_range, infer_crs, operation_between, read_crs
+from core.geometry.crs import Bounds, check_range, infer_crs, operation_between, read_crs
 from core.reference.dem import Dem
 from core.scan.orientation import ScanOrientation
 
@@ -46,6 +47,8 @@ class Georeference:
     """Its attribute with the scan's file name."""
     exterior: Path | None = None
     """EO list."""
+    scale_number: float | None = None
+    """Scale of photos that no source places: they are sought all over the reference ortho."""
     prior: PriorOptions = field(default_factory=PriorOptions)
     """A-priori standard deviations."""
 
@@ -64,12 +67,16 @@ class Archive:
     """Rows of the EO list by photo."""
     directions: Mapping[str, float]
     """Directions of flight by photo, radians from grid east, where positions give them."""
+    area: Bounds
+    """West, south, east, north of the reference ortho, metres."""
     doubts: tuple[Doubt, ...] = ()
     """Sources that say nothing of any photo of the block."""
 
 
-def open_archive(georeference: Georeference, crs: str, photo_ids: Collection[str]) -> Archive:
-    """Read the EO list and the footprints of a block.
+def open_archive(
+    georeference: Georeference, crs: str, photo_ids: Collection[str], area: Bounds
+) -> Archive:
+    """Read the EO list and the footprints of a block that lies in an area.
 
     Raises:
         ProjectError: One of the files is missing, unreadable, or lacks a column or attribute.
@@ -92,7 +99,7 @@ def open_archive(georeference: Georeference, crs: str, photo_ids: Collection[str
             doubts.append(_names_none(georeference.exterior, "rows", photo_ids))
     centres = {name: np.array(record.centre) for name, record in records.items()}
     directions = flight_directions(centres)
-    return Archive(georeference, crs, footprints, records, directions, tuple(doubts))
+    return Archive(georeference, crs, footprints, records, directions, area, tuple(doubts))
 
 
 def georeference_photo(
@@ -102,7 +109,7 @@ def georeference_photo(
 
     The EO list comes first where it has the scan, then points that somebody clicked in this very
     scan, then the source that was asked for; where that has nothing for it, any other that does,
-    with a doubt.
+    with a doubt; at last the whole area, where the scale of the photos is given.
 
     Args:
         oriented: The scan with its interior orientation.
@@ -127,6 +134,8 @@ def georeference_photo(
         return replace(
             found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))
         )
+    if archive.georeference.scale_number is not None:
+        return _from_area(archive.georeference.scale_number, camera, archive, dem)
     return Failure(
         f"Nothing says where {oriented.photo_id} was taken: no world file or points beside it, no "
         "row in the EO list, no footprint.",
@@ -209,6 +218,15 @@ def _from_points(
     ground = _ground(dem, archive.crs, *first.exterior.centre[:2].tolist())
     return approximate_from_points(
         points, oriented.interior, camera, ground, archive.georeference.prior
+    )
+
+
+def _from_area(scale_number: float, camera: Camera, archive: Archive, dem: Dem) -> Approximation:
+    """Somewhere on the reference ortho."""
+    west, south, east, north = archive.area
+    ground = _ground(dem, archive.crs, (west + east) / 2, (south + north) / 2)
+    return approximate_in_area(
+        archive.area, scale_number, camera, ground, archive.georeference.prior
     )
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from core.block.block import Block, TiePoints
-from core.block.chains import PairKey, chain_matches, consistent, with_rays
-from core.block.features import FeatureOptions, Features, Usable, detect_features, picture_area
-from core.block.fine_matching import GivenTies, PairGeometry
-from core.block.matches import VerifiedMatches
-from core.block.pair_search import SearchOptions, match_pairs
-from core.block.thinning import ThinningOptions, thin_ties
-from core.block.tie_measurement import MeasurementOptions, measure_ties
-from core.block.tie_report import PairReport, assess_ties, report_pair
+from core.block.ties.chains import PairKey, chain_matches, consistent, with_rays
+from core.block.ties.features import FeatureOptions, Features, Usable, detect_features, picture_area
+from core.block.ties.fine_matching import GivenTies, PairGeometry
+from core.block.ties.matches import VerifiedMatches
+from core.block.ties.pair_search import SearchOptions, match_pairs
+from core.block.ties.thinning import ThinningOptions, thin_ties
+from core.block.ties.tie_measurement import MeasurementOptions, measure_ties
+from core.block.ties.tie_report import PairReport, assess_ties, report_pair
 from core.doubts import Doubt
 from core.progress import Progress, Silent, tracked
 from core.scan.raster import open_scan

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from core.reference.dem import Dem
 from core.reference.ortho import Ortho
+from core.reference.road_lines import RoadLines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,3 +19,5 @@ class Reference:
     """Standard deviation of the ortho per axis, metres."""
     dem_sigma_m: float
     """Standard deviation of a height, metres."""
+    roads: RoadLines | None = None
+    """Roads to be drawn into the photos; None where there are none."""

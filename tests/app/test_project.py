@@ -129,6 +129,10 @@ MISTAKES = {
         r":13 \[scans\] camra: is no key .* Did you mean `camera`\?",
     ),
     "unknown table": (TOML + "[refrence]\n", r":20 refrence: is no key .* `reference`\?"),
+    "operator": (
+        TOML + '[control]\noperators = ["magic"]\n',
+        r"'magic' is no operator.*Write a list of ncc",
+    ),
     "no table": (TOML.replace("[block]", "[control]"), r"has no \[block\]. Add it"),
     "no camera": (re.sub(r"\[camera.wide\]\n(.+\n)+", "", TOML), "describes no camera"),
     "nameless camera": (TOML.replace("[camera.wide]", "[camera]"), "describes no camera"),
@@ -184,6 +188,16 @@ def test_each_mistake_names_the_line_and_the_remedy__truth(
     assert re.search(message, told), told
     assert told.startswith(str(folder / "block.toml"))
     assert caught.value.remedy
+
+
+def test_an_operator_this_machine_lacks_is_refused__truth(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.project.has_akaze", lambda: False)
+    with pytest.raises(PhotogrammetryError, match=r"has no AKAZE\. Take another"):
+        read(folder, TOML + '[control]\noperators = ["akaze"]\n')
+    monkeypatch.setattr("app.project.has_akaze", lambda: True)
+    assert read(folder, TOML + '[control]\noperators = "akaze"\n').control.operators == ("akaze",)
 
 
 def test_missing_attribute_names_those_that_are_there__truth(folder: Path) -> None:

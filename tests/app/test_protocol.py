@@ -31,6 +31,19 @@ def test_every_part_is_told_in_its_order__law(written):
     assert "nan" not in text
 
 
+def test_methods_are_compared_where_that_is_asked_for__law(written, report, tmp_path):
+    text, f = written
+    assert f["methods"] == []
+    assert "METHODS" not in text
+    both = write_protocol(tmp_path, "block", report, AdjustmentOptions(compare_methods=True))
+    text, figures = (path.read_text(encoding="utf-8") for path in both)
+    rows = {row["method"]: row for row in json.loads(figures)["methods"]}
+    assert list(rows) == ["strips", "models", "bundle"]
+    assert rows["bundle"]["centres_m"] == [0.0, 0.0, 0.0]
+    assert max(rows["models"]["centres_m"]) < 50
+    assert text.index("CHECK POINTS\n") < text.index("METHODS COMPARED") < text.index("EXTERIOR O")
+
+
 def test_figures_are_those_of_the_report__law(written, report):
     _, f = written
     assert f["quality"]["sigma_nought"] == report.sigma_nought

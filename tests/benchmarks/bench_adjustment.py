@@ -19,13 +19,13 @@ import numpy as np
 
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block, adjust_with_solution
-from core.block.banded import invert_bordered
 from core.block.block import Block
 from core.block.foresight import Foresight
-from core.block.minimum import begin, minimise
-from core.block.network import network_of
-from core.block.solver import normals_of, pattern_of
-from core.block.start import initial_state
+from core.block.least_squares.banded import invert_bordered
+from core.block.least_squares.minimum import begin, minimise
+from core.block.least_squares.network import network_of
+from core.block.least_squares.solver import normals_of, pattern_of
+from core.block.least_squares.start import initial_state
 from core.progress import Silent
 from tests.benchmarks.blocks import comparable, sized
 from tests.flights import fly

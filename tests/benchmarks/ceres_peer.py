@@ -14,8 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from core.block.adjusted import AdjustmentOptions
-from core.block.network import Network, State, network_of
-from core.block.start import initial_state
+from core.block.least_squares.network import Network, State, network_of
+from core.block.least_squares.start import initial_state
 from tests.benchmarks.blocks import comparable
 
 CERES_FROM_IMAGE = np.diag([1.0, -1.0, -1.0])

@@ -13,9 +13,9 @@ import numpy as np
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import adjust_block, adjust_with_solution
 from core.block.block import Block, TiePoints
-from core.block.equations import Equations
 from core.block.foresight import Foresight
-from core.block.solution import Solution
+from core.block.least_squares.equations import Equations
+from core.block.least_squares.solution import Solution
 from tests.flights import Flight, FlightPlan, fly
 
 PLAIN = AdjustmentOptions(robust=False)

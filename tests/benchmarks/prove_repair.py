@@ -110,11 +110,12 @@ def main() -> int:
     """Prove it on so many blocks."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--blocks", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--size", default="tiny")
     given = parser.parse_args()
     placed = wrong = photos = 0
     say("block  source            relief  epoch   before m   after m   good files m")
-    for number in range(given.blocks):
+    for number in range(given.first, given.blocks):
         kind, options = options_of(number, given.size)
         good = replace(options, georeference="world-file", georeference_quality="good")
         folder = Path(tempfile.mkdtemp(prefix="repair-"))

@@ -57,6 +57,7 @@ def rich(tmp_path):
 @pytest.mark.parametrize("path", [
     "/", "/start", "/results/", "/results/report.html", "/pages/desk.js", "/desk/abcdefgh",
     "/tiles/ortho/0/0/0", "/tiles/raw/1938_01_014/1/0/0/0", "/scene/abcdefgh/",
+    "/tiles/near/1938_01_014/1/0/0/96/1",
 ])  # fmt: skip
 def test_without_a_token_nothing_is_served__law(rich, path):
     root = rich.url.partition("/?")[0]
@@ -81,6 +82,8 @@ def test_other_origins_and_names_are_refused_with_the_token_too__law(rich, path)
     "/tiles/raw/..%2F..%2Fsecret/1/0/0/0", "/tiles/scan/%2Fetc%2Fpasswd/1/0/0/0",
     "/tiles/raw/1938_01_014/999/0/0/0", "/tiles/ortho/99/0/0", "/tiles/ortho/0/9999999/0",
     "/tiles/point/1938_01_014/1/nan/0/1", "/tiles/point/1938_01_014/1/0/0/1e9",
+    "/tiles/near/..%2Fsecret/1/0/0/96/1", "/tiles/near/1938_01_014/1/0/0/9999/1",
+    "/tiles/near/1938_01_014/1/0/0/96/3", "/tiles/near/1938_01_014/1/99999999/0/96/1",
     "/scene/../start", "/desk/..%2F..%2Fstart",
 ])  # fmt: skip
 def test_tricks_with_paths_find_nothing__law(rich, path):
@@ -158,6 +161,12 @@ def test_hostile_names_are_only_ever_text__law(tmp_path, sit_at):
         page.wait_for_function("name => gruber.parts.point.key[1] === name", arg=HOSTILE)
         page.click('[data-act="quality"]')
         page.wait_for_selector("#quality p.verdict")
+        page.keyboard.press("Escape")
+        page.keyboard.press("g")
+        page.wait_for_selector("#placement tr[data-photo]")
+        page.keyboard.press("Escape")
+        page.keyboard.press("i")
+        page.wait_for_selector("#board .view-body p, #board .mark")
         page.wait_for_timeout(300)
         assert page.evaluate("window.hurt") is None
         assert page.locator("img[src='x']").count() == 0

@@ -7,7 +7,7 @@ import pytest
 
 from app.described import described
 from app.project import read_project
-from core.block.orientation import OrientedPhoto
+from core.block.registration.orientation import OrientedPhoto
 from core.doubts import Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.exterior import ExteriorOrientation

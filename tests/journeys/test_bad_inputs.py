@@ -397,4 +397,4 @@ def test_a_blank_scan_is_left_out_by_its_photo__truth(copy_of: CopyOf, capsys: C
     copy = copy_of(1)
     pixels_changed(copy, f"scans/{copy.scans[0].name}", lambda values: np.full_like(values, 128))
     told = gruber(capsys, "run", copy.folder)
-    told.refuses(copy.scans[0], "could not be placed", "Check that ortho")
+    told.refuses(copy.scans[0], "The scan is blank", "Scan the photo again")

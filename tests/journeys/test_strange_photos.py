@@ -4,7 +4,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import rasterio
 
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
@@ -28,3 +30,21 @@ def test_a_photo_from_elsewhere_is_left_out_and_told__truth(
     assert standing == {scan.stem: scan != strange for scan in copy.scans}
     assert [d for d in report["doubts"] if d["subject"] == strange.stem and d["gravity"] >= 0.8]
     assert all(row["scan"] != strange.stem for row in report["control"].get("left_out", []))
+
+
+def test_a_photo_scanned_twice_is_told__truth(
+    copy_of: Callable[..., BlockCopy], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second scan turned by a quarter, fainter and with noise of its own, its place unknown."""
+    copy = copy_of(3)
+    first, again = copy.scans[1:]
+    with rasterio.open(first) as scan:
+        grey, profile = scan.read(), scan.profile
+    noise = np.random.default_rng(1).normal(0, 3, grey.shape)
+    faint = np.rot90(np.clip(0.8 * grey + 20 + noise, 0, 255).astype(np.uint8), axes=(1, 2))
+    again.unlink()
+    with rasterio.open(again, "w", **profile) as scan:
+        scan.write(faint)
+    told = gruber(capsys, "run", copy.folder, "--until", "ties")
+    assert told.code == 0, told.err
+    assert f"{first.stem} and {again.stem} are scans of one photo" in told.out

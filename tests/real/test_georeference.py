@@ -22,7 +22,7 @@ def test_vovcha_world_files_and_footprints__real(shared_data: Path) -> None:
     names = sorted(truth)[::3]
     for source in ("world-file", "footprints"):
         given = Georeference(source, folder / "footprints.gpkg")
-        archive = open_archive(given, "EPSG:26918", names)
+        archive = open_archive(given, "EPSG:26918", names, dem.bounds)
         for name in names:
             oriented = orient_scan(folder / "scans" / f"{name}.tif", camera, 45.0)
             found = georeference_photo(oriented, camera, archive, dem)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from core.block.chains import rays_per_point
-from core.block.pairs import ground_of
-from core.block.thinning import frame_cells
 from core.block.tie_points import match_ties
+from core.block.ties.chains import rays_per_point
+from core.block.ties.pairs import ground_of
+from core.block.ties.thinning import frame_cells
 from tests.core.block.judging import intersected, sigma_nought
 from tests.core.block.ngi import ngi_block
 from tests.core.block.vovcha import true_block, vovcha_block

@@ -23,6 +23,7 @@ from sessions.decisions import (
     MarkDubious,
     MarkNotVisible,
     Place,
+    PlaceFiducial,
     Reject,
     SetRole,
     Withdraw,
@@ -44,6 +45,7 @@ EVERY: tuple[Decision, ...] = (
     JudgeTie("A", 10.25, 11.5, use=False),
     JudgePhoto("A", use=True),
     JudgeFiducial("A", "3", use=False),
+    PlaceFiducial("A", "3", 10.25, 2 / 3),
     Withdraw(3),
 )
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.block.likeness import Likeness
+from core.block.registration.likeness import Likeness
 from core.progress import Silent
 from tests.ui.desk_block import adjust, tiny_block
 from ui.review.adding import measured_point, next_name, seen_in

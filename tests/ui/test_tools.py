@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.block.likeness import Likeness
+from core.block.registration.likeness import Likeness
 from core.doubts import Failure
 from sessions.decisions import (
     Accept,

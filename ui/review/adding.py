@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.block.block import Measurement, Peak
-from core.block.likeness import Likeness
+from core.block.registration.likeness import Likeness
 from core.doubts import Failure
 from core.progress import Progress
 from sessions.decisions import AddPoint, Recorded

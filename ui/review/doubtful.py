@@ -6,12 +6,20 @@ import numpy as np
 
 from core.block.block import Block, Measurement, Photo, Status, SurveyedPoint
 from core.doubts import Doubt
-from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie, Recorded, standing
+from core.geometry.interior import InteriorOrientation
+from sessions.decisions import (
+    JudgeFiducial,
+    JudgePhoto,
+    JudgeTie,
+    PlaceFiducial,
+    Recorded,
+    standing,
+)
 from sessions.judging import tie_at
 from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.state import DeskState, Extra, Key, Kind
 
-Verdict = JudgeTie | JudgePhoto | JudgeFiducial
+Verdict = JudgeTie | JudgePhoto | JudgeFiducial | PlaceFiducial
 TIES_SHOWN = 60
 """So many tie points are put into the queue, the worst ones."""
 TIE_SIGMAS = 2.6
@@ -72,7 +80,10 @@ def key_of_verdict(extra: Extra, verdict: Verdict) -> Key | None:
         case JudgePhoto(photo_id=photo_id):
             key = f"photo {photo_id}", photo_id
             return key if key in extra.measurements else None
-        case JudgeFiducial(photo_id=photo_id, name=name):
+        case (
+            JudgeFiducial(photo_id=photo_id, name=name)
+            | PlaceFiducial(photo_id=photo_id, name=name)
+        ):
             key = f"fiducial {name}", photo_id
             return key if key in extra.measurements else None
         case JudgeTie(photo_id=photo_id, column=column, row=row):
@@ -128,10 +139,11 @@ class _Gathered:
     def fiducials(self, said: Mapping[tuple[str, str], bool]) -> None:
         """Marks whose residual stands out within their scan."""
         for photo_id, photo in self.base.photos.items():
-            interior = photo.interior
-            lengths = np.hypot(*interior.residuals_um.T) if len(interior.names) else []
-            limit = max(FIDUCIAL_SIGMAS * np.nan_to_num(interior.sigma_um), FIDUCIAL_UM)
-            for mark, pixel, length in zip(interior.names, interior.pixels, lengths, strict=True):
+            now = self.state.block.photos.get(photo_id, photo)
+            # Marks that were left out are only in the block before any decision.
+            marks = {**_marks(photo.interior), **_marks(now.interior)}
+            limit = max(FIDUCIAL_SIGMAS * np.nan_to_num(now.interior.sigma_um), FIDUCIAL_UM)
+            for mark, (pixel, length) in marks.items():
                 use = said.get((photo_id, mark))
                 if use is None and length <= limit:
                     continue
@@ -195,6 +207,13 @@ def worst_ties(state: DeskState) -> dict[int, float]:
     np.maximum.at(worst, ties.point[taking_part], ratio[taking_part])
     order = np.argsort(-worst)[:TIES_SHOWN]
     return {int(number): float(worst[number]) for number in order if worst[number] > TIE_SIGMAS}
+
+
+def _marks(interior: InteriorOrientation) -> dict[str, tuple[np.ndarray, float]]:
+    """Where each mark in use was measured, pixels, and the length of its residual, um."""
+    lengths = np.hypot(*interior.residuals_um.T).tolist() if interior.names else []
+    measured = zip(interior.names, interior.pixels, lengths, strict=True)
+    return {name: (pixel, length) for name, pixel, length in measured}
 
 
 def _rays_by_photo(block: Block) -> dict[str, int]:

@@ -7,9 +7,11 @@ from typing import Any, Literal, cast
 from ui.review.state import (
     KINDS,
     LAYERS,
+    SHEETS,
     SORT_COLUMNS,
     STATE_FILTERS,
     Key,
+    Sheet,
     SortColumn,
     StateFilter,
 )
@@ -213,6 +215,38 @@ class QualityAsked:
 
 
 @dataclass(frozen=True, slots=True)
+class SheetAsked:
+    """The fiducial board or the map of placements opened or closed."""
+
+    seat_id: str
+    sheet: Sheet
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MarkPlaced:
+    """A fiducial set by hand, in pixels of the raw scan."""
+
+    seat_id: str
+    photo_id: str
+    name: str
+    column: float
+    row: float
+    snap: bool = False
+    """True to move it onto the mark beside that place."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkJudged:
+    """A fiducial is in use as it is, or cannot be seen."""
+
+    seat_id: str
+    photo_id: str
+    name: str
+    use: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Freed:
     """What the adjustment estimates from now on."""
 
@@ -225,10 +259,10 @@ Gesture = (
     Judged | Explained | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
     | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
     | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named
-    | QualityAsked | Freed
+    | QualityAsked | Freed | SheetAsked | MarkPlaced | MarkJudged
 )  # fmt: skip
 LOOKING = (Stepped, Selected, Sorted, Filtered, RayPicked, LayerSwitched, VectorsScaled, Fitted,
-           QualityAsked)  # fmt: skip
+           QualityAsked, SheetAsked)  # fmt: skip
 """What a guest may do: look at everything, change nothing that others see."""
 LONGEST_NAME = 40
 Message = Mapping[str, Any]
@@ -308,6 +342,20 @@ def _quality(seat_id: str, message: Message) -> Gesture:
     return QualityAsked(seat_id, bool(message["shown"]), chosen)
 
 
+def _sheet(seat_id: str, message: Message) -> Gesture:
+    if message["sheet"] not in SHEETS:
+        raise ValueError(message["sheet"])
+    return SheetAsked(seat_id, message["sheet"], bool(message["shown"]))
+
+
+def _mark(seat_id: str, message: Message) -> Gesture:
+    column, row = (float(value) for value in message["place"])
+    if not (abs(column) < 1e6 and abs(row) < 1e6):
+        raise ValueError("not a place")
+    names = str(message["photo"]), str(message["name"])
+    return MarkPlaced(seat_id, *names, column, row, bool(message.get("snap", False)))
+
+
 _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "judge": _judged,
     "explain": lambda seat, message: Explained(seat, int(message["digit"])),
@@ -330,5 +378,10 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "name": _named,
     "quality": _quality,
     "free": lambda seat, message: Freed(seat, bool(message["cameras"]), bool(message["robust"])),
+    "sheet": _sheet,
+    "mark": _mark,
+    "mark-use": lambda seat, message: MarkJudged(
+        seat, str(message["photo"]), str(message["name"]), bool(message["use"])
+    ),
     "cancel": lambda seat, message: RemakeCancelled(seat),
 }

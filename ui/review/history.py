@@ -10,6 +10,7 @@ from sessions.decisions import (
     JudgePhoto,
     JudgeTie,
     Place,
+    PlaceFiducial,
     Recorded,
     Reject,
     SetRole,
@@ -50,7 +51,7 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
     match decision:
         case Withdraw():
             return False
-        case JudgeTie() | JudgePhoto() | JudgeFiducial():
+        case JudgeTie() | JudgePhoto() | JudgeFiducial() | PlaceFiducial():
             return key_of_verdict(extra, decision) == key
         case SetRole(point_id=point_id) | AddPoint(point_id=point_id):
             return point_id == key[0]
@@ -65,10 +66,22 @@ def key_of(decision: Decision, extra: Extra) -> Key | None:
             return None
         case AddPoint(point_id=point_id, measured=measured):
             return (point_id, measured[0].photo_id) if measured else None
-        case JudgeTie() | JudgePhoto() | JudgeFiducial():
+        case JudgeTie() | JudgePhoto() | JudgeFiducial() | PlaceFiducial():
             return key_of_verdict(extra, decision)
         case _:
             return decision.point_id, decision.photo_id
+
+
+def subject_of(decision: Decision) -> str:
+    """What a decision is about, for a word to the operator."""
+    match decision:
+        case (
+            JudgeFiducial(photo_id=photo_id, name=name)
+            | PlaceFiducial(photo_id=photo_id, name=name)
+        ):
+            return f"{name} \u00b7 {photo_id}"
+        case _:
+            return getattr(decision, "point_id", "")
 
 
 def touched_by(recorded: Recorded, decisions: Sequence[Recorded]) -> Recorded | None:
@@ -91,7 +104,7 @@ def _detail(decision: Decision) -> str:
     match decision:
         case Reject(reason=reason):
             return reason
-        case Place(column=column, row=row):
+        case Place(column=column, row=row) | PlaceFiducial(column=column, row=row):
             return f"{column:.1f}, {row:.1f} px"
         case SetRole(role=role):
             return role

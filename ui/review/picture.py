@@ -10,6 +10,7 @@ from core.block.adjusted import AdjustmentReport
 from core.block.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_pixel_m, overlay_of
 from ui.review.misfit import misfits
+from ui.review.numbers import short, shortened
 from ui.review.queue import Row, coming
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Seat
 from ui.review.trial import Trial
@@ -28,8 +29,8 @@ def rows_part(rows: Mapping[Key, Row]) -> Part:
 
 def row_line(row: Row) -> list[Any]:
     """One line of the table."""
-    return [*row.key, row.role, row.state, int(row.human), _short(row.doubt, 2),
-            _short(row.misfit_px, 2), _short(row.score, 2)]  # fmt: skip
+    return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
+            short(row.misfit_px, 2), short(row.score, 2)]  # fmt: skip
 
 
 def order_part(seat: Seat, places: Mapping[Key, int]) -> Part:
@@ -79,10 +80,10 @@ def status_part(
         tally["dubious"] += row.state == "dubious"
     making = state.remaking
     return {
-        "sigma": _short(report.sigma_nought, 4),
-        "sigma_before": _short(before.sigma_nought, 4) if before else None,
-        "mp": _short(position_error_m(report), 3),
-        "mp_before": _short(position_error_m(before), 3) if before else None,
+        "sigma": short(report.sigma_nought, 4),
+        "sigma_before": short(before.sigma_nought, 4) if before else None,
+        "mp": short(position_error_m(report), 3),
+        "mp_before": short(position_error_m(before), 3) if before else None,
         "converged": report.converged,
         "redundancy": report.redundancy,
         "counts": tally,
@@ -93,9 +94,9 @@ def status_part(
         "stale": list(stale),
         "written": state.written,
         "remaking": None if making is None else {
-            "share": _short(making.done / making.total if making.total else 0.0, 3),
+            "share": short(making.done / making.total if making.total else 0.0, 3),
             "what": making.what,
-            "left": _short(making.seconds_left, 0),
+            "left": short(making.seconds_left, 0),
             "cancelling": making.cancelling,
         },
     }  # fmt: skip
@@ -146,7 +147,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "scan": {
             "size": list(drawn[key[1]].photo.size_px),
             "version": overlay.version,
-            "pixel": _short(ground_pixel_m(oriented.photos[key[1]], oriented.camera_of(key[1])), 4),
+            "pixel": short(ground_pixel_m(oriented.photos[key[1]], oriented.camera_of(key[1])), 4),
         },
         "marks": _marks(overlay),
         "raw": _raw(overlay),
@@ -166,12 +167,12 @@ def _trial(state: DeskState, trial: Trial | None) -> Part:
         return None
     return {
         "rejects": trial.rejects,
-        "sigma": _short(trial.sigma_nought, 3),
-        "now": _short(state.report.sigma_nought, 3),
-        "shift": _short(trial.shift_m, 2),
+        "sigma": short(trial.sigma_nought, 3),
+        "now": short(state.report.sigma_nought, 3),
+        "shift": short(trial.shift_m, 2),
         "photo": trial.photo_id,
         "neighbours": [
-            [*other.key, _short(other.now_px, 2), _short(other.then_px, 2)]
+            [*other.key, short(other.now_px, 2), short(other.then_px, 2)]
             for other in trial.neighbours
         ],
     }
@@ -180,20 +181,20 @@ def _trial(state: DeskState, trial: Trial | None) -> Part:
 def _marks(overlay: Overlay) -> Part:
     """Places on the ground, metres east and north."""
     return {
-        "surveyed": _pair(overlay.surveyed[0], 4),
-        "predicted": _pair(overlay.predicted[0], 4),
-        "measured": _pair(overlay.measured[0], 4),
-        "peaks": [_pair(place, 4) for place in overlay.peaks],
+        "surveyed": shortened(overlay.surveyed[0], 4),
+        "predicted": shortened(overlay.predicted[0], 4),
+        "measured": shortened(overlay.measured[0], 4),
+        "peaks": [shortened(place, 4) for place in overlay.peaks],
     }
 
 
 def _raw(overlay: Overlay) -> Part:
     """The same places in pixels of the raw scan, and how ground maps into it nearby."""
     return {
-        "predicted": _pair(overlay.predicted_px[0], 3),
-        "measured": _pair(overlay.measured_px[0], 3),
-        "peaks": [_pair(place, 3) for place in overlay.peaks_px],
-        "matrix": [[_short(value, 6) for value in line] for line in overlay.pixel_from_ground],
+        "predicted": shortened(overlay.predicted_px[0], 3),
+        "measured": shortened(overlay.measured_px[0], 3),
+        "peaks": [shortened(place, 3) for place in overlay.peaks_px],
+        "matrix": [[short(value, 6) for value in line] for line in overlay.pixel_from_ground],
     }
 
 
@@ -203,18 +204,18 @@ def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
     now = misfits(state, (row.key,)).get(row.key)
     old = misfits(state, (row.key,), state.before).get(row.key) if state.before else None
     return {
-        "misfit": _pair(now.pixels if now else None, 2),
-        "misfit_before": _pair(old.pixels if old else None, 2),
-        "ground": _pair(now.metres if now else None, 2),
-        "ratio": _short(now.ratio if now else None, 1),
-        "residual": _pair(state.residual_px(row.key), 2) if row.state in IN_USE else None,
-        "sigma": _short(measurement.sigma_px, 2),
-        "score": _short(row.score, 2),
-        "redundancy": _short(row.controlled, 2),
-        "place": [_short(measurement.column, 1), _short(measurement.row, 1)],
+        "misfit": shortened(now.pixels if now else None, 2),
+        "misfit_before": shortened(old.pixels if old else None, 2),
+        "ground": shortened(now.metres if now else None, 2),
+        "ratio": short(now.ratio if now else None, 1),
+        "residual": shortened(state.residual_px(row.key), 2) if row.state in IN_USE else None,
+        "sigma": short(measurement.sigma_px, 2),
+        "score": short(row.score, 2),
+        "redundancy": short(row.controlled, 2),
+        "place": [short(measurement.column, 1), short(measurement.row, 1)],
         "source": point.source if row.role in POINT_KINDS else row.role,
-        "surveyed": [_short(value, 1) for value in point.position],
-        "surveyed_sigma": [_short(value, 2) for value in point.sigma_m],
+        "surveyed": [short(value, 1) for value in point.position],
+        "surveyed_sigma": [short(value, 2) for value in point.sigma_m],
         "remark": state.remark(measurement),
     }
 
@@ -223,9 +224,9 @@ def _peaks(measurement: Measurement) -> Part:
     """Score, operator and distance of every candidate from the measured place."""
     return [
         {
-            "score": _short(peak.score, 2),
+            "score": short(peak.score, 2),
             "operator": peak.operator,
-            "away": _short(
+            "away": short(
                 np.hypot(peak.column - measurement.column, peak.row - measurement.row), 1
             ),
         }
@@ -239,7 +240,7 @@ def _others(rows: Mapping[Key, Row], drawn: Drawn, keys: Iterable[Key]) -> Part:
         {
             "photo": key[1],
             "state": rows[key].state,
-            "misfit": _short(rows[key].misfit_px, 1),
+            "misfit": short(rows[key].misfit_px, 1),
             "version": drawn[key[1]].version,
         }
         for key in keys
@@ -258,20 +259,9 @@ def _ahead(state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn) 
 
 
 def _places(position: Any) -> list[float | None]:
-    return [_short(float(value), 2) for value in position]
+    return [short(float(value), 2) for value in position]
 
 
 def _value_of(text: str, value: float) -> str:
     digits = {"doubt.peaks": 0, "doubt.misfit": 1}.get(text, 2)
     return f"{value:.{digits}f}"
-
-
-def _short(value: float | None, digits: int) -> float | None:
-    """A rounded number, None for what is not one: JSON knows no NaN."""
-    if value is None or not np.isfinite(value):
-        return None
-    return round(float(value), digits)
-
-
-def _pair(values: Any, digits: int) -> list[float | None] | None:
-    return None if values is None else [_short(float(value), digits) for value in values]

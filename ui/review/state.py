@@ -23,6 +23,9 @@ StateFilter = Literal["review", "all", "open", "accepted", "rejected", "dubious"
 STATE_FILTERS: tuple[StateFilter, ...] = (
     "review", "all", "open", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
+Sheet = Literal["", "board", "placement"]
+"""A view laid over the desk, beside that of the block's quality."""
+SHEETS: tuple[Sheet, ...] = ("board", "placement")
 LAYERS: tuple[str, ...] = (
     "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors",
     "labels",
@@ -84,6 +87,8 @@ class Seat:
     """What of the 3D scene is shown."""
     quality: bool = False
     """True while the view of the block's quality is open."""
+    sheet: Sheet = ""
+    """The fiducial board or the map of placements while one is open."""
     pair: tuple[int, int] | None = None
     """Numbers of two adjustments compared there; first and last when None."""
 

@@ -31,6 +31,8 @@ SAMPLE_PX = 512
 """Longest side of the small picture of a whole scan, pixels."""
 SPARSE_WINDOWS, SPARSE_PX = 5, 96
 """Windows a side, and pixels a side of each, from which grey values are first learnt."""
+LEAST_CONTRAST = 24.0
+"""Grays between black and white of a window at least: noise is not to look like a mark."""
 LARGE_PX = 4000
 """Scans larger than this are not read whole before their first tile is shown."""
 Grey = UInt8[np.ndarray, "rows columns"]
@@ -169,6 +171,46 @@ def raw_tile(
     (x, y), (columns, rows) = low - first, high - low
     tile[y : y + rows, x : x + columns] = np.rint(values)
     return tile
+
+
+def window_picture(
+    drawn: DrawnPhoto, read: ScanWindow, column: int, row: int, side: int, reduction: int
+) -> Grey:
+    """A square window of the scan as it is, stretched by its own grays, dark outside the scan.
+
+    Args:
+        drawn: The photo.
+        read: Windows of raw scans.
+        column: First column of the window, scan pixels; may lie outside the scan.
+        row: First row.
+        side: Width and height of the picture, pixels.
+        reduction: Scan pixels a side that make one pixel of the picture.
+    """
+    picture = np.full((side, side), OUTSIDE, dtype=np.uint8)
+    columns, rows = drawn.photo.size_px
+    left, right = _covered(column, columns, side, reduction)
+    top, bottom = _covered(row, rows, side, reduction)
+    if right <= left or bottom <= top:
+        return picture
+    values = read(
+        drawn.photo.scan,
+        column + left * reduction,
+        row + top * reduction,
+        (right - left) * reduction,
+        (bottom - top) * reduction,
+        reduction,
+    )
+    stretch = fit_stretch(values, margin=0)
+    white = max(stretch.white, stretch.black + LEAST_CONTRAST)
+    picture[top:bottom, left:right] = np.rint(Stretch(stretch.black, white).applied(values))
+    return picture
+
+
+def _covered(first: int, extent: int, side: int, reduction: int) -> tuple[int, int]:
+    """Which pixels of a window, of `side` of them, lie wholly within a scan's `extent`."""
+    low = max(0, -(first // reduction)) if first < 0 else 0
+    high = min(side, (extent - first) // reduction)
+    return low, high
 
 
 def scan_map(

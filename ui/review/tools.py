@@ -33,6 +33,8 @@ from ui.review.gestures import (
     Gesture,
     Judged,
     LayerSwitched,
+    MarkJudged,
+    MarkPlaced,
     Named,
     PeakChosen,
     PlacedInScan,
@@ -46,6 +48,7 @@ from ui.review.gestures import (
     RemakeCancelled,
     RoleSwitched,
     Selected,
+    SheetAsked,
     Sorted,
     Stepped,
     TakenBack,
@@ -53,6 +56,8 @@ from ui.review.gestures import (
     VectorsScaled,
     Verdict,
 )
+from ui.review.marking import marked
+from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.picking import Picked, pick
 from ui.review.queue import Row, coming, neighbour, ordered, visible
 from ui.review.state import DeskState, Key, Notice, Seat, Sieve, Sorting
@@ -81,6 +86,8 @@ class Desk:
     """What others are looking at now."""
     recorded: Sequence[Recorded] = ()
     """Every decision so far."""
+    origins: Origins = NO_ORIGINS
+    """Scans as they were found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +111,7 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return _judge(gesture, seat, desk)
         case Explained():
             return _explain(gesture, seat)
-        case PlacedInScan() | PlacedOnGround() | PeakChosen():
+        case PlacedInScan() | PlacedOnGround() | PeakChosen() | MarkPlaced() | MarkJudged():
             return _measure(gesture, seat, desk)
         case Refined():
             return _refine(gesture, seat, desk)
@@ -253,9 +260,14 @@ def _explain(gesture: Explained, seat: Seat) -> Meaning:
 
 
 def _measure(
-    gesture: PlacedInScan | PlacedOnGround | PeakChosen, seat: Seat, desk: Desk
+    gesture: PlacedInScan | PlacedOnGround | PeakChosen | MarkPlaced | MarkJudged,
+    seat: Seat,
+    desk: Desk,
 ) -> Meaning:
     """A place set by hand, or another peak: the seat stays, to look at what it did."""
+    if isinstance(gesture, MarkPlaced | MarkJudged):
+        decision, notice = marked(gesture, desk.state, desk.origins)
+        return Meaning(seat, decision=decision, notice=notice)
     point_id, photo_id = gesture.key
     if gesture.key in desk.state.extra.measurements:
         return Meaning(seat, notice=Notice("notice.yes-or-no"))
@@ -350,6 +362,8 @@ def _moved(gesture: Gesture, seat: Seat, desk: Desk) -> Seat:
             return replace(seat, operator=name)
         case QualityAsked(shown=shown, pair=pair):
             return replace(seat, quality=shown, pair=pair or seat.pair)
+        case SheetAsked(sheet=sheet, shown=shown):
+            return replace(seat, sheet=sheet if shown else "")
         case Stepped(step=step):
             current = neighbour(visible(desk.rows, seat), seat, step)
             return replace(seat, current=current or seat.current)

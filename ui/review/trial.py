@@ -6,6 +6,9 @@ import numpy as np
 
 from core.block.adjusted import AdjustmentReport
 from core.block.block import USED, Block, Measurement
+from core.scan.corrected_marks import MarkChange
+from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
+from sessions.fiducials import with_changes
 from sessions.judging import judged
 from ui.review.compare import ground_pixel_m, shift_px
 from ui.review.doubtful import verdict_on
@@ -53,7 +56,11 @@ def tried_block(state: DeskState, key: Key) -> Block | None:
         return None
     if key in state.extra.measurements:
         verdict = verdict_on(state.extra, key, use=False)
-        return None if verdict is None else judged(state.block, verdict)
+        if isinstance(verdict, JudgeFiducial):
+            left_out = {verdict.photo_id: {verdict.name: MarkChange(use=False)}}
+            return with_changes(state.block, left_out)
+        judges = isinstance(verdict, JudgeTie | JudgePhoto)
+        return judged(state.block, verdict) if judges else None
     status = "rejected" if _takes_part(state, measurement) else "accepted"
     return state.block.with_measurement(replace(measurement, status=status))
 

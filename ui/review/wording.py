@@ -1,9 +1,11 @@
 """Every word the desk shows, in one place, so that another language is one more table."""
 
 from ui.review.wording_more import MORE
+from ui.review.wording_views import VIEWS
 
 ENGLISH: dict[str, str] = {
     **MORE,
+    **VIEWS,
     "title": "Gruber review desk",
     "queue": "Queue",
     "block": "Block",
@@ -251,7 +253,7 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Space", "blink"), ("R", "raw"),
-    ("L", "likeness"), ("P", "act.add"), ("B", "quality"),
+    ("L", "likeness"), ("P", "act.add"), ("B", "quality"), ("I", "board"), ("G", "placement"),
     ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the word for what it does."""

@@ -35,6 +35,15 @@ class Access:
         """Name of the cookie, its own for every desk: cookies do not know ports."""
         return f"gruber_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
+    def url(self, port: int) -> str:
+        """The address to open in a browser of this machine, with the token."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
+        return f"http://{host}:{port}/?token={self.token}"
+
+    def guest_url(self, port: int) -> str:
+        """The address for those who may look and decide nothing."""
+        return self.url(port).replace(self.token, self.guest_token)
+
     def guard(self) -> Middleware:
         """The middleware that every request passes first."""
 

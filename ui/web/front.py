@@ -57,16 +57,22 @@ class FrontInputs:
 
     access: Access
     """The lock."""
-    channel: Channel
-    """The wire to the loop."""
+    channel: Channel | None
+    """The wire to the loop; None for a page that works without one."""
     tiles: TileStore
     """Pictures."""
-    upstream: Upstream
-    """Viser."""
+    upstream: Upstream | None
+    """Viser; None without a 3D scene."""
     start: dict[str, Any]
     """What a page needs once: words, palette, lattice, photos."""
     results: Path | None = None
     """Folder of tables and report."""
+    page: str = "desk.html"
+    """What is served first."""
+    told: Callable[[], dict[str, Any]] = dict
+    """What a page needs once and what changes while the desk is open."""
+    routes: tuple[web.RouteDef, ...] = ()
+    """Addresses of this desk's own."""
 
 
 class Front:
@@ -120,7 +126,8 @@ class Front:
             self.port = runner.addresses[0][1]
             self._ready.set()
             await self._stop.wait()
-            await self._inputs.channel.close()
+            if self._inputs.channel is not None:
+                await self._inputs.channel.close()
         finally:
             if self._client is not None:
                 await self._client.close()
@@ -130,16 +137,19 @@ class Front:
         application = web.Application(middlewares=[self._inputs.access.guard()])
         application.add_routes(
             [
-                web.get("/", self._page("desk.html")),
+                web.get("/", self._page(self._inputs.page)),
                 web.get("/pages/{name}", self._file),
                 web.get("/start", self._start),
-                web.get(f"/desk/{SEAT}", self._inputs.channel.serve),
-                web.get(f"{SCENE_PATH}/{SEAT}/", self._scene),
-                web.get(f"{SCENE_PATH}/{SEAT}", self._scene),
                 *tile_routes(self._inputs.tiles),
                 *result_routes(self._inputs.results),
+                *self._inputs.routes,
             ]
         )
+        if self._inputs.channel is not None:
+            application.add_routes([web.get(f"/desk/{SEAT}", self._inputs.channel.serve)])
+        if self._inputs.upstream is not None:
+            addresses = (f"{SCENE_PATH}/{SEAT}/", f"{SCENE_PATH}/{SEAT}")
+            application.add_routes([web.get(address, self._scene) for address in addresses])
         return application
 
     def _page(self, name: str) -> Serve:
@@ -154,16 +164,25 @@ class Front:
     async def _start(self, request: web.Request) -> web.StreamResponse:
         """What a page needs once, with a seat: the wanted one if it is its own or free."""
         wanted = request.query.get("seat", "")
-        own = request.query.get("own") == "1" or not self._inputs.channel.taken(wanted)
+        channel = self._inputs.channel
+        taken = channel is not None and channel.taken(wanted)
+        own = request.query.get("own") == "1" or not taken
         seat = wanted if SEAT_NAME.fullmatch(wanted) and own else secrets.token_urlsafe(9)
-        return web.json_response({**self._inputs.start, "seat": seat, "guest": is_guest(request)})
+        told = {**self._inputs.start, **self._inputs.told()}
+        return web.json_response({**told, "seat": seat, "guest": is_guest(request)})
+
+    @property
+    def _upstream(self) -> Upstream:
+        """Viser, of which only its own addresses ask."""
+        assert self._inputs.upstream is not None
+        return self._inputs.upstream
 
     async def _scene(self, request: web.Request) -> web.StreamResponse:
         """Viser's page, or its websocket."""
         if request.headers.get("Upgrade", "").lower() == "websocket":
             return await self._scene_socket(request)
         if not self._scene_page:
-            upstream = self._inputs.upstream
+            upstream = self._upstream
             address = f"http://127.0.0.1:{upstream.port}/"
             headers = {upstream.header: upstream.secret, "Accept-Encoding": "identity"}
             async with self._session().get(address, headers=headers) as answer:
@@ -176,7 +195,7 @@ class Front:
 
     async def _scene_socket(self, request: web.Request) -> web.StreamResponse:
         """Pass messages both ways until either side closes."""
-        upstream = self._inputs.upstream
+        upstream = self._upstream
         offered = request.headers.get("Sec-WebSocket-Protocol", "")
         protocols = [name.strip() for name in offered.split(",") if name.strip()]
         headers = {upstream.header: upstream.secret, SEAT_HEADER: request.match_info["seat"]}

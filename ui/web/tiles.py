@@ -13,7 +13,7 @@ import numpy as np
 from aiohttp import web
 
 from core.arrays import ObjectPoints
-from core.block.likeness import Likeness
+from core.block.registration.likeness import Likeness
 from core.doubts import Failure
 from core.errors import PhotogrammetryError
 from core.geometry.grid import Grid
@@ -35,6 +35,7 @@ from ui.review.tiles import (
     raw_tile,
     sparse_sample,
     warped_tile,
+    window_picture,
 )
 
 CACHE_BYTES = 192 * 2**20
@@ -119,6 +120,10 @@ class TileStore:
             return raw_tile(photo, read, stretch, place)
         return _inner(local_contrast(raw_tile(photo, read, stretch, place, WALLIS_RADIUS)))
 
+    def near(self, photo: DrawnPhoto, window: tuple[int, int, int, int]) -> Grey:
+        """A window of a scan as it is, in contrast of its own: marks lie in black margins."""
+        return window_picture(photo, self.sources.read, *window)
+
     async def likeness(self, photo: DrawnPhoto, position: ObjectPoints) -> Likeness | Failure:
         """How alike reference and scan are about a position."""
         source = self.sources.likeness
@@ -172,6 +177,10 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
         photo, grid = _photo(store, request), _grid_about(request)
         return await _answer(store, request, lambda: store.scan(photo, grid, False))
 
+    async def near(request: web.Request) -> web.StreamResponse:
+        photo, window = _photo(store, request), _window(request)
+        return await _answer(store, request, lambda: store.near(photo, window))
+
     async def likeness(request: web.Request) -> web.StreamResponse:
         photo = _photo(store, request)
         position = np.array([_numbers(request, "east", "north", "height")])
@@ -184,11 +193,13 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
 
     place = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
     photo = r"/{photo}/{version:\d+}"
+    window = r"/{column:-?\d+}/{row:-?\d+}/{side:\d+}/{reduction:\d+}"
     position = "".join(f"/{{{name}:-?[0-9.]+}}" for name in ("east", "north", "height"))
     return [
         web.get("/tiles/ortho" + place, ortho),
         web.get("/tiles/scan" + photo + place, scan),
         web.get("/tiles/raw" + photo + place, raw),
+        web.get("/tiles/near" + photo + window, near),
         web.get("/tiles/likeness" + photo + position, likeness),
         web.get("/tiles/point" + photo + "/{east}/{north}/{pixel}", thumbnail),
     ]
@@ -230,6 +241,16 @@ def _place(request: web.Request) -> tuple[int, int, int]:
     if level > 20 or max(abs(column), abs(row)) > 10**6:
         raise web.HTTPNotFound
     return level, column, row
+
+
+def _window(request: web.Request) -> tuple[int, int, int, int]:
+    """Column, row, side in pixels of the picture, reduction."""
+    names = ("column", "row", "side", "reduction")
+    column, row, side, reduction = (int(request.match_info[name]) for name in names)
+    powers = (1, 2, 4, 8, 16, 32, 64)
+    if max(abs(column), abs(row)) > 10**6 or not 1 <= side <= 1024 or reduction not in powers:
+        raise web.HTTPNotFound
+    return column, row, side, reduction
 
 
 def _photo(store: TileStore, request: web.Request) -> DrawnPhoto:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from core.block.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.registration.reference_points import ReferenceFeatures, gather_reference_points
 from core.progress import Silent
 from core.reference.junctions import find_junctions
 from core.reference.planar import planar_graph

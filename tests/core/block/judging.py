@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.block.block import Block, TiePoints
-from core.block.matches import rays_of
+from core.block.ties.matches import rays_of
 
 
 def intersected(block: Block, ties: TiePoints) -> tuple[np.ndarray, np.ndarray]:

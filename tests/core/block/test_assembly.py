@@ -1,5 +1,6 @@
 """The block is brought together by its ties, searched for control, and rid of gross errors."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,10 @@ from core.block.assembly import (
     proposals,
 )
 from core.block.block import Peak
-from core.block.matching import Found
-from core.block.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
-from core.block.patches import object_on_ground
-from core.block.standing import Site
+from core.block.registration.matching import Found
+from core.block.registration.orientation import OrientationOptions, OrientedPhoto, ReferencePoints
+from core.block.registration.patches import object_on_ground
+from core.block.registration.standing import Site
 from core.geometry.resection import moved
 from core.synthetic.truth import judge_orientations
 from tests.flights import FlightPlan, fly
@@ -74,6 +75,21 @@ def test_only_photos_that_stand_are_searched_for_control__truth(tiny):
     options = AssemblyOptions(orientation=OrientationOptions(template_half_px=30))
     found = proposals(block, site, options, map)
     assert {value.photo_id for value in found} == {name}
+
+
+def test_one_worker_and_two_propose_the_same__law(tiny):
+    """To the last digit, whichever photo is done first."""
+    ground = ground_over(tiny, 5)
+    ids = tuple(f"P{i:02d}" for i in range(len(ground)))
+    points = ReferencePoints(ids, ground, np.full(ground.shape, 0.4))
+    site = Site(tiny.reference, tiny.scans, points, dict.fromkeys(ids, "salient"))
+    block = tiny.block.with_photos({n: replace(p, oriented=True) for n, p in tiny.photos.items()})
+    options = AssemblyOptions(orientation=OrientationOptions(template_half_px=30))
+    alone = proposals(block, site, options, map)
+    with ThreadPoolExecutor(2) as pool:
+        together = proposals(block, site, options, pool.map)
+    assert len(alone) > 20
+    assert repr(alone) == repr(together)
 
 
 def gross_flight():

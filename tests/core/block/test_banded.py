@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from core.block.banded import band_places, factor_bordered, invert_bordered, solve_bordered
+from core.block.least_squares.banded import (
+    band_places,
+    factor_bordered,
+    invert_bordered,
+    solve_bordered,
+)
 
 
 def bordered(photos, reach, shared, seed):

@@ -7,16 +7,17 @@ import pytest
 
 from core.arrays import locked
 from core.block.adjusted import AdjustmentOptions
+from core.block.approximation import Ground, approximate_in_area
 from core.block.block import Block, ExteriorPrior, TiePoints
 from core.block.block_placement import BlockPlacementOptions, laid_block, place_block
 from core.block.free_block import FreeBlock, free_blocks
-from core.block.ground_search import angle_field
-from core.block.patches import OpenPhoto
+from core.block.registration.ground_search import angle_field
+from core.block.registration.patches import OpenPhoto
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from tests.core.block.test_placement import astray_m
 
-OPTIONS = BlockPlacementOptions(block_px=300, most_trials=800)
+OPTIONS = BlockPlacementOptions(block_px=300, most_work=1e8)
 
 
 def true_ties(tiny, rng, count=400) -> TiePoints:
@@ -78,6 +79,34 @@ def test_a_block_of_poor_sources_is_found_as_one_body__truth(tiny, sigma_m, kapp
         sigma = np.sqrt(np.diag(placed.placements[name][0].covariance))[:3]
         error = placed.placements[name][0].exterior.centre - tiny.photos[name].exterior.centre
         assert (np.abs(error) < 3.5 * sigma).all()
+
+
+def test_nothing_but_the_scale_is_enough__truth(tiny):
+    """No position and no kappa: the whole ortho is searched, a thirtieth off in scale."""
+    camera, bounds = tiny.truth.camera, tiny.reference.ortho.bounds
+    photos, hypotheses = {}, {}
+    for name in tiny.names:
+        photo = tiny.photos[name]
+        above = photo.exterior.centre[2] - photo.ground_height_m
+        scale_number = 1000 * above / camera.principal_distance_mm * 1.03
+        ground = Ground("EPSG:5514", photo.ground_height_m)
+        found = approximate_in_area(bounds, float(scale_number), camera, ground)
+        hypotheses[name] = found.hypotheses
+        photos[name] = replace(
+            photo,
+            exterior=found.exterior,
+            approximate=found.exterior,
+            prior=found.prior,
+            oriented=False,
+        )
+    ties = true_ties(tiny, np.random.default_rng(8))
+    block = Block("EPSG:5514", {photos[tiny.names[0]].camera: camera}, photos, ties=ties)
+    (free,) = free_blocks(block, hypotheses, AdjustmentOptions())
+    placed = place_block(free, tiny.scans, tiny.reference, BlockPlacementOptions())
+    assert not isinstance(placed, Failure)
+    away = [astray_m(tiny, name, placed.placements[name][0].exterior) for name in tiny.names]
+    assert np.sqrt(np.mean(np.square(away))) < 25
+    assert placed.turns[0].score > 1.3 * placed.turns[1].score
 
 
 def test_blank_ground_places_nothing__law(tiny, monkeypatch):

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.block.block import TiePoints
-from core.block.chains import common_rays, join, rays_per_point, with_rays
+from core.block.ties.chains import common_rays, join, rays_per_point, with_rays
 
 OWNERS = st.lists(st.integers(0, 4), min_size=2, max_size=25)
 

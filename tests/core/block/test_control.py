@@ -3,86 +3,90 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from core.block.block import Block, Measurement, Peak, SurveyedPoint
+from core.block.block import Block, Measurement, Peak, Source, SurveyedPoint
 from core.block.control import (
-    CLEAR,
     ControlOptions,
+    Search,
+    decoys_of,
     judged,
-    likeness,
-    measurements_of,
+    measurement_of,
+    search_points,
     surveyed_of,
     with_proposals,
 )
-from core.block.matching import Found
-from core.block.orientation import OrientationOptions, ReferencePoints
-from core.block.patches import object_on_ground
+from core.block.registration.orientation import OrientationOptions, ReferencePoints
+from core.block.registration.patches import object_on_ground
 
 OPTIONS = ControlOptions()
-PREDICTED = np.array([[500.0, 400.0]])
-GROUND_SIGMA_PX = np.array([0.6])
+SOURCES: dict[str, Source] = {
+    **{f"J{i}": "junction" for i in range(40)},
+    **{f"S{i}": "salient" for i in range(10)},
+}
 
 
-def peak(away_px, sigma=0.5, score=9.0, operator="gradient+ncc") -> Peak:
-    return Peak(500.0 + 0.6 * away_px, 400.0 + 0.8 * away_px, sigma, score, operator)
-
-
-def said(tiny, *peaks) -> Measurement:
-    return judged(
-        tiny.opened(tiny.names[0]),
-        "J1",
-        Found(0, peaks, 400.0),
-        PREDICTED,
-        GROUND_SIGMA_PX,
-        1,
-        OPTIONS,
+def search(*peaks, roads=True, point_id="J1") -> Search:
+    """A search whose candidates lie so many metres away and stand so high."""
+    away = np.array([peak[0] for peak in peaks], dtype=np.float64)
+    return Search(
+        point_id,
+        "A",
+        roads,
+        tuple(Peak(500.0 + a, 400.0, 0.4, h, "fused") for a, h in peaks),
+        away,
+        np.full(len(peaks), 0.6),
+        tuple(np.random.default_rng(0).exponential(0.6, 40) + 0.8),
+        900.0,
     )
 
 
-def test_within_the_gate_it_is_used_beyond_it_is_not__law(tiny):
-    limit = OPTIONS.gate * np.sqrt(2) * np.hypot(0.5, 0.6)
-    inside, outside = said(tiny, peak(0.99 * limit)), said(tiny, peak(1.01 * limit))
-    assert (inside.status, inside.reason) == ("auto", "")
-    assert outside.status == "unused"
-    metres = 1.01 * limit * tiny.opened(tiny.names[0]).ground_pixel_m
-    assert outside.reason == f"{metres:.1f} m from where the block expects it"
+def test_the_probable_candidate_is_used_though_another_is_higher__law():
+    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), OPTIONS)
+    assert (found.status, found.reason, found.score) == ("auto", "", 0.97)
+    assert found.column == 500.2
+    assert [peak.score for peak in found.peaks] == [5.0, 6.0]
 
 
-def test_only_the_best_peak_may_agree__law(tiny):
-    """With several to choose from, chance would agree too often."""
-    found = said(tiny, peak(12.0, score=9.0), peak(0.0, score=8.0))
+def test_where_none_is_probable_the_highest_is_shown_and_not_used__law():
+    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), OPTIONS)
     assert found.status == "unused"
-    assert (found.column, found.row) == (peak(12.0).column, peak(12.0).row)
-    assert len(found.peaks) == 2
+    assert found.reason == "right with probability 0.02"
+    assert found.column == 505.0
 
 
-def test_a_peak_no_higher_than_others_is_no_evidence__law(tiny):
-    found = said(tiny, peak(0.0, score=CLEAR - 2))
-    assert (found.status, found.reason) == ("unused", "not alike enough")
+def test_clear_points_are_believed_and_stray_ones_are_not__truth():
+    """Forty points found where they should be, ten whose best peak is chance."""
+    rng = np.random.default_rng(1)
+    right = [
+        search((float(abs(rng.normal(0, 0.5))), rng.normal(4.0, 0.5)), point_id=f"J{i}")
+        for i in range(40)
+    ]
+    stray = [search((float(rng.uniform(3, 6)), 1.3), point_id=f"S{i}") for i in range(10)]
+    measured, resting = judged((*right, *stray), SOURCES, OPTIONS)
+    used = {value.point_id for value in measured if value.used}
+    assert len(used & {one.point_id for one in right}) >= 38
+    assert not used & {one.point_id for one in stray}
+    assert set(resting) == {("junction", True), ("salient", True)}
+    assert all(one is not None for one in resting.values())
 
 
-def test_no_match_claims_to_be_better_than_its_pass_allows__law(tiny):
-    found = judged(
-        tiny.opened(tiny.names[0]),
-        "J1",
-        Found(0, (peak(0.0, sigma=0.01),), 400.0),
-        PREDICTED,
-        GROUND_SIGMA_PX,
-        3,
-        OPTIONS,
-    )
-    assert found.sigma_px == pytest.approx(0.35 * 3)
+def test_a_search_without_any_candidate_is_no_measurement__law():
+    assert judged((search(),), SOURCES, OPTIONS)[0] == ()
+    assert judged((), SOURCES, OPTIONS)[0] == ()
 
 
-def test_likeness_rises_with_the_peak_and_grey_values_alone_count_half__law():
-    scores = [likeness(peak(0.0, score=score)) for score in (0.0, 3.0, CLEAR, 6.0, 20.0)]
-    assert scores == sorted(scores)
-    assert scores[2] == pytest.approx(0.5)
-    assert 0 < scores[0] < scores[-1] < 1
-    assert likeness(peak(0.0, operator="ncc")) == pytest.approx(
-        likeness(peak(0.0, operator="gradient")) / 2
-    )
+def test_decoys_are_the_maxima_outside_the_middle__truth():
+    grid = np.mgrid[:81, :81]
+    surface = (0.01 * np.random.default_rng(0).normal(size=(81, 81))).astype(np.float32)
+    for column, row in ((40, 40), (12, 60)):
+        surface += np.exp(-((grid[1] - column) ** 2 + (grid[0] - row) ** 2) / 8).astype(np.float32)
+    heights, _, spread = decoys_of(surface, 10)
+    assert max(heights) > 10
+    assert 0.005 < spread < 0.05
+    everywhere = decoys_of(surface, -1)[0]
+    assert len(everywhere) > len(heights)
+    assert sum(height > 10 for height in heights) == 1
+    assert sum(height > 10 for height in everywhere) == 2
 
 
 def test_at_the_truth_unchanged_ground_is_used_and_right__truth(tiny):
@@ -94,18 +98,37 @@ def test_at_the_truth_unchanged_ground_is_used_and_right__truth(tiny):
     points = ReferencePoints(
         tuple(f"P{i:02d}" for i in range(25)), ground, np.full(ground.shape, 0.3)
     )
-    found = measurements_of(
-        tiny.opened(name),
-        tiny.archival(),
-        points,
-        OrientationOptions(template_half_px=30),
-        ControlOptions(search_m=10.0),
+    searches = search_points(
+        tiny.opened(name), tiny.archival(), points, OrientationOptions(template_half_px=30), OPTIONS
     )
+    assert [one.point_id for one in searches] == sorted(points.ids)
+    found, _ = judged(searches, {}, OPTIONS)
     used = [value for value in found if value.used]
     assert len(used) >= 22
     away = [np.hypot(*(value.pixel[0] - pixels[int(value.point_id[1:])])) for value in used]
     assert np.mean(np.array(away) < 1.0) > 0.9
     assert all(value.photo_id == name and value.peaks for value in found)
+
+
+def test_on_ground_of_another_place_hardly_anything_is_used__truth(tiny):
+    """The photo stands a kilometre from where it truly was: all that is found is chance."""
+    name = tiny.names[0]
+    true = tiny.photos[name]
+    share = np.stack(np.meshgrid(*[np.linspace(0.2, 0.8, 9)] * 2), axis=-1).reshape(-1, 2)
+    centre = true.exterior.centre + np.array([300.0, 500.0, 0.0])
+    opened = tiny.opened(name, replace(true.exterior, centre=centre))
+    ground = object_on_ground(
+        opened.photo, tiny.truth.camera, share * np.array(true.size_px), tiny.reference.dem
+    )
+    ground = ground[np.isfinite(ground[:, 2])]
+    points = ReferencePoints(
+        tuple(f"P{i:02d}" for i in range(len(ground))), ground, np.full(ground.shape, 0.3)
+    )
+    orientation = OrientationOptions(template_half_px=30)
+    searches = search_points(opened, tiny.reference, points, orientation, OPTIONS)
+    found, _ = judged(searches, {}, OPTIONS)
+    assert len(found) >= 20
+    assert sum(value.used for value in found) <= 1
 
 
 def surveyed(name, source="junction") -> SurveyedPoint:

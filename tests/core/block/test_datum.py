@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from core.block.block import Block
-from core.block.datum import DatumOptions, ballot, joined, lay_on_reference, prior
-from core.block.orientation import OrientationOptions, ReferencePoints
-from core.block.patches import object_on_ground
+from core.block.registration.datum import DatumOptions, ballot, joined, lay_on_reference, prior
+from core.block.registration.orientation import OrientationOptions, ReferencePoints
+from core.block.registration.patches import object_on_ground
 from core.doubts import Failure
 from core.geometry.absolute import SimilarityInSpace
 from core.geometry.consensus import ConsensusOptions

@@ -9,8 +9,8 @@ import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.block.features import FeatureOptions, detect_features, strongest_per_cell
-from core.block.matches import match_features
+from core.block.ties.features import FeatureOptions, detect_features, strongest_per_cell
+from core.block.ties.matches import match_features
 from core.scan.raster import ScanFile, open_scan
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from core.block.adjusted import AdjustmentOptions
+from core.block.approximation import Ground, approximate_in_area
 from core.block.block import ExteriorPrior
 from core.block.free_block import connected_photos, free_blocks, part, plane_block
 from core.geometry.exterior import ExteriorOrientation
@@ -77,6 +78,38 @@ def test_a_block_turned_as_a_whole_leaves_its_turn_open__truth():
     away = np.abs(np.angle(np.exp(1j * (free.turns - off))))
     assert away.min() < np.radians(1.0)
     assert len(free.turns) < 120
+
+
+def test_sources_that_name_one_place_for_all_do_not_draw_the_block_together__truth():
+    """Nothing but the scale is known, a twentieth too large."""
+    rng = np.random.default_rng(6)
+    flight = fly(FlightPlan(control=0, check=0), rng)
+    scale_number = 1050 * np.mean(
+        [
+            (p.exterior.centre[2] - p.ground_height_m)
+            / flight.truth.camera_of(n).principal_distance_mm
+            for n, p in flight.truth.photos.items()
+        ]
+    )
+    photos, hypotheses = {}, {}
+    for name, photo in flight.block.photos.items():
+        camera = flight.block.camera_of(name)
+        ground = Ground("EPSG:5514", photo.ground_height_m)
+        found = approximate_in_area((-9000, -9000, 9000, 9000), scale_number, camera, ground)
+        hypotheses[name] = found.hypotheses
+        photos[name] = replace(
+            photo, exterior=found.exterior, approximate=found.exterior, prior=found.prior
+        )
+    (free,) = free_blocks(flight.block.with_photos(photos), hypotheses, OPTIONS)
+    assert shape_error_m(free, flight.truth) < 12.0
+    found, true = (
+        np.linalg.norm(np.ptp([p.exterior.centre[:2] for p in photos.values()], axis=0))
+        for photos in (free.block.photos, flight.truth.photos)
+    )
+    assert found / true == pytest.approx(1.05, abs=0.04)
+    turns = np.sort(free.turns)
+    assert np.max(np.diff(turns)) < np.radians(1.5)
+    assert np.ptp(turns) > np.radians(355)
 
 
 def test_wrong_rays_do_not_bend_the_plane_block__truth():

@@ -1,5 +1,6 @@
 """Approximate exterior orientation from each source, judged by photos we placed ourselves."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -235,14 +236,22 @@ def test_sources_stand_in_for_each_other__truth(small_block: Path) -> None:
     camera = Camera("little", 60.0, (60.0, 60.0))
     oriented = orient_scan(small_block / "p1.tif", camera, 40.0)
     dem = open_dem([small_block / "dem.tif"], "EPSG:32633")
-    nothing = open_archive(Georeference(), "EPSG:32633", ["p1"])
+    nothing = open_archive(Georeference(), "EPSG:32633", ["p1"], dem.bounds)
     assert isinstance(georeference_photo(oriented, camera, nothing, dem), Failure)
+    somewhere = replace(nothing, georeference=Georeference(scale_number=20_000))
+    found = georeference_photo(oriented, camera, somewhere, dem)
+    assert not isinstance(found, Failure)
+    assert found.source == "area"
+    assert found.exterior.centre[2] == pytest.approx(300 + 1200)
+    assert len(found.hypotheses) == 4
+    west, south, east, north = dem.bounds
+    assert 2.5 * found.prior.sigma_centre_m[0] >= max(east - west, north - south) / 2
 
     write_footprints(
         small_block / "f.gpkg", {"P1.TIF": box(641000, 5411000, 642200, 5412200)}, "n", "EPSG:32633"
     )
     georeference = Georeference("world-file", small_block / "f.gpkg", "n")
-    archive = open_archive(georeference, "EPSG:32633", ["p1"])
+    archive = open_archive(georeference, "EPSG:32633", ["p1"], dem.bounds)
     found = georeference_photo(oriented, camera, archive, dem)
     assert not isinstance(found, Failure)
     assert found.source == "footprints"
@@ -256,7 +265,9 @@ def test_sources_stand_in_for_each_other__truth(small_block: Path) -> None:
     assert found.exterior.centre[2] == pytest.approx(300 + 1200, rel=0.01)
 
     (small_block / "eo.csv").write_text("scan,X,Y,Z\nP1.tif,641600,5411600,1500\n")
-    listed = open_archive(Georeference(exterior=small_block / "eo.csv"), "EPSG:32633", ["p1"])
+    listed = open_archive(
+        Georeference(exterior=small_block / "eo.csv"), "EPSG:32633", ["p1"], dem.bounds
+    )
     found = georeference_photo(oriented, camera, listed, dem)
     assert not isinstance(found, Failure)
     assert found.source == "exterior"

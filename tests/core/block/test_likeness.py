@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from core.block.likeness import likeness_about, search_options
-from core.block.orientation import OrientationOptions
+from core.block.registration.likeness import likeness_about, search_options
+from core.block.registration.orientation import OrientationOptions
 from core.doubts import Failure
 
 

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from core.block.features import Features
-from core.block.matches import MatchOptions, like_neighbours, match_features
+from core.block.ties.features import Features
+from core.block.ties.matches import MatchOptions, like_neighbours, match_features
 
 
 def features(descriptors: np.ndarray) -> Features:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.block.block import Peak
-from core.block.matching import (
+from core.block.registration.matching import (
     DULL,
     NCC_TRUST,
     SEPARATION_PX,
@@ -20,7 +20,7 @@ from core.block.matching import (
     search_half_px,
     tiles,
 )
-from core.block.patches import object_on_ground
+from core.block.registration.patches import object_on_ground
 from core.geometry.resection import moved
 
 STILL = np.zeros((6, 6))
@@ -165,13 +165,14 @@ def hill(column, row, height):
 def test_two_operators_at_one_place_are_one_candidate__truth():
     noise = 0.01 * np.random.default_rng(0).normal(size=(2, 41, 41))
     surfaces = {
-        "ncc": (noise[0] + hill(20, 20, 0.8) + hill(8, 30, 0.5)).astype(np.float32),
-        "gradient": (noise[1] + hill(21, 20, 0.9) + hill(30, 9, 0.6)).astype(np.float32),
+        "ncc-high-pass": (noise[0] + hill(20, 20, 0.8) + hill(8, 30, 0.5)).astype(np.float32),
+        "fused": (noise[1] + hill(21, 20, 0.9) + hill(30, 9, 0.6)).astype(np.float32),
     }
     found = merged(surfaces, MatchingOptions())
     places = {operator: (round(p.column), round(p.row)) for operator, p in found}
-    assert places == {"gradient+ncc": places["gradient+ncc"], "ncc": (8, 30), "gradient": (30, 9)}
-    assert abs(places["gradient+ncc"][0] - 20) <= 1
+    both = places.pop("fused+ncc-high-pass")
+    assert places == {"ncc-high-pass": (8, 30), "fused": (30, 9)}
+    assert abs(both[0] - 20) <= 1
     assert [p.z for _, p in found] == sorted((p.z for _, p in found), reverse=True)
 
 
@@ -180,8 +181,8 @@ def test_candidates_carry_their_trust_and_their_accuracy__law():
         return Peak(10.0, 20.0, sigma, score, operator)
 
     found = [
-        Found(2, (peak(0.2, "gradient"), peak(0.4, "ncc", 4.0)), 400.0),
-        Found(7, (peak(30.0, "gradient+ncc"),), 900.0),
+        Found(2, (peak(0.2, "fused"), peak(0.4, "ncc-high-pass", 4.0)), 400.0),
+        Found(7, (peak(30.0, "fused+ncc-high-pass"),), 900.0),
     ]
     ground = np.full(8, 0.6)
     candidates = candidates_of(found, ground, floor_px=0.35)

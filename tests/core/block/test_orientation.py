@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.block.orientation import (
+from core.block.registration.orientation import (
     OrientationOptions,
     OrientedPhoto,
     ReferencePoints,
@@ -13,7 +13,7 @@ from core.block.orientation import (
     orient_photo,
     widened,
 )
-from core.block.placement import NARROW, PlacementOptions
+from core.block.registration.placement import NARROW, PlacementOptions
 from core.doubts import Failure
 from tests.core.block.test_placement import astray_m, displaced
 

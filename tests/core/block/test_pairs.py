@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.block.block import Block, ExteriorPrior, Photo
-from core.block.pairs import find_pairs, footprint, ground_of, within
+from core.block.ties.pairs import find_pairs, footprint, ground_of, within
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
@@ -41,6 +41,14 @@ def test_doubtful_positions_bring_more_pairs__law():
     assert pair.overlap == 0.0
     assert pair.first_region is not None
     assert pair.first_region.area > 2000.0**2
+
+
+def test_where_nothing_is_known_every_pair_is_tried_and_no_overlap_promised__law():
+    pairs = find_pairs(block({"a": (0.0, 0.0), "b": (9000.0, 0.0), "c": (0.0, 0.0)}, 1500.0))
+    assert [(pair.first, pair.second) for pair in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert {(pair.overlap, pair.first_region, pair.second_region) for pair in pairs} == {
+        (0.0, None, None)
+    }
 
 
 def test_regions_hold_what_the_other_photo_may_show__law():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.block.patches import (
+from core.block.registration.patches import (
     Window,
     filled,
     grid_over,
@@ -14,7 +14,7 @@ from core.block.patches import (
     upsampled,
     warped_reference,
 )
-from core.block.similarity import detect_peaks, high_passed, ncc_surface
+from core.block.registration.similarity import detect_peaks, high_passed, ncc_surface
 from core.geometry.exterior import ExteriorOrientation
 
 SIDE, ROOM = 161, 8

@@ -7,9 +7,9 @@ import pytest
 
 from core.arrays import locked
 from core.block.block import ExteriorPrior
-from core.block.ground_search import Laid, Turn, angle_field, distinct, turned
-from core.block.patches import OpenPhoto
-from core.block.placement import (
+from core.block.registration.ground_search import Laid, Turn, angle_field, distinct, turned
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.placement import (
     NARROW,
     PlacementOptions,
     laid_on_ground,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from core.block.reference_points import gather_reference_points, joined
+from core.block.registration.reference_points import gather_reference_points, joined
 from core.progress import Silent
 
 

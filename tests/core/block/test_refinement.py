@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.block.refinement import (
+from core.block.ties.refinement import (
     RefinementOptions,
     local_affinities,
     patch_centres,

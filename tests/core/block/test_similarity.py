@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.block.similarity import (
+from core.block.registration.similarity import (
     detect_peaks,
     doubled_angle_field,
     gradient_surface,

@@ -7,13 +7,13 @@ import pytest
 
 from core.block.adjusted import AdjustmentOptions
 from core.block.block import ExteriorPrior
-from core.block.components import classes_of
-from core.block.linearised import linearise
-from core.block.minimum import Fit
-from core.block.network import network_of
-from core.block.reliability import precision_of
-from core.block.solver import normals_of, pattern_of, solve
-from core.block.start import initial_state
+from core.block.least_squares.components import classes_of
+from core.block.least_squares.linearised import linearise
+from core.block.least_squares.minimum import Fit
+from core.block.least_squares.network import network_of
+from core.block.least_squares.reliability import precision_of
+from core.block.least_squares.solver import normals_of, pattern_of, solve
+from core.block.least_squares.start import initial_state
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(strips=2, photos_per_strip=3, ties=40, control=8, check=0)

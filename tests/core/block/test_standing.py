@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from core.block.block import Block, TiePoints
-from core.block.orientation import OrientedPhoto, ReferencePoints
-from core.block.standing import MIN_TIES, Site, carried_by_ties, stand_up
+from core.block.registration.orientation import OrientedPhoto, ReferencePoints
+from core.block.registration.standing import MIN_TIES, Site, carried_by_ties, stand_up
 from core.doubts import Failure
 from core.errors import OrientationError
 from core.geometry.resection import moved

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from core.block.block import Block, ExteriorPrior, Photo, TiePoints
-from core.block.chains import common_rays, rays_per_point
-from core.block.thinning import ThinningOptions, frame_cells, thin_ties
+from core.block.ties.chains import common_rays, rays_per_point
+from core.block.ties.thinning import ThinningOptions, frame_cells, thin_ties
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from core.block.chains import common_rays, rays_per_point
-from core.block.features import FeatureOptions
 from core.block.tie_points import TieOptions, match_ties
+from core.block.ties.chains import common_rays, rays_per_point
+from core.block.ties.features import FeatureOptions
 from tests.core.block.judging import intersected, sigma_nought
 from tests.core.block.rendered import rendered_block, terrain, write
 

@@ -6,12 +6,15 @@ import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, swi
 import { showStatus } from "/pages/status.js";
 import { setUpPeople, showPeople } from "/pages/people.js";
 import { openQuality, setUpQuality, showQuality } from "/pages/quality.js";
+import { boardKey, boardState, openBoard, setUpBoard, showBoard } from "/pages/board.js";
+import { openPlacement, placementKey, placementState, setUpPlacement, showPlacement } from "/pages/placement.js";
 import { setUpResults } from "/pages/results.js";
 import { nextTheme, setUpTheme } from "/pages/theme.js";
 import { startTour, tourIsNew } from "/pages/tour.js";
 import { toggleHelp } from "/pages/help.js";
 
 const PIECE = 50;
+const notices = byId("notices");
 const parts = {};
 let seat = "";
 let socket = null;
@@ -61,12 +64,14 @@ const ACTS = {
   help: () => toggleHelp(),
   add: () => switchCompare("adding"),
   quality: () => openQuality(parts.quality),
+  board: () => openBoard(parts.board),
+  placement: () => openPlacement(parts.placement),
   theme: () => nextTheme(),
   tour: () => startTour(),
 };
 const KEYS = {
   KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
-  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", KeyP: "add", KeyB: "quality", Enter: "refine", NumpadEnter: "refine",
+  KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness", KeyP: "add", KeyB: "quality", KeyI: "board", KeyG: "placement", Enter: "refine", NumpadEnter: "refine",
 };
 const LAYERS = ["terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels"];
 const REPEATS = new Set(["next", "previous"]);
@@ -79,6 +84,8 @@ window.gruberKey = (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return false;
   const inScene = event.view !== window;
   const sheet = document.querySelector("dialog[open]:not(#help)");
+  if (sheet?.id === "board") return boardKey(event, letterOf(event));
+  if (sheet?.id === "placement") return placementKey(event, letterOf(event));
   if (sheet) {
     // Nothing is decided behind an open sheet.
     if (event.type === "keydown" && (event.key === "Escape" || (sheet.id === "quality" && letterOf(event) === "KeyB"))) sheet.close();
@@ -146,7 +153,7 @@ function listenToKeys() {
 
 function setUpButtons() {
   const keyOf = Object.fromEntries(start.keys.map(([key, name]) => [name, key]));
-  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", quality: "quality", theme: "theme", tour: "tour", "fit-whole": "fit.whole", "fit-current": "fit.current" };
+  const texts = { help: "act.help", wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink", remake: "remake", cancel: "remake.cancel", quality: "quality", board: "board", placement: "placement", theme: "theme", tour: "tour", "fit-whole": "fit.whole", "fit-current": "fit.current" };
   const marks = { accept: "accepted", reject: "rejected", dubious: "dubious" };
   for (const button of document.querySelectorAll("[data-act]")) {
     const act = button.dataset.act;
@@ -211,21 +218,23 @@ function takeRows(fresh) {
 }
 
 function receive(message) {
-  const { notices, ...fresh } = message;
+  const { notices: told, ...fresh } = message;
   takeRows(fresh);
   Object.assign(parts, fresh);
   if (fresh.rows || fresh.queue || fresh.order) showQueue(fresh.rows, fresh.queue, fresh.order);
   if (fresh.queue) { showReasons(fresh.queue.explaining); keepPlace(fresh.queue); }
   if (fresh.status) { showStatus(fresh.status); showPeople(fresh.status, parts.point?.key); }
   if (fresh.quality) showQuality(fresh.quality);
+  if (fresh.board) showBoard(fresh.board);
+  if (fresh.placement) showPlacement(fresh.placement);
   if (fresh.scene) showScene(fresh.scene);
   if ("point" in fresh) {
     if (shownNow() !== judged.shown) judged.shown = "";
     showPoint(parts.point);
     comparePoint(parts.point);
   }
-  for (const notice of notices ?? []) tell(notice);
-  if (notices?.some((notice) => notice.grave)) { judged.shown = ""; comparePoint(parts.point ?? null); }
+  for (const notice of told ?? []) tell(notice);
+  if (told?.some((notice) => notice.grave)) { judged.shown = ""; comparePoint(parts.point ?? null); }
   if (wanted) { comeBack(wanted); wanted = null; }
 }
 
@@ -250,10 +259,12 @@ function comeBack({ key, filter, sort }) {
 
 // What went wrong stays until it is clicked away, or a while.
 function tell({ text, grave }) {
-  const same = [...byId("notices").children].find((box) => box.textContent === text);
+  const same = [...notices.children].find((box) => box.textContent === text);
   same?.remove();
   const box = element("div", { class: `notice${grave ? " grave" : ""}`, onclick: () => box.remove() }, text);
-  byId("notices").append(box);
+  // What is to be seen over an open sheet must lie in it.
+  (document.querySelector("dialog[open]") ?? document.body).append(notices);
+  notices.append(box);
   setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
@@ -338,6 +349,8 @@ async function open() {
   setUpScene();
   setUpPeople(send);
   setUpQuality(send);
+  setUpBoard(send);
+  setUpPlacement(send);
   setUpResults();
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);
@@ -345,7 +358,7 @@ async function open() {
   showWire(false);
   wanted = keptPlace();
   connect();
-  window.gruber = { parts, compareState };
+  window.gruber = { parts, compareState, boardState, placementState };
   if (tourIsNew()) startTour();
 }
 

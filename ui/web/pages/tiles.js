@@ -4,8 +4,9 @@ import { start } from "/pages/words.js";
 const SIDE = 256;
 const KEPT = 600;
 const images = new Map();
-let redraw = () => {};
-export function onTile(callback) { redraw = callback; }
+const waiting = new Set();
+const redraw = () => waiting.forEach((callback) => callback());
+export function onTile(callback) { waiting.add(callback); }
 
 function image(address, ahead = false) {
   let found = images.get(address);

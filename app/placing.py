@@ -1,0 +1,325 @@
+"""The placing page: two clicks in one photo, for a block that could not be placed by itself."""
+
+import secrets
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from app.described import described
+from app.desk import lasting_token
+from app.placing_run import Running
+from app.project import Project
+from app.scan_files import ScanFiles
+from core.block.block import Block, ExteriorPrior, Photo
+from core.block.ties.pairs import footprint
+from core.doubts import Failure
+from core.errors import PhotogrammetryError, ProjectError, ScanError
+from core.formats.qgis_points import (
+    QgisPoints,
+    find_qgis_points,
+    read_qgis_points,
+    write_qgis_points,
+)
+from core.geometry.camera import Camera
+from core.geometry.crs import operation_between, read_crs
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.transforms import fit_similarity, rotation_and_scale
+from core.reference.reference import Reference
+from core.scan.orientation import ScanOrientation
+from core.stages import BlockInput, Georeferenced, ScanSet
+from core.whereabouts import open_reference
+from sessions.session import HIDDEN, Session
+from sessions.whole import clean_leftovers, whole_file
+from ui.review.compare import DrawnPhoto
+from ui.review.palette import page_palette
+from ui.review.placement import NOWHERE
+from ui.review.tiles import Lattice
+from ui.review.wording import sentence, words
+from ui.web.access import Access
+from ui.web.front import Front, FrontInputs
+from ui.web.placing import Pair, placing_routes
+from ui.web.tiles import Sources, TileStore
+
+FINEST_SHARE = 0.5
+"""Finest tiles of the ortho, as a share of its own pixel."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placeable:
+    """A block with scans that could be oriented inside, and nothing that stands on the ground."""
+
+    given: BlockInput
+    """The block as its owner describes it."""
+    scans: ScanSet
+    """Its scans."""
+    reference: Reference
+    """Ortho and heights."""
+    placed: Block | None = None
+    """Photos where the archive's georeference puts them."""
+    nowhere: frozenset[str] = frozenset()
+    """Photos of which it says nothing."""
+
+
+def placeable(project: Project, session: Session) -> Placeable | None:
+    """What the placing page shows; None for a block that has control points to review.
+
+    Raises:
+        ProjectError: The block has not been run as far as its scans.
+    """
+    if session.products.latest_value("control") is not None:
+        return None
+    scans = cast("ScanSet | None", session.products.latest_value("scans"))
+    if scans is None:
+        raise ProjectError(
+            project.file,
+            "the block has no control points to review yet.",
+            f"Run it first: gruber run {project.folder}",
+        )
+    given = described(project)
+    placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
+    if placed is None:
+        return Placeable(given, scans, open_reference(given))
+    nowhere = {n for n, one in placed.approximations.items() if one.source in NOWHERE}
+    return Placeable(given, scans, open_reference(given), placed.block, frozenset(nowhere))
+
+
+class Placing:
+    """An open placing page."""
+
+    def __init__(self, front: Front, access: Access, running: Running, tiles: TileStore) -> None:
+        self._front, self._access = front, access
+        self._running, self._tiles = running, tiles
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token."""
+        return self._access.url(self.port)
+
+    @property
+    def guest_url(self) -> str:
+        """The address for those who only look."""
+        return self._access.guest_url(self.port)
+
+    @property
+    def port(self) -> int:
+        """The port it listens on."""
+        return self._front.port
+
+    def wait(self) -> None:
+        """Return when a run from the page has gone through; Ctrl-C passes through."""
+        while not self._running.gone_through.wait(timeout=0.5):
+            pass
+
+    def close(self) -> None:
+        """Close the port and stop the run."""
+        self._running.close()
+        self._front.close()
+        self._tiles.close()
+
+    def __enter__(self) -> "Placing":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_placing(
+    project: Project, found: Placeable, host: str, port: int, language: str = "en"
+) -> Placing:
+    """Open the placing page of a block.
+
+    Raises:
+        PhotogrammetryError: The port cannot be had.
+    """
+    ortho, dem = found.reference.ortho, found.reference.dem
+    lattice = Lattice.over(ortho.bounds, FINEST_SHARE * ortho.ground_sample_distance_m)
+    tiles = TileStore(Sources(ortho, dem, ScanFiles(project.folder), lattice))
+    cameras = {scan.path.stem: scan.camera for scan in found.given.scans}
+    drawn = {
+        name: drawn_unplaced(scan, found.given.cameras[cameras[name]], ortho.bounds)
+        for name, scan in found.scans.oriented.items()
+    }
+    tiles.publish(drawn)
+    access = Access(host, lasting_token(project.folder / HIDDEN))
+    running = Running(project.file)
+    clicking = Clicking(found, running)
+    start = _start(project, lattice, ortho.ground_sample_distance_m, language)
+    routes = placing_routes(clicking, sentence("notice.guest", {}, language))
+    doors = FrontInputs(
+        access, None, tiles, None, start, None, "placing.html", clicking.photos, routes
+    )
+    front = Front(doors, host, port)
+    opened = Placing(front, access, running, tiles)
+    try:
+        front.start()
+    except OSError as error:
+        opened.close()
+        raise PhotogrammetryError(
+            f"{host}:{port}",
+            f"cannot be listened on ({error.strerror or error}).",
+            "Choose another port with --port, or close the desk that is open there.",
+        ) from error
+    return opened
+
+
+class Clicking:
+    """Pairs of points, judged and written; satisfies `ui.web.placing.Placer`."""
+
+    def __init__(self, found: Placeable, running: Running) -> None:
+        self._found, self._running = found, running
+        self._lock = threading.Lock()
+        for folder in {scan.scan.path.parent for scan in found.scans.oriented.values()}:
+            clean_leftovers(folder)
+        self.start_run, self.cancel_run = running.start, running.cancel
+        self.status: Callable[[], dict[str, Any]] = running.status
+
+    def photos(self) -> dict[str, Any]:
+        """All scans, with the points that were clicked before."""
+        return {"scans": [self._photo(name) for name in self._found.scans.oriented]}
+
+    def fitted(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
+        """Residuals of a similarity, metres; its matrix from pixel to ground, scale and turn."""
+        scan = self._scan(photo_id)
+        values = np.array(pairs, dtype=np.float64).reshape(-1, 4)
+        if len(values) < 2:
+            return {"count": len(values)}
+        fit = fit_similarity(values[:, :2], values[:, 2:], mirrored=True)
+        if isinstance(fit, Failure):
+            return {"count": len(values), "why": fit.reason}
+        turn, _ = rotation_and_scale(fit.matrix, mirrored=True)
+        return {
+            "count": len(values),
+            "matrix": fit.matrix.tolist(),
+            "residuals": np.round(fit.residuals, 2).tolist() if len(values) > 2 else None,
+            "rms": round(fit.rms, 2) if len(values) > 2 else None,
+            "pixel_m": round(fit.scale, 4),
+            "scale": round(1000 * fit.scale / scan.interior.pixel_size_mm, -1),
+            "turn_deg": round(float(np.degrees(turn)), 1),
+        }
+
+    def save(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
+        """Write the `.points` file beside the scan, whole; remove it when no pair is left.
+
+        Raises:
+            ScanError: A single pair, or pairs at one place.
+        """
+        scan = self._scan(photo_id).scan.path
+        fit = self.fitted(photo_id, pairs)
+        with self._lock:
+            path = find_qgis_points(scan) or scan.with_name(scan.name + ".points")
+            if not pairs:
+                path.unlink(missing_ok=True)
+                return {**fit, "saved": ""}
+            if "matrix" not in fit:
+                raise ScanError(
+                    path, str(fit.get("why", "One pair is too few.")),
+                    "Click two places or more, far apart.",
+                )  # fmt: skip
+            values = np.array(pairs, dtype=np.float64)
+            off = self._switched_off(path)
+            plane = np.vstack([values[:, 2:], off.plane])
+            pixels = np.vstack([values[:, :2], off.pixels])
+            enabled = np.arange(len(plane)) < len(values)
+            points = QgisPoints(path, self._found.given.crs, plane, pixels, enabled)
+            with whole_file(path) as temporary:
+                write_qgis_points(temporary, points)
+        return {**fit, "saved": path.name}
+
+    def _switched_off(self, path: Path) -> QgisPoints:
+        """Points of the file that somebody switched off in QGIS: they stay, switched off."""
+        none = np.zeros((0, 2))
+        try:
+            points = in_crs(read_qgis_points(path), self._found.given.crs)
+        except PhotogrammetryError:
+            return QgisPoints(path, "", none, none, np.zeros(0, dtype=np.bool_))
+        off = ~points.enabled
+        return replace(
+            points, plane=points.plane[off], pixels=points.pixels[off], enabled=points.enabled[off]
+        )
+
+    def _scan(self, photo_id: str) -> ScanOrientation:
+        scan = self._found.scans.oriented.get(photo_id)
+        if scan is None:
+            raise ScanError(photo_id, "is no scan of this block.", "Open the page again.")
+        return scan
+
+    def _photo(self, name: str) -> dict[str, Any]:
+        """One scan for the page: its size, what was clicked, and where it was said to lie."""
+        scan, block = self._found.scans.oriented[name], self._found.placed
+        clicked, why = self._clicked(scan)
+        known: dict[str, Any] | None = None
+        if block is not None and name in block.photos and name not in self._found.nowhere:
+            photo, camera = block.photos[name], block.camera_of(name)
+            middle = footprint(photo, camera).centroid
+            height = float(photo.exterior.centre[2]) - photo.ground_height_m
+            pixel = photo.interior.pixel_size_mm * height / camera.principal_distance_mm
+            known = {"east": round(middle.x, 1), "north": round(middle.y, 1), "pixel": pixel}
+        return {
+            "photo": name, "size": list(scan.size_px), "version": 1, "pairs": clicked,
+            "why": why, "known": known,
+        }  # fmt: skip
+
+    def _clicked(self, scan: ScanOrientation) -> tuple[list[list[float]], str]:
+        """Pairs of the file beside a scan, in the block's CRS; a word where it cannot be read."""
+        path = find_qgis_points(scan.scan.path)
+        if path is None:
+            return [], ""
+        try:
+            read = read_qgis_points(path)
+            points = in_crs(read, self._found.given.crs)
+        except PhotogrammetryError as error:
+            return [], str(error)
+        chosen = points.enabled
+        pairs = np.column_stack([points.pixels[chosen], points.plane[chosen]])
+        return np.round(pairs, 3).tolist(), ""
+
+
+def in_crs(points: QgisPoints, crs: str) -> QgisPoints:
+    """Points with their map side in a CRS.
+
+    Raises:
+        CrsError: Theirs is unknown, or cannot be brought there.
+    """
+    path = points.path
+    if not points.crs or not len(points.plane) or read_crs(points.crs, path) == read_crs(crs, path):
+        return points
+    operation = operation_between(points.crs, crs, points.plane, path)
+    return replace(points, crs=crs, plane=operation.forward(points.plane))
+
+
+def drawn_unplaced(
+    scan: ScanOrientation, camera: Camera, bounds: tuple[float, float, float, float]
+) -> DrawnPhoto:
+    """A scan as its raw tiles are drawn; its place is that of nobody knows where."""
+    middle = np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 1e3])
+    exterior = ExteriorOrientation(middle, 0.0, 0.0, 0.0)
+    prior = ExteriorPrior(np.full(3, 1e5), np.full(3, np.pi))
+    photo = Photo(
+        scan.photo_id, str(scan.scan.path), scan.size_px, camera.name, scan.interior, exterior,
+        exterior, prior, 0.0,
+    )  # fmt: skip
+    return DrawnPhoto(photo, camera, 1)
+
+
+def _start(
+    project: Project, lattice: Lattice, ortho_pixel_m: float, language: str
+) -> dict[str, Any]:
+    """What the page needs once."""
+    return {
+        "name": project.block.name,
+        "edition": secrets.token_urlsafe(6),
+        "words": words(language),
+        "language": language,
+        "palette": page_palette(),
+        "photos": [],
+        "lattice": {
+            "west": lattice.west, "north": lattice.north,
+            "pixel": lattice.pixel_m, "levels": lattice.levels,
+        },
+        "ortho_pixel": ortho_pixel_m,
+        "command": f"gruber run {project.folder}",
+    }  # fmt: skip

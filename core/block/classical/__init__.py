@@ -1,0 +1,1 @@
+"""The methods before the bundle: models, strips, independent models."""

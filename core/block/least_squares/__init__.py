@@ -1,0 +1,1 @@
+"""The estimation itself: equations, solver, reliability, what a decision would change."""

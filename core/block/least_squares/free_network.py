@@ -1,0 +1,122 @@
+"""The free network: ties alone decide the block's shape, control only says where it lies.
+
+What the residuals then show is the ties' own; what control differs by after a similarity is
+control's own, or a bend of the block. Standard deviations are those of inner constraints on the
+perspective centres: cofactors S Q S^T with S = I - G (G^T B G)^-1 G^T B, G the seven directions in
+which a block can be moved without changing its shape, B one for centres (Baarda 1973).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.block.least_squares.equations import Equations
+from core.block.least_squares.linearised import linearise
+from core.block.least_squares.network import Network, State
+from core.block.least_squares.solution import Solution
+from core.geometry.absolute import Similarity, fit_similarity
+
+LOOSE_M = 300.0
+"""Prior of a perspective centre that keeps the equations regular and bends nothing, metres."""
+LOOSE_RAD = 1.0
+"""The same for angles."""
+MOST_PHOTOS = 300
+"""Larger blocks keep the standard deviations of the loose datum: the full inverse is too large."""
+
+
+def freed(network: Network) -> Network:
+    """The network without known coordinates, and with priors that only keep it somewhere."""
+    priors = replace(
+        network.priors,
+        centre_weights=np.full_like(network.priors.centre_weights, 1 / LOOSE_M),
+        angle_weights=np.full_like(network.priors.angle_weights, 1 / LOOSE_RAD),
+    )
+    weights = np.zeros_like(network.points.known_weight)
+    return replace(network, priors=priors, points=replace(network.points, known_weight=weights))
+
+
+def laid_on_control(solution: Solution, known: Network) -> Solution:
+    """The free solution moved as one body onto control, or onto the approximate centres.
+
+    Args:
+        solution: The adjusted free network.
+        known: The network it came from, with its control.
+    """
+    network, state = solution.network, solution.fit.state
+    similarity = _onto_control(solution, known)
+    if similarity is None:
+        count = len(state.centres)
+        weights = np.ones(count)
+        if count < 3:
+            return solution
+        similarity = fit_similarity(state.centres, known.priors.centres, weights)
+    moved = _moved(state, similarity)
+    fit = replace(solution.fit, state=moved, lin=linearise(network, moved))
+    photos, mixed = _inner_cofactors(solution)
+    # Both turned into the directions of the moved block; increments stay in image axes.
+    turn = np.zeros((6, 6))
+    turn[:3, :3], turn[3:, 3:] = similarity.scale * similarity.rotation, np.eye(3)
+    precision = replace(
+        solution.precision,
+        photos=turn @ photos @ turn.T,
+        mixed=turn @ mixed,
+        points=np.full_like(solution.precision.points, np.nan),
+    )
+    return replace(solution, fit=fit, precision=precision)
+
+
+def _onto_control(solution: Solution, known: Network) -> Similarity | None:
+    """The similarity onto control points that two rays or more intersect; None of fewer than 3."""
+    network, fit = solution.network, solution.fit
+    rays = np.bincount(network.rays.point[fit.taking_part], minlength=network.points.count)
+    weights = known.points.known_weight.min(axis=1)
+    good = (rays >= 2) & (weights > 0) & (np.arange(len(rays)) >= len(network.points.tie))
+    if good.sum() < 3:
+        return None
+    return fit_similarity(fit.state.points[good], known.points.known[good], weights[good] ** 2)
+
+
+def _moved(state: State, similarity: Similarity) -> State:
+    return replace(
+        state,
+        centres=similarity.moved(state.centres),
+        rotations=similarity.rotation @ state.rotations,
+        points=similarity.moved(state.points),
+    )
+
+
+def _inner_cofactors(
+    solution: Solution,
+) -> tuple[Float64[np.ndarray, "photos 6 6"], Float64[np.ndarray, "photos 6 shared"]]:
+    """Cofactors of the photos, and theirs with the shared unknowns, by inner constraints."""
+    count, precision = len(solution.network.photos), solution.precision
+    if not 3 <= count <= MOST_PHOTOS:
+        return precision.photos, precision.mixed
+    equations = Equations(solution)
+    full = equations.cofactors(np.eye(equations.unknowns))
+    directions = np.zeros((equations.unknowns, 7))
+    directions[: 6 * count] = _free_directions(solution.fit.state)
+    held = np.zeros(equations.unknowns)
+    held[: 6 * count].reshape(count, 6)[:, :3] = 1.0
+    inner = directions.T @ (held[:, None] * directions)
+    shift = directions @ np.linalg.solve(inner, (held[:, None] * directions).T)
+    change = np.eye(equations.unknowns) - shift
+    full = change @ full @ change.T
+    rows = np.arange(count)
+    blocks = full[: 6 * count, : 6 * count].reshape(count, 6, count, 6)[rows, :, rows, :]
+    return blocks, full[: 6 * count, 6 * count :].reshape(count, 6, -1)
+
+
+def _free_directions(state: State) -> Float64[np.ndarray, "unknowns 7"]:
+    """Seven movements of the whole block: shifts, turns about the middle, scale."""
+    centres = state.centres - state.centres.mean(axis=0)
+    found = np.zeros((len(centres), 6, 7))
+    for axis in range(3):
+        found[:, axis, axis] = 1.0
+        unit = np.eye(3)[axis]
+        found[:, :3, 3 + axis] = np.cross(unit, centres)
+        # A turn u in object space is the increment R^T u about the image axes.
+        found[:, 3:, 3 + axis] = unit @ state.rotations
+    found[:, :3, 6] = centres
+    return found.reshape(-1, 7)

@@ -1,0 +1,1 @@
+"""Photos against the reference: patches, operators, search, probability, resection."""

@@ -1,0 +1,97 @@
+"""How alike a reference point's patch and a scan are at every place about where it is expected."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import PixelPoints, locked
+from core.block.registration.matching import SEPARATION_PX, MatchingOptions, prepared
+from core.block.registration.orientation import OrientationOptions, finest_reduction
+from core.block.registration.patches import OpenPhoto, Window, read_pair
+from core.block.registration.similarity import Image, detect_peaks
+from core.doubts import Failure
+from core.reference.reference import Reference
+
+OPERATOR = "fused"
+"""What the desk compares with."""
+REACH_PX = 3.0
+"""A place is refined to a peak no further away than this, pixels of the pass."""
+PEAKS = 12
+"""So many maxima of a surface are looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likeness:
+    """Likeness to ortho and roads by place, in the scan."""
+
+    values: Image
+    """1 where all is the same, 0 and below where they have nothing in common, (n, n)."""
+    first: PixelPoints
+    """Scan pixel of the first value, (1, 2)."""
+    reduction: int
+    """Scan pixels from one value to the next."""
+
+    def refined(self, pixel: PixelPoints) -> PixelPoints | Failure:
+        """The sub-pixel peak, by least squares through its surroundings, nearest to a scan pixel.
+
+        Args:
+            pixel: Where the point was set or measured, (1, 2).
+
+        Returns:
+            Its place, (1, 2), or why there is none.
+        """
+        peaks = detect_peaks(self.values, PEAKS, SEPARATION_PX)
+        places = self.first + self.reduction * np.array(
+            [[peak.column, peak.row] for peak in peaks]
+        ).reshape(-1, 2)
+        away = np.hypot(*(places - pixel).T)
+        if not len(away) or away.min() > REACH_PX * self.reduction:
+            return Failure("there is no peak of likeness near")
+        return places[[int(np.argmin(away))]]
+
+
+def search_options(
+    opened: OpenPhoto, reference: Reference, orientation: OrientationOptions, search_m: float
+) -> MatchingOptions:
+    """The sizes with which control is proposed, for a search of some metres."""
+    reduction = finest_reduction(opened, reference, orientation)
+    half = max(int(np.ceil(search_m / opened.ground_pixel_m / reduction)), 8)
+    return MatchingOptions(
+        reduction=reduction,
+        template_half_px=orientation.template_half_px,
+        min_search_px=half,
+        max_search_px=half,
+        operators=(OPERATOR,),
+    )
+
+
+def likeness_about(
+    opened: OpenPhoto, reference: Reference, pixel: PixelPoints, options: MatchingOptions
+) -> Likeness | Failure:
+    """Compare the reference about a point with a scan around where it is expected.
+
+    Args:
+        opened: The photo with its orientation.
+        reference: Ortho and heights.
+        pixel: Scan pixel at which the orientation expects the point, (1, 2).
+        options: Sizes; `min_search_px` is how far around.
+
+    Returns:
+        The surface, or why there is none.
+    """
+    if not np.all(np.isfinite(pixel)):
+        return Failure("the point is not in this photo")
+    half, inner, reduction = options.min_search_px, options.template_half_px, options.reduction
+    margin = (half + inner + 3) * reduction
+    low = np.floor(pixel[0]).astype(np.int64) - margin
+    side = 2 * (half + inner + 3) + 1
+    window = Window(int(low[0]), int(low[1]), side, side, reduction)
+    images = prepared(read_pair(opened, reference, window), options)
+    column, row = (int(v) for v in window.window_from_pixel(pixel)[0])
+    outer = inner + half
+    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
+    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
+    if images.pair.known[patch].mean() < 0.9:
+        return Failure("the reference is not known about the point")
+    surface = images.surface(OPERATOR, around, patch)
+    return Likeness(surface, locked(pixel - half * reduction), reduction)

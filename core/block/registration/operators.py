@@ -1,0 +1,301 @@
+"""Operators: what says how alike a patch of the reference and every place of a scan window are.
+
+All stand behind one small interface. What is compared is described once for a whole tile;
+the surface of a point is then cut out of two descriptions. `gradient` is invariant to contrast
+and its sign, `roads` owes the ortho nothing at all, and `fused` takes the mean of the two.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+from core.block.registration.descriptors import AkazeOperator, OrbOperator, SiftOperator
+from core.block.registration.similarity import (
+    Description,
+    Image,
+    Surface,
+    doubled_angle_field,
+    finite,
+    gradient_surface,
+    high_passed,
+    ncc_surface,
+)
+
+VectorField = Float32[np.ndarray, "rows columns channels"]
+CHANNELS = 9
+"""Orientations of CFOG."""
+CFOG_SIGMA_PX = 0.8
+VERGE_PX, FADE_PX = 2.0, 3.0
+"""A drawn road is compared to so many pixels beyond its edges, and fades out over so many more."""
+LEAST_ROAD_PX = 40.0
+"""With less of a road in the template there is nothing to compare."""
+MOST_STRAIGHT = 0.85
+"""Where this share of all drawn edges runs one way, they say nothing of the place along it."""
+
+
+@runtime_checkable
+class Operator(Protocol):
+    """One way to compare a scan with the reference, warped into the scan's geometry."""
+
+    @property
+    def name(self) -> str:
+        """What `block.toml` calls it."""
+        ...
+
+    def of_scan(self, scan: Image) -> Description:
+        """What is compared of a window of the scan."""
+        ...
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """What is compared of the ortho, and of the roads drawn into the same window."""
+        ...
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """Likeness at every place of a patch of the reference within a window of the scan."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NccOperator:
+    """Normalised cross-correlation of grey values (thesis 3.3)."""
+
+    name: str = "ncc"
+
+    def of_scan(self, scan: Image) -> Description:
+        """Grey values."""
+        return (scan,)
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """Grey values."""
+        return (reference,)
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """Pearson's correlation."""
+        return ncc_surface(around[0], patch[0])
+
+
+@dataclass(frozen=True, slots=True)
+class HighPassOperator:
+    """Normalised cross-correlation of grey values less their surroundings."""
+
+    sigma_px: float
+    """Size of the surroundings, pixels."""
+    name: str = "ncc-high-pass"
+
+    def of_scan(self, scan: Image) -> Description:
+        """A band of detail."""
+        return (high_passed(scan, self.sigma_px),)
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """A band of detail."""
+        return (high_passed(reference, self.sigma_px),)
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """Pearson's correlation."""
+        return ncc_surface(around[0], patch[0])
+
+
+@dataclass(frozen=True, slots=True)
+class GradientOperator:
+    """Correlation of doubled gradient angles."""
+
+    name: str = "gradient"
+
+    def of_scan(self, scan: Image) -> Description:
+        """Field of doubled angles."""
+        return (doubled_angle_field(scan),)
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """Field of doubled angles."""
+        return (doubled_angle_field(reference),)
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """Re sum(conj(z_T) z_S) / sqrt(sum |z_T|^2 sum |z_S|^2)."""
+        return gradient_surface(around[0], patch[0])
+
+
+@dataclass(frozen=True, slots=True)
+class CfogOperator:
+    """Channel features of oriented gradients (Ye et al. 2019, doi:10.1109/TGRS.2019.2924684)."""
+
+    name: str = "cfog"
+
+    def of_scan(self, scan: Image) -> Description:
+        """Channels in groups of three, and the squared length of each pixel's."""
+        return oriented_channels(scan)
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """The same of the ortho."""
+        return oriented_channels(reference)
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """Correlation of all channels; as they have equal length, it ranks as squares would."""
+        product = sum_of_products(around[:-1], patch[:-1])
+        ones = np.ones(patch[-1].shape, np.float32)
+        energy = cv2.matchTemplate(around[-1], ones, cv2.TM_CCORR)
+        return normalised(product, energy, float(patch[-1].sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class RoadOperator:
+    """Doubled gradient angles of the drawn roads, compared on and beside them alone."""
+
+    name: str = "roads"
+
+    def of_scan(self, scan: Image) -> Description:
+        """Field of doubled angles, and its squared length."""
+        field = doubled_angle_field(scan)
+        return field, squared_length(field)
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """Field of the drawn roads where it is compared, and the weight of each pixel."""
+        return drawn_field(roads)
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """The weighted likeness; nought where no road is drawn."""
+        return road_surface(around, patch)
+
+
+@dataclass(frozen=True, slots=True)
+class FusedOperator:
+    """The mean of `gradient` and `roads`: what the ortho and the map both say."""
+
+    name: str = "fused"
+
+    def of_scan(self, scan: Image) -> Description:
+        """Field of doubled angles, and its squared length."""
+        field = doubled_angle_field(scan)
+        return field, squared_length(field)
+
+    def of_reference(self, reference: Image, roads: Image) -> Description:
+        """Field of the ortho, then that of the roads with its weights."""
+        return doubled_angle_field(reference), *drawn_field(roads)
+
+    def surface(self, around: Description, patch: Description) -> Surface:
+        """Mean of both likenesses; where no road is drawn, that of the ortho alone."""
+        ortho = gradient_surface(around[0], patch[0])
+        if not has_roads(patch):
+            return ortho
+        return (ortho + road_surface(around, patch[1:])) / np.float32(2)
+
+
+def oriented_channels(image: Image) -> Description:
+    """Nine absolute directional derivatives, smoothed in place and direction, of equal length."""
+    smooth = cv2.GaussianBlur(image, (0, 0), CFOG_SIGMA_PX)
+    right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
+    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+    angles = np.arange(CHANNELS, dtype=np.float32) * np.float32(np.pi / CHANNELS)
+    channels = [
+        cv2.GaussianBlur(np.abs(np.cos(a) * right + np.sin(a) * down), (0, 0), CFOG_SIGMA_PX)
+        for a in angles
+    ]
+    around = [channels[-1], *channels, channels[0]]
+    stack = np.stack(
+        [around[i] + 2 * around[i + 1] + around[i + 2] for i in range(CHANNELS)], axis=2
+    )
+    length = np.linalg.norm(stack, axis=2, keepdims=True)
+    stack /= length + np.float32(1e-2) * length.mean() + np.float32(1e-6)
+    # Channels are never negative: less their mean they tell directions rather than contrast.
+    stack -= stack.mean(axis=2, keepdims=True)
+    groups = [np.ascontiguousarray(stack[:, :, i : i + 3]) for i in range(0, CHANNELS, 3)]
+    return *groups, np.einsum("rcn,rcn->rc", stack, stack)
+
+
+def squared_length(field: VectorField) -> Image:
+    """Squared length of every vector of a field."""
+    return np.einsum("rcn,rcn->rc", field, field)
+
+
+def drawn_field(roads: Image) -> Description:
+    """Doubled angles of drawn roads times the weight they are compared with, and that weight."""
+    drawn = roads > 0
+    if not drawn.any():
+        return np.zeros((*roads.shape, 2), np.float32), np.zeros_like(roads)
+    field = doubled_angle_field(roads)
+    away = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 3)
+    fade = np.maximum(away - VERGE_PX, 0) / FADE_PX
+    weight = np.exp(-0.5 * fade * fade).astype(np.float32)
+    weight[weight < 0.01] = 0.0
+    return field * weight[:, :, None], weight
+
+
+def road_surface(around: Description, patch: Description) -> Surface:
+    """Re sum(w conj(z_T) z_S) / sqrt(sum w |z_T|^2 sum w |z_S|^2), w of the drawn roads."""
+    field, weight = patch
+    shape = np.array(around[1].shape) - weight.shape + 1
+    energy = road_energy(patch)
+    if energy < LEAST_ROAD_PX:
+        return np.zeros(tuple(shape), np.float32)
+    product = cv2.matchTemplate(around[0], field, cv2.TM_CCORR)
+    seen = cv2.matchTemplate(around[1], weight, cv2.TM_CCORR)
+    return normalised(product, seen, energy)
+
+
+def road_energy(patch: Description) -> float:
+    """How much road a template holds: sum of w |z_T|^2."""
+    field, weight = patch
+    telling = weight > 0
+    return float(np.sum(squared_length(field)[telling] / weight[telling]))
+
+
+def has_roads(patch: Description) -> bool:
+    """Whether a template of `fused` holds roads that fix a place in both directions.
+
+    A straight road alone does not: it is alike all along.
+    """
+    if len(patch) != 3 or road_energy(patch[1:]) < LEAST_ROAD_PX:
+        return False
+    field, weight = patch[1:]
+    telling = weight > 0
+    vectors = field[telling] / np.sqrt(weight[telling])[:, None]
+    lengths = np.linalg.norm(vectors, axis=1)
+    along = float(np.linalg.norm((vectors * lengths[:, None]).sum(axis=0)))
+    return along <= MOST_STRAIGHT * float(np.sum(lengths**2))
+
+
+def sum_of_products(around: Sequence[np.ndarray], patch: Sequence[np.ndarray]) -> Surface:
+    """Sum over all channels of the products at every place."""
+    parts = [
+        cv2.matchTemplate(one, other, cv2.TM_CCORR)
+        for one, other in zip(around, patch, strict=True)
+    ]
+    return np.asarray(np.sum(parts, axis=0), dtype=np.float32)
+
+
+def normalised(product: np.ndarray, energy: np.ndarray, template_energy: float) -> Surface:
+    """Products over the geometric mean of both energies; nought where there is none."""
+    scale = np.sqrt(np.maximum(energy, 0.0) * template_energy)
+    flat = scale < 1e-3 * float(scale.max()) + 1e-9
+    return finite(np.where(flat, 0.0, product / np.where(flat, 1.0, scale)).astype(np.float32))
+
+
+OPERATORS = (
+    "ncc", "ncc-high-pass", "gradient", "cfog", "roads", "fused", "sift", "orb", "akaze",
+)  # fmt: skip
+"""Every operator by its name."""
+GREY = ("ncc", "ncc-high-pass")
+"""Operators that compare grey values: crowns and shadows move all of them together."""
+
+
+def operator_named(name: str, template_half_px: int) -> Operator:
+    """The operator of a name, for a size of template.
+
+    Raises:
+        KeyError: There is no such operator.
+    """
+    made: dict[str, Operator] = {
+        "ncc": NccOperator(),
+        "ncc-high-pass": HighPassOperator(template_half_px / 3),
+        "gradient": GradientOperator(),
+        "cfog": CfogOperator(),
+        "roads": RoadOperator(),
+        "fused": FusedOperator(),
+        "sift": SiftOperator(template_half_px),
+        "orb": OrbOperator(template_half_px),
+        "akaze": AkazeOperator(template_half_px),
+    }
+    return made[name]

@@ -1,0 +1,163 @@
+"""How probable it is that a candidate is right, told without a single label.
+
+In every search only places near the prediction can be right; all peaks further off, and all peaks
+of mirrored templates, are decoys: they say how many peaks of which height chance brings to a square
+metre. What the searches hold beyond that near their predictions is due to points that are really
+there. So probabilities are those of tracking in clutter (probabilistic data association): with
+prior share w of points that can be found, height density f1 of right peaks, density N of their
+distance from the prediction, and l0 peaks of chance per square metre and unit of height,
+
+    p_k = w f1(h_k) N(d_k) / l0(h_k) / (1 - w + w sum_j f1(h_j) N(d_j) / l0(h_j)).
+
+w, f1 and, within narrow bounds, the width of N are estimated from the block itself by expectation
+and maximisation.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.arrays import Indices, Scalars, locked
+
+Decoys = Float64[np.ndarray, "decoys"]
+"""Heights of peaks that are certainly wrong."""
+Table = Float64[np.ndarray, "heights"]
+"""One value for each height of GRID."""
+LEAST_DECOYS = 40
+"""With fewer decoys nothing is known of chance."""
+TAIL = 0.9
+"""Above this quantile the heights of decoys fall off exponentially."""
+ROUNDS = 60
+GRID = np.linspace(-2.0, 30.0, 641)
+"""Heights at which densities are tabulated."""
+BANDWIDTH = 0.35
+HEIGHT_SIGMA = (0.8, 6.0)
+"""Least and greatest standard deviation of the heights of right peaks."""
+GATE = 3.0
+"""Right peaks lie within this many stated standard deviations (99 % of them)."""
+WIDER = (0.8, 1.25)
+"""Least and greatest factor on the stated standard deviations of distance."""
+PRIOR_COUNT, PRIOR_SHARE = 4.0, 0.25
+"""So many searches of which so many are right are added to those of the block, their peaks as high
+as one in twenty decoys: a few searches alone cannot say what right peaks look like."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Searches:
+    """Candidates of many searches of one kind, and the decoys beside them, as parallel arrays."""
+
+    search: Indices
+    """Number of the search of each candidate, ascending."""
+    height: Scalars
+    """Height of each candidate above its surface, in that surface's robust deviations."""
+    distance_m: Scalars
+    """Distance from the prediction on the ground."""
+    sigma_m: Scalars
+    """Standard deviation per axis of that distance, were the candidate right."""
+    count: int
+    """Number of searches, also those without a candidate."""
+    decoys: Decoys
+    """Heights of all decoys."""
+    decoy_area_m2: float
+    """Area on which the decoys were found."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What right and chance peaks look like in one block."""
+
+    share: float
+    """w: share of searches whose point can be found."""
+    height: float
+    """Mean height of right peaks."""
+    height_sigma: float
+    """Their standard deviation."""
+    wider: float
+    """Factor on the stated standard deviations of distance."""
+    log_ratio: Table
+    """Natural logarithm of f1 / l0 at the heights of GRID, never falling, l0 per square metre."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "log_ratio", locked(self.log_ratio))
+
+
+def probabilities(searches: Searches) -> tuple[Scalars, Calibration | None]:
+    """Probability of every candidate to be the right one.
+
+    Args:
+        searches: Candidates and decoys of one kind.
+
+    Returns:
+        One probability a candidate, and what it rests on; noughts and None where too little was
+        searched to tell.
+    """
+    if len(searches.height) == 0 or len(searches.decoys) < LEAST_DECOYS:
+        return np.zeros(len(searches.height)), None
+    log_chance = log_clutter(searches.decoys, searches.decoy_area_m2)
+    usual = float(np.quantile(searches.decoys, 0.95))
+    found = with_ratio(Calibration(0.5, usual + 1.0, 2.0, 1.0, np.zeros_like(GRID)), log_chance)
+    for _ in range(ROUNDS):
+        right = posterior(searches, found)
+        found = with_ratio(maximised(searches, right, usual), log_chance)
+    return posterior(searches, found), found
+
+
+def log_clutter(decoys: Decoys, area_m2: float) -> Table:
+    """Logarithm of decoys per square metre and unit of height, at the heights of GRID.
+
+    Smoothed where there are many; beyond the 90th percentile exponential with their mean excess,
+    so that a height never seen among decoys is rare and not impossible.
+    """
+    knee = float(np.quantile(decoys, TAIL))
+    excess = max(float(np.mean(decoys[decoys > knee] - knee)), 0.1) if decoys.max() > knee else 0.1
+    step = GRID[1] - GRID[0]
+    counts = np.histogram(decoys, bins=np.append(GRID - step / 2, GRID[-1] + step / 2))[0]
+    reach = np.arange(-40, 41) * step
+    kernel = np.exp(-0.5 * (reach / BANDWIDTH) ** 2)
+    density = np.convolve(counts, kernel / kernel.sum(), mode="same") / step
+    tail = (1 - TAIL) * len(decoys) / excess * np.exp(-np.maximum(GRID - knee, 0) / excess)
+    both = np.where(knee < GRID, tail, np.maximum(density, 1e-3 * len(decoys)))
+    return np.log(both / area_m2)
+
+
+def with_ratio(found: Calibration, log_chance: Table) -> Calibration:
+    """The calibration with its likelihood ratio by height.
+
+    Right peaks are taken as normal about their mean; a higher peak never tells less than a lower.
+    Normed so that chance alone brings a ratio of one in the mean: else noise would look right.
+    """
+    off = (GRID - found.height) / found.height_sigma
+    log_right = -0.5 * off**2 - np.log(found.height_sigma * np.sqrt(2 * np.pi))
+    ratio = log_right - log_chance
+    mode = int(np.argmax(log_chance))
+    # Below the usual height of chance there is too little of it to divide by.
+    ratio[:mode] = ratio[mode]
+    ratio = np.maximum.accumulate(ratio)
+    step = GRID[1] - GRID[0]
+    ratio -= np.log(np.sum(np.exp(ratio + log_chance)) * step)
+    return replace(found, log_ratio=ratio)
+
+
+def posterior(searches: Searches, found: Calibration) -> Scalars:
+    """Probability of every candidate under a calibration."""
+    sigma = searches.sigma_m * found.wider
+    log_near = -0.5 * (searches.distance_m / sigma) ** 2 - np.log(2 * np.pi * sigma**2)
+    log_odds = np.interp(searches.height, GRID, found.log_ratio) + log_near
+    near = searches.distance_m <= GATE * searches.sigma_m
+    odds = np.where(near, found.share * np.exp(np.clip(log_odds, -60.0, 60.0)), 0.0)
+    total = np.bincount(searches.search, weights=odds, minlength=searches.count)
+    return odds / (1.0 - found.share + total[searches.search])
+
+
+def maximised(searches: Searches, right: Scalars, usual: float) -> Calibration:
+    """The parameters under which these probabilities are likeliest; `with_ratio` adds the ratio."""
+    prior = PRIOR_COUNT * PRIOR_SHARE
+    weight = float(right.sum())
+    share = min((weight + prior) / (searches.count + PRIOR_COUNT), 0.98)
+    height = (float(right @ searches.height) + prior * usual) / (weight + prior)
+    spread = (float(right @ (searches.height - height) ** 2) + prior) / (weight + prior)
+    sigma = float(np.clip(np.sqrt(spread), *HEIGHT_SIGMA))
+    normed = float(right @ (searches.distance_m / searches.sigma_m) ** 2)
+    wider = np.sqrt((normed + 2 * prior) / (2 * (weight + prior)))
+    return Calibration(share, height, sigma, float(np.clip(wider, *WIDER)), np.zeros_like(GRID))

@@ -1,0 +1,134 @@
+"""Surfaces of likeness, up to 1, over the displacements of a template, and their peaks.
+
+`ncc_surface` is the normalised cross-correlation, `gradient_surface` correlates doubled gradient
+angles, so that a dark road matches a bright one. `core/block/registration/operators.py` says what
+is compared.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+Image = Float32[np.ndarray, "rows columns"]
+Field = Float32[np.ndarray, "rows columns 2"]
+Template = Float32[np.ndarray, "template_rows template_columns"]
+TemplateField = Float32[np.ndarray, "template_rows template_columns 2"]
+Surface = Float32[np.ndarray, "shifts_down shifts_right"]
+Description = tuple[Float32[np.ndarray, "..."], ...]
+"""What an operator compares of an image: layers (rows, columns) or (rows, columns, channels)."""
+
+GRAIN_SIGMA_PX = 0.7
+GRADIENT_SIGMA_PX = 1.2
+FLAT = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class SurfacePeak:
+    """A maximum of a similarity surface."""
+
+    column: float
+    """Displacement index to the right, sub-pixel."""
+    row: float
+    """Displacement index downwards, sub-pixel."""
+    value: float
+    """Height of the surface."""
+    z: float
+    """Height above the surface's median in robust standard deviations."""
+    sigma_px: float
+    """Standard deviation of the place per axis, from the curvature of the peak, pixels."""
+
+
+def high_passed(image: Image, sigma_px: float) -> Image:
+    """Grey values less their surroundings, with the grain smoothed: a band of detail."""
+    fine = cv2.GaussianBlur(image, (0, 0), GRAIN_SIGMA_PX)
+    return np.asarray(fine - cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
+
+
+def doubled_angle_field(image: Image) -> Field:
+    """Gradient direction doubled, weighted from 0 (flat) to 1: z = g^2 / (|g|^2 + tau^2).
+
+    Returns:
+        Real and imaginary part of z; tau is the 60th percentile of |g|.
+    """
+    smooth = cv2.GaussianBlur(image, (0, 0), GRADIENT_SIGMA_PX)
+    right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
+    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+    squared = right * right + down * down
+    tau_squared = float(np.percentile(squared[::3, ::3], 60)) + FLAT
+    field = np.stack([right * right - down * down, 2 * right * down], axis=2)
+    return np.asarray(field / (squared + tau_squared)[:, :, None], dtype=np.float32)
+
+
+def ncc_surface(window: Image, template: Template) -> Surface:
+    """Normalised cross-correlation of a template at every place within a window."""
+    return finite(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
+
+
+def gradient_surface(window: Field, template: TemplateField) -> Surface:
+    """Re sum(conj(z_T) z_S) / sqrt(sum |z_T|^2 sum |z_S|^2) at every place within a window."""
+    return finite(cv2.matchTemplate(window, template, cv2.TM_CCORR_NORMED))
+
+
+def finite(surface: np.ndarray) -> Surface:
+    """Flat places have no correlation: they count as nought."""
+    bad = ~np.isfinite(surface) | (np.abs(surface) > 1.0 + 1e-3)
+    surface[bad] = 0.0
+    return np.asarray(surface, dtype=np.float32)
+
+
+def detect_peaks(surface: Surface, count: int, separation_px: int) -> tuple[SurfacePeak, ...]:
+    """The highest maxima of a surface, no two of them closer than `separation_px`.
+
+    A maximum near the rim is none: the surface may go on rising outside.
+    """
+    middle = float(np.median(surface))
+    spread = 1.4826 * float(np.median(np.abs(surface - middle))) + FLAT
+    kernel = np.ones((2 * separation_px + 1, 2 * separation_px + 1), np.uint8)
+    maxima = surface >= cv2.dilate(surface, kernel)
+    inner = np.zeros_like(maxima)
+    rim = min(separation_px, (min(surface.shape) - 1) // 2)
+    inner[rim:-rim, rim:-rim] = True
+    maxima &= inner
+    maxima &= surface > middle + FLAT
+    rows, columns = np.nonzero(maxima)
+    order = np.argsort(-surface[rows, columns], kind="stable")
+    apart: list[tuple[int, int]] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        # Neighbouring pixels of one flat top are all maxima: the first stands for them.
+        if all(max(abs(row - r), abs(column - c)) > separation_px for r, c in apart):
+            apart.append((row, column))
+        if len(apart) == count:
+            break
+    return tuple(measure_peak(surface, row, column, middle, spread) for row, column in apart)
+
+
+def measure_peak(
+    surface: Surface, row: int, column: int, middle: float, spread: float
+) -> SurfacePeak:
+    """Sub-pixel place of a maximum by the paraboloid through its 3 x 3 neighbours.
+
+    The standard deviation comes from noise / curvature; the noise of the surface near the peak
+    is taken as a share of its spread, because neighbouring values are correlated.
+    """
+    around = surface[row - 1 : row + 2, column - 1 : column + 2].astype(np.float64)
+    across = np.array([around[1, 2] - around[1, 0], around[2, 1] - around[0, 1]]) / 2
+    hessian = np.empty((2, 2))
+    hessian[0, 0] = around[1, 2] - 2 * around[1, 1] + around[1, 0]
+    hessian[1, 1] = around[2, 1] - 2 * around[1, 1] + around[0, 1]
+    mixed = around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]
+    hessian[0, 1] = hessian[1, 0] = mixed / 4
+    curvature = np.linalg.eigvalsh(hessian)
+    if curvature[1] < -FLAT:
+        step = np.clip(-np.linalg.solve(hessian, across), -0.6, 0.6)
+        sigma = 0.1 * spread / np.sqrt(curvature[0] * curvature[1])
+    else:
+        step, sigma = np.zeros(2), 3.0
+    return SurfacePeak(
+        column=column + float(step[0]),
+        row=row + float(step[1]),
+        value=float(around[1, 1]),
+        z=(float(around[1, 1]) - middle) / spread,
+        sigma_px=float(np.clip(sigma, 0.2, 3.0)),
+    )

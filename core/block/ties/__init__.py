@@ -1,0 +1,1 @@
+"""Tie points: features, matches, chains of rays, fine measurement."""

@@ -1,0 +1,120 @@
+"""Blocks of the control benchmark, run up to their placement, with what is true of them."""
+
+import contextlib
+import io
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from app.cli import main as gruber
+from app.described import described
+from app.project import read_project
+from core.block.block import Block
+from core.block.registration.patches import OpenPhoto
+from core.block.registration.reference_points import ReferenceFeatures
+from core.block.registration.standing import Site
+from core.reference.reference import Reference
+from core.stages import BlockInput, PlacedBlocks, Tied
+from core.synthetic.archive import make_block
+from core.synthetic.lasting import lasting_junctions
+from core.synthetic.options import Size, SyntheticOptions
+from core.synthetic.truth import Truth, read_truth
+from core.whereabouts import open_reference, scan_of, search_bounds
+from sessions.session import Session
+
+LEVELS = {"strong": 0.5, "ordinary": 0.33, "slight": 0.1}
+"""Share of the road length that changed."""
+NEAR_M = 3.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One block, ready for any way to find control."""
+
+    name: str
+    level: str
+    folder: Path
+    given: BlockInput
+    truth: Truth
+    block: Block
+    site: Site
+    made: dict[str, Any]
+    lasting: frozenset[str]
+    """Junctions that stood then and stand now; of a real place, all."""
+
+    @property
+    def reference(self) -> Reference:
+        return self.site.reference
+
+    def opened(self, name: str, block: Block | None = None) -> OpenPhoto:
+        photo = (block or self.block).photos[name]
+        return OpenPhoto(photo, self.block.cameras[photo.camera], self.site.scans[name])
+
+
+def plans(size: Size, first_seed: int) -> list[tuple[str, str, SyntheticOptions]]:
+    """Twelve blocks: two epochs, three levels of change, flat and hilly."""
+    found = []
+    for number, (level, epoch, relief) in enumerate(product(LEVELS, (1938, 1984), (20.0, 200.0))):
+        options = SyntheticOptions(size, epoch, relief, first_seed + number, change=LEVELS[level])
+        name = f"{epoch} {level}, {'flat' if relief < 50 else 'hilly'}"
+        found.append((name, level, options))
+    return found
+
+
+def quietly(*words: str) -> int:
+    """Run the program without its output."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        return gruber(list(words))
+
+
+def prepared(name: str, level: str, folder: Path, options: SyntheticOptions | None) -> Case:
+    """Make a block where it is not there yet, and run it up to its placement."""
+    if not (folder / "block.toml").is_file():
+        assert options is not None
+        make_block(folder, options)
+    assert quietly("run", str(folder), "--until", "placement", "--workers", "1") == 0
+    given = described(read_project(folder))
+    with Session.open(folder, "prover") as session:
+        made = {
+            stage: session.products.latest_value(stage)
+            for stage in ("scans", "georeference", "reference", "ties", "placement")
+        }
+    features = cast("ReferenceFeatures", made["reference"])
+    block = made["georeference"].block
+    ties = cast("Tied", made["ties"]).ties
+    block = Block(given.crs, given.cameras, block.photos, {}, {}, ties)
+    site = Site(
+        open_reference(given, search_bounds(block)),
+        {photo_id: scan_of(made, photo) for photo_id, photo in block.photos.items()},
+        features.points,
+        features.sources,
+    )
+    assert isinstance(made["placement"], PlacedBlocks)
+    known = None if options is None else lasting_junctions(folder)
+    lasting = {
+        point_id
+        for point_id, place in zip(features.points.ids, features.points.positions, strict=True)
+        if features.sources[point_id] == "junction"
+        and (known is None or KDTree(known).query(place[:2])[0] < NEAR_M)
+    }
+    return Case(
+        name, level, folder, given, read_truth(folder), block, site, made, frozenset(lasting)
+    )
+
+
+def true_pixel(truth: Truth, photo_id: str, start: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Pixel at which a photo truly shows a place (1, 3), from one that is near."""
+    heights = truth.heights_at(place)
+    pixel = start.copy()
+    for _ in range(3):
+        off = truth.ground_of(photo_id, pixel, heights)[0] - place[0, :2]
+        sides = [
+            truth.ground_of(photo_id, pixel + step, heights)[0] - place[0, :2] - off
+            for step in (np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]]))
+        ]
+        pixel = pixel - np.linalg.solve(np.stack(sides, axis=1), off)
+    return pixel[0]

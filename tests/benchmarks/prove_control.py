@@ -1,0 +1,288 @@
+"""Control beside that of published chains and other operators, on blocks with known truth.
+
+Two tables. Operators: share of true junctions whose highest peak lies within 3 m, in windows of
+29 m to either side of where the georeference expects them, template 51 m, the reference warped into
+the scan for all alike. Chains: control in use against the truth, recall of junctions that stood
+then and stand now, ground error of the photos (RMS over the frames; the mosaic's m_p is of the same
+size), time. Ends with 1 when a promise is broken.
+"""
+
+import argparse
+import shutil
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from core.block.adjusted import AdjustmentReport
+from core.block.published import CHAINS, Preset, assemble_published
+from core.block.registration.descriptors import has_akaze
+from core.block.registration.matching import MatchingOptions, looked_at, parts_about, predict_pixels
+from core.block.registration.matching import reduction_for as reduced
+from core.block.registration.operators import OPERATORS
+from core.block.registration.orientation import ReferencePoints
+from core.pipeline import find_control
+from core.progress import Silent
+from core.stages import Work
+from core.synthetic.truth import WRONG_M, judge_control, judge_orientations
+from core.whereabouts import orient_photos
+from tests.benchmarks.control_blocks import Case, plans, prepared, true_pixel
+
+SLOW = ("sift", "orb", "akaze")
+"""Described at every place: they see a sample of the junctions."""
+SAMPLE = 12
+
+
+@dataclass(frozen=True)
+class Row:
+    """One chain on one block."""
+
+    used: int
+    wrong: int
+    recall: float
+    ground_m: float
+    seconds: float
+    photos: int
+    probabilities: np.ndarray
+    came: np.ndarray
+
+
+def say(line: str) -> None:
+    """One line, at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def hits(case: Case, names: list[str]) -> dict[str, tuple[int, int, float]]:
+    """Hits, junctions and seconds by operator."""
+    ids = [i for i, name in enumerate(case.site.points.ids) if name in case.lasting]
+    points = ReferencePoints(
+        tuple(case.site.points.ids[i] for i in ids),
+        case.site.points.positions[ids],
+        case.site.points.sigma_m[ids],
+    )
+    found = {name: [0, 0, 0.0] for name in names}
+    for number, photo_id in enumerate(case.block.photos):
+        opened = case.opened(photo_id)
+        reduction = reduced(opened, 1.0)
+        pixel_m = opened.ground_pixel_m * reduction
+        inner, half = round(25.0 / pixel_m), round(29.5 / pixel_m)
+        prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
+        quick = [name for name in names if name not in SLOW]
+        for group in (quick, [name for name in names if name in SLOW]):
+            matching = MatchingOptions(
+                reduction, inner, min_search_px=half, max_search_px=half, operators=tuple(group)
+            )
+            seen = 0
+            halves = np.full(len(ids), half)
+            for images, point in looked_at(opened, case.reference, prediction, halves, matching):
+                if group != quick and (seen >= SAMPLE // 6 or number > 5):
+                    break
+                pixel = prediction.pixels[point]
+                parts = parts_about(images, pixel, half, inner)
+                if parts is None:
+                    continue
+                place = points.positions[point : point + 1]
+                true = true_pixel(case.truth, photo_id, pixel[None], place)
+                if np.abs(true - pixel).max() > (half - 4) * reduction:
+                    continue
+                seen += 1
+                for name in group:
+                    started = time.perf_counter()
+                    surface = images.surface(name, *parts)
+                    found[name][2] += time.perf_counter() - started
+                    row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
+                    best = pixel + (np.array([column, row]) - half) * reduction
+                    away = float(np.hypot(*(best - true))) * opened.ground_pixel_m
+                    found[name][0] += away <= WRONG_M
+                    found[name][1] += 1
+    return {name: (int(a), int(b), c) for name, (a, b, c) in found.items()}
+
+
+def judged(case: Case, report: AdjustmentReport, seconds: float) -> Row:
+    """One result against the truth."""
+    control = judge_control(case.truth, report.block)
+    ground = judge_orientations(case.truth, report.block).ground_m
+    seen = right = 0
+    place = dict(zip(case.site.points.ids, case.site.points.positions, strict=True))
+    for point_id in case.lasting:
+        for photo_id, exposure in case.truth.photos.items():
+            photo = case.block.photos[photo_id].with_exterior(exposure.exterior, True)
+            pixel = photo.pixel_from_object(place[point_id][None], case.truth.camera)
+            film = photo.interior.film_from_pixel(pixel)
+            if np.all(np.abs(film) < 0.48 * np.array(case.truth.camera.frame_mm)):
+                seen += 1
+                right += control.distances_m.get((point_id, photo_id), np.inf) <= WRONG_M
+    told, came = [], []
+    for value in report.block.measurements.values():
+        point = report.block.surveyed[value.point_id]
+        if value.photo_id in case.truth.photos and point.source == "junction":
+            true = true_pixel(case.truth, value.photo_id, value.pixel, point.position[None])
+            pixel_m = case.opened(value.photo_id).ground_pixel_m
+            told.append(value.score)
+            came.append(float(np.hypot(*(true - value.pixel[0]))) * pixel_m <= WRONG_M)
+    return Row(
+        control.used,
+        control.wrong,
+        right / max(seen, 1),
+        float(np.sqrt(np.mean(ground**2))) if len(ground) else float("nan"),
+        seconds,
+        len(ground),
+        np.array(told),
+        np.array(came, dtype=bool),
+    )
+
+
+def ours(case: Case) -> Row:
+    """Orientation and control as the program runs them."""
+    started = time.perf_counter()
+    work = Work(Silent(), map)
+    made = {**case.made, "orientation": orient_photos(case.given, case.made, work)}
+    report = find_control(case.given, made, work).report
+    return judged(case, report, time.perf_counter() - started)
+
+
+def theirs(case: Case, preset: Preset) -> Row:
+    """One published chain, begun at the georeference, with the same adjustment."""
+    started = time.perf_counter()
+    report, _ = assemble_published(
+        case.block, case.site, CHAINS[preset], case.given.adjustment, np.random.default_rng(0)
+    )
+    return judged(case, report, time.perf_counter() - started)
+
+
+def calibration(told: np.ndarray, came: np.ndarray) -> tuple[float, float]:
+    """Expected calibration error in ten bins, and precision from 0.9; prints the diagram."""
+    bins = np.clip((told * 10).astype(int), 0, 9)
+    error = 0.0
+    say("\nprobability   proposals   mean p   within 3 m")
+    for b in range(10):
+        own = bins == b
+        if own.any():
+            error += float(own.mean() * abs(told[own].mean() - came[own].mean()))
+            say(f"{b / 10:.1f} to {b / 10 + 0.1:.1f} {own.sum():11d} {told[own].mean():8.2f} "
+                f"{came[own].mean():10.2f}")  # fmt: skip
+    return error, float(came[told >= 0.9].mean()) if (told >= 0.9).any() else float("nan")
+
+
+def arguments() -> argparse.Namespace:
+    """What is to be proved."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", default="small", choices=("tiny", "small"))
+    parser.add_argument("--blocks", default="0-11", help="which of the twelve: 0-11, or 0,3,5")
+    parser.add_argument("--seed", type=int, default=301, help="seed of the first")
+    parser.add_argument("--folder", type=Path, help="where blocks are kept")
+    parser.add_argument("--real", type=Path, help="a copy of vovcha-film")
+    parser.add_argument("--no-operators", action="store_true")
+    parser.add_argument("--no-chains", action="store_true")
+    return parser.parse_args()
+
+
+@dataclass
+class Proof:
+    """What was found so far, and which promises it breaks."""
+
+    hits: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    told: list[np.ndarray] = field(default_factory=list)
+    came: list[np.ndarray] = field(default_factory=list)
+    used: int = 0
+    wrong: int = 0
+    broken: list[str] = field(default_factory=list)
+
+    def operators(self, case: Case) -> None:
+        """The first table, of one block."""
+        names = [name for name in OPERATORS if name != "akaze" or has_akaze()]
+        for operator, result in hits(case, names).items():
+            key = (operator, case.level)
+            self.hits[key] = self.hits.get(key, np.zeros(3)) + np.array(result)
+            share, each = result[0] / max(result[1], 1), 1000 * result[2] / max(result[1], 1)
+            say(f"  {operator:14s} {share:6.1%} of {result[1]:4d}  {each:7.1f} ms each")
+
+    def chains(self, case: Case) -> None:
+        """The second table, of one block."""
+        thesis: Preset = "thesis-2024" if "1938" in case.name else "thesis-2024-1980s"
+        rows = {"gruber": ours(case)}
+        for chain in (thesis, "hoehle-2001"):
+            rows[chain] = theirs(case, chain)
+        for chain, row in rows.items():
+            say(f"  {chain:18s} used {row.used:4d}, wrong {row.wrong / max(row.used, 1):6.1%}, "
+                f"recall {row.recall:5.1%}, ground {row.ground_m:6.2f} m, "
+                f"{row.photos} photos, {row.seconds:6.1f} s")  # fmt: skip
+        own, other = rows["gruber"], rows[thesis]
+        self.used, self.wrong = self.used + own.used, self.wrong + own.wrong
+        if case.level != "real":
+            self.told.append(own.probabilities)
+            self.came.append(own.came)
+            if own.recall < 0.8:
+                self.broken.append(f"{case.name}: recall {own.recall:.1%}")
+        if not own.ground_m <= 0.5 * (other.ground_m if other.photos else np.inf):
+            self.broken.append(f"{case.name}: ground error not half of the thesis's")
+
+
+def main() -> int:
+    """Print both tables."""
+    given = arguments()
+    cv2.setNumThreads(1)
+    first, _, last = given.blocks.partition("-")
+    chosen = range(int(first), int(last) + 1) if last else [int(n) for n in first.split(",") if n]
+    root = given.folder or Path(tempfile.mkdtemp(prefix="control-"))
+    cases = [
+        (name, level, root / f"p{options.seed}", options)
+        for name, level, options in [plans(given.size, given.seed)[n] for n in chosen]
+    ]
+    if given.real:
+        cases.append(("vovcha-film", "real", given.real, None))
+    proof = Proof()
+    for name, level, folder, options in cases:
+        case = prepared(name, level, folder, options)
+        say(f"\n{name} ({folder.name}): {len(case.lasting)} junctions that stood and stand")
+        if not given.no_operators:
+            proof.operators(case)
+        if not given.no_chains:
+            proof.chains(case)
+        if given.folder is None and options:
+            shutil.rmtree(folder)
+    summary(proof.hits, proof.told, proof.came, proof.used, proof.wrong, proof.broken)
+    for line in proof.broken:
+        say(f"BROKEN {line}")
+    return 1 if proof.broken else 0
+
+
+def summary(
+    total: dict[tuple[str, str], np.ndarray],
+    told: list[np.ndarray],
+    came: list[np.ndarray],
+    used: int,
+    wrong: int,
+    broken: list[str],
+) -> None:
+    """Totals over all blocks; adds the promises they break."""
+    levels = sorted({level for _, level in total})
+    if total:
+        say("\nhit rate within 3 m" + "".join(f"{level:>12s}" for level in levels))
+        for operator in dict.fromkeys(name for name, _ in total):
+            cells = [total.get((operator, level), np.zeros(3)) for level in levels]
+            say(f"{operator:19s}" + "".join(f"{c[0] / max(c[1], 1):12.1%}" for c in cells))
+        if "strong" in levels:
+            own, ncc = (total[name, "strong"] for name in ("fused", "ncc"))
+            ratio = (own[0] / own[1]) / max(ncc[0] / ncc[1], 1e-9)
+            say(f"fused / ncc where change is strong: {ratio:.2f}")
+            if ratio < 1.6:
+                broken.append(f"top-1 hit rate {ratio:.2f} times that of NCC")
+    if used:
+        say(f"\nwrong control among used: {wrong} of {used} ({wrong / used:.2%})")
+        if wrong > 0.01 * used:
+            broken.append(f"wrong control {wrong / used:.2%}")
+    if told:
+        error, precision = calibration(np.concatenate(told), np.concatenate(came))
+        say(f"expected calibration error {error:.3f}, precision from p = 0.9 {precision:.1%}")
+        if error > 0.05 or precision < 0.95:
+            broken.append("calibration")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

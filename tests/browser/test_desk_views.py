@@ -1,0 +1,151 @@
+"""Fiducial board, film, placement and the placing page in a real Chromium."""
+
+import json
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+
+from app.described import described
+from app.placing import Placeable, open_placing
+from app.project import read_project
+from core.formats.qgis_points import read_qgis_points
+from core.stages import ScanSet
+from core.whereabouts import open_reference
+from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS
+
+pytestmark = pytest.mark.browser
+CELL = """name => gruber.boardState().found.photos.flatMap(row => row.cells.map(cell =>
+  [`${row.photo}|${cell.name}`, cell])).find(([key]) => key === name)[1]"""
+
+
+def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url, scene=False)
+    page.keyboard.press("i")
+    page.wait_for_selector("#board .mark.on")
+    name = "|".join(page.evaluate("gruber.boardState().current"))
+    before = page.evaluate(CELL, name)
+    page.keyboard.press("v")
+    page.wait_for_selector(f'#board .mark.hidden[data-mark="{name}"]')
+    assert "|".join(page.evaluate("gruber.boardState().current")) != name
+    page.keyboard.press("u")
+    page.wait_for_selector(f'#board .mark.used[data-mark="{name}"]')
+    page.click(f'#board .mark[data-mark="{name}"]')
+    box = page.locator("#mark-room .large").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 20, box["y"] + box["height"] / 2 + 12)
+    page.wait_for_selector(f'#board .mark.placed[data-mark="{name}"]')
+    moved = page.evaluate(CELL, name)["place"]
+    assert 0.3 < np.hypot(*np.subtract(moved, before["place"])) < 20
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".notice:has-text('snapped')")
+    # Snapped onto the mark of another scan, it lies where it was found.
+    page.wait_for_function(
+        f"([name, x, y]) => {{ const [a, b] = ({CELL})(name).place;"
+        " return Math.hypot(a - x, b - y) < 0.4; }",
+        arg=[name, *before["place"]],
+    )
+    photo, mark = name.split("|")
+    last = real_desk.session.decisions()[-1].decision
+    assert (last.photo_id, last.name) == (photo, mark)
+    # The block is adjusted with it.
+    page.wait_for_function("!gruber.parts.status.adjusting")
+    loaded = "[...document.querySelectorAll('#board .mark img')].filter(i => i.naturalWidth).length"
+    page.wait_for_function(f"{loaded} > 4")
+    page.click('[data-tab="film"]')
+    assert page.locator("#board svg.film").count() == 2
+    page.keyboard.press("Escape")
+    page.keyboard.press("g")
+    page.wait_for_selector("#placement tr[data-photo]")
+    assert page.locator("#placement tr[data-photo]").count() == 6
+    page.keyboard.press("j")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#placement", state="hidden")
+
+
+def test_guests_look_at_the_board_and_change_nothing__law(real_desk, sit_at):
+    guest = sit_at(real_desk.desk.guest_url, scene=False)
+    before = len(real_desk.session.decisions())
+    guest.keyboard.press("i")
+    guest.wait_for_selector("#board .mark.on")
+    guest.keyboard.press("v")
+    guest.wait_for_selector(".notice:has-text('Guests')")
+    guest.set_viewport_size({"width": 1366, "height": 768})
+    box = guest.locator("#mark-room .board-acts").bounding_box()
+    assert box["y"] + box["height"] < 768
+    assert len(real_desk.session.decisions()) == before
+
+
+@pytest.fixture
+def unplaced(run_folder):
+    """The placing page of the tiny block, as if nothing of it stood."""
+    project = read_project(run_folder)
+    with Session.open(project.folder, "anna") as session:
+        scans = session.products.latest_value("scans")
+        placed = session.products.latest_value("georeference")
+    assert isinstance(scans, ScanSet)
+    given = described(project)
+    found = Placeable(given, scans, open_reference(given), placed.block)
+    with open_placing(project, found, "127.0.0.1", 0) as page:
+        yield page
+
+
+def test_two_places_clicked_in_photo_and_ortho_are_saved__truth(unplaced, chromium, tiny_run):
+    context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    page.goto(unplaced.url)
+    page.wait_for_function("window.gruber?.place().scan")
+    photo_id = page.evaluate("gruber.place().scan.photo")
+    photo, camera = tiny_run.photos[photo_id], tiny_run.truth.camera
+    pixels = np.array([[450.0, 480.0], [640.0, 600.0], [480.0, 650.0]])
+    heights = np.full(3, tiny_run.reference.dem.mean_height())
+    ground = photo.object_from_pixel(pixels, heights, camera)[:, :2]
+
+    def click(pane: str, place: np.ndarray) -> None:
+        box = page.locator(f'.pane[data-pane="{pane}"]').bounding_box()
+        x, y = page.evaluate("([p, a]) => gruber.toScreen(p, a)", [pane, place.tolist()])
+        assert 0 < x < box["width"]
+        assert 0 < y < box["height"]
+        page.mouse.click(round(box["x"] + x), round(box["y"] + y))
+
+    for pixel, place in zip(pixels, ground, strict=True):
+        click("scan", pixel)
+        click("ortho", place)
+    page.wait_for_function("gruber.place().fit.residuals?.length === 3")
+    assert page.evaluate("gruber.place().fit.rms") < 15
+    page.keyboard.press("s")
+    page.wait_for_function("gruber.place().saved")
+    points = read_qgis_points(tiny_run.folder / "scans" / f"{photo_id}.tif.points")
+    # Half a pixel of the screen in a photo that is shown as a whole.
+    assert np.abs(points.pixels - pixels).max() < 2.5
+    assert points.crs
+    page.reload()
+    page.wait_for_function("window.gruber?.place().scan?.pairs.length === 3")
+    context.close()
+
+
+def test_the_placing_page_is_locked_as_the_desk_is__law(unplaced):
+    root = unplaced.url.partition("/?")[0]
+
+    def posted(path: str, url: str, **headers: str) -> int:
+        jar = urllib.request.HTTPCookieProcessor()
+        opener = urllib.request.build_opener(jar)
+        if url:
+            opener.open(url).close()
+        body = json.dumps({"pairs": [[0, 0, 0, 0]]}).encode()
+        request = urllib.request.Request(root + path, data=body, headers=headers, method="POST")
+        try:
+            with opener.open(request) as answer:
+                return answer.status
+        except urllib.error.HTTPError as error:
+            error.close()
+            return error.code
+
+    for path in ("/points/x", "/run", "/run/cancel"):
+        assert posted(path, "") == 401
+        assert posted(path, unplaced.guest_url) == 403
+        assert posted(path, unplaced.url, Origin="http://evil.example") == 403
+    assert posted("/points/..%2F..%2Fsecret", unplaced.url) == 409
+    assert posted("/fit/x", unplaced.url) == 409

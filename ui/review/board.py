@@ -1,0 +1,209 @@
+"""The fiducial board: every photo by every mark, most doubtful first, as values a page can draw."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from core.block.block import Photo
+from core.doubts import Doubt
+from core.geometry.camera import Camera
+from core.geometry.interior import limit_um
+from core.scan.corrected_marks import MarkChange, corrected_scan
+from core.scan.fiducials import FiducialMeasurement
+from core.scan.orientation import ScanOrientation
+from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
+from sessions.fiducials import mark_changes
+from ui.review.compare import Drawn
+from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
+from ui.review.films import films_part
+from ui.review.numbers import short, shortened
+from ui.review.origins import Origins
+from ui.review.state import DeskState
+
+Part = dict[str, Any]
+MarkState = Literal["used", "placed", "hidden", "unused", "missing"]
+"""In use as found, in use as placed by hand, left out by a person, left out by the fit, not
+found."""
+WINDOW_MM = 3.4
+"""Side of the film about a mark that a thumbnail shows, millimetres."""
+LEAST_PX, MOST_PX = 32, 1024
+"""Limits of that side, scan pixels."""
+UNLIKE, UNLIKE_AT = 0.75, 0.35
+"""Likeness below which a mark begins to be doubtful, and where it is wholly so."""
+APART_PX = 1.0
+"""Distance between the two middles of a mark that makes it wholly doubtful, pixels."""
+
+
+def board_part(
+    state: DeskState, origins: Origins, drawn: Drawn, recorded: Sequence[Recorded]
+) -> Part:
+    """Rows of photos, worst first, each with a cell for every mark of its camera."""
+    changes, last = mark_changes(recorded), _last_said(recorded)
+    photos: list[Part] = []
+    for name, photo in state.block.photos.items():
+        camera = state.block.camera_of(name)
+        film, own = origins.films.get(name), changes.get(name, {})
+        row = _Row(photo, camera, film, own, _doubts(film, camera, own))
+        cells = [row.cell(mark, last.get((name, mark))) for mark in row.names]
+        if not cells:
+            continue
+        interior = photo.interior
+        photos.append(
+            {
+                "photo": name,
+                "camera": photo.camera,
+                "size": list(photo.size_px),
+                "version": drawn[name].version if name in drawn else 1,
+                "window": _window_px(interior.pixel_size_mm),
+                "pixel_um": short(1000 * interior.pixel_size_mm, 3),
+                "model": interior.model,
+                "rms": short(interior.rms_um, 1) if interior.names else None,
+                "redundancy": interior.redundancy,
+                "doubt": max(cell["doubt"] for cell in cells),
+                "why": [doubt.message for doubt in row.doubts if _of_scan(doubt)],
+                "cells": cells,
+            }
+        )
+    photos.sort(key=lambda row: (-row["doubt"], -sum(c["doubt"] for c in row["cells"])))
+    return {"photos": photos, "films": films_part(state, origins)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """One photo's marks."""
+
+    photo: Photo
+    camera: Camera
+    film: ScanOrientation | None
+    changes: Mapping[str, MarkChange]
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Marks of the camera; where nobody certified them, those of the scan."""
+        return list(self.camera.fiducials_mm) or list(self.photo.interior.names)
+
+    def cell(self, name: str, said: Recorded | None) -> Part:
+        """All about one mark."""
+        interior, change = self.photo.interior, self.changes.get(name, MarkChange())
+        found = self._found(name)
+        place = change.place
+        used = name in interior.names and (place is None or self._stands(name, place))
+        if place is None and found is not None:
+            place = (found.column, found.row)
+        if place is None and used:
+            column, row = interior.pixels[interior.names.index(name)].tolist()
+            place = (column, row)
+        state = _state(used, change, place)
+        residual = self._residual(name, place, used)
+        why = [] if said is not None else self._why(name)
+        measured = found if change.place is None else None
+        cell: Part = {
+            "name": name,
+            "state": state,
+            "place": shortened(place, 2),
+            "expected": self._expected(name),
+            "residual": shortened(residual, 1),
+            "score": short(measured.correlation, 2) if measured else None,
+            "apart": short(measured.disagreement_px, 2) if measured else None,
+            "sigma": short(measured.sigma_px, 2) if measured else None,
+            "kind": measured.kind if measured else "",
+            "why": why,
+            "said": None
+            if said is None
+            else {"id": said.decision_id, "who": said.who, "when": said.when[:16]},
+        }
+        # Who placed a mark may have missed it: its residual still counts.
+        decided = said is not None and state in ("hidden", "used")
+        cell["doubt"] = 0.0 if decided else round(self._doubt(cell, residual), 2)
+        return cell
+
+    def _found(self, name: str) -> FiducialMeasurement | None:
+        marks = () if self.film is None else self.film.fiducials
+        return next((mark for mark in marks if mark.name == name), None)
+
+    def _why(self, name: str) -> list[str]:
+        """What the engine doubts about this mark."""
+        return [d.message for d in self.doubts if d.evidence.get("fiducial") == name]
+
+    def _stands(self, name: str, place: tuple[float, float]) -> bool:
+        """True when the orientation rests on a mark placed by hand, where it was placed."""
+        pixel = self.photo.interior.pixels[self.photo.interior.names.index(name)]
+        return bool(np.allclose(pixel, place, atol=1e-6))
+
+    def _expected(self, name: str) -> list[float | None] | None:
+        """Where the other marks and the certificate put it, scan pixels."""
+        certified = self.camera.fiducials_mm.get(name)
+        if certified is None:
+            return None
+        return shortened(self.photo.interior.pixel_from_film(np.array([certified]))[0], 2)
+
+    def _residual(
+        self, name: str, place: tuple[float, float] | None, used: bool
+    ) -> np.ndarray | None:
+        """Measured minus certified, or what it would be for a mark that is not used, um."""
+        interior = self.photo.interior
+        if used:
+            return interior.residuals_um[interior.names.index(name)]
+        certified = self.camera.fiducials_mm.get(name)
+        if place is None or certified is None or not interior.names:
+            return None
+        return 1000 * (interior.film_from_pixel(np.array([place]))[0] - np.array(certified))
+
+    def _doubt(self, cell: Part, residual: np.ndarray | None) -> float:
+        """From 0 to 1."""
+        if cell["state"] == "missing":
+            return 0.9
+        sigma = np.nan_to_num(self.photo.interior.sigma_um)
+        limit = max(FIDUCIAL_SIGMAS * float(sigma), FIDUCIAL_UM)
+        length = 0.0 if residual is None else float(np.hypot(*residual))
+        bound = limit_um(self.photo.interior.pixel_size_mm)
+        # Two measures: one mark far off makes the sigma of its own scan large.
+        grounds = [0.5 * min(length / limit, 1.8), 0.9 * min(length / bound, 1.0)]
+        grounds.append(0.8 if cell["state"] == "unused" else 0.0)
+        if cell["score"] is not None:
+            grounds.append(0.8 * min(max((UNLIKE - cell["score"]) / (UNLIKE - UNLIKE_AT), 0), 1))
+            grounds.append(0.7 * min(cell["apart"] / APART_PX, 1))
+        return max(*grounds, 0.6 if cell["why"] else 0.0)
+
+
+def _state(used: bool, change: MarkChange, place: tuple[float, float] | None) -> MarkState:
+    if not change.use:
+        return "hidden"
+    if used:
+        return "used" if change.place is None else "placed"
+    return "missing" if place is None else "unused"
+
+
+def _last_said(recorded: Sequence[Recorded]) -> dict[tuple[str, str], Recorded]:
+    """The last decision about each mark that stands."""
+    return {
+        (item.decision.photo_id, item.decision.name): item
+        for item in standing(recorded)
+        if isinstance(item.decision, JudgeFiducial | PlaceFiducial)
+    }
+
+
+def _doubts(
+    film: ScanOrientation | None, camera: Camera, changes: Mapping[str, MarkChange]
+) -> tuple[Doubt, ...]:
+    """What the engine doubts about a scan, with the marks as they were corrected."""
+    if film is None:
+        return ()
+    if not changes:
+        return film.doubts
+    return corrected_scan(film, camera, film.interior.pixel_size_mm, changes).doubts
+
+
+def _of_scan(doubt: Doubt) -> bool:
+    """True for doubts about the interior orientation as a whole."""
+    kinds = ("fiducial", "interior", "scan-", "film")
+    return "fiducial" not in doubt.evidence and doubt.kind.startswith(kinds)
+
+
+def _window_px(pixel_mm: float) -> int:
+    """Side of the scan that a thumbnail shows, even, pixels."""
+    side = round(WINDOW_MM / max(pixel_mm, 1e-6) / 2) * 2
+    return int(min(max(side, LEAST_PX), MOST_PX))
