@@ -284,7 +284,7 @@ def _judged(
     likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
     usual = float(np.median(likeness)) if likeness else 0.0
     least = max(options.min_correlation, usual - options.max_drop)
-    spoilt = _spoilt(results)
+    spoilt, most_apart = _spoilt(results), options.max_disagreement_px
     judged: dict[str, TwoWays | Failure] = {}
     for name, result in results.items():
         judged[name] = result
@@ -306,10 +306,9 @@ def _judged(
                 f"Its middle is only known to {result.sigma_px:.1f} pixels.",
                 {"sigma_px": result.sigma_px},
             )
-        elif result.disagreement_px > options.max_disagreement_px:
+        elif (apart := max(result.disagreement_px, result.outline_px)) > most_apart:
             judged[name] = Failure(
-                f"The two ways to centre it differ by {result.disagreement_px:.2f} pixels.",
-                {"disagreement_px": result.disagreement_px},
+                f"The ways to centre it differ by {apart:.2f} pixels.", {"disagreement_px": apart}
             )
     return judged
 

@@ -91,6 +91,8 @@ class TwoWays:
     """Likeness to the drawn mark."""
     disagreement_px: float
     """Distance between both ways."""
+    outline_px: float = 0.0
+    """How far its outline, a third way, lay from both, where that was taken; pixels."""
 
 
 def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
@@ -192,13 +194,7 @@ def _confirmed(spot: Spot, both: TwoWays, third: Centre) -> TwoWays:
     if apart < max(OUTLINE_SIGMAS * sigma, OUTLINE_PX):
         return both
     wide = float(np.hypot(third.sigma_px, apart / 2))
-    return replace(
-        both,
-        column=column,
-        row=row,
-        sigma_px=wide,
-        disagreement_px=max(apart, both.disagreement_px),
-    )
+    return replace(both, column=column, row=row, sigma_px=wide, outline_px=apart)
 
 
 def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:

@@ -45,8 +45,8 @@ CONVERGED_PX = 2e-3
 FAR = 3.0
 """Residual, in spreads, at which half of a pixel's influence is gone."""
 MIN_PIXELS = 150
-Surfaces = Float64[np.ndarray, "pixels knots"]
-Square = Float64[np.ndarray, "knots knots"]
+Surfaces = Float64[np.ndarray, "pixels _"]
+Square = Float64[np.ndarray, "_ _"]
 Values = Float64[np.ndarray, "pixels"]
 Used = Bool[np.ndarray, "side side"]
 
