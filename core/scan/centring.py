@@ -26,6 +26,8 @@ NOISE_SHARE = 0.08
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
 LAGS = 3
 """How far apart pixels are whose noise is taken to be correlated."""
+LOCAL_PX = 3
+"""Half width of the surroundings that tell how noisy a pixel is."""
 SOFT_TAPS = 4
 SOFT_PX = 0.7
 """Blur (Gaussian sigma) of both fields before they are compared, pixels: a sharp line is less wide
@@ -65,18 +67,31 @@ class Left:
         """Standard deviation of the shift per axis.
 
         Pixels share their blur and grain, and where the drawn mark is not quite the scan's they are
-        wrong together: how much, their own residuals tell.
+        wrong together: how much, their own residuals tell. They also tell where: film is noisier
+        where it is bright, and at edges.
         """
-        power = float(np.sum(self.residual**2)) + 1e-12
+        local = _spread_about(self.residual)
+        even = self.residual / np.maximum(local, 1e-9)
+        power = float(np.sum(even**2)) + 1e-12
+        carried = self.influence * local
         total = 0.0
         for down in range(LAGS + 1):
             for right in range(-LAGS if down else 0, LAGS + 1):
-                share = _lagged(self.residual, down, right) / power
-                both = sum(_lagged(one, down, right) for one in self.influence)
+                share = _lagged(even, down, right) / power
+                both = sum(_lagged(one, down, right) for one in carried)
                 total += share * both * (1 if down == right == 0 else 2)
         # Chance in the correlations may bring the sum of all below that of none.
-        least = 0.25 * float(np.sum(self.influence**2))
-        return float(np.sqrt(power / self.freedom * max(total, least) / 2))
+        least = 0.25 * float(np.sum(carried**2))
+        pixels = float(np.count_nonzero(self.residual))
+        return float(np.sqrt(pixels / self.freedom * max(total, least) / 2))
+
+
+def _spread_about(residual: Weights) -> Weights:
+    """Root mean square of the residuals about each pixel; 0 where none is near."""
+    around = (2 * LOCAL_PX + 1,) * 2
+    count = cv2.blur((residual != 0).astype(np.float64), around)
+    mean = np.maximum(cv2.blur(residual**2, around), 0.0) / np.maximum(count, 1e-9)
+    return np.asarray(np.sqrt(mean), dtype=np.float64)
 
 
 def match_mark(

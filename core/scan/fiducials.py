@@ -44,7 +44,7 @@ class FiducialOptions:
     """Standard deviation beyond which a mark is not used, pixels."""
     unsure_px: float = 0.1
     """Standard deviation from which a mark that stands is pointed out, pixels."""
-    sigma_floor_px: float = 0.015
+    sigma_floor_px: float = 0.008
     """No mark is believed better than this, pixels."""
     agree_mm: float = 1.5
     """How far corner marks and marks of the sides may disagree about each other's places."""
@@ -86,6 +86,8 @@ class FiducialSet:
     """Ways that the certificate cannot tell from it."""
     fitted: tuple[FittedMark, ...] = ()
     """The marks as they look in this scan, a kind for each group."""
+    guessed: bool = False
+    """True where the certificate hardly tells which mark is which, and nothing else does."""
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -180,8 +182,9 @@ def renamed(measured: FiducialSet, camera: Camera, preferred: Sequence[Way] = ()
         name = str(doubt.evidence["fiducial"])
         doubts.append(_renamed(doubt, name, renamed[name] if name in renamed else next(missing)))
     return replace(
-        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals
-    )
+        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals,
+        guessed=naming.guessed,
+    )  # fmt: skip
 
 
 def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ solved for together with them: a slope of gray along the outline then moves noth
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,6 +14,8 @@ from jaxtyping import Bool, Float64
 
 from core.doubts import Failure
 from core.scan.centring import (
+    EDGE_PX,
+    SOFT_PX,
     SOFT_TAPS,
     Centre,
     Gray,
@@ -51,6 +54,34 @@ Values = Float64[np.ndarray, "pixels"]
 Used = Bool[np.ndarray, "side side"]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """The splines of one side of the outline."""
+
+    gray: Surfaces
+    """What each adds to the gray of each pixel."""
+    slope_c: Surfaces
+    """How that changes along the columns."""
+    slope_r: Surfaces
+    """How that changes along the rows."""
+
+    def beside(
+        self, share: Values, rise: Float64[np.ndarray, "pixels _"], variance: float
+    ) -> Surfaces:
+        """What each adds where a blur mixes both sides.
+
+        Blur draws a gray that rises towards the outline across it: by Gauss's kernel, the blurred
+        product of a linear gray and a step is their product plus variance times both slopes.
+
+        Args:
+            share: Share of this side in each pixel, blurred.
+            rise: How that share changes along columns and rows.
+            variance: Of the blur, square pixels.
+        """
+        drawn = self.slope_c * rise[:, :1] + self.slope_r * rise[:, 1:2]
+        return self.gray * share[:, None] + variance * drawn
+
+
 def centre_by_sides(
     window: Gray, template: Weights, weights: Weights, start: tuple[float, float], limit_px: float
 ) -> Centre | Failure:
@@ -72,14 +103,17 @@ def centre_by_sides(
     share, _ = _outlines(template, blur, used)
     gray = sample_about(window, place, template.shape[0])[used]
     sides, prior = _surfaces(used, _knots(gray, share))
-    first, weight = sides[0].shape[1], np.ones(len(share))
+    first, weight = sides[0].gray.shape[1], np.ones(len(share))
     for _ in range(ROUNDS):
         gray = sample_about(window, place, template.shape[0])[used]
         gray -= np.median(gray)
         share, slopes = _outlines(template, blur, used)
-        surfaces = np.hstack([sides[0] * share[:, None], sides[1] * (1 - share)[:, None]])
+        surfaces = np.hstack([
+            sides[0].beside(share, -slopes, blur + SOFT_PX**2),
+            sides[1].beside(1 - share, slopes, blur + SOFT_PX**2),
+        ])  # fmt: skip
         found = _normal(surfaces, weight, prior) @ (surfaces * weight[:, None]).T @ gray
-        apart = sides[0] @ found[:first] - sides[1] @ found[first:]
+        apart = sides[0].gray @ found[:first] - sides[1].gray @ found[first:]
         design = np.hstack([surfaces, slopes * apart[:, None]])
         step, weight, left = _solved(design, gray, prior, used)
         if not np.isfinite(step).all():
@@ -134,7 +168,7 @@ def _knots(gray: Values, share: Values) -> tuple[float, float]:
     return first, second
 
 
-def _surfaces(used: Used, knots_px: Sequence[float]) -> tuple[list[Surfaces], Square]:
+def _surfaces(used: Used, knots_px: Sequence[float]) -> tuple[list[Side], Square]:
     """Splines of both sides, and the normal equations of the wish that they be smooth."""
     sides, priors = zip(*(_splines(used, distance) for distance in knots_px), strict=True)
     sizes = [len(prior) for prior in priors]
@@ -144,7 +178,7 @@ def _surfaces(used: Used, knots_px: Sequence[float]) -> tuple[list[Surfaces], Sq
     return list(sides), prior
 
 
-def _splines(used: Used, knots_px: float) -> tuple[Surfaces, Square]:
+def _splines(used: Used, knots_px: float) -> tuple[Side, Square]:
     """Cubic splines over the used pixels, and the penalty of second differences between knots.
 
     Knots that hardly any pixel reaches are left out.
@@ -152,7 +186,7 @@ def _splines(used: Used, knots_px: float) -> tuple[Surfaces, Square]:
     rows, columns = np.nonzero(used)
     knots = np.arange(-1, int(used.shape[0] / knots_px) + 3)
     across, down = (_hats(at / knots_px, knots) for at in (columns, rows))
-    basis = (across[:, :, None] * down[:, None, :]).reshape(len(rows), -1)
+    basis = _products(across, down)
     kept = basis.sum(axis=0) > 0.5
     at = np.full(kept.size, -1)
     at[kept] = np.arange(int(kept.sum()))
@@ -165,7 +199,14 @@ def _splines(used: Used, knots_px: float) -> tuple[Surfaces, Square]:
         for column, value in zip(triples.T, (1.0, -2.0, 1.0), strict=True):
             bends[np.arange(len(triples)), column] = value
         penalty += SMOOTH * bends.T @ bends
-    return basis[:, kept], penalty
+    across_slope, down_slope = (_slopes(at / knots_px, knots) / knots_px for at in (columns, rows))
+    slope_c, slope_r = _products(across_slope, down), _products(across, down_slope)
+    return Side(basis[:, kept], slope_c[:, kept], slope_r[:, kept]), penalty
+
+
+def _products(across: Surfaces, down: Surfaces) -> Surfaces:
+    """Every function of the columns times every function of the rows."""
+    return (across[:, :, None] * down[:, None, :]).reshape(len(across), -1)
 
 
 def _hats(at: Values, knots: np.ndarray) -> Surfaces:
@@ -173,6 +214,14 @@ def _hats(at: Values, knots: np.ndarray) -> Surfaces:
     apart = np.abs(at[:, None] - knots[None, :])
     inner = 2 / 3 - apart**2 + apart**3 / 2
     return np.where(apart < 1, inner, np.clip(2 - apart, 0, None) ** 3 / 6)
+
+
+def _slopes(at: Values, knots: np.ndarray) -> Surfaces:
+    """First derivatives of `_hats`."""
+    along = at[:, None] - knots[None, :]
+    apart = np.abs(along)
+    steep = np.where(apart < 1, 1.5 * apart**2 - 2 * apart, -0.5 * np.clip(2 - apart, 0, None) ** 2)
+    return np.sign(along) * steep
 
 
 def _normal(design: Surfaces, weight: Values, prior: Square) -> Square:
@@ -190,9 +239,11 @@ def _solved(
     inverse = _normal(design, weight, prior)
     heavy = design
     solution = inverse @ heavy.T @ gray
+    # Half a pixel's share at the outline is no dirt; without it only pixels beside it would count.
+    edge = EDGE_PX * np.hypot(design[:, -3], design[:, -2])
     for _ in range(3):
         residual = gray - design @ solution
-        spread = 1.4826 * float(np.median(np.abs(residual))) + 1e-3
+        spread = np.hypot(1.4826 * float(np.median(np.abs(residual))) + 1e-3, edge)
         weight = 1 / (1 + (residual / (FAR * spread)) ** 2) ** 2
         inverse, heavy = _normal(design, weight, prior), design * weight[:, None]
         solution = inverse @ heavy.T @ gray

@@ -28,7 +28,7 @@ SIDES = {"5": (0.0, 26.5), "6": (26.5, 0.0), "7": (0.0, -26.5), "8": (-26.5, 0.0
 WITHIN_PX = 0.15
 FLAGS = (
     "fiducial-unsure", "fiducial-left-out", "fiducial-residual", "fiducials-few",
-    "interior-nominal", "fiducials-not-found", "fiducials-of-another-camera",
+    "interior-nominal", "fiducials-not-found", "fiducials-of-another-camera", "fiducial-names",
 )  # fmt: skip
 """Doubts that tell the operator not to trust the marks of a scan."""
 
