@@ -20,6 +20,8 @@ STEPS = 20
 FAR = 3.0
 """Residual, in spreads, at which half of a pixel's influence is gone."""
 CONVERGED_PX = 1e-3
+ROUGH_PX = 5e-3
+"""Last step that suffices where the mark's likeness is wanted, not its middle, pixels."""
 NEAR_PX = 0.05
 """Step from which what is far from the drawn mark no longer counts, pixels."""
 NOISE_SHARE = 0.08
@@ -127,7 +129,7 @@ def match_mark(
         state = (alike, float(np.abs(step).max()))
         if np.linalg.norm(place - np.array(start)) > limit_px:
             return Failure("Matching the drawn mark drifted away from it.")
-        if state[1] < (CONVERGED_PX if not far else NEAR_PX):
+        if state[1] < (NEAR_PX if far else CONVERGED_PX if judged else ROUGH_PX):
             if not far:
                 break
             far = False

@@ -38,13 +38,15 @@ class FiducialOptions:
     """How much less like the mark than the others a place may be before it is no mark."""
     max_spoilt: float = 4.0
     """How much more than the usual mark may differ from the drawn one before it is covered."""
+    dirt_from: float = 1.2
+    """How much more than the usual mark one differs from the drawn one by noise alone."""
     dirt_px: float = 0.1
     """What dirt that doubles the difference from the drawn mark does to its middle, pixels."""
     max_sigma_px: float = 0.5
     """Standard deviation beyond which a mark is not used, pixels."""
     unsure_px: float = 0.1
     """Standard deviation from which a mark that stands is pointed out, pixels."""
-    sigma_floor_px: float = 0.008
+    sigma_floor_px: float = 0.006
     """No mark is believed better than this, pixels."""
     agree_mm: float = 1.5
     """How far corner marks and marks of the sides may disagree about each other's places."""
@@ -228,7 +230,8 @@ def _measured(
                 doubts.append(doubtful_mark(photo_id, name, one.predicted[name], result))
                 continue
             floor = max(result.sigma_px, options.sigma_floor_px)
-            sigma = float(np.hypot(floor, options.dirt_px * (spoilt[name] - 1)))
+            dirt = max(spoilt[name] - options.dirt_from, 0.0)
+            sigma = float(np.hypot(floor, options.dirt_px * dirt))
             marks.append(
                 FiducialMeasurement(
                     name, result.column, result.row, sigma, result.correlation,
