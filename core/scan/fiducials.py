@@ -7,7 +7,7 @@ import numpy as np
 
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
-from core.geometry.transforms import PlaneTransform, fit_similarity
+from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
 from core.scan.layouts import UPRIGHT, Way, certified_layouts, guessed_layouts, lying
@@ -25,6 +25,9 @@ from core.scan.measuring import (
 from core.scan.naming import name_marks
 from core.scan.raster import ScanFile, photo_id_of
 
+AFTER_ALL_MM = 1.0
+"""How near to its place by the others a mark must lie that was not seen from afar, millimetres."""
+
 
 @dataclass(frozen=True, slots=True)
 class FiducialOptions:
@@ -34,6 +37,8 @@ class FiducialOptions:
     """Greatest distance between the matched and the second middle, pixels."""
     min_correlation: float = 0.55
     """Correlation with the drawn mark below which a place is no mark."""
+    surely_mark: float = 0.9
+    """Correlation from which a place where nothing was seen from afar is a mark."""
     max_drop: float = 0.25
     """How much less like the mark than the others a place may be before it is no mark."""
     max_spoilt: float = 4.0
@@ -44,8 +49,9 @@ class FiducialOptions:
     """What dirt that doubles the difference from the drawn mark does to its middle, pixels."""
     max_sigma_px: float = 0.5
     """Standard deviation beyond which a mark is not used, pixels."""
-    unsure_px: float = 0.1
-    """Standard deviation from which a mark that stands is pointed out, pixels."""
+    unsure_px: float = 0.06
+    """Standard deviation from which a mark that stands is pointed out, pixels: 0.15 pixels are then
+    not sure to 95 per cent."""
     sigma_floor_px: float = 0.006
     """No mark is believed better than this, pixels."""
     agree_mm: float = 1.5
@@ -220,6 +226,8 @@ def _measured(
             # A notch drawn turned by a little is found beside its place.
             fit = replace(fit, turn=_turn_of(_judged(results, options), one, fit.turn))
             results = _both_ways(spots, one, fit, pixel_mm)
+        if one.names:
+            results = _found_after_all(results, spots, one, (fit, *fitted), pixel_mm, options)
         fitted.append(fit)
         everyone = results if one.names else {**known, **results}
         known |= results
@@ -253,6 +261,43 @@ def _both_ways(
         else Failure("It lies outside the scan.")
         for name in found.layout.names
     }
+
+
+def _found_after_all(
+    results: dict[str, TwoWays | Failure],
+    spots: Mapping[str, Spot],
+    found: Constellation,
+    fits: Sequence[FittedMark],
+    pixel_mm: float,
+    options: FiducialOptions,
+) -> dict[str, TwoWays | Failure]:
+    """Marks that did not stand are sought in their windows as the others of the scan look.
+
+    From afar a bright spot of the picture may have been taken for the mark beside it.
+    """
+    judged = _judged(results, options)
+    good = {n: r for n, r in judged.items() if isinstance(r, TwoWays)}
+    film = dict(zip(found.layout.names, found.layout.lying(found.way).tolist(), strict=True))
+    put = fit_similarity(
+        np.array([film[n] for n in good]).reshape(-1, 2),
+        np.array([(r.column, r.row) for r in good.values()]).reshape(-1, 2),
+        mirrored=True,
+    )
+    again = dict(results)
+    if len(good) < 2 or not isinstance(put, PlaneTransform):
+        return again
+    for name in [n for n in film if n not in good and n in spots]:
+        place = apply_affine(put.matrix, np.array([film[name]]))[0]
+        for fit in fits:
+            if not fit.mark.symmetric:
+                continue
+            result = measure_spot(sought(spots[name], fit, pixel_mm), fit, pixel_mm)
+            if isinstance(result, Failure) or result.correlation < options.surely_mark:
+                continue
+            if np.hypot(result.column - place[0], result.row - place[1]) * pixel_mm < AFTER_ALL_MM:
+                again[name] = result
+                break
+    return again
 
 
 def _turn_of(results: Mapping[str, TwoWays | Failure], found: Constellation, turn: float) -> float:

@@ -105,7 +105,8 @@ class TwoWays:
 
 def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
     """Full resolution windows about all marks; those not found yet where the others put them."""
-    half = int(np.ceil((found.mark.reach_mm * 1.8 + 0.6) / pixel_mm)) + 8
+    # Room for a ring about what was found as a dot, and for a start that is a little off.
+    half = int(np.ceil((max(found.mark.reach_mm, RINGS[2]) * 1.8 + 0.6) / pixel_mm)) + 8
     places = _all_places(found)
     middle = np.mean(list(places.values()), axis=0)
     spots: dict[str, Spot] = {}

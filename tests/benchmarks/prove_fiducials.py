@@ -1,9 +1,9 @@
 """Two hundred scans of ten kinds of marks with known places: found, named, measured, and honest.
 
 `python -m tests.benchmarks.prove_fiducials [--scans 200] [--seed 1] [--minutes 60]` prints a table
-of the scans that were reached in that time and ends with 1 when a promise is broken: 99 % of visible
-marks within 0.15 pixels under their right names, no wrong mark without a doubt, interior orientation
-errors as large as their sigmas.
+of the scans that were reached in that time and ends with 1 when a promise is broken: 99 % of the
+visible marks within 0.15 pixels under their right names, no wrong mark without a doubt, interior
+orientation errors as large as their sigmas.
 """
 
 import argparse
