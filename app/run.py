@@ -18,6 +18,7 @@ from app.report import write_report
 from app.report_content import ReportContent
 from app.results import write_results
 from app.terminal import Voice
+from core.arrays import Mask
 from core.block.adjusted import AdjustmentReport
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block
@@ -271,13 +272,14 @@ def make_orthos(
     digest_of = session.products.digest_of
     photos = [photo for photo in block.photos.values() if photo.oriented]
     gsd = project.ortho.gsd_m or default_gsd_m(block)
+    usable = usable_parts(session)
     orthos: list[OrthoProduct] = []
     wanted = len(photos) if only is None else max(len(only), 1)
     made_now = 0
     for photo in photos:
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
-        inputs = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, photo.scan)
+        inputs = digest_of(stage, 2, photo, camera, gsd, project.reference.dem, photo.scan)
         target = session.results / "ortho" / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
@@ -287,7 +289,10 @@ def make_orthos(
             part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
             part.report(0, 1, photo.photo_id)
             with whole_file(target) as temporary:
-                made = rectify_photo(photo, camera, dem, gsd, temporary, block.crs, progress=part)
+                shown = usable(photo.photo_id)
+                made = rectify_photo(
+                    photo, camera, dem, gsd, temporary, block.crs, usable=shown, progress=part
+                )
             kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
             session.products.save_value(stage, digest_of(inputs, target), kept)
             session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
@@ -297,6 +302,18 @@ def make_orthos(
         orthos.append(kept)
     progress.report(1, 1)
     return orthos
+
+
+def usable_parts(session: Session) -> Callable[[str], Mask | None]:
+    """Which part of a photo's scan is photograph, without housings, data strip and marks."""
+    scans: ScanSet | None = session.products.latest_value("scans")
+
+    def usable(photo_id: str) -> Mask | None:
+        if scans is None or photo_id not in scans.oriented:
+            return None
+        return scans.oriented[photo_id].usable()
+
+    return usable
 
 
 def default_gsd_m(block: Block) -> float:

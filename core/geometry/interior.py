@@ -141,6 +141,9 @@ USUAL_SIGMA_PX = 0.1
 """A-priori sigma of a mark whose own is not known, pixels."""
 FILM_STEPS = 24
 """Halvings in the search for how much film and scanner are bent."""
+BENT_CHANCE = 0.1
+"""Chance below which residuals are laid to bends of film and scanner: those of good marks alone
+exceed what is expected of them in every second film."""
 WARP_CHANCE = 0.001
 """Chance below which eight marks or more call for a warp beyond an affine film."""
 
@@ -263,7 +266,9 @@ def _with_film(
     would give; a factor on the variances would have the best measured marks carry the fit.
     """
     best = fit
-    if fit.redundancy < 1 or fit.weighted_square_sum <= fit.redundancy:
+    if fit.redundancy < 1:
+        return best
+    if chi2.sf(fit.weighted_square_sum, fit.redundancy) > BENT_CHANCE:
         return best
     least, most = 0.0, 2 * fit.sigma + float(sigmas_mm.max())
     for _ in range(FILM_STEPS):

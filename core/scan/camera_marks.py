@@ -68,8 +68,7 @@ def estimate_marks(measured: Mapping[str, Places]) -> EstimatedMarks | None:
     mean = _squared(names, mean)
     sigma = LONE_SIGMA_MM
     if len(photos) >= FEW:
-        spread = float(np.sqrt(np.nanmean(np.nanvar(moved, axis=0, ddof=1))))
-        sigma = spread / np.sqrt(len(photos))
+        sigma = _spread(moved) / np.sqrt(len(photos))
     else:
         mean = _symmetric(names, mean)
     places = {name: (float(x), float(y)) for name, (x, y) in zip(names, mean, strict=True)}
@@ -96,6 +95,16 @@ def _procrustes(stack: Stack) -> tuple[FilmPoints, Stack]:
         # Nobody's scale is better than another's: their mean is the camera's.
         mean[counts] = np.nanmean(moved[:, counts], axis=0) / float(np.mean(scales))
     return mean, moved / float(np.mean(scales))
+
+
+def _spread(moved: Stack) -> float:
+    """Standard deviation of a mark in one photo about its mean, all marks seen twice together."""
+    counts = np.isfinite(moved).sum(axis=0)
+    freedom = int(np.clip(counts - 1, 0, None).sum())
+    if not freedom:
+        return LONE_SIGMA_MM
+    apart = moved - np.nansum(moved, axis=0) / np.maximum(counts, 1)
+    return float(np.sqrt(np.nansum(apart**2) / freedom))
 
 
 def _squared(names: Sequence[str], mean: FilmPoints) -> FilmPoints:

@@ -9,20 +9,25 @@ on its two sides: the first is blind to how bright the picture beside a notch is
 noise of single pixels.
 """
 
-import cv2
 import numpy as np
 from jaxtyping import Float64
+from scipy.ndimage import map_coordinates
 
 from core.doubts import Failure
-from core.scan.centring import Centre, Gray, Weights
+from core.scan.centring import Centre, Gray, Weights, softened
 
 REACH_PX = 3.0
 """How far from the drawn outline a step is looked for, pixels."""
 FAR_PX = 5.0
 """The same while the mark is still being approached."""
 STEP_PX = 0.25
-TIP_PX = 5.0
-"""Outline this near to the tip of a notch is not used, pixels."""
+TIP_PX = 12.0
+"""Outline this near to the tip of a notch is not used, pixels: there a narrow notch is no wider
+than its two edges are blurred."""
+STEP_HALF_PX = 2.5
+"""Half width of a step under blur, pixels."""
+SIDE_PX = 5.0
+"""How far on either side of a step its gray is looked at, pixels."""
 ROUNDS = 6
 MIN_EDGES = 24
 """Fewer pieces of outline than this say nothing."""
@@ -52,7 +57,8 @@ def centre_by_edges(
         grows: Solve for growth too; impossible where all edges meet in one point, as in a notch.
         half_way: Take the place of half the step instead of its steepest part.
     """
-    points, normals = _outline(template, weights)
+    window, template = softened(window).astype(np.float32), softened(template)
+    points, normals = _outline(template, weights, half_way)
     if not grows:
         # About the tip itself both edges run into each other.
         away = np.hypot(points[:, 0], points[:, 1]) > TIP_PX
@@ -77,11 +83,10 @@ def centre_by_edges(
     return Centre(float(place[0]), float(place[1]), sigma, share)
 
 
-def _outline(template: Weights, weights: Weights) -> tuple[Points, Points]:
+def _outline(template: Weights, weights: Weights, half_way: bool) -> tuple[Points, Points]:
     """Places (from the middle) and unit normals, towards the bright side, of the drawn outline."""
     half = template.shape[0] // 2
-    soft = np.asarray(cv2.GaussianBlur(template, (0, 0), 0.7, borderType=cv2.BORDER_REPLICATE))
-    right, down = np.gradient(soft, axis=1), np.gradient(soft, axis=0)
+    right, down = np.gradient(template, axis=1), np.gradient(template, axis=0)
     steep = np.hypot(right, down)
     used = (steep > STEEP * steep.max()) & (weights > 0.5)
     margin = int(REACH_PX)
@@ -90,7 +95,7 @@ def _outline(template: Weights, weights: Weights) -> tuple[Points, Points]:
     normals = np.column_stack([right[used], down[used]]) / steep[used][:, None]
     points = np.column_stack([columns - half, rows - half]).astype(np.float64)
     # To the place on the normal where the drawn step itself is: the same measure on both sides.
-    offsets, height = _steps(template.astype(np.float32), points + half + 0.5, normals, False)
+    offsets, height = _steps(template.astype(np.float32), points + half + 0.5, normals, half_way)
     sure = height > 0
     return (points + offsets[:, None] * normals)[sure], normals[sure]
 
@@ -102,10 +107,8 @@ def _steps(
     along = np.arange(-reach - 2.0, reach + 2.0 + STEP_PX / 2, STEP_PX)
     columns = points[:, :1] + normals[:, :1] * along - 0.5
     rows = points[:, 1:] + normals[:, 1:] * along - 0.5
-    profile = cv2.remap(
-        window, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_REPLICATE,
-    ).astype(np.float64)  # fmt: skip
+    # `cv2.remap` knows only 32 places within a pixel.
+    profile = map_coordinates(window, [rows, columns], np.float64, order=3, mode="nearest")
     slope = np.maximum(np.diff(profile, axis=1), 0.0)
     middle = (along[1:] + along[:-1]) / 2
     # Nearness decides between the two sides of a thin line.
@@ -119,7 +122,9 @@ def _steps(
         place = (around * middle).sum(axis=1) / np.maximum(total, 1e-9)
     height = total / max(float(np.median(total)), 1e-9) if len(total) else total
     if half_way:
-        place = _half_way(profile, along, place)
+        # The stretch that is looked at has its middle where the step was taken to be.
+        for _ in range(2):
+            place = _half_way(profile, along, place)
     return place, np.where((height > 0.3) & (np.abs(place) < reach - 0.5), height, 0.0)
 
 
@@ -134,11 +139,11 @@ def _half_way(
     brightens or darkens, which moves the steepest place and would move the half way too.
     """
     apart = along[None, :] - place[:, None]
-    low = _continued(profile, apart, (apart < -1.5) & (apart > -4.0))
-    high = _continued(profile, apart, (apart > 1.5) & (apart < 4.0))
+    low = _continued(profile, apart, (apart < -STEP_HALF_PX) & (apart > -SIDE_PX))
+    high = _continued(profile, apart, (apart > STEP_HALF_PX) & (apart < SIDE_PX))
     share = (profile - low) / np.maximum(high - low, 1e-3)
     # The share of the samples about the step that is still dark is where the step lies.
-    about = np.abs(apart) <= 1.5
+    about = np.abs(apart) <= STEP_HALF_PX
     dark = np.where(about, np.clip(1 - share, -0.2, 1.2), 0.0).sum(axis=1)
     left = np.where(about, along[None, :], np.inf).min(axis=1)
     return left + (dark - 0.5) * (along[1] - along[0])

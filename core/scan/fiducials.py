@@ -10,8 +10,9 @@ from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
 from core.scan.film_area import FilmArea
-from core.scan.layouts import UPRIGHT, Layout, Way, certified_layouts, guessed_layouts, lying
+from core.scan.layouts import UPRIGHT, Way, certified_layouts, guessed_layouts, lying
 from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found
+from core.scan.mark_sets import find_mark_sets, middles_apart_mm
 from core.scan.measuring import (
     FittedMark,
     Spot,
@@ -19,9 +20,13 @@ from core.scan.measuring import (
     fit_mark,
     measure_spot,
     open_spots,
+    sought,
 )
 from core.scan.naming import name_marks
 from core.scan.raster import ScanFile, photo_id_of
+
+AFTER_ALL_MM = 1.0
+"""How near to its place by the others a mark must lie that was not seen from afar, millimetres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +37,22 @@ class FiducialOptions:
     """Greatest distance between the matched and the second middle, pixels."""
     min_correlation: float = 0.55
     """Correlation with the drawn mark below which a place is no mark."""
+    surely_mark: float = 0.9
+    """Correlation from which a place where nothing was seen from afar is a mark."""
     max_drop: float = 0.25
     """How much less like the mark than the others a place may be before it is no mark."""
     max_spoilt: float = 4.0
     """How much more than the usual mark may differ from the drawn one before it is covered."""
+    dirt_from: float = 1.2
+    """How much more than the usual mark one differs from the drawn one by noise alone."""
     dirt_px: float = 0.1
     """What dirt that doubles the difference from the drawn mark does to its middle, pixels."""
     max_sigma_px: float = 0.5
     """Standard deviation beyond which a mark is not used, pixels."""
-    unsure_px: float = 0.15
-    """Standard deviation from which a mark that stands is pointed out, pixels."""
-    sigma_floor_px: float = 0.03
+    unsure_px: float = 0.06
+    """Standard deviation from which a mark that stands is pointed out, pixels: 0.15 pixels are then
+    not sure to 95 per cent."""
+    sigma_floor_px: float = 0.006
     """No mark is believed better than this, pixels."""
     agree_mm: float = 1.5
     """How far corner marks and marks of the sides may disagree about each other's places."""
@@ -84,6 +94,8 @@ class FiducialSet:
     """Ways that the certificate cannot tell from it."""
     fitted: tuple[FittedMark, ...] = ()
     """The marks as they look in this scan, a kind for each group."""
+    guessed: bool = False
+    """True where the certificate hardly tells which mark is which, and nothing else does."""
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -112,7 +124,7 @@ def measure_fiducials(
     options = options or FiducialOptions()
     photo_id = photo_id_of(scan.path)
     layouts = certified_layouts(camera, quarters_of(camera, area))
-    found = _all_found(scan, layouts, scan_pixel_mm, area, options)
+    found = find_mark_sets(scan, layouts, scan_pixel_mm, area, options.agree_mm, options.search)
     if not found:
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
     measured = _measured(scan, found, scan_pixel_mm, options)
@@ -146,7 +158,7 @@ def measure_unknown_fiducials(
         found = find_constellation(scan, layouts, scan_pixel_mm, area, search)
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
-    apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm
+    apart = len(sets) == 2 and middles_apart_mm(sets, scan_pixel_mm) > options.agree_mm
     if len(sets) == 2 and (apart or camera.fiducial_marks == 4):
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
@@ -178,8 +190,9 @@ def renamed(measured: FiducialSet, camera: Camera, preferred: Sequence[Way] = ()
         name = str(doubt.evidence["fiducial"])
         doubts.append(_renamed(doubt, name, renamed[name] if name in renamed else next(missing)))
     return replace(
-        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals
-    )
+        measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals,
+        guessed=naming.guessed,
+    )  # fmt: skip
 
 
 def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
@@ -191,65 +204,6 @@ def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
     return (0, 2) if (spans[0] - spans[1]) * (width - height) > 0 else (1, 3)
 
 
-def _all_found(
-    scan: ScanFile,
-    layouts: Sequence[Layout],
-    pixel_mm: float,
-    area: FilmArea,
-    options: FiducialOptions,
-) -> list[Constellation]:
-    """One set for each layout, all agreeing: where two disagree the better one places the other."""
-    sets = [find_constellation(scan, [one], pixel_mm, area, options.search) for one in layouts]
-    found = [one for one in sets if isinstance(one, Constellation)]
-    if len(layouts) < 2 or not found:
-        return found
-    found.sort(key=lambda one: one.score * one.symmetry, reverse=True)
-    best = found[0]
-    others = [one for one in layouts if one is not best.layout]
-    result = [best]
-    for layout in others:
-        narrow = replace(layout, ways=(best.way,))
-        placed = _placed_by(best, area, pixel_mm)
-        search = replace(options.search, reach_seen_mm=options.agree_mm + 3.0)
-        again = find_constellation(scan, [narrow], pixel_mm, placed, search)
-        if isinstance(again, Constellation) and _agree(best, again, pixel_mm, options):
-            result.append(again)
-    return result
-
-
-def _placed_by(found: Constellation, area: FilmArea, pixel_mm: float) -> FilmArea:
-    """The picture area moved and turned so that a found set lies in it as its layout says."""
-    film = found.layout.lying(found.way)
-    at = {name: i for i, name in enumerate(found.layout.names)}
-    fit = fit_similarity(film[[at[n] for n in found.names]], found.pixels, mirrored=True)
-    if not isinstance(fit, PlaneTransform):
-        return area
-    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    half = np.ptp(area.corners, axis=0) * pixel_mm / 2
-    return FilmArea(apply_affine(fit.matrix, corners * half), ("left", "right", "top"), area.scores)
-
-
-def _agree(
-    first: Constellation, second: Constellation, pixel_mm: float, options: FiducialOptions
-) -> bool:
-    """True when a similarity through the first set puts the second where it was found."""
-    at = {name: i for i, name in enumerate(first.layout.names)}
-    film = first.layout.lying(first.way)[[at[n] for n in first.names]]
-    fit = fit_similarity(film, first.pixels, mirrored=True)
-    if not isinstance(fit, PlaneTransform):
-        return False
-    at = {name: i for i, name in enumerate(second.layout.names)}
-    put = apply_affine(fit.matrix, second.layout.lying(first.way)[[at[n] for n in second.names]])
-    apart = np.linalg.norm(put - second.pixels, axis=1)
-    return bool(np.median(apart) * pixel_mm < options.agree_mm)
-
-
-def _middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:
-    """Distance between the middles of two sets of four."""
-    middles = [np.mean(list(one.predicted.values()), axis=0) for one in sets]
-    return float(np.linalg.norm(middles[0] - middles[1])) * pixel_mm
-
-
 def _measured(
     scan: ScanFile, found: Sequence[Constellation], pixel_mm: float, options: FiducialOptions
 ) -> FiducialSet:
@@ -258,22 +212,34 @@ def _measured(
     marks: list[FiducialMeasurement] = []
     doubts: list[Doubt] = []
     fitted: list[FittedMark] = []
+    known: dict[str, TwoWays | Failure] = {}
     for one in found:
         spots = open_spots(scan, one, pixel_mm)
-        fit = fit_mark([spot for spot in spots.values() if spot.found], one, pixel_mm)
+        if one.names or not fitted:
+            fit = fit_mark([spot for spot in spots.values() if spot.found], one, pixel_mm)
+        else:
+            # Nobody saw these marks from afar: they are sought where and as the others tell.
+            fit = fitted[0]
+            spots = {name: sought(spot, fit, pixel_mm) for name, spot in spots.items()}
         results = _both_ways(spots, one, fit, pixel_mm)
         if not fit.mark.symmetric:
             # A notch drawn turned by a little is found beside its place.
-            fit = replace(fit, turn=_turn_of(results, one, fit.turn))
+            fit = replace(fit, turn=_turn_of(_judged(results, options), one, fit.turn))
             results = _both_ways(spots, one, fit, pixel_mm)
+        if one.names:
+            results = _found_after_all(results, spots, one, (fit, *fitted), pixel_mm, options)
         fitted.append(fit)
-        spoilt = _spoilt(results)
-        for name, result in _judged(results, options).items():
+        everyone = results if one.names else {**known, **results}
+        known |= results
+        spoilt, judged = _spoilt(everyone), _judged(everyone, options)
+        for name in results:
+            result = judged[name]
             if isinstance(result, Failure):
                 doubts.append(doubtful_mark(photo_id, name, one.predicted[name], result))
                 continue
             floor = max(result.sigma_px, options.sigma_floor_px)
-            sigma = float(np.hypot(floor, options.dirt_px * (spoilt[name] - 1)))
+            dirt = max(spoilt[name] - options.dirt_from, 0.0)
+            sigma = float(np.hypot(floor, options.dirt_px * dirt))
             marks.append(
                 FiducialMeasurement(
                     name, result.column, result.row, sigma, result.correlation,
@@ -295,6 +261,43 @@ def _both_ways(
         else Failure("It lies outside the scan.")
         for name in found.layout.names
     }
+
+
+def _found_after_all(
+    results: dict[str, TwoWays | Failure],
+    spots: Mapping[str, Spot],
+    found: Constellation,
+    fits: Sequence[FittedMark],
+    pixel_mm: float,
+    options: FiducialOptions,
+) -> dict[str, TwoWays | Failure]:
+    """Marks that did not stand are sought in their windows as the others of the scan look.
+
+    From afar a bright spot of the picture may have been taken for the mark beside it.
+    """
+    judged = _judged(results, options)
+    good = {n: r for n, r in judged.items() if isinstance(r, TwoWays)}
+    film = dict(zip(found.layout.names, found.layout.lying(found.way).tolist(), strict=True))
+    put = fit_similarity(
+        np.array([film[n] for n in good]).reshape(-1, 2),
+        np.array([(r.column, r.row) for r in good.values()]).reshape(-1, 2),
+        mirrored=True,
+    )
+    again = dict(results)
+    if len(good) < 2 or not isinstance(put, PlaneTransform):
+        return again
+    for name in [n for n in film if n not in good and n in spots]:
+        place = apply_affine(put.matrix, np.array([film[name]]))[0]
+        for fit in fits:
+            if not fit.mark.symmetric:
+                continue
+            result = measure_spot(sought(spots[name], fit, pixel_mm), fit, pixel_mm)
+            if isinstance(result, Failure) or result.correlation < options.surely_mark:
+                continue
+            if np.hypot(result.column - place[0], result.row - place[1]) * pixel_mm < AFTER_ALL_MM:
+                again[name] = result
+                break
+    return again
 
 
 def _turn_of(results: Mapping[str, TwoWays | Failure], found: Constellation, turn: float) -> float:
@@ -332,7 +335,7 @@ def _judged(
     likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
     usual = float(np.median(likeness)) if likeness else 0.0
     least = max(options.min_correlation, usual - options.max_drop)
-    spoilt = _spoilt(results)
+    spoilt, most_apart = _spoilt(results), options.max_disagreement_px
     judged: dict[str, TwoWays | Failure] = {}
     for name, result in results.items():
         judged[name] = result
@@ -354,10 +357,9 @@ def _judged(
                 f"Its middle is only known to {result.sigma_px:.1f} pixels.",
                 {"sigma_px": result.sigma_px},
             )
-        elif result.disagreement_px > options.max_disagreement_px:
+        elif (apart := max(result.disagreement_px, result.outline_px)) > most_apart:
             judged[name] = Failure(
-                f"The two ways to centre it differ by {result.disagreement_px:.2f} pixels.",
-                {"disagreement_px": result.disagreement_px},
+                f"The ways to centre it differ by {apart:.2f} pixels.", {"disagreement_px": apart}
             )
     return judged
 

@@ -7,6 +7,8 @@ import numpy as np
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation, limit_um
 from core.scan.fiducials import FiducialMeasurement
+from core.scan.layouts import UPRIGHT, Way
+from core.scan.look import turned_words
 
 AFFINITY = 2e-4
 """Difference of the film's scales in x and y that is worth a word."""
@@ -31,6 +33,25 @@ def doubts_of_fit(
     return (
         *_of_marks(photo_id, interior, marks),
         *_of_film(photo_id, interior, pixel_mm),
+    )
+
+
+def names_guessed(photo_id: str, way: Way) -> Doubt:
+    """The doubt of a scan whose marks fit their certificate in several ways to lie.
+
+    Args:
+        photo_id: The photo.
+        way: The way that was taken.
+    """
+    words = "upright" if way == UPRIGHT else turned_words(way)
+    return Doubt(
+        "fiducial-names",
+        photo_id,
+        "The certificate hardly tells which fiducial is which: the marks fit it in several ways, "
+        f"and the scan was taken to be {words}. Compare it with its neighbours, or give the "
+        "camera's data_strip.",
+        0.6,
+        {"quarter_turns": way[0], "mirrored": way[1]},
     )
 
 

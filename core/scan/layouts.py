@@ -16,8 +16,12 @@ ALIKE_MM = 0.6
 """Layouts whose marks all lie this near to each other are searched for only once."""
 ASIDE = 0.55
 """Share of half the frame beyond which a mark in both directions belongs to a corner."""
-INSETS_MM = tuple(np.arange(-4.5, 16.5, 1.5).tolist())
-"""How far inside the border of the frame unknown marks are looked for."""
+INSETS_MM = (-4.5, 15.0)
+"""How far inside the border of the frame unknown marks are looked for, from and to."""
+INSET_STEP_MM = 1.5
+INSET_STEP_SHARE = 0.025
+"""Step between the distances tried, at most this share of half the frame: sets are sought whose
+scale is right to 1.5 per cent, and between two steps no place may be left out."""
 CORNERS = {"UL": (-1.0, 1.0), "UR": (1.0, 1.0), "LR": (1.0, -1.0), "LL": (-1.0, -1.0)}
 SIDES = {"T": (0.0, 1.0), "R": (1.0, 0.0), "B": (0.0, -1.0), "L": (-1.0, 0.0)}
 
@@ -80,6 +84,8 @@ def certified_layouts(camera: Camera, quarters: Sequence[int]) -> tuple[Layout, 
 def guessed_layouts(camera: Camera) -> Mapping[str, tuple[Layout, ...]]:
     """Corner marks and marks of the sides at many distances from the frame's border."""
     half = np.array(camera.frame_mm) / 2
+    step = min(INSET_STEP_MM, INSET_STEP_SHARE * float(half.min()))
+    insets = np.arange(INSETS_MM[0], INSETS_MM[1] + step / 2, step).tolist()
     return {
         group: tuple(
             Layout(
@@ -87,7 +93,7 @@ def guessed_layouts(camera: Camera) -> Mapping[str, tuple[Layout, ...]]:
                 np.array(list(places.values())) * (half - inset),
                 (UPRIGHT,),
             )
-            for inset in INSETS_MM
+            for inset in insets
         )
         for group, places in (("corners", CORNERS), ("sides", SIDES))
     }

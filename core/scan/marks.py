@@ -16,7 +16,14 @@ SURROUND = 1.35
 SYMMETRIC = ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross", "dot", "ring",
              "ringed-dot", "ringed-cross", "ringed-saltire", "quadrants")  # fmt: skip
 
-NOTCHES = ("wedge", "tip", "half-wedge", "other-half-wedge")
+NOTCH_NORMALS = {
+    "wedge": (np.pi / 4, -np.pi / 4),
+    "tip": (3 * np.pi / 4, -3 * np.pi / 4),
+    "half-wedge": (-np.pi / 4, np.pi / 2),
+    "other-half-wedge": (np.pi / 4, -np.pi / 2),
+}
+"""Directions of a notch's two edges towards its inside, from its outward direction (column towards
+row), radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +49,7 @@ class Mark:
     @property
     def notch(self) -> bool:
         """True when it is a place where edges of film and picture meet, not a figure of its own."""
-        return self.shape in NOTCHES
+        return self.shape in NOTCH_NORMALS
 
     @property
     def reach_mm(self) -> float:
@@ -102,17 +109,49 @@ def draw_mark(
         Odd number of pixels a side; the mark's middle is the middle of the middle pixel.
     """
     half = max(3, int(np.ceil(mark.reach_mm * surround / pixel_mm)))
+    if mark.notch:
+        drawn = _drawn_notch(mark, half, turn)
+    else:
+        drawn = _drawn_figure(mark, half, pixel_mm, turn)
+    if mark.blur_px > 0:
+        border = cv2.BORDER_REPLICATE
+        drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), mark.blur_px, borderType=border))
+    return drawn
+
+
+def _drawn_figure(
+    mark: Mark, half: int, pixel_mm: float, turn: float
+) -> Float64[np.ndarray, "side side"]:
+    """A figure by samples within every pixel."""
     side = 2 * half + 1
     fine = int(np.clip(SUPERSAMPLED // side, 2, 8))
     axis = ((np.arange(side * fine) + 0.5) / fine - half - 0.5) * pixel_mm
     right, down = np.meshgrid(axis, axis)
     cosine, sine = np.cos(turn), np.sin(turn)
     inside = SHAPES[mark.shape](mark, right * cosine + down * sine, down * cosine - right * sine)
-    drawn = inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
-    if mark.blur_px > 0:
-        border = cv2.BORDER_REPLICATE
-        drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), mark.blur_px, borderType=border))
-    return drawn
+    return inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
+
+
+def _drawn_notch(mark: Mark, half: int, turn: float) -> Float64[np.ndarray, "side side"]:
+    """A notch by its two edges, each pixel's share exact: samples would miss half of a step."""
+    axis = np.arange(-half, half + 1, dtype=np.float64)
+    right, down = np.meshgrid(axis, axis)
+    angle = np.arctan2(mark.outward[1], mark.outward[0]) + turn
+    shares = [_half_plane(right, down, angle + normal) for normal in NOTCH_NORMALS[mark.shape]]
+    return np.minimum(*shares)
+
+
+def _half_plane(right: Coordinates, down: Coordinates, angle: float) -> Coordinates:
+    """Share of each pixel on the side of a line through the middle that its normal points to."""
+    across, along = sorted((abs(np.cos(angle)), abs(np.sin(angle))))
+    apart = right * np.cos(angle) + down * np.sin(angle)
+    # A square seen along the line is a trapezoid: wide parts of constant depth, two ramps.
+    inner, outer = (along - across) / 2, (along + across) / 2
+    away = np.abs(apart)
+    ramp = np.clip(outer - away, 0, None) ** 2 / (2 * across * along + 1e-12)
+    share = np.where(away <= inner, 0.5 + away / along, 1 - ramp)
+    share = np.where(away >= outer, 1.0, share)
+    return np.where(apart >= 0, share, 1 - share)
 
 
 def _cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
@@ -191,36 +230,6 @@ def _ringed_saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     return _ringed_cross(mark, *_turned(x, y))
 
 
-def _outwards(mark: Mark, x: Coordinates, y: Coordinates) -> tuple[Coordinates, Coordinates]:
-    """Coordinates along and across the direction away from the middle of the photo."""
-    right, down = np.array(mark.outward) / np.hypot(*mark.outward)
-    return x * right + y * down, y * right - x * down
-
-
-def _wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
-    """Notch of a right angle in the frame, its tip inwards (or a picture's tip outwards)."""
-    along, across = _outwards(mark, x, y)
-    return along > np.abs(across)
-
-
-def _tip(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
-    """Right-angled tip of the picture that reaches out into its frame."""
-    along, across = _outwards(mark, x, y)
-    return -along > np.abs(across)
-
-
-def _half_wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
-    """Notch with one straight and one slanting side."""
-    along, across = _outwards(mark, x, y)
-    return (along > across) & (across > 0)
-
-
-def _other_half_wedge(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
-    """The same, turned over."""
-    along, across = _outwards(mark, x, y)
-    return (along > -across) & (across < 0)
-
-
 SHAPES: dict[str, Callable[[Mark, Coordinates, Coordinates], Inside]] = {
     "cross": _cross,
     "saltire": _saltire,
@@ -235,8 +244,4 @@ SHAPES: dict[str, Callable[[Mark, Coordinates, Coordinates], Inside]] = {
     "ringed-dot": _ringed_dot,
     "ringed-cross": _ringed_cross,
     "ringed-saltire": _ringed_saltire,
-    "wedge": _wedge,
-    "tip": _tip,
-    "half-wedge": _half_wedge,
-    "other-half-wedge": _other_half_wedge,
 }

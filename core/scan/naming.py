@@ -6,14 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import FilmPoints, PixelPoints, Scalars
-from core.geometry.interior_models import FilmFit, fit_film
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.scan.layouts import UPRIGHT, WAYS, Way, lying
 
-FILM_SIGMA_MM = 0.01
-"""How well film and certificate usually agree, millimetres: smaller differences decide nothing."""
-DECIDED = 25.0
-"""Difference of weighted square sums from which one way to lie is preferred to another."""
+FILM_SIGMA_MM = 0.003
+"""How well film and certificate usually agree once its even stretching is taken up, millimetres."""
+STRETCH = 3e-4
+"""How much a film is usually longer along one side than along the other, or out of square."""
+FREEDOM = 4.0
+"""Some films are far worse than usual: the freedom of Student's distribution that allows for it."""
+DECIDED = 12.0
+"""Twice the logarithm of the odds from which one way to lie is preferred to another."""
+TURNED = 2.0
+MIRRORED = 6.0
+"""Twice the logarithm of the odds against a turned and against a mirrored scan beforehand."""
 NEAR_MM = 2.5
 """How near to its place a mark must lie to be taken for it."""
 Certificate = Mapping[str, tuple[float, float]]
@@ -29,6 +35,8 @@ class Naming:
     """How the film lies."""
     rivals: tuple[Way, ...]
     """Other ways that fit as well: the certificate cannot tell them apart."""
+    guessed: bool = False
+    """True where one of them was taken that is not what an archive usually holds."""
 
 
 def name_marks(
@@ -47,7 +55,7 @@ def name_marks(
         sigmas_px: Standard deviation of each per axis, pixels.
         way: The way to lie that belongs to those names.
         certificate: The camera's marks, millimetres.
-        preferred: Ways to take, best first, where the certificate cannot tell; upright otherwise.
+        preferred: Ways to take, best first, where the certificate cannot tell.
     """
     film = np.array([certificate[name] for name in names], dtype=np.float64)
     base = fit_similarity(lying(film, way), pixels, mirrored=True)
@@ -56,14 +64,21 @@ def name_marks(
         for other in WAYS:
             renamed = _renamed(pixels, other, certificate, base)
             if renamed is not None:
-                fits[other] = (_square_sum(renamed, pixels, sigmas_px, other, certificate), renamed)
+                fits[other] = (_misfit(renamed, pixels, sigmas_px, other, certificate), renamed)
     if way not in fits:
         return Naming(tuple(names), way, ())
     least = min(value for value, _ in fits.values())
     equal = [other for other, (value, _) in fits.items() if value < least + DECIDED]
-    wanted = [other for other in (*preferred, UPRIGHT, way) if other in equal]
-    best = wanted[0] if wanted else equal[0]
-    return Naming(fits[best][1], best, tuple(other for other in equal if other != best))
+    wanted = [other for other in preferred if other in equal]
+    best = wanted[0] if wanted else min(equal, key=lambda one: fits[one][0] + _unlikely(one))
+    guessed = not wanted and (best != UPRIGHT or fits[best][0] > least + TURNED)
+    rivals = tuple(other for other in equal if other != best)
+    return Naming(fits[best][1], best, rivals, bool(rivals) and guessed)
+
+
+def _unlikely(way: Way) -> float:
+    """Twice the logarithm of the odds against a way beforehand."""
+    return (TURNED if way[0] else 0.0) + (MIRRORED if way[1] else 0.0)
 
 
 def _renamed(
@@ -80,23 +95,32 @@ def _renamed(
     return tuple(names[int(i)] for i in nearest)
 
 
-def _square_sum(
+def _misfit(
     names: Sequence[str],
     pixels: PixelPoints,
     sigmas_px: Scalars,
     way: Way,
     certificate: Certificate,
 ) -> float:
-    """Weighted square sum of the residuals with these names, film deformation allowed for."""
+    """Twice the logarithm of how unlikely the marks are under these names.
+
+    A similarity is free; the film's stretching and its bends are as films usually have them, with
+    Student's long tails for those that are worse.
+    """
     film: FilmPoints = np.array([certificate[name] for name in names], dtype=np.float64)
     rough = fit_similarity(pixels, film, mirrored=not way[1])
     if not isinstance(rough, PlaneTransform):
         return np.inf
-    sigmas = np.hypot(sigmas_px * rough.scale, FILM_SIGMA_MM)
-    fit = fit_film("similarity" if len(names) < 4 else "affine", pixels, film, sigmas, way[1])
-    if not isinstance(fit, FilmFit):
-        return np.inf
-    # An affine hides that x and y were exchanged: film shrinks by a thousandth, not by more.
-    similar = fit_film("similarity", pixels, film, np.hypot(sigmas, 0.05), way[1])
-    extra = similar.weighted_square_sum if isinstance(similar, FilmFit) else np.inf
-    return fit.weighted_square_sum + extra
+    sigmas = np.repeat(np.hypot(sigmas_px * rough.scale, FILM_SIGMA_MM), 2)
+    left = film - apply_affine(rough.matrix, pixels)
+    x, y = (film - film.mean(axis=0)).T
+    one, none = np.ones(len(film)), np.zeros(len(film))
+    rows = np.array([[one, none, x, -y, x, y], [none, one, y, x, -y, x]])
+    design = rows.transpose(2, 0, 1).reshape(-1, 6) / sigmas[:, None]
+    usual = np.zeros((2, 6))
+    usual[0, 4] = usual[1, 5] = 1 / STRETCH
+    design = np.vstack([design, usual])
+    wanted = np.concatenate([left.ravel() / sigmas, np.zeros(2)])
+    solution = np.linalg.lstsq(design, wanted, rcond=None)[0]
+    square_sum = float(np.sum((wanted - design @ solution) ** 2))
+    return (FREEDOM + left.size - 4) * float(np.log1p(square_sum / FREEDOM))

@@ -32,7 +32,7 @@ from core.scan.film_area import (
     refine_film_area,
 )
 from core.scan.hand_marks import fiducials_by_hand
-from core.scan.interior_doubts import doubts_of_fit
+from core.scan.interior_doubts import doubts_of_fit, names_guessed
 from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
@@ -186,6 +186,8 @@ def _by_certificate(
         measured = renamed(measured, camera, preferred)
         fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
     marks, doubts = measured.marks, measured.doubts
+    if measured.guessed:
+        doubts += (names_guessed(photo_id, measured.way),)
     if isinstance(fitted, Failure):
         interior = _nominal(scan, camera, pixel_mm, area)
         doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), 0.8),)

@@ -9,6 +9,7 @@ import pytest
 import rasterio
 
 from app.cli import main
+from app.run import usable_parts
 from core.block.adjusted import AdjustmentReport
 from core.ground.comparison import compare_orthos
 from core.pipeline import STAGES
@@ -167,3 +168,16 @@ def test_check_points_do_not_steer__law(tiny_run):
     assert len(without["check_points.csv"].splitlines()) == 1
     for name in ("exterior_orientation.csv", "tie_points.csv", "interior_orientation.csv"):
         assert without[name] == before[name], name
+
+
+def test_orthos_are_given_the_masks_of_their_scans__law(tiny_run):
+    """What is not photograph (margin, housings, data strip, marks) is shown in no ortho."""
+    with Session.open(tiny_run.folder, "reader") as session:
+        oriented = session.products.latest_value("scans").oriented
+        usable = usable_parts(session)
+        for name in tiny_run.names[:2]:
+            mask = usable(name)
+            assert mask is not None
+            assert 0.4 < mask.mean() < 0.99
+            assert (mask == oriented[name].usable()).all()
+        assert usable("nobody") is None

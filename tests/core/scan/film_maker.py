@@ -156,11 +156,18 @@ def _texture(rng: np.random.Generator, size: int, coarse: int) -> np.ndarray:
 def _expose_mark(
     gray: np.ndarray, film: Film, matrix: np.ndarray, place: np.ndarray, at: np.ndarray
 ) -> None:
-    """One mark in its dark (or light) housing, eight samples a pixel each way."""
+    """One mark in its dark (or light) housing, eight samples a pixel each way.
+
+    Each sample lies anywhere in its cell: on a regular grid a straight edge would jump by an eighth
+    of a pixel.
+    """
     half = int(np.ceil((film.housing_mm + 0.3) / film.pixel_mm))
     left, top = int(at[0]) - half, int(at[1]) - half
-    fine = (np.arange((2 * half + 1) * 8) + 0.5) / 8
+    fine = np.arange((2 * half + 1) * 8) / 8
     column, row = np.meshgrid(fine + left, fine + top)
+    jitter = np.random.default_rng([left, top])
+    column += jitter.random(column.shape) / 8
+    row += jitter.random(row.shape) / 8
     x = matrix[0, 0] * column + matrix[0, 1] * row + matrix[0, 2] - place[0]
     y = matrix[1, 0] * column + matrix[1, 1] * row + matrix[1, 2] - place[1]
     mark, ground = (230.0, film.margin) if film.bright else (20.0, 225.0)

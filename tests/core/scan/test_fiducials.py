@@ -74,6 +74,12 @@ def test_no_marks_are_told_plainly__truth(tmp_path: Path) -> None:
     assert not result.fiducials
 
 
+def test_one_mark_alone_orients_nothing__truth(tmp_path: Path) -> None:
+    result, _ = oriented(tmp_path, Film(missing=("2", "3", "4")))
+    assert "interior-nominal" in {doubt.kind for doubt in result.doubts}
+    assert result.interior.model == "nominal"
+
+
 def test_without_certificate_the_frame_is_used__truth(tmp_path: Path) -> None:
     film = Film()
     result, truth = oriented(tmp_path, film, replace(CAMERA, fiducials_mm={}))
