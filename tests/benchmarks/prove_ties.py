@@ -105,7 +105,7 @@ def judged(case: TieCase) -> bool:
 
 
 def areas(true: Block, ties: TiePoints) -> tuple[list[int], list[int]]:
-    """Gruber areas of each photo that hold a tie point; those of which another photo sees enough."""
+    """Gruber areas of each photo that hold a tie point; and those another photo sees enough of."""
     cells = frame_cells(true, ties, GRUBER_SIDE)
     filled, seen = [], []
     for name in true.photos:

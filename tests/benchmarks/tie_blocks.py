@@ -23,14 +23,13 @@ from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
+from core.pipeline import STAGES
 from core.progress import Silent
-from core.scan.family import settle_family
 from core.scan.orientation import ScanOrientation, orient_scan
 from core.stages import Work
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import Truth, read_truth
-from core.pipeline import STAGES
 from tests.real.readers import SXB, read_sxb
 
 WILD_MM = 106.0
