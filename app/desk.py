@@ -34,7 +34,6 @@ from core.reference.reference import Reference
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced, ScanSet
 from core.whereabouts import open_reference, search_bounds
-from sessions.products import digest_of
 from sessions.session import HIDDEN, Session
 from ui.review.compare import ground_pixel_m
 from ui.review.origins import Origins
@@ -146,7 +145,7 @@ class Comparing:
     """Ortho and heights."""
     orientation: OrientationOptions
     """Sizes of the patches."""
-    open_scan: Callable[[str], ScanFile]
+    open_scan: Callable[[Path], ScanFile]
     """Scans by their path."""
 
     def __call__(self, photo: Photo, camera: Camera, position: ObjectPoints) -> Likeness | Failure:
@@ -183,7 +182,8 @@ class Remaking:
             walk.stand_in(report, mosaic)
             write_all(session, walk.content(), self.reference.dem)
             decisions = [recorded.decision_id for recorded in session.decisions()]
-            session.products.save_value("adjustment", digest_of("desk", decisions), report)
+            products = session.products
+            products.save_value("adjustment", products.digest_of("desk", decisions), report)
             walk.threads.close()
 
 

@@ -299,7 +299,7 @@ def drawn_unplaced(
     exterior = ExteriorOrientation(middle, 0.0, 0.0, 0.0)
     prior = ExteriorPrior(np.full(3, 1e5), np.full(3, np.pi))
     photo = Photo(
-        scan.photo_id, str(scan.scan.path), scan.size_px, camera.name, scan.interior, exterior,
+        scan.photo_id, scan.scan.path, scan.size_px, camera.name, scan.interior, exterior,
         exterior, prior, 0.0,
     )  # fmt: skip
     return DrawnPhoto(photo, camera, 1)

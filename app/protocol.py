@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from app.control_spread import spread_lines
 from app.protocol_figures import protocol_figures
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.foresight import foresee
+from core.block.foresight import Foresight
 from core.block.least_squares.terrain import Terrain
-from core.progress import Silent
 from core.reference.dem import Dem
 from sessions.whole import whole_file
 
@@ -31,7 +31,7 @@ def write_protocol(
     name: str,
     report: AdjustmentReport,
     options: AdjustmentOptions,
-    terrain: Terrain | None = None,
+    foresight: Foresight | None,
 ) -> tuple[Path, Path]:
     """Write the protocol of an adjustment, each file whole or not at all.
 
@@ -40,9 +40,8 @@ def write_protocol(
         name: Name of the block.
         report: The adjusted block.
         options: What it was adjusted with.
-        terrain: Heights, where they were observations.
+        foresight: Its equations; None where no photo took part.
     """
-    foresight = foresee(report, options, Silent(), terrain)
     figures = cast("dict[str, Any]", plain(protocol_figures(name, report, options, foresight)))
     text_path, json_path = folder / "adjustment.txt", folder / "adjustment.json"
     with whole_file(json_path) as temporary:
@@ -83,6 +82,7 @@ def protocol_text(figures: Mapping[str, Any]) -> str:
         _photos,
         _ground,
         _control,
+        lambda f: spread_lines(f["control_spread"]),
         _checks,
         _methods,
         _exterior,

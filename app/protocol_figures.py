@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from app.control_spread import PLACES, spread_figures
 from app.results import final_status
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.block.foresight import Effect, Foresight, LeftOut
@@ -14,8 +15,6 @@ from core.block.methods import compare_methods
 from core.block.ray_counts import RayCounts, ray_counts_of
 
 AXES = ("X", "Y", "Z")
-PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")
-"""The nine places of a photo, as they lie on the film."""
 
 
 def protocol_figures(
@@ -44,6 +43,7 @@ def protocol_figures(
         "ties": _ties(report, counts),
         "photos": _photos(report, counts, {n: scale * s for n, s in corners.items()}),
         "control": _control(report, foresight, scale),
+        "control_spread": spread_figures(report, foresight),
         "checks": _checks(report),
         "methods": _methods(report) if options.compare_methods else [],
         "rms_m": dict(report.rms_m),

@@ -8,6 +8,7 @@ from shapely.geometry import Polygon
 
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.block import Block
+from core.block.foresight import Foresight
 from core.doubts import Doubt
 from core.ground.comparison import MosaicAccuracy
 from core.ground.seams import Seam
@@ -33,6 +34,8 @@ class ReportContent:
     """Scans that could not be used, with the reason."""
     reference_sigma_m: tuple[float, float] | None = None
     """Accuracy of the reference ortho and DEM, metres."""
+    foresight: Foresight | None = None
+    """Equations of the adjusted block, to tell where control would help; None: it is not told."""
     footprints: Mapping[str, Polygon] = field(default_factory=dict[str, Polygon])
     """Footprint of each photo; over level ground when left out."""
     mosaic: Path | None = None

@@ -10,6 +10,7 @@ import rasterio
 import shapely
 from shapely.geometry import Polygon
 
+from app.control_spread import spread_figures
 from app.report_accuracy import check_accuracy, comparison_accuracy
 from app.report_content import ReportContent
 from app.results import final_status
@@ -40,6 +41,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": _control_figures(report),
         "coverage": _coverage(report),
+        "control_spread": spread_figures(report, content.foresight),
         "ties": _tie_figures(report),
         "overlaps": _overlaps(block, footprints),
         "exterior": _exterior_figures(report),

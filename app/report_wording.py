@@ -71,6 +71,19 @@ TEXT = {
         "Each square is the picture area of a photo, divided as the Gruber points lie; figures are "
         "used control measurements, bars below them tie points. Empty cells are marked."
     ),
+    "spread": (
+        "Along the block's edge known points are at most {rules[plan][edge_gap_bases]:.1f} bases "
+        "apart in plan and {rules[heights][edge_gap_bases]:.1f} in height (rule: "
+        "{rules[plan][edge_gap_most]:g} and {rules[heights][edge_gap_most]:g}); "
+        "inside lie {rules[plan][per_model]:.1f} and "
+        "{rules[heights][per_model]:.1f} for each stereo model (rule: "
+        "{rules[plan][per_model_least]:g} and {rules[heights][per_model_least]:g})."
+    ),
+    "wanted": "Where one more control point would help most",
+    "wanted_text": (
+        "Standard deviation of position on the ground now, and with this point and those above it "
+        "measured in all photos that show it."
+    ),
     "ties": "{points} tie points, {share:.0f} % of them in three photos or more",
     "ties_none": "No tie points: every photo stands on its control alone",
     "overlaps": "{pairs} pairs of photos overlap; {untied} of them share no tie point",

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 from app.described import described
@@ -21,6 +20,7 @@ from app.terminal import Voice
 from core.block.adjusted import AdjustmentReport
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block
+from core.block.foresight import foresee
 from core.doubts import Doubt
 from core.errors import Cancelled
 from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
@@ -32,7 +32,6 @@ from core.reference.dem import Dem
 from core.stages import BlockInput, Georeferenced, PlacedBlocks, ScanSet, Stage, Tied, Work
 from core.whereabouts import open_reference, search_bounds
 from sessions.fiducials import Films, judged_scans, mark_changes, with_effect
-from sessions.products import digest_of
 from sessions.session import Session
 from sessions.whole import whole_file
 
@@ -66,6 +65,7 @@ class Run:
     ) -> None:
         self.project, self.session, self.voice, self.options = project, session, voice, options
         self.given: BlockInput = described(project)
+        self.digest_of = session.products.digest_of
         self.made: dict[str, Any] = {}
         self.digests: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
@@ -115,7 +115,7 @@ class Run:
     def compute(self, stage: Stage, progress: Progress) -> str:
         """A stage of the engine."""
         needed = [self.digests[name] for name in stage.needs]
-        digest = digest_of(stage.name, stage.version, stage.inputs(self.given), needed)
+        digest = self.digest_of(stage.name, stage.version, stage.inputs(self.given), needed)
         self.digests[stage.name] = digest
         value = (
             None if self.anew(stage.name) else self.session.products.load_value(stage.name, digest)
@@ -135,7 +135,7 @@ class Run:
         scans, self.films = judged_scans(found, self.given, decisions), found.oriented
         if scans is not found:
             digest = self.digests.get("scans", "")
-            self.digests["scans"] = digest_of(digest, with_effect(mark_changes(decisions)))
+            self.digests["scans"] = self.digest_of(digest, with_effect(mark_changes(decisions)))
         write_fiducials(self.session.results, self.given, scans)
         return scans
 
@@ -144,7 +144,7 @@ class Run:
         block = self.session.replayed(self.assembly.report.block, self.films)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
         options = self.given.adjustment
-        digest = digest_of("adjustment", 2, self.digests["control"], decisions, options)
+        digest = self.digest_of("adjustment", 2, self.digests["control"], decisions, options)
         self.digests["adjustment"] = digest
         report = (
             None
@@ -261,6 +261,7 @@ def make_orthos(
         anew: Make all of them again.
         only: Make no others than these; the rest stays as it is on disk.
     """
+    digest_of = session.products.digest_of
     photos = [photo for photo in block.photos.values() if photo.oriented]
     gsd = project.ortho.gsd_m or default_gsd_m(block)
     orthos: list[OrthoProduct] = []
@@ -269,7 +270,7 @@ def make_orthos(
     for photo in photos:
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
-        inputs = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, Path(photo.scan))
+        inputs = digest_of(stage, 1, photo, camera, gsd, project.reference.dem, photo.scan)
         target = session.results / "ortho" / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
@@ -307,6 +308,7 @@ def make_mosaic(
     session: Session, orthos: list[OrthoProduct], progress: Progress, anew: bool = False
 ) -> MosaicProduct:
     """The mosaic of the orthos, unless it is fresh."""
+    digest_of = session.products.digest_of
     inputs = digest_of("mosaic", 1, orthos)
     target, seams = session.results / "mosaic.tif", session.results / "seams.gpkg"
     kept = None if anew else session.products.load_value("mosaic", digest_of(inputs, target))
@@ -328,10 +330,10 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
         for name, photo in block.photos.items()
     }
     write_results(session.results, content.report)
-    terrain = terrain_of(dem)
-    write_protocol(session.results, content.name, content.report, content.adjustment, terrain)
+    ahead = foresee(content.report, content.adjustment, terrain=terrain_of(dem))
+    write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
     session.write_layers(block, content.report, outlines)
-    write_report(session.results, replace(content, footprints=outlines))
+    write_report(session.results, replace(content, footprints=outlines, foresight=ahead))
 
 
 def told(value: Any) -> str:

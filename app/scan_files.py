@@ -13,16 +13,16 @@ class ScanFiles:
     def __init__(self, folder: Path = Path()) -> None:
         """Paths of scans that are not absolute are counted from `folder`."""
         self._folder = folder
-        self._opened: dict[str, ScanFile] = {}
+        self._opened: dict[Path, ScanFile] = {}
         self._lock = threading.Lock()
 
     def __call__(
-        self, scan: str, column: int, row: int, columns: int, rows: int, reduction: int
+        self, scan: Path, column: int, row: int, columns: int, rows: int, reduction: int
     ) -> Raster:
         """Grey values of a window, averaged over `reduction` pixels a side."""
         return read_window(self.opened(scan), column, row, columns, rows, reduction, "edge")
 
-    def opened(self, scan: str) -> ScanFile:
+    def opened(self, scan: Path) -> ScanFile:
         """A scan by its path, looked at once."""
         with self._lock:
             if scan not in self._opened:

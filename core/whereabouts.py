@@ -143,7 +143,7 @@ def approximate_photo(
         height = reference.dem.mean_height()
     return Photo(
         scan.photo_id,
-        str(scan.scan.path),
+        scan.scan.path,
         scan.size_px,
         camera,
         scan.interior,

@@ -2,7 +2,8 @@
 
 JSON objects that are not plain mappings carry their kind under a key that begins with `@`:
 `{"@": "Peak", ...}` a dataclass, `@array`, `@tuple`, `@map` (keys that are not words), `@float`
-(NaN and infinities), `@path`, `@wkb` (a shapely geometry).
+(NaN and infinities), `@path`, `@here` (a path inside the block's folder), `@wkb` (a shapely
+geometry).
 """
 
 import base64
@@ -117,13 +118,22 @@ class CodecError(ValueError):
     """Bytes that are no stored value, or a value that cannot be stored."""
 
 
-def encode(value: Any) -> bytes:
-    """A value as UTF-8 JSON with the version of the encoding."""
-    return _dumps({"gruber": FORMAT, "value": to_json(value)})
+def encode(value: Any, here: Path | None = None) -> bytes:
+    """A value as UTF-8 JSON with the version of the encoding.
+
+    Args:
+        value: As for `to_json`.
+        here: Paths inside this folder are kept relative to it, so that it may be moved.
+    """
+    return _dumps({"gruber": FORMAT, "value": to_json(value, here)})
 
 
-def decode(data: bytes) -> Any:
+def decode(data: bytes, here: Path | None = None) -> Any:
     """The value that `encode` was given; arrays come back read-only.
+
+    Args:
+        data: What `encode` returned.
+        here: Where the folder is now that paths are relative to.
 
     Raises:
         CodecError: Not an encoded value, a newer version, or an unknown type.
@@ -138,43 +148,57 @@ def decode(data: bytes) -> Any:
     version = envelope["gruber"]
     if version != FORMAT:
         raise CodecError(f"version {version} of the encoding; this Gruber knows version {FORMAT}")
-    return from_json(envelope["value"])
+    return from_json(envelope["value"], here)
 
 
-def canonical(value: Any, path_to_json: Callable[[Path], Any]) -> bytes:
+def canonical(value: Any, path_form: Callable[[Path], Any]) -> bytes:
     """Bytes that are equal for equal values, whatever the order of their mappings; not decodable.
 
     Args:
         value: As for `encode`; dataclasses need not be registered.
-        path_to_json: What stands for a path.
+        path_form: What stands for a path.
     """
-    form = _Form(lambda kind: kind.__name__, path_to_json, in_order=False)
+    form = _Form(lambda kind: kind.__name__, path_form, in_order=False)
     return _dumps(_to_json(value, form), sort_keys=True)
 
 
-def to_json(value: Any) -> Any:
+def to_json(value: Any, here: Path | None = None) -> Any:
     """A value as what JSON can hold.
 
     Args:
         value: Scalars, arrays, tuples, lists, mappings, paths, geometries, registered dataclasses.
+        here: As for `encode`.
     """
-    return _to_json(value, _EXACT)
+    return _to_json(value, _Form(_registered, lambda path: path_to_json(path, here), in_order=True))
 
 
-def from_json(data: Any) -> Any:
+def path_to_json(path: Path, here: Path | None) -> dict[str, str]:
+    """A path, relative to a folder where it lies inside."""
+    if here is not None and path.is_relative_to(here):
+        return {"@here": path.relative_to(here).as_posix()}
+    return {"@path": str(path)}
+
+
+def from_json(data: Any, here: Path | None = None) -> Any:
     """The value that `to_json` was given."""
+
+    def read(item: Any) -> Any:
+        return from_json(item, here)
+
     if isinstance(data, list):
-        return [from_json(item) for item in cast("list[Any]", data)]
+        return [read(item) for item in cast("list[Any]", data)]
     if not isinstance(data, dict):
         return data
     held = cast("dict[str, Any]", data)
     kind = next((key for key in held if key.startswith("@")), None)
     if kind is None:
-        return {key: from_json(item) for key, item in held.items()}
+        return {key: read(item) for key, item in held.items()}
+    if kind == "@here":
+        return (here or Path()) / held[kind]
     if kind not in _READERS:
         raise CodecError(f"unknown kind {kind}")
     try:
-        return _READERS[kind](held)
+        return _READERS[kind](held, read)
     except CodecError:
         raise
     except (KeyError, TypeError, ValueError, shapely.GEOSException) as error:
@@ -199,11 +223,8 @@ class _Form:
     """How the two encodings differ: the exact one and the canonical one."""
 
     name_of: Callable[[type], str]
-    path_to_json: Callable[[Path], Any]
+    path_form: Callable[[Path], Any]
     in_order: bool
-
-
-_EXACT = _Form(_registered, lambda path: {"@path": str(path)}, in_order=True)
 
 
 def _to_json(value: Any, form: _Form) -> Any:
@@ -249,7 +270,7 @@ def _mapping_to_json(mapping: Mapping[Any, Any], form: _Form) -> dict[str, Any]:
 
 def _object_to_json(value: Any, form: _Form) -> Any:
     if isinstance(value, Path):
-        return form.path_to_json(value)
+        return form.path_form(value)
     if isinstance(value, BaseGeometry):
         return {"@wkb": shapely.to_wkb(value, hex=True, byte_order=1, include_srid=True)}
     if is_dataclass(value) and not isinstance(value, type):
@@ -259,11 +280,15 @@ def _object_to_json(value: Any, form: _Form) -> Any:
     raise CodecError(f"a {type(value).__name__} cannot be stored")
 
 
-def _dataclass_from_json(data: dict[str, Any]) -> Any:
+_Read = Callable[[Any], Any]
+"""Reads what is inside."""
+
+
+def _dataclass_from_json(data: dict[str, Any], read: _Read) -> Any:
     kind = _TYPES.get(data["@"])
     if kind is None:
         raise CodecError(f"unknown type {data['@']}: written by a newer Gruber?")
-    given = {key: from_json(item) for key, item in data.items() if key != "@"}
+    given = {key: read(item) for key, item in data.items() if key != "@"}
     expected = {field.name: field for field in fields(kind) if field.init}
     unknown = given.keys() - expected.keys()
     missing = {key for key in expected.keys() - given.keys() if not _optional(expected[key])}
@@ -287,20 +312,20 @@ def _array_from_json(data: dict[str, Any]) -> np.ndarray:
     return array
 
 
-def _map_from_json(data: dict[str, Any]) -> dict[Any, Any]:
-    return {from_json(key): from_json(item) for key, item in data["@map"]}
+def _map_from_json(data: dict[str, Any], read: _Read) -> dict[Any, Any]:
+    return {read(key): read(item) for key, item in data["@map"]}
 
 
 def _wkb_from_json(data: dict[str, Any]) -> BaseGeometry:
     return cast("BaseGeometry", shapely.from_wkb(data["@wkb"]))
 
 
-_READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
+_READERS: dict[str, Callable[[dict[str, Any], _Read], Any]] = {
     "@": _dataclass_from_json,
-    "@array": _array_from_json,
-    "@float": lambda data: float(data["@float"]),
+    "@array": lambda data, _: _array_from_json(data),
+    "@float": lambda data, _: float(data["@float"]),
     "@map": _map_from_json,
-    "@path": lambda data: Path(data["@path"]),
-    "@tuple": lambda data: tuple(from_json(item) for item in data["@tuple"]),
-    "@wkb": _wkb_from_json,
+    "@path": lambda data, _: Path(data["@path"]),
+    "@tuple": lambda data, read: tuple(read(item) for item in data["@tuple"]),
+    "@wkb": lambda data, _: _wkb_from_json(data),
 }

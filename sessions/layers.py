@@ -108,7 +108,7 @@ def _photos(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
         centre_sigmas = _NOWHERE if sigmas is None else sigmas.centre_m
         angle_sigmas = _NOWHERE if sigmas is None else np.degrees(sigmas.angles)
         orientation = (*exterior.centre, *angles, *centre_sigmas, *angle_sigmas)
-        named = (photo_id, photo.scan, photo.camera, photo.oriented)
+        named = (photo_id, str(photo.scan), photo.camera, photo.oriented)
         counted = (used[photo_id], int(ties.get(photo_id, 0)))
         yield shapely.Point(exterior.centre), (*named, *orientation, *counted)
 
@@ -116,7 +116,7 @@ def _photos(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
 def _footprints(block: Block, footprints: Mapping[str, shapely.Polygon]) -> Iterable[Feature]:
     for photo_id, polygon in footprints.items():
         if photo_id in block.photos and not polygon.is_empty:
-            yield polygon, (photo_id, block.photos[photo_id].scan, polygon.area)
+            yield polygon, (photo_id, str(block.photos[photo_id].scan), polygon.area)
 
 
 def _points(block: Block, report: AdjustmentReport) -> Iterable[Feature]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from sessions.codec import CodecError, canonical, decode, encode
+from sessions.codec import CodecError, canonical, decode, encode, path_to_json
 from sessions.disk import told
 from sessions.whole import whole_file, whole_folder
 
@@ -26,17 +26,18 @@ _DIGEST_NAME = re.compile(r"^[0-9a-f]{64}(\.value)?$")
 _MANIFEST = "product.json"
 
 
-def digest_of(*parts: Any) -> str:
+def digest_of(*parts: Any, here: Path | None = None) -> str:
     """SHA-256 of values and files, 64 hexadecimal digits.
 
     Args:
         parts: Anything the codec can hold, and dataclasses it does not know. A path, wherever it
             stands in them, counts by its name and, where there is a file, by its size, time, first
             and last 64 KiB, and those of its companions (world file, parts of a shapefile).
+        here: Paths inside this folder count as seen from it.
     """
     total = hashlib.sha256()
     for part in parts:
-        total.update(hashlib.sha256(canonical(part, _stamps)).digest())
+        total.update(hashlib.sha256(canonical(part, lambda path: _stamps(path, here))).digest())
     return total.hexdigest()
 
 
@@ -47,8 +48,18 @@ class Products:
     `ortho/1953_014`.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, here: Path | None = None) -> None:
+        """Look into a folder.
+
+        Args:
+            folder: That of the products.
+            here: The block's folder: it may be moved with all that lies in it.
+        """
+        self.folder, self._here = folder, here
+
+    def digest_of(self, *parts: Any) -> str:
+        """`digest_of` that stays the same when the block's folder is moved."""
+        return digest_of(*parts, here=self._here)
 
     def fresh(self, stage: str, digest: str) -> Path | None:
         """The value file or folder made from these inputs; None when it must be made."""
@@ -59,7 +70,7 @@ class Products:
 
     def save_value(self, stage: str, digest: str, value: Any) -> Path:
         """Keep a value; products of the stage from other inputs are then removed."""
-        payload = encode(value)
+        payload = encode(value, self._here)
         header = f"{len(payload)} {hashlib.sha256(payload).hexdigest()}".encode()
         path = self._value_path(stage, digest)
         with whole_file(path) as temporary:
@@ -69,7 +80,7 @@ class Products:
 
     def load_value(self, stage: str, digest: str) -> Any | None:
         """The value made from these inputs, arrays read-only; None when it must be made."""
-        return _value_in(self._value_path(stage, digest))
+        return _value_in(self._value_path(stage, digest), self._here)
 
     def latest_value(self, stage: str) -> Any | None:
         """The value of the stage that was made last, from whatever inputs; None if there is none.
@@ -78,7 +89,7 @@ class Products:
         """
         found = self._stage_path(stage).glob("*.value")
         newest = max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
-        return None if newest is None else _value_in(newest)
+        return None if newest is None else _value_in(newest, self._here)
 
     @contextmanager
     def making(self, stage: str, digest: str) -> Generator[Path]:
@@ -126,14 +137,14 @@ def _is_whole_value(path: Path) -> bool:
         return False
 
 
-def _value_in(path: Path) -> Any | None:
+def _value_in(path: Path, here: Path | None) -> Any | None:
     """The value of a file; None when it is not there, damaged, or of another version."""
     try:
         header, _, payload = path.read_bytes().partition(b"\n")
         magic, length, digest = header.split()
         whole = magic == _MAGIC and int(length) == len(payload)
         if whole and hashlib.sha256(payload).hexdigest() == digest.decode():
-            return decode(payload)
+            return decode(payload, here)
     except (OSError, ValueError, CodecError):
         return None
     return None
@@ -153,11 +164,11 @@ def _sizes(folder: Path) -> dict[str, int]:
     return {path.relative_to(folder).as_posix(): path.stat().st_size for path in sorted(files)}
 
 
-def _stamps(path: Path) -> Any:
+def _stamps(path: Path, here: Path | None) -> Any:
     """What stands for a path in a digest."""
     beside = [path.with_suffix(suffix) for suffix in COMPANIONS] if path.suffix else []
     stamps = [_stamp(file) for file in (path, path.with_name(f"{path.name}.points"), *beside)]
-    return {"@path": str(path), "@stamps": [stamp for stamp in stamps if stamp is not None]}
+    return path_to_json(path, here) | {"@stamps": [stamp for stamp in stamps if stamp is not None]}
 
 
 def _stamp(path: Path) -> list[Any] | None:

@@ -41,7 +41,7 @@ class Session:
     def __init__(self, folder: Path, operator: str, store: Store) -> None:
         self.folder = folder
         self.operator = operator
-        self.products = Products(folder / HIDDEN / "products")
+        self.products = Products(folder / HIDDEN / "products", folder)
         self.results = folder / RESULTS
         self._store = store
         self._known: list[Recorded] = []

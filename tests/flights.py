@@ -1,6 +1,7 @@
 """Synthetic flights in memory: photos over hilly ground with everything known."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -110,7 +111,7 @@ def _photos(plan, rng):
             interior = _interior(size, rng)
             photo = Photo(
                 name,
-                f"{name}.tif",
+                Path(f"{name}.tif"),
                 (size, size),
                 "wide",
                 interior,

@@ -59,7 +59,7 @@ def open_tiny(folder: Path) -> Tiny:
     dem = open_dem([folder / "dem.tif"], CRS)
     dem = dem.cropped(dem.bounds)
     photos = {name: true_photo(truth, name, dem) for name in truth.photos}
-    scans = {name: open_scan(Path(photo.scan)) for name, photo in photos.items()}
+    scans = {name: open_scan(photo.scan) for name, photo in photos.items()}
     return Tiny(folder, truth, Reference(ortho, dem, 0.25, 0.5), photos, scans)
 
 
@@ -70,7 +70,7 @@ def true_photo(truth: Truth, name: str, dem: Dem) -> Photo:
     none = np.zeros((0, 2))
     return Photo(
         name,
-        str(truth.folder / "scans" / f"{name}.tif"),
+        truth.folder / "scans" / f"{name}.tif",
         true.size_px,
         truth.camera.name,
         InteriorOrientation("affine", matrix, (), none, none, float("nan")),

@@ -9,6 +9,7 @@ import numpy as np
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
+from core.block.common_shift import common_shift, weighed
 from core.block.control import (
     ControlOptions,
     Search,
@@ -108,7 +109,19 @@ def assemble_block(
         report = adjusted_without_gross(standing, options.adjustment)
         standing = report.block
     assert report is not None
-    return Assembly(report, doubts)
+    report, told = with_true_worth(report, options.adjustment)
+    return Assembly(report, (*doubts, *told))
+
+
+def with_true_worth(
+    report: AdjustmentReport, options: AdjustmentOptions
+) -> tuple[AdjustmentReport, tuple[Doubt, ...]]:
+    """Adjusted again where the salient points share a shift, with what there is to tell of it."""
+    shift = common_shift(report.block, options)
+    if shift is None or not shift.shared_m.any():
+        return report, ()
+    block, told = weighed(report.block, shift)
+    return adjusted_without_gross(block, options), told
 
 
 def held_together(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -42,7 +43,7 @@ class Photo:
 
     photo_id: str
     """The scan's file name without folder and extension."""
-    scan: str
+    scan: Path
     """Path of the scan file."""
     size_px: tuple[int, int]
     """Columns and rows of the scan."""

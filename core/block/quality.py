@@ -1,7 +1,7 @@
 """How sound a block is: flight, overlaps, ties, control, systematic residuals; judged by limits."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
@@ -10,6 +10,7 @@ from jaxtyping import Float64, Int64
 from core.arrays import Indices, ObjectPoints, PixelPoints
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block
+from core.block.control_rules import ControlCount, ControlLimits, count_control
 
 CELLS = 3
 """Cells a side in which the coverage of a photo is counted: the nine Gruber areas."""
@@ -39,10 +40,10 @@ class QualityLimits:
     """Least and greatest overlap within a strip."""
     across: tuple[float, float] = (0.20, 0.35)
     """Least and greatest overlap between strips."""
-    least_control: int = 4
-    """Control points a block needs at least."""
     control_cells: int = 6
     """Of the nine cells over the whole block so many need control."""
+    control: ControlLimits = field(default_factory=ControlLimits)
+    """The rules of aerial triangulation."""
     tie_cells: int = 6
     """Of a photo's nine areas so many need tie points or control."""
     rays: float = 0.4
@@ -109,6 +110,8 @@ class BlockQuality:
     """Measurements in each cell."""
     control_cells: CellCounts
     """Control points in use in the nine parts of the block's bounds, north row first."""
+    control: ControlCount | None
+    """Control against the rules; None where no two photos follow one another in a strip."""
 
 
 def assess_block(
@@ -136,6 +139,7 @@ def assess_block(
         pattern_px=pattern,
         pattern_counts=counts,
         control_cells=_control_cells(report, footprints),
+        control=count_control(report),
     )
 
 

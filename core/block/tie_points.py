@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -68,7 +67,7 @@ def detect_block_features(
     for name in tracked(sorted(block.photos), len(block.photos), progress, "finding features"):
         photo = block.photos[name]
         area = usable.get(name) or picture_area(photo, block.camera_of(name))
-        found[name] = detect_features(open_scan(Path(photo.scan)), area, options.features)
+        found[name] = detect_features(open_scan(photo.scan), area, options.features)
     return found
 
 

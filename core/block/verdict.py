@@ -7,6 +7,7 @@ import numpy as np
 
 from core.arrays import Scalars
 from core.block.adjusted import AdjustmentReport
+from core.block.control_rules import ControlCount, ControlLimits
 from core.block.quality import BlockQuality, Overlap, QualityLimits
 
 
@@ -55,16 +56,46 @@ def _control_findings(
     found: BlockQuality, report: AdjustmentReport, limits: QualityLimits
 ) -> list[Finding]:
     count, filled = len(report.surveyed_positions), int(np.count_nonzero(found.control_cells))
-    told = {"count": str(count), "cells": str(filled), "least": str(limits.least_control)}
-    if count < limits.least_control:
+    told = {"count": str(count), "cells": str(filled), "least": str(limits.control.block_points)}
+    if count < limits.control.block_points:
         return [Finding("verdict.control-few", 2, told)]
     sound = filled >= limits.control_cells
     findings = [Finding("verdict.control" if sound else "verdict.control-gaps", 1 - sound, told)]
+    if found.control is not None:
+        findings += _rule_findings(found.control, limits.control)
     weak = sum(number < 0.1 for number in report.redundancy_numbers.values())
     if weak:
         findings.append(Finding("verdict.unchecked", 1, {"count": str(weak)}))
     if not report.checks:
         findings.append(Finding("verdict.no-checks", 1))
+    return findings
+
+
+def _rule_findings(control: ControlCount, limits: ControlLimits) -> list[Finding]:
+    """What the rules of aerial triangulation find missing; how far control is apart if nothing."""
+    findings: list[Finding] = []
+    name, shown = control.poorest_strip
+    if shown < limits.strip_points:
+        told = {"worst": name, "count": str(shown), "least": str(limits.strip_points)}
+        findings.append(Finding("verdict.strip-few", 1, told))
+    for kind, spread, most, least in (
+        ("plan", control.plan, limits.edge_bases[0], limits.per_model[0]),
+        ("heights", control.heights, limits.edge_bases[1], limits.per_model[1]),
+    ):
+        told = {
+            "bases": f"{spread.gap.bases:.1f}",
+            "most": f"{most:g}",
+            "worst": spread.gap.photo_id,
+            "east": f"{spread.gap.middle[0]:.0f}",
+            "north": f"{spread.gap.middle[1]:.0f}",
+        }
+        wide = spread.gap.bases > most
+        findings.append(
+            Finding(f"verdict.edge-gap-{kind}" if wide else f"verdict.edge-{kind}", int(wide), told)
+        )
+        if spread.per_model < least:
+            told = {"value": f"{spread.per_model:.1f}", "least": f"{least:g}"}
+            findings.append(Finding(f"verdict.inside-few-{kind}", 1, told))
     return findings
 
 

@@ -96,7 +96,7 @@ def rectify_photo(
     """
     grid = grid if isinstance(grid, Grid) else ortho_grid(photo, camera, dem, grid)
     source = ScanSource(
-        Path(photo.scan),
+        photo.scan,
         _reduction(photo, camera, grid),
         options.threads,
         options.scan_budget_bytes,

@@ -9,18 +9,20 @@ import pytest
 from app.protocol import write_protocol
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
+from core.block.foresight import foresee
 
+PLAIN = AdjustmentOptions()
 PARTS = (
     "ADJUSTMENT OF block", "A-PRIORI STANDARD DEVIATIONS", "RESULT", "CLASSES OF OBSERVATIONS",
     "CAMERAS AND SHARED PARAMETERS", "TIE POINTS", "PHOTOS", "ON THE GROUND", "CONTROL POINTS",
-    "CHECK POINTS", "EXTERIOR ORIENTATION", "OBSERVATIONS LEFT OUT",
+    "ENOUGH AND WELL SPREAD", "CHECK POINTS", "EXTERIOR ORIENTATION", "OBSERVATIONS LEFT OUT",
 )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def written(report, tmp_path_factory):
     folder = tmp_path_factory.mktemp("protocol")
-    text, figures = write_protocol(folder, "block", report, AdjustmentOptions())
+    text, figures = write_protocol(folder, "block", report, PLAIN, foresee(report, PLAIN))
     return text.read_text(encoding="utf-8"), json.loads(figures.read_text(encoding="utf-8"))
 
 
@@ -35,7 +37,7 @@ def test_methods_are_compared_where_that_is_asked_for__law(written, report, tmp_
     text, f = written
     assert f["methods"] == []
     assert "METHODS" not in text
-    both = write_protocol(tmp_path, "block", report, AdjustmentOptions(compare_methods=True))
+    both = write_protocol(tmp_path, "block", report, AdjustmentOptions(compare_methods=True), None)
     text, figures = (path.read_text(encoding="utf-8") for path in both)
     rows = {row["method"]: row for row in json.loads(figures)["methods"]}
     assert list(rows) == ["strips", "models", "bundle"]
@@ -80,9 +82,20 @@ def test_reliability_is_told_in_words__law(written):
         }  # fmt: skip
 
 
+def test_places_for_more_control_are_told_the_most_useful_first__law(written):
+    text, f = written
+    spread = f["control_spread"]
+    assert spread["rules"]["plan"]["points"] == len(f["control"]["points"])
+    then = [want["worst_then_m"] for want in spread["wanted"]]
+    assert len(then) == 5
+    assert then == sorted(then, reverse=True)
+    assert all(want["sigma_then_m"] < want["sigma_now_m"] for want in spread["wanted"])
+    assert f"1. a point in {spread['wanted'][0]['scan']}" in text
+
+
 def test_a_block_without_orientation_has_a_protocol_too__law(report, tmp_path):
     photos = {n: replace(p, oriented=False) for n, p in report.block.photos.items()}
     bare = adjust_block(report.block.with_photos(photos))
-    text, figures = write_protocol(tmp_path, "block", bare, AdjustmentOptions())
+    text, figures = write_protocol(tmp_path, "block", bare, PLAIN, foresee(bare, PLAIN))
     assert "no-photo-oriented" in text.read_text(encoding="utf-8")
     assert json.loads(figures.read_text(encoding="utf-8"))["quality"]["sigma_nought"] is None

@@ -13,6 +13,7 @@ from app.report_accuracy import horizontal
 from app.report_content import ReportContent
 from app.report_wording import findings
 from core.block.block import TiePoints
+from core.block.foresight import foresee
 from core.ground.comparison import ComparedPlaces, MosaicAccuracy
 
 
@@ -182,3 +183,13 @@ def test_comparison_with_truth_is_told__law(content, tmp_path):
     assert "Against truth: m_p 0.14 m at 2 places" in text
     told = json.loads(figures.read_text(encoding="utf-8"))
     assert len(told["comparisons"][0]["vectors"]) == 2
+
+
+def test_it_says_where_more_control_would_help__law(content, tmp_path):
+    ahead = foresee(content.report, content.adjustment)
+    html, figures = write_report(tmp_path, replace(content, foresight=ahead))
+    wanted = json.loads(figures.read_text(encoding="utf-8"))["control_spread"]["wanted"]
+    told = text_of(html.read_text(encoding="utf-8"))
+    assert wanted[0]["worst_then_m"] < 10
+    assert "Where one more control point would help most" in told
+    assert f"{wanted[0]['sigma_then_m']:.2f}" in told

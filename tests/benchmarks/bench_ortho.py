@@ -173,9 +173,7 @@ def write_photo(folder: Path, name: str, side: int, number: int) -> Photo:
     centre = np.array([EAST + (number - 1) * 0.2 * side * GSD * (number > 0), NORTH, height])
     exterior = ExteriorOrientation(centre, 0.01, -0.02, 0.1 * number + 0.05)
     prior = ExteriorPrior(np.full(3, 10.0), np.full(3, 0.01))
-    return Photo(
-        name, str(path), (side, side), "wide", interior, exterior, exterior, prior, 300.0, True
-    )
+    return Photo(name, path, (side, side), "wide", interior, exterior, exterior, prior, 300.0, True)
 
 
 def rational_polynomials(photo: Photo, camera: Camera) -> RPC:

@@ -117,14 +117,14 @@ def with_huge_scan(inputs: DeskInputs, side_px: int) -> DeskInputs:
     name, photo = next(iter(block.photos.items()))
     factor = side_px // photo.size_px[0]
     side = factor * photo.size_px[0]
-    path = Path(photo.scan).with_name(f"{name}_huge.tif")
+    path = photo.scan.with_name(f"{name}_huge.tif")
     if not path.exists():
-        _enlarge(Path(photo.scan), path, factor)
+        _enlarge(photo.scan, path, factor)
     interior = photo.interior
     matrix = interior.film_from_pixel_matrix.copy()
     matrix[:, :2] /= factor
     fine = replace(
-        photo, scan=str(path), size_px=(side, side),
+        photo, scan=path, size_px=(side, side),
         interior=replace(interior, film_from_pixel_matrix=matrix),
     )  # fmt: skip
     measured = {
@@ -187,7 +187,7 @@ def _photos(rng: np.random.Generator, size: Size, scans: Path) -> dict[str, Phot
         exterior = ExteriorOrientation(centre, angles[0], angles[1], kappa)
         name = f"1938_{strip + 1:02d}_{along + 11:03d}"
         photos[name] = Photo(
-            name, str(scans / f"{name}.tif"), (size.scan_px, size.scan_px), "wide", interior,
+            name, scans / f"{name}.tif", (size.scan_px, size.scan_px), "wide", interior,
             exterior, exterior, prior, GROUND_M, True,
         )  # fmt: skip
     return photos
@@ -288,7 +288,7 @@ def _texture(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
 def _write_scans(made: LargeBlock, grid: Grid, grey: np.ndarray) -> None:
     """Every scan of the true block, exposed with its true orientation."""
     for photo in made.true_photos.values():
-        path = Path(photo.scan)
+        path = photo.scan
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
             continue

@@ -71,7 +71,16 @@ def read_addis(folder: Path) -> Block:
         size = (int(row["columns"]), int(row["rows"]))
         # ERDAS applied neither refraction nor curvature ("Z-Axis", EarthCurvatureIsApplied False).
         photos[name] = VacuumPhoto(
-            name, f"{name}.img", size, "RMK Top15", interior, start, start, UNKNOWN, 2340.0, True
+            name,
+            Path(f"{name}.img"),
+            size,
+            "RMK Top15",
+            interior,
+            start,
+            start,
+            UNKNOWN,
+            2340.0,
+            True,
         )
     surveyed = {
         row["id"]: SurveyedPoint(
@@ -165,8 +174,8 @@ def read_sxb(folder: Path) -> Block:
     photos = {}
     for name, start in _sxb_starts(folder).items():
         photos[name] = VacuumPhoto(
-            name, f"{name}.jpg", (8858, 12996), "aerial", interior, start, start, UNKNOWN, 140.0,
-            True,
+            name, Path(f"{name}.jpg"), (8858, 12996), "aerial", interior, start, start, UNKNOWN,
+            140.0, True,
         )  # fmt: skip
     names = dict(zip(range(1, 6), photos, strict=True))
     surveyed = {
@@ -266,8 +275,8 @@ def read_rc30(folder: Path) -> Block:
         if line.strip().startswith("Photo6"):
             name = line.strip()[len("Photo") :][:2]
             photos[name] = VacuumPhoto(
-                name, f"{name}.tif", (15334, 15334), "RC30", interior, start, start, UNKNOWN, 250.0,
-                True,
+                name, Path(f"{name}.tif"), (15334, 15334), "RC30", interior, start, start, UNKNOWN,
+                250.0, True,
             )  # fmt: skip
         elif point.isdigit() and len(words) == 3:
             place = np.array([float(word) for word in words])

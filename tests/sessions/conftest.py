@@ -1,6 +1,7 @@
 """A small block with everything in it, for the memory to remember."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def make_photo(photo_id: str, east: float) -> Photo:
     prior = ExteriorPrior(np.full(3, 50.0), np.full(3, 0.05))
     return Photo(
         photo_id,
-        f"scans/{photo_id}.tif",
+        Path(f"scans/{photo_id}.tif"),
         (12000, 12000),
         "wide",
         interior,

@@ -134,3 +134,23 @@ def test_an_interrupted_folder_is_not_there__truth(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     assert products.fresh("ortho", ONE) is None
     assert [path.name for path in (tmp_path / "ortho").iterdir()] == []
+
+
+def test_a_block_that_was_moved_keeps_its_products__truth(tmp_path: Path, block: Block) -> None:
+    seen = []
+    for folder in (tmp_path / "before", tmp_path / "elsewhere"):
+        if seen:
+            (tmp_path / "before").rename(folder)
+        else:
+            folder.mkdir()
+            (folder / "00150.tif").write_bytes(bytes(9))
+        products = Products(folder / "products", folder)
+        outside = tmp_path / "ortho.tif"
+        digest = products.digest_of(Options(5.0, folder / "00150.tif"), outside)
+        if not seen:
+            products.save_value("scans", digest, (folder / "00150.tif", outside, block))
+        seen.append(digest)
+        inside, stays, again = products.load_value("scans", digest) or ()
+        assert (inside, stays) == (folder / "00150.tif", outside)
+        assert encode(again) == encode(block)
+    assert seen[0] == seen[1]

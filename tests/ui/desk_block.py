@@ -240,8 +240,8 @@ def true_photos(scan_px: int, dem: ArrayDem) -> dict[str, Photo]:
         name = f"1938_{strip + 1:02d}_{along + 14:03d}"
         prior = ExteriorPrior(np.full(3, 150.0), np.full(3, 0.06))
         photos[name] = Photo(
-            name, f"memory/{name}.tif", (scan_px, scan_px), "wide", interior, exterior, exterior,
-            prior, 280.0, True,
+            name, Path(f"memory/{name}.tif"), (scan_px, scan_px), "wide", interior, exterior,
+            exterior, prior, 280.0, True,
         )  # fmt: skip
     return photos
 
@@ -253,7 +253,7 @@ class ArrayScans:
         self._scans = {photo.scan: _exposed(photo, land) for photo in photos.values()}
 
     def __call__(
-        self, scan: str, column: int, row: int, columns: int, rows: int, reduction: int
+        self, scan: Path, column: int, row: int, columns: int, rows: int, reduction: int
     ) -> np.ndarray:
         part = self._scans[scan][row : row + rows, column : column + columns]
         size = (columns // reduction, rows // reduction)

@@ -8,6 +8,7 @@ the raw scan.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, cast
 
 import cv2
@@ -37,7 +38,7 @@ LARGE_PX = 4000
 """Scans larger than this are not read whole before their first tile is shown."""
 Grey = UInt8[np.ndarray, "rows columns"]
 Colour = UInt8[np.ndarray, "rows columns 3"]
-ScanWindow = Callable[[str, int, int, int, int, int], Raster]
+ScanWindow = Callable[[Path, int, int, int, int, int], Raster]
 """(scan, column, row, columns, rows, reduction) -> grey values of a window of a raw scan."""
 
 

@@ -144,6 +144,17 @@ MORE: dict[str, str] = {
     "verdict.control": "{count} control points in {cells} of nine parts of the block.",
     "verdict.control-gaps": "{count} control points, but in {cells} of nine parts only.",
     "verdict.control-few": "{count} control points; a block needs {least}.",
+    "verdict.strip-few": "The strip of {worst} shows {count} control points; it needs {least}.",
+    "verdict.edge-plan": "Along the block's edge control is at most {bases} bases apart.",
+    "verdict.edge-heights": "Along the edge known heights are at most {bases} bases apart.",
+    "verdict.edge-gap-plan": "{bases} bases of the block's edge have no control ({most} at most): "
+    "add a point by {worst}, about E {east} N {north}.",
+    "verdict.edge-gap-heights": "{bases} bases of the block's edge have no known height ({most} at "
+    "most): add one by {worst}, about E {east} N {north}.",
+    "verdict.inside-few-plan": "Inside the block {value} control points for each stereo model; "
+    "{least} are the rule.",
+    "verdict.inside-few-heights": "Inside the block {value} known heights for each stereo model; "
+    "{least} are the rule.",
     "verdict.unchecked": "Control measurements that no other could find wrong: {count}.",
     "verdict.no-checks": "No check points: the accuracy is not independently known.",
     "verdict.no-ties": "No tie points bind the photos.",

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import cast
 
 import cv2
@@ -67,7 +68,7 @@ class TileStore:
     def __init__(self, sources: Sources) -> None:
         self.sources = sources
         self._drawn: dict[tuple[str, int], DrawnPhoto] = {}
-        self._stretches: dict[str, Stretch] = {}
+        self._stretches: dict[Path, Stretch] = {}
         self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -133,7 +132,7 @@ def _work(given: GivenTies, fixed: Indices) -> list[_Group]:
 def _cut(given: GivenTies, number: int, options: RefinementOptions) -> np.ndarray:
     """The patches about all rays of one photo, in the order of the rays, as small as the scan's."""
     ties = given.ties
-    scan = open_scan(Path(given.block.photos[ties.photo_ids[number]].scan))
+    scan = open_scan(given.block.photos[ties.photo_ids[number]].scan)
     patches = read_patches(scan, ties.pixels[ties.photo == number], options.searched_radius_px)
     return np.rint(patches).astype(scan.dtype)
 

@@ -37,7 +37,7 @@ def ngi_block(folder: Path, seed: int = 1, blur_m: float = 200.0) -> tuple[Block
                 0.0,
                 float(angles[2]),
             )
-            scan = str(folder / "frames" / f"{name}.tif")
+            scan = folder / "frames" / f"{name}.tif"
             photo = Photo(name, scan, SIZE_PX, "dmc", interior, start, start, prior, GROUND_M)
             given[name] = photo
             published[name] = photo.with_exterior(exact, oriented=True)

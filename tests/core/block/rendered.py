@@ -58,7 +58,7 @@ def rendered_block(folder: Path, relief_m: float, noise: float = 10.0, seed: int
             exact.centre + rng.normal(0, 15, 3), 0.0, 0.0, exact.kappa + float(rng.normal(0, 0.01))
         )
         scan = folder / f"{name}.tif"
-        photo = Photo(name, str(scan), SIZE_PX, "c", interior, start, start, prior, 100.0)
+        photo = Photo(name, scan, SIZE_PX, "c", interior, start, start, prior, 100.0)
         given[name], true[name] = photo, photo.with_exterior(exact, oriented=True)
         write(scan, rendered(true[name], texture, relief_m) + rng.normal(0, noise, SIZE_PX[::-1]))
     cameras = {"c": CAMERA}

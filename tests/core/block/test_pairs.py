@@ -1,6 +1,7 @@
 """Pairs from footprints."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ def block(positions: dict[str, tuple[float, float]], sigma_m: float) -> Block:
     photos = {}
     for name, (east, north) in positions.items():
         start = ExteriorOrientation(np.array([east, north, 1000.0]), 0.0, 0.0, 0.0)
-        photos[name] = Photo(name, "", (2000, 2000), "c", INTERIOR, start, start, prior, 0.0)
+        photos[name] = Photo(name, Path(), (2000, 2000), "c", INTERIOR, start, start, prior, 0.0)
     return Block("EPSG:5514", {"c": CAMERA}, photos)
 
 

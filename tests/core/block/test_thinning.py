@@ -1,5 +1,7 @@
 """Thinning: areas served, quotas kept, the best of each place."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,7 @@ PRIOR = ExteriorPrior(np.ones(3), np.full(3, 0.1))
 def block(names: str) -> Block:
     start = ExteriorOrientation(np.array([0.0, 0, 1000]), 0.0, 0.0, 0.0)
     photos = {
-        name: Photo(name, "", (2000, 2000), "c", INTERIOR, start, start, PRIOR, 0.0)
+        name: Photo(name, Path(), (2000, 2000), "c", INTERIOR, start, start, PRIOR, 0.0)
         for name in names
     }
     return Block("EPSG:5514", {"c": CAMERA}, photos)

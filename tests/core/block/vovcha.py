@@ -32,7 +32,7 @@ def vovcha_block(folder: Path) -> Block:
         exterior = exterior_from_world(world, interior, camera)
         photos[name] = Photo(
             name,
-            str(folder / "scans" / f"{name}.tif"),
+            folder / "scans" / f"{name}.tif",
             (4311, 4311),
             "archive",
             interior,

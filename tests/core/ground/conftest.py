@@ -90,7 +90,7 @@ class Scene:
         path = self.folder / f"{name}.tif"
         photo = Photo(
             photo_id=name,
-            scan=str(path),
+            scan=path,
             size_px=size,
             camera=self.camera.name,
             interior=interior,

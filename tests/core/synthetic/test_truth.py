@@ -1,6 +1,7 @@
 """Truth is read, and judges."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def _true_block(truth: Truth) -> Block:
         ground = float(truth.heights[1].mean()) if truth.heights else 400.0
         photos[name] = Photo(
             name,
-            f"{name}.tif",
+            Path(f"{name}.tif"),
             exposure.size_px,
             "true",
             interior,
