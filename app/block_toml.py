@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from core.errors import ProjectError
+from core.reference.vectors import LAYER_MARK
 
 FILE = "block.toml"
 """Name of the file in a block's folder."""
@@ -219,6 +220,7 @@ class Table:
 
     def _matches(self, key: str, pattern: str, rasters: bool) -> list[Path]:
         folder = self.document.path.parent
+        pattern, mark, layer = pattern.partition(LAYER_MARK)
         literal = (folder / pattern).is_file()
         names = (
             [pattern] if literal else sorted(glob.glob(pattern, root_dir=folder, recursive=True))
@@ -230,7 +232,7 @@ class Table:
         if not kept:
             verb = "matches no file." if glob.has_magic(pattern) else "is not there."
             raise self.error(key, f'"{pattern}" {verb}', _what_is_there(folder, pattern))
-        return kept
+        return [Path(f"{path}{mark}{layer}") for path in kept]
 
     def _value(self, key: str, default: Any) -> Any:
         value = self.values.get(key, default)

@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 
+from app.change_layer import make_change
 from app.described import described
 from app.project import Project
 from app.protocol import terrain_of
@@ -176,10 +177,11 @@ class Remaking:
                 Part(progress, 0.0, orthos_end),
                 only=frozenset(photo_ids),
             )
-            mosaic = make_mosaic(session, orthos, Part(progress, orthos_end, 0.97))
+            mosaic = make_mosaic(session, orthos, Part(progress, orthos_end, 0.92))
+            change = make_change(session, self.project, mosaic, Part(progress, 0.92, 0.97))
             progress.report(0.97, 1.0, "results")
             walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
-            walk.stand_in(report, mosaic)
+            walk.stand_in(report, mosaic, change)
             write_all(session, walk.content(), self.reference.dem)
             decisions = [recorded.decision_id for recorded in session.decisions()]
             products = session.products

@@ -202,25 +202,26 @@ class Clicking:
         }
 
     def save(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
-        """Write the `.points` file beside the scan, whole; remove it when no pair is left.
+        """Write the `.points` file beside the scan, whole; remove it once it would be empty.
 
         Raises:
-            ScanError: A single pair, or pairs at one place.
+            ScanError: A single pair, pairs at one place, or a file that cannot be read: it may hold
+                what somebody clicked elsewhere, so it is not written over.
         """
         scan = self._scan(photo_id).scan.path
         fit = self.fitted(photo_id, pairs)
         with self._lock:
             path = find_qgis_points(scan) or scan.with_name(scan.name + ".points")
-            if not pairs:
-                path.unlink(missing_ok=True)
-                return {**fit, "saved": ""}
-            if "matrix" not in fit:
+            if pairs and "matrix" not in fit:
                 raise ScanError(
                     path, str(fit.get("why", "One pair is too few.")),
                     "Click two places or more, far apart.",
                 )  # fmt: skip
-            values = np.array(pairs, dtype=np.float64)
             off = self._switched_off(path)
+            if not pairs and not len(off.plane):
+                path.unlink(missing_ok=True)
+                return {**fit, "saved": ""}
+            values = np.array(pairs, dtype=np.float64).reshape(-1, 4)
             plane = np.vstack([values[:, 2:], off.plane])
             pixels = np.vstack([values[:, :2], off.pixels])
             enabled = np.arange(len(plane)) < len(values)
@@ -230,12 +231,21 @@ class Clicking:
         return {**fit, "saved": path.name}
 
     def _switched_off(self, path: Path) -> QgisPoints:
-        """Points of the file that somebody switched off in QGIS: they stay, switched off."""
+        """Points of the file that somebody switched off in QGIS: they stay, switched off.
+
+        Raises:
+            ScanError: The file holds something that cannot be read.
+        """
         none = np.zeros((0, 2))
+        if not path.exists() or not path.read_bytes().strip():
+            return QgisPoints(path, "", none, none, np.zeros(0, dtype=np.bool_))
         try:
             points = in_crs(read_qgis_points(path), self._found.given.crs)
-        except PhotogrammetryError:
-            return QgisPoints(path, "", none, none, np.zeros(0, dtype=np.bool_))
+        except PhotogrammetryError as error:
+            raise ScanError(
+                path, f"It cannot be read, and is not written over. {error.cause}",
+                "Rename it or repair it in QGIS, then save again.",
+            ) from error  # fmt: skip
         off = ~points.enabled
         return replace(
             points, plane=points.plane[off], pixels=points.pixels[off], enabled=points.enabled[off]

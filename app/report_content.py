@@ -42,6 +42,8 @@ class ReportContent:
     """The mosaic."""
     seams: Sequence[Seam] = ()
     """Its seams."""
+    change: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Share of the ground that is `same` as today and that is `different`; empty: not known."""
     comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
     """Mosaic against other orthos, by their name."""
     timings_s: Mapping[str, float] = field(default_factory=dict[str, float])

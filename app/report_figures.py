@@ -62,6 +62,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "mosaic": None
         if content.mosaic is None
         else _mosaic_figures(content.mosaic, content.seams),
+        "change": dict(content.change),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
     }

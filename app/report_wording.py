@@ -104,6 +104,10 @@ TEXT = {
     "set_aside": "{count} scans were set aside",
     "set_aside_one": "One scan was set aside",
     "set_aside_none": "No scan was set aside",
+    "change": (
+        "{same:.0f} % of the ground is recognised in the ortho of today, {different:.0f} % shows "
+        "another; of the rest nobody can tell (change.gpkg, layers same and different)."
+    ),
     "mosaic": "The mosaic: {columns} × {rows} pixels of {gsd:g} m from {photos} photos",
     "provenance": "How this was made",
 }

@@ -32,9 +32,8 @@ from ui.review.gestures import Freed, Gesture, PointAsked
 from ui.review.history import gives_reason, key_of, subject_of, touched_by
 from ui.review.milestones import Milestone, with_milestone
 from ui.review.scene import (
+    Footprints,
     ScenePicture,
-    Segments,
-    footprints,
     readable_scale,
     scene_picture,
     tie_vectors,
@@ -60,8 +59,8 @@ class ReviewLoop:
         self._recorded: tuple[Recorded, ...] = ()
         self._milestones: tuple[Milestone, ...] = ()
         self._stale: tuple[str, ...] = ()
-        self._outlines: Segments = np.zeros((0, 2, 3))
-        self._tied = self._outlines
+        self._footprints = Footprints(inputs.dem)
+        self._outlines = self._tied = np.zeros((0, 2, 3))
         self._job, self._tried = 0, 0
         self._trials: dict[Key, Trial] = {}
         self._trying: Key | None = None
@@ -342,7 +341,7 @@ class ReviewLoop:
     def _reorient(self) -> None:
         """What follows from the orientations."""
         self._stale = stale_photos(self._state, self._inputs.stale_m)
-        self._outlines = footprints(self._state.oriented, self._inputs.dem)
+        self._outlines = self._footprints.of(self._drawn, self._state.oriented.origin)
         self._tied = tie_vectors(self._state)
 
     def _recount(self, changed: set[Key] | None = None) -> None:

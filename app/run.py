@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
+from app.change_layer import make_change
 from app.described import described
 from app.executors import Threads
 from app.fiducial_tables import write_fiducials
@@ -188,16 +189,21 @@ class Run:
 
     def compose(self, progress: Progress) -> str:
         """The mosaic and its seams."""
-        mosaic = make_mosaic(self.session, self.made["orthos"], progress, self.anew("mosaic"))
+        anew = self.anew("mosaic")
+        first, second = Part(progress, 0.0, 0.7), Part(progress, 0.7, 1.0)
+        mosaic = make_mosaic(self.session, self.made["orthos"], first, anew)
         self.made["mosaic"] = mosaic
+        self.made["change"] = make_change(self.session, self.project, mosaic, second, anew)
         return str(self.session.results / "mosaic.tif")
 
-    def stand_in(self, report: AdjustmentReport, mosaic: MosaicProduct) -> None:
+    def stand_in(
+        self, report: AdjustmentReport, mosaic: MosaicProduct, change: Mapping[str, float]
+    ) -> None:
         """Take what was made last instead of walking, with another adjustment and mosaic."""
         for stage in STAGES:
             self.made[stage.name] = self.session.products.latest_value(stage.name)
         self.made["scans"] = self.corrected(self.made["scans"])
-        self.made["adjustment"], self.made["mosaic"] = report, mosaic
+        self.made |= {"adjustment": report, "mosaic": mosaic, "change": change}
 
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
@@ -218,6 +224,7 @@ class Run:
             reference_sigma_m=(self.given.ortho_sigma_m, self.given.dem_sigma_m),
             mosaic=self.session.results / "mosaic.tif",
             seams=mosaic.seams,
+            change=self.made["change"],
             timings_s=self.seconds,
             provenance={
                 "gruber": version("gruber"),

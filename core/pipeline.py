@@ -212,7 +212,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=4,
+        version=5,
     ),
     Stage(
         "control",
@@ -220,7 +220,7 @@ STAGES: tuple[Stage, ...] = (
         ("orientation", "ties"),
         lambda given: (given.assembly, given.surveyed, given.preset),
         find_control,
-        version=2,
+        version=3,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from core.reference.vectors import LAYER_MARK
 from sessions.codec import CodecError, canonical, decode, encode, path_to_json
 from sessions.disk import told
 from sessions.whole import whole_file, whole_folder
@@ -165,10 +166,12 @@ def _sizes(folder: Path) -> dict[str, int]:
 
 
 def _stamps(path: Path, here: Path | None) -> Any:
-    """What stands for a path in a digest."""
+    """What stands for a path in a digest; one layer of a file is as new as the file."""
+    named = path_to_json(path, here)
+    path = Path(str(path).partition(LAYER_MARK)[0])
     beside = [path.with_suffix(suffix) for suffix in COMPANIONS] if path.suffix else []
     stamps = [_stamp(file) for file in (path, path.with_name(f"{path.name}.points"), *beside)]
-    return path_to_json(path, here) | {"@stamps": [stamp for stamp in stamps if stamp is not None]}
+    return named | {"@stamps": [stamp for stamp in stamps if stamp is not None]}
 
 
 def _stamp(path: Path) -> list[Any] | None:

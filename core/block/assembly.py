@@ -1,6 +1,6 @@
 """The block stands up: photos on the reference, photos carried by ties, control made sure of."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,18 +10,12 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
 from core.block.common_shift import common_shift, weighed
-from core.block.control import (
-    ControlOptions,
-    Search,
-    judged,
-    search_points,
-    surveyed_of,
-    with_proposals,
-)
+from core.block.control import judged, surveyed_of, with_proposals
 from core.block.least_squares.terrain import Terrain
 from core.block.registration.datum import DatumOptions, lay_on_reference
 from core.block.registration.orientation import OrientationOptions, OrientedPhoto
 from core.block.registration.patches import OpenPhoto
+from core.block.registration.searches import ControlOptions, Search, search_points
 from core.block.registration.standing import MIN_TIES, Site, stand_up
 from core.doubts import Doubt, Failure
 from core.progress import Progress, Silent
@@ -101,10 +95,11 @@ def assemble_block(
         doubts = (*doubts, Doubt("datum", "block", laid.reason, 0.9, laid.evidence))
     else:
         standing = laid
-    report = None
+    report, searches = None, ()
     for turn in range(options.rounds):
         watch.report(turn + 2, options.rounds + 2, "control")
-        proposed = proposals(standing, site, options, mapper)
+        searches = searched(standing, site, options, mapper, searches)
+        proposed = judged(searches, site.sources, options.control)[0]
         standing = with_proposals(standing, site.points, site.sources, proposed)
         report = adjusted_without_gross(standing, options.adjustment)
         standing = report.block
@@ -153,23 +148,31 @@ def held_together(
     return block.with_photos(report.block.photos) if report.converged else block
 
 
-def proposals(
+def searched(
     block: Block,
     site: Site,
     options: AssemblyOptions,
     mapper: Callable[..., Iterable[Any]],
-) -> tuple[Measurement, ...]:
-    """Search the reference points in every oriented photo."""
+    before: Sequence[Search] = (),
+) -> tuple[Search, ...]:
+    """Search the reference points in every oriented photo, or look again at what was found."""
+    known: dict[str, list[Search]] = {}
+    for search in before:
+        known.setdefault(search.photo_id, []).append(search)
 
-    def searched(photo: Photo) -> tuple[Search, ...]:
+    def one(photo: Photo) -> tuple[Search, ...]:
         opened = OpenPhoto(photo, block.cameras[photo.camera], site.scans[photo.photo_id])
         return search_points(
-            opened, site.reference, site.points, options.orientation, options.control
+            opened,
+            site.reference,
+            site.points,
+            options.orientation,
+            options.control,
+            before=known.get(photo.photo_id, ()),
         )
 
     photos = [photo for photo in block.photos.values() if photo.oriented]
-    searches = [search for found in mapper(searched, photos) for search in found]
-    return judged(searches, site.sources, options.control)[0]
+    return tuple(search for found in mapper(one, photos) for search in found)
 
 
 def adjusted_without_gross(

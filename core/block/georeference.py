@@ -211,6 +211,9 @@ def _from_points(
     if path is None:
         return None
     points = read_qgis_points(path)
+    if not points.enabled.any():
+        # All switched off: as good as no file.
+        return None
     # The points' own middle is near enough to look up the ground; it may be in another CRS.
     first = approximate_from_points(
         points, oriented.interior, camera, Ground(archive.crs, 0.0), archive.georeference.prior

@@ -71,7 +71,8 @@ def read_qgis_points(path: Path) -> QgisPoints:
     places, rows = _column_places(path, rows)
     values = _numbers(path, rows, places)
     enabled = values[:, 4] != 0
-    row_down = values[:, 3] if np.median(values[:, 3]) > 0 else -values[:, 3]
+    downwards = len(values) > 0 and np.median(values[:, 3]) > 0
+    row_down = values[:, 3] if downwards else -values[:, 3]
     return QgisPoints(
         path,
         crs or _crs_of_rows(rows),

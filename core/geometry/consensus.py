@@ -54,7 +54,7 @@ class Candidates:
 class ConsensusOptions:
     """How the hypotheses are made and judged."""
 
-    hypotheses: int = 3000
+    hypotheses: int = 6000
     """Samples of three points."""
     gate: float = 3.0
     """A candidate agrees within this many standard deviations per axis."""
@@ -111,16 +111,18 @@ class Consensus:
             & (point[:, 1] != point[:, 2])
         )
         drawn = drawn[distinct]
-        weight_px = 1 / self.candidates.sigma_px[drawn] ** 2
-        design = self.design[drawn]
-        normal = np.einsum("hsai,hs,hsaj->hij", design, weight_px, design, optimize=True)
-        right = np.einsum("hsai,hs,hsa->hi", design, weight_px, self.offset[drawn], optimize=True)
+        weight_px = 1 / self.candidates.sigma_px**2
+        normals = np.einsum("cai,c,caj->cij", self.design, weight_px, self.design)
+        rights = np.einsum("cai,c,ca->ci", self.design, weight_px, self.offset)
+        normal, right = normals[drawn].sum(axis=1), rights[drawn].sum(axis=1)
         return np.linalg.solve(normal + self.prior_information, right[:, :, None])[:, :, 0]
 
     def cost(self, steps: Steps) -> Costs:
         """MSAC cost of each hypothesis: one candidate a point, truncated, plus the prior."""
-        residual = self.offset - np.einsum("cai,hi->hca", self.design, steps)
-        squared = np.sum(residual**2, axis=2) / self.candidates.sigma_px**2
+        unknowns = self.design.shape[2]
+        residual = self.offset.reshape(-1) - steps @ self.design.reshape(-1, unknowns).T
+        residual *= residual
+        squared = (residual[:, ::2] + residual[:, 1::2]) / self.candidates.sigma_px**2
         per_point = np.minimum.reduceat(self.missed(squared), self.first, axis=1)
         prior = np.einsum("hi,ij,hj->h", steps, self.prior_information, steps)
         return per_point.sum(axis=1) + prior

@@ -19,6 +19,8 @@ from core.geometry.interior import InteriorOrientation
 
 STEPS = np.array([0.1, 0.1, 0.1, 1e-5, 1e-5, 1e-5])
 """Steps of the numerical derivative: metres and radians."""
+FULL = 3
+"""So many of the best refined by the linear model are refined by the full one, which is slow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +107,8 @@ def resect_photo(
         return Failure(f"only {len(known)} known points have a candidate in this photo")
     search = Search(model, start, prior_covariance, points, candidates, options)
     steps = search.consensus.hypotheses(rng)
-    best = min((search.refined(step) for step in steps), key=lambda found: found[0])
+    linear = sorted((search.consensus.refined(step) for step in steps), key=lambda found: found[0])
+    best = min((search.refined(found[1]) for found in linear[:FULL]), key=lambda found: found[0])
     return search.judged(best[1])
 
 

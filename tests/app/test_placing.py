@@ -32,7 +32,8 @@ def clicking(copy_of_one):
 def copy_of_one(tiny, tmp_path):
     name = tiny.names[0]
     shutil.copytree(tiny.folder / "scans", tmp_path / "scans")
-    for part in ("block.toml", "dem.tif", "ortho", "roads", "footprints.gpkg"):
+    shutil.copy(tiny.folder / "block.toml", tmp_path)
+    for part in ("dem.tif", "ortho", "roads", "footprints.gpkg"):
         if (tiny.folder / part).exists():
             (tmp_path / part).symlink_to(tiny.folder / part)
     return tmp_path, tiny, name
@@ -84,10 +85,27 @@ def test_points_switched_off_stay_and_nothing_half_is_written__law(clicking, tin
     assert read_qgis_points(path).enabled.tolist() == [True, True, False]
     hand.save(oriented.photo_id, pairs[:2])
     assert read_qgis_points(path).enabled.tolist() == [True, True, False]
-    assert hand.save(oriented.photo_id, [])["saved"] == ""
-    assert not path.exists()
+    assert hand.save(oriented.photo_id, [])["saved"] == path.name
+    assert read_qgis_points(path).enabled.tolist() == [False]
     with pytest.raises(ScanError, match="no scan of this block"):
         hand.fitted("../elsewhere", pairs)
+
+
+def test_a_file_is_removed_only_when_nothing_in_it_is_lost__law(clicking, tiny):
+    hand, oriented, _ = clicking
+    pairs = true_pairs(tiny, oriented.photo_id, 2)
+    path = oriented.scan.path.with_name(oriented.scan.path.name + ".points")
+    assert hand.save(oriented.photo_id, pairs)["saved"] == path.name
+    assert hand.save(oriented.photo_id, [])["saved"] == ""
+    assert not path.exists()
+    path.write_text("mapX,mapY,sourceX,sourceY\nsome,words,for,numbers\n", encoding="utf-8")
+    for kept in ([], pairs):
+        with pytest.raises(ScanError, match="not written over"):
+            hand.save(oriented.photo_id, kept)
+    assert "words" in path.read_text(encoding="utf-8")
+    for empty in ("", "mapX,mapY,sourceX,sourceY,enable\n"):
+        path.write_text(empty, encoding="utf-8")
+        assert hand.save(oriented.photo_id, pairs)["saved"] == path.name
 
 
 def test_points_in_another_crs_are_brought_to_the_blocks__oracle(tmp_path):

@@ -224,6 +224,14 @@ def test_two_scans_of_one_name_are_told__truth(folder: Path) -> None:
         read(folder, swap("files", '["scans/*.tif", "ortho/*.tif"]'))
 
 
+def test_one_layer_of_a_file_is_named_as_qgis_does__truth(folder: Path) -> None:
+    (folder / "change.gpkg").write_bytes(b"")
+    project = read(
+        folder, TOML.replace("[reference]", '[reference]\nmask = "change.gpkg|layername=different"')
+    )
+    assert project.reference.mask == Path(f"{folder / 'change.gpkg'}|layername=different")
+
+
 def test_a_glob_character_in_the_folder_is_no_glob__truth(folder: Path) -> None:
     odd = folder / "block [1938]"
     odd.mkdir()

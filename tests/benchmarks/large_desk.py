@@ -30,7 +30,7 @@ from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
 from core.progress import Silent
 from sessions.session import HIDDEN, Session
-from tests.ui.desk_block import ArrayDem, ArrayOrtho, keep_for_reduction
+from tests.ui.desk_landscape import ArrayDem, ArrayOrtho, keep_for_reduction
 
 FRAME_MM, PRINCIPAL_MM, FLYING_M = 180.0, 210.0, 1650.0
 SIDE_M = FRAME_MM / PRINCIPAL_MM * FLYING_M

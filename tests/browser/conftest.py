@@ -13,10 +13,10 @@ from app.wiring import Desk, open_desk
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs
 
+# As a computer without a GPU has it: pages are drawn by the processor, and so is the 3D scene.
 ARGUMENTS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+    "--disable-component-update", "--disable-sync", "--disable-gpu", "--enable-unsafe-swiftshader",
 ]  # fmt: skip
 INSTALL = (
     "no Chromium: install it with `.venv/bin/python -m playwright install --with-deps chromium`"

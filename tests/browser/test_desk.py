@@ -64,6 +64,10 @@ def test_nothing_overlaps_and_nothing_needs_scrolling__law(sit):
                 or there["y"] + there["height"] <= box["y"] + 0.5
             )
             assert apart or name == other, (name, other)
+    # Rows of measurements far off are those that are read first.
+    assert page.evaluate("gruber.parts.queue.shown.some(at => gruber.parts.rows[at][6] > 3)")
+    tall = "[...document.querySelectorAll('.row > *')].filter(e => e.offsetHeight > 25).length"
+    assert page.evaluate(tall) == 0
     header = page.locator("#layers").bounding_box()
     last = page.locator("#layers button").last.bounding_box()
     assert last["x"] + last["width"] <= header["x"] + header["width"] + 0.5

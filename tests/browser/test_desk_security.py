@@ -97,7 +97,7 @@ def test_tricks_with_paths_find_nothing__law(rich, path):
 def test_results_are_served_with_a_policy_of_their_own__law(rich):
     root, cookie = entered(rich.url)
     listed = json.loads(asked(f"{root}/results/", cookie)[1])
-    assert [name for name, _ in listed] == ["control_points.csv", "report.html"]
+    assert [name for name, _ in listed] == ["report.html", "control_points.csv"]
     _, body, headers = asked(f"{root}/results/report.html", cookie)
     assert body == b"<p>report</p>"
     assert "default-src 'none'" in headers["Content-Security-Policy"]

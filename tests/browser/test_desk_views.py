@@ -33,7 +33,7 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
     page.keyboard.press("u")
     page.wait_for_selector(f'#board .mark.used[data-mark="{name}"]')
     page.click(f'#board .mark[data-mark="{name}"]')
-    box = page.locator("#mark-room .large").bounding_box()
+    box = page.locator("#mark-room .magnified").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2 + 20, box["y"] + box["height"] / 2 + 12)
     page.wait_for_selector(f'#board .mark.placed[data-mark="{name}"]')
     moved = page.evaluate(CELL, name)["place"]

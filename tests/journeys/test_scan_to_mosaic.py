@@ -105,7 +105,14 @@ def test_every_result_is_there_with_its_columns__law(tiny_run):
     assert [row["scan"] for row in interior] == tiny_run.names
     assert all(float(row["residual_1_x_um"]) < 100 for row in interior)
     assert {path.stem for path in (results / "ortho").glob("*.tif")} == set(tiny_run.names)
-    for name in ("mosaic.tif", "seams.gpkg", "report.html", "report.json", "../session.gpkg"):
+    for name in (
+        "mosaic.tif",
+        "seams.gpkg",
+        "change.gpkg",
+        "report.html",
+        "report.json",
+        "../session.gpkg",
+    ):
         assert (results / name).stat().st_size > 0
     json.loads((results / "report.json").read_text(encoding="utf-8"))
     assert not list(results.rglob("*.part*"))

@@ -154,3 +154,12 @@ def test_a_block_that_was_moved_keeps_its_products__truth(tmp_path: Path, block:
         assert (inside, stays) == (folder / "00150.tif", outside)
         assert encode(again) == encode(block)
     assert seen[0] == seen[1]
+
+
+def test_one_layer_of_a_file_is_as_new_as_the_file__truth(tmp_path: Path) -> None:
+    file, layer = tmp_path / "change.gpkg", Path(f"{tmp_path / 'change.gpkg'}|layername=same")
+    file.write_bytes(b"one")
+    before = digest_of(layer)
+    file.write_bytes(b"other")
+    assert digest_of(layer) != before
+    assert digest_of(layer) != digest_of(file)

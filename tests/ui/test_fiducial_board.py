@@ -147,6 +147,24 @@ def test_the_board_shows_every_mark_worst_first__law(state, given):
     assert mark_changes(hidden)[name][mark.name].use is False
 
 
+def test_photos_of_a_camera_without_marks_come_last__law(state, given):
+    inputs, _ = given
+    name = next(iter(inputs.block.photos))
+    photo, camera = inputs.block.photos[name], inputs.block.camera_of(name)
+    bare = replace(camera, name="bare", fiducials_mm={})
+    none = np.zeros((0, 2))
+    interior = replace(photo.interior, model="nominal", names=(), pixels=none, residuals_um=none)
+    photos = {**inputs.block.photos, name: replace(photo, camera="bare", interior=interior)}
+    block = replace(inputs.block, cameras={**inputs.block.cameras, "bare": bare}, photos=photos)
+    rows = board_part(replace(state, block=block), inputs.origins, drawn_from_block(block), ())[
+        "photos"
+    ]
+    assert {row["photo"] for row in rows} == set(photos)
+    last = rows[-1]
+    assert (last["photo"], last["cells"], last["doubt"]) == (name, [], 0.0)
+    assert all(row["cells"] for row in rows[:-1])
+
+
 def test_figures_of_the_films_are_those_of_the_table__oracle(state, given, tiny_run):
     inputs, _ = given
     films = board_part(state, inputs.origins, drawn_from_block(inputs.block), ())["films"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.ui.desk_block import adjust, tiny_block
+from tests.ui.desk_block import adjust, outlines, tiny_block
 from ui.review.compare import (
     drawn_from_block,
     made_with,
@@ -21,7 +21,7 @@ from ui.review.misfit import misfits
 from ui.review.palette import LOOKS, rgb
 from ui.review.picture import Pictured, point_part, queue_part, rows_part, scene_part, status_part
 from ui.review.queue import queue_rows
-from ui.review.scene import footprints, scene_picture
+from ui.review.scene import scene_picture
 from ui.review.state import DeskState, Seat
 from ui.review.tools import seated
 from ui.review.wording import ENGLISH, KEYS, sentence, words
@@ -97,7 +97,7 @@ def test_misfits_do_not_shrink_when_a_point_gives_way__law(state):
 
 
 def test_footprints_are_closed_outlines__law(state):
-    outline = footprints(state.oriented, tiny_block().land.dem)
+    outline = outlines(state)
     assert len(outline) == 6 * 48
     assert np.allclose(outline[47, 1], outline[0, 0])
 

@@ -8,10 +8,9 @@ import shapely
 
 from core.block.quality import assess_block
 from core.block.verdict import judge_block
-from tests.ui.desk_block import FLYING_HEIGHT_M, FRAME_MM, adjust, tiny_block
+from tests.ui.desk_block import FLYING_HEIGHT_M, FRAME_MM, adjust, outlines, tiny_block
 from ui.review.compare import made_with
 from ui.review.quality import footprint_polygons, quality_part
-from ui.review.scene import footprints
 from ui.review.state import DeskState
 from ui.review.wording import ENGLISH
 
@@ -24,7 +23,7 @@ def state() -> DeskState:
 
 @pytest.fixture(scope="module")
 def polygons(state) -> dict[str, shapely.Polygon]:
-    return footprint_polygons(state, footprints(state.oriented, tiny_block().land.dem))
+    return footprint_polygons(state, outlines(state))
 
 
 def test_overlaps_are_those_the_flight_was_given__truth(state, polygons):
@@ -65,7 +64,7 @@ def test_the_verdict_names_what_is_missing__truth(state, polygons):
 
 
 def test_every_sentence_of_the_view_has_words__law(state):
-    part = quality_part(state, footprints(state.oriented, tiny_block().land.dem), ())
+    part = quality_part(state, outlines(state), ())
     for text, grave, values in part["findings"]:
         assert ENGLISH[text].format(**values)
         assert f"grave.{grave}" in ENGLISH

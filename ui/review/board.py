@@ -39,7 +39,10 @@ APART_PX = 1.0
 def board_part(
     state: DeskState, origins: Origins, drawn: Drawn, recorded: Sequence[Recorded]
 ) -> Part:
-    """Rows of photos, worst first, each with a cell for every mark of its camera."""
+    """Rows of photos, worst first, each with a cell for every mark of its camera.
+
+    Photos of cameras without marks come last: what they are oriented by is to be seen, too.
+    """
     changes, last = mark_changes(recorded), _last_said(recorded)
     photos: list[Part] = []
     for name, photo in state.block.photos.items():
@@ -47,8 +50,6 @@ def board_part(
         film, own = origins.films.get(name), changes.get(name, {})
         row = _Row(photo, camera, film, own, _doubts(film, camera, own))
         cells = [row.cell(mark, last.get((name, mark))) for mark in row.names]
-        if not cells:
-            continue
         interior = photo.interior
         photos.append(
             {
@@ -61,12 +62,14 @@ def board_part(
                 "model": interior.model,
                 "rms": short(interior.rms_um, 1) if interior.names else None,
                 "redundancy": interior.redundancy,
-                "doubt": max(cell["doubt"] for cell in cells),
+                "doubt": max((cell["doubt"] for cell in cells), default=0.0),
                 "why": [doubt.message for doubt in row.doubts if _of_scan(doubt)],
                 "cells": cells,
             }
         )
-    photos.sort(key=lambda row: (-row["doubt"], -sum(c["doubt"] for c in row["cells"])))
+    photos.sort(
+        key=lambda row: (not row["cells"], -row["doubt"], -sum(c["doubt"] for c in row["cells"]))
+    )
     return {"photos": photos, "films": films_part(state, origins)}
 
 

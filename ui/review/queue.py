@@ -122,13 +122,19 @@ def visible(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
 
 def passes(row: Row, sieve: Sieve) -> bool:
     """True when a sieve lets a row through."""
-    state_fits = {
-        "all": True,
-        "review": row.state != "unused",
-        "open": row.state == "auto",
-    }.get(sieve.state, row.state == sieve.state)
-    kind_fits = row.role == sieve.role if sieve.role else row.role in POINT_KINDS
-    return state_fits and kind_fits and sieve.photo_id in ("", row.key[1])
+    if sieve.photo_id and sieve.photo_id != row.key[1]:
+        return False
+    if row.role != sieve.role if sieve.role else row.role not in POINT_KINDS:
+        return False
+    match sieve.state:
+        case "all":
+            return True
+        case "review":
+            return row.state != "unused"
+        case "open":
+            return row.state == "auto"
+        case _:
+            return row.state == sieve.state
 
 
 def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from core.arrays import Position
+from core.arrays import ObjectPoints, Position
 from core.block.block import Block
 from core.frames import local_from_object
-from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
+from ui.review.compare import Drawn, DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.misfit import Misfit, misfits
 from ui.review.palette import LOOKS, ShownState
 from ui.review.picking import frustum_depth_m
@@ -114,22 +114,32 @@ def scene_picture(
     )
 
 
-def footprints(block: Block, dem: HeightSource) -> Segments:
-    """Outline of every photo where it meets the ground, local frame."""
-    outlines: list[np.ndarray] = []
-    for name, photo in block.photos.items():
-        camera = block.camera_of(name)
-        corners = photo.interior.pixel_from_film(camera.frame_corners_mm)
-        share = np.arange(EDGE_PARTS)[:, None] / EDGE_PARTS
-        edges = [
-            corners[i] + share * (corners[(i + 1) % 4] - corners[i]) for i in range(len(corners))
-        ]
-        ground = ground_from_pixel(
-            np.vstack(edges), DrawnPhoto(photo, camera, 0), dem, photo.ground_height_m
-        )
-        ground = ground - block.origin
-        outlines.append(np.stack([ground, np.roll(ground, -1, axis=0)], axis=1))
-    return np.concatenate(outlines) if outlines else np.zeros((0, 2, 3))
+class Footprints:
+    """Outlines of photos where they meet the ground, found anew for those drawn anew."""
+
+    def __init__(self, dem: HeightSource) -> None:
+        self._dem = dem
+        self._known: dict[str, tuple[DrawnPhoto, ObjectPoints]] = {}
+
+    def of(self, drawn: Drawn, origin: Position) -> Segments:
+        """All outlines, local frame."""
+        outlines: list[np.ndarray] = []
+        for name, one in drawn.items():
+            known = self._known.get(name)
+            if known is None or known[0] is not one:
+                known = self._known[name] = one, _outline(one, self._dem)
+            ground = known[1] - origin
+            outlines.append(np.stack([ground, np.roll(ground, -1, axis=0)], axis=1))
+        return np.concatenate(outlines) if outlines else np.zeros((0, 2, 3))
+
+
+def _outline(drawn: DrawnPhoto, dem: HeightSource) -> ObjectPoints:
+    """The frame of a photo on the ground, in parts of each edge."""
+    photo = drawn.photo
+    corners = photo.interior.pixel_from_film(drawn.camera.frame_corners_mm)
+    share = np.arange(EDGE_PARTS)[:, None] / EDGE_PARTS
+    edges = [corners[i] + share * (corners[(i + 1) % 4] - corners[i]) for i in range(len(corners))]
+    return ground_from_pixel(np.vstack(edges), drawn, dem, photo.ground_height_m)
 
 
 def point_states(state: DeskState) -> dict[str, ShownState]:

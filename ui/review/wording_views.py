@@ -9,6 +9,8 @@ VIEWS: dict[str, str] = {
     "board.count": "{photos} photos \u00b7 {doubtful} doubtful marks",
     "board.none": "No camera of this block has fiducials: give fiducials_mm in block.toml, or let "
     "the marks be found by a new run.",
+    "board.unmarked": "This camera has no marks: its scans are oriented by the edges of the frame "
+    "or the middle of the scan.",
     "board.hidden": "left out",
     "board.missing": "not found",
     "board.scan-doubt": "Remarks: {count}",

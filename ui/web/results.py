@@ -10,6 +10,8 @@ CONTENT = {
     ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
     ".gpkg": "application/geopackage+sqlite3",
 }  # fmt: skip
+FIRST = {".html": 0, ".tif": 1}
+"""What is looked for most stands first: the report, then the mosaic."""
 REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
 )
@@ -22,7 +24,8 @@ def result_routes(folder: Path | None) -> list[web.RouteDef]:
         return []
 
     async def listed(request: web.Request) -> web.StreamResponse:
-        return web.json_response([[path.name, path.stat().st_size] for path in _files(folder)])
+        found = sorted(_files(folder), key=lambda path: FIRST.get(path.suffix, len(FIRST)))
+        return web.json_response([[path.name, path.stat().st_size] for path in found])
 
     async def one(request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]

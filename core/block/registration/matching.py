@@ -175,7 +175,7 @@ def looked_at(
     done = 0
     for window, members in tiles(prediction.pixels, todo, half, options):
         watch.report(done, len(todo), opened.photo.photo_id)
-        images = prepared(read_pair(opened, reference, window), options)
+        images = prepared(read_pair(opened, reference, window, again=True), options)
         for point in members.tolist():
             yield images, point
         done += len(members)

@@ -31,6 +31,8 @@ CHANNELS = 9
 CFOG_SIGMA_PX = 0.8
 VERGE_PX, FADE_PX = 2.0, 3.0
 """A drawn road is compared to so many pixels beyond its edges, and fades out over so many more."""
+FADED = 3.03
+"""Beyond so many times `FADE_PX` less than a hundredth is left of it."""
 LEAST_ROAD_PX = 40.0
 """With less of a road in the template there is nothing to compare."""
 MOST_STRAIGHT = 0.85
@@ -157,7 +159,7 @@ class RoadOperator:
 
     def surface(self, around: Description, patch: Description) -> Surface:
         """The weighted likeness; nought where no road is drawn."""
-        return road_surface(around, patch)
+        return road_surface(around, patch, road_content(patch)[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +180,10 @@ class FusedOperator:
     def surface(self, around: Description, patch: Description) -> Surface:
         """Mean of both likenesses; where no road is drawn, that of the ortho alone."""
         ortho = gradient_surface(around[0], patch[0])
-        if not has_roads(patch):
+        energy, along = road_content(patch[1:])
+        if not fixed_by_roads(energy, along):
             return ortho
-        return (ortho + road_surface(around, patch[1:])) / np.float32(2)
+        return (ortho + road_surface(around, patch[1:], energy)) / np.float32(2)
 
 
 def oriented_channels(image: Image) -> Description:
@@ -217,17 +220,17 @@ def drawn_field(roads: Image) -> Description:
         return np.zeros((*roads.shape, 2), np.float32), np.zeros_like(roads)
     field = doubled_angle_field(roads)
     away = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 3)
-    fade = np.maximum(away - VERGE_PX, 0) / FADE_PX
-    weight = np.exp(-0.5 * fade * fade).astype(np.float32)
-    weight[weight < 0.01] = 0.0
+    weight = np.zeros_like(roads)
+    near = away < VERGE_PX + FADED * FADE_PX
+    fade = np.maximum(away[near] - VERGE_PX, 0) / FADE_PX
+    weight[near] = np.exp(-0.5 * fade * fade)
     return field * weight[:, :, None], weight
 
 
-def road_surface(around: Description, patch: Description) -> Surface:
+def road_surface(around: Description, patch: Description, energy: float) -> Surface:
     """Re sum(w conj(z_T) z_S) / sqrt(sum w |z_T|^2 sum w |z_S|^2), w of the drawn roads."""
     field, weight = patch
     shape = np.array(around[1].shape) - weight.shape + 1
-    energy = road_energy(patch)
     if energy < LEAST_ROAD_PX:
         return np.zeros(tuple(shape), np.float32)
     product = cv2.matchTemplate(around[0], field, cv2.TM_CCORR)
@@ -235,26 +238,25 @@ def road_surface(around: Description, patch: Description) -> Surface:
     return normalised(product, seen, energy)
 
 
-def road_energy(patch: Description) -> float:
-    """How much road a template holds: sum of w |z_T|^2."""
+def road_content(patch: Description) -> tuple[float, float]:
+    """How much road a template holds, sum of w |z_T|^2, and how much of it runs one way."""
     field, weight = patch
-    telling = weight > 0
-    return float(np.sum(squared_length(field)[telling] / weight[telling]))
+    telling = np.flatnonzero(weight)
+    weights = weight.reshape(-1)[telling]
+    vectors = field.reshape(-1, 2)[telling]
+    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
+    along = (vectors * (lengths / weights)[:, None]).sum(axis=0)
+    return float(np.sum(lengths * lengths / weights)), float(np.hypot(*along))
+
+
+def fixed_by_roads(energy: float, along: float) -> bool:
+    """Whether roads fix a place in both directions: a straight one alone is alike all along."""
+    return energy >= LEAST_ROAD_PX and along <= MOST_STRAIGHT * energy
 
 
 def has_roads(patch: Description) -> bool:
-    """Whether a template of `fused` holds roads that fix a place in both directions.
-
-    A straight road alone does not: it is alike all along.
-    """
-    if len(patch) != 3 or road_energy(patch[1:]) < LEAST_ROAD_PX:
-        return False
-    field, weight = patch[1:]
-    telling = weight > 0
-    vectors = field[telling] / np.sqrt(weight[telling])[:, None]
-    lengths = np.linalg.norm(vectors, axis=1)
-    along = float(np.linalg.norm((vectors * lengths[:, None]).sum(axis=0)))
-    return along <= MOST_STRAIGHT * float(np.sum(lengths**2))
+    """Whether a template of `fused` holds roads that fix a place in both directions."""
+    return len(patch) == 3 and fixed_by_roads(*road_content(patch[1:]))
 
 
 def sum_of_products(around: Sequence[np.ndarray], patch: Sequence[np.ndarray]) -> Surface:

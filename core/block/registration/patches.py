@@ -19,6 +19,8 @@ from core.scan.raster import ScanFile, read_window
 LATTICE_PX = 24
 """Spacing of the nodes that are followed to the ground, in pixels of the window."""
 ITERATIONS = 12
+SETTLED_M = 1e-3
+"""A ray that moves less than this in height has met the ground."""
 ROAD_MARGIN_M = 200.0
 """Relief displaces roads: so far outside a window on level ground they are still drawn."""
 SHIFT = 4
@@ -111,13 +113,22 @@ def object_on_ground(photo: Photo, camera: Camera, pixels: PixelPoints, dem: Dem
         swings = change * step < 0
         step = np.where(swings, change / 2, change)
         heights = heights + step
+        if np.abs(step).max(initial=0.0) < SETTLED_M:
+            break
     ground = photo.object_from_pixel(pixels, heights, camera)
     ground[np.isnan(dem.heights(ground[:, :2])), 2] = np.nan
     return ground
 
 
-def read_pair(opened: OpenPhoto, reference: Reference, window: Window) -> Pair:
-    """Read a window of a scan and warp the reference into it with the current orientation."""
+def read_pair(opened: OpenPhoto, reference: Reference, window: Window, again: bool = False) -> Pair:
+    """Read a window of a scan and warp the reference into it with the current orientation.
+
+    Args:
+        opened: The photo.
+        reference: Ortho, heights and roads.
+        window: What is read.
+        again: Whether the same ground will be wanted again, so that it is worth remembering.
+    """
     size = window.reduction
     grey = read_window(
         opened.scan,
@@ -128,7 +139,7 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window) -> Pair:
         size,
         outside="edge",
     )
-    image, known = warped_reference(opened, reference, window)
+    image, known = warped_reference(opened, reference, window, again)
     roads = drawn_roads(opened, reference, window)
     return Pair(window, np.asarray(grey, np.float32), image, known, roads)
 
@@ -155,7 +166,9 @@ def drawn_roads(opened: OpenPhoto, reference: Reference, window: Window) -> Imag
     return picture
 
 
-def warped_reference(opened: OpenPhoto, reference: Reference, window: Window) -> tuple[Image, Mask]:
+def warped_reference(
+    opened: OpenPhoto, reference: Reference, window: Window, again: bool = False
+) -> tuple[Image, Mask]:
     """The ortho as the photo would see it in a window, and where it is known."""
     columns = np.arange(0, window.columns + LATTICE_PX, LATTICE_PX, dtype=np.float64)
     rows = np.arange(0, window.rows + LATTICE_PX, LATTICE_PX, dtype=np.float64)
@@ -167,16 +180,31 @@ def warped_reference(opened: OpenPhoto, reference: Reference, window: Window) ->
     if not seen.any():
         return np.zeros(shape, np.float32), np.zeros(shape, bool)
     sample = opened.ground_pixel_m * window.reduction
-    grid = grid_over(ground[seen, :2], max(reference.ortho.ground_sample_distance_m, sample))
-    patch = reference.ortho.read(grid)
+    grid = grid_over(ground[seen, :2], shared_gsd_m(reference, sample))
+    patch = reference.ortho.read_again(grid) if again else reference.ortho.read(grid)
     maps = grid.grid_from_object(ground[:, :2]).reshape(len(rows), len(columns), 2)
     across = upsampled(maps[:, :, 0], shape) - 0.5
     down = upsampled(maps[:, :, 1], shape) - 0.5
-    weights = upsampled(seen.reshape(len(rows), len(columns)).astype(np.float64), shape)
     values = filled(patch.values, patch.mask)
     image = cv2.remap(values, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    mask = cv2.remap(patch.mask.astype(np.float32), across, down, cv2.INTER_LINEAR)
-    return np.asarray(image, np.float32), np.asarray((mask > 0.99) & (weights > 0.99))
+    known = np.ones(shape, bool)
+    if not patch.mask.all():
+        known &= cv2.remap(patch.mask.astype(np.float32), across, down, cv2.INTER_LINEAR) > 0.99
+    if not seen.all():
+        weights = upsampled(seen.reshape(len(rows), len(columns)).astype(np.float64), shape)
+        known &= weights > 0.99
+    return np.asarray(image, np.float32), known
+
+
+def shared_gsd_m(reference: Reference, sample_m: float) -> float:
+    """Pixel size to read the ortho with for photos of nearly one scale, metres.
+
+    Pieces of one pixel size serve all photos and rounds: it grows in steps of a fourth root of
+    two, and never exceeds that of the photo unless the ortho itself is coarser.
+    """
+    finest = reference.ortho.ground_sample_distance_m
+    steps = np.floor(4 * np.log2(max(sample_m / finest, 1.0)) + 1e-6)
+    return float(finest * 2 ** (steps / 4))
 
 
 def grid_over(points: Float64[np.ndarray, "n 2"], gsd_m: float) -> Grid:
@@ -196,7 +224,10 @@ def upsampled(
     """
     down = interpolation_matrix(shape[0], nodes.shape[0])
     across = interpolation_matrix(shape[1], nodes.shape[1])
-    return np.asarray(down @ nodes @ across.T, dtype=np.float32)
+    # Less their mean the nodes lose nothing in single precision.
+    middle = nodes.mean()
+    left = (down @ (nodes - middle)).astype(np.float32)
+    return left @ across.T.astype(np.float32) + np.float32(middle)
 
 
 def interpolation_matrix(pixels: int, nodes: int) -> Float64[np.ndarray, "pixels nodes"]:

@@ -21,6 +21,8 @@ Description = tuple[Float32[np.ndarray, "..."], ...]
 
 GRAIN_SIGMA_PX = 0.7
 GRADIENT_SIGMA_PX = 1.2
+REDUCED_SIGMA_PX = 5.0
+"""A wide mean is found on an image so far reduced that it still spans this many pixels."""
 FLAT = 1e-6
 
 
@@ -43,7 +45,22 @@ class SurfacePeak:
 def high_passed(image: Image, sigma_px: float) -> Image:
     """Grey values less their surroundings, with the grain smoothed: a band of detail."""
     fine = cv2.GaussianBlur(image, (0, 0), GRAIN_SIGMA_PX)
-    return np.asarray(fine - cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
+    return np.asarray(fine - surroundings(image, sigma_px), dtype=np.float32)
+
+
+def surroundings(image: Image, sigma_px: float) -> Image:
+    """Gaussian mean about every place; where it is wide, found on a reduced image."""
+    size = int(sigma_px / REDUCED_SIGMA_PX)
+    rows, columns = image.shape
+    if size < 2 or min(rows, columns) < 8 * size:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
+    shape = (-(-columns // size), -(-rows // size))
+    # Less one of its values, so that rounding leaves a flat image flat.
+    level = image[0, 0]
+    small = cv2.resize(image - level, shape, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma_px / size)
+    whole = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(whole + level, dtype=np.float32)
 
 
 def doubled_angle_field(image: Image) -> Field:
@@ -55,10 +72,16 @@ def doubled_angle_field(image: Image) -> Field:
     smooth = cv2.GaussianBlur(image, (0, 0), GRADIENT_SIGMA_PX)
     right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
-    squared = right * right + down * down
+    across, along = right * right, down * down
+    squared = across + along
     tau_squared = float(np.percentile(squared[::3, ::3], 60)) + FLAT
-    field = np.stack([right * right - down * down, 2 * right * down], axis=2)
-    return np.asarray(field / (squared + tau_squared)[:, :, None], dtype=np.float32)
+    squared += np.float32(tau_squared)
+    across -= along
+    across /= squared
+    right *= down
+    right *= np.float32(2)
+    right /= squared
+    return np.asarray(cv2.merge([across, right]), dtype=np.float32)
 
 
 def ncc_surface(window: Image, template: Template) -> Surface:

@@ -11,7 +11,7 @@ from core.block.assembly import (
     AssemblyOptions,
     adjusted_without_gross,
     held_together,
-    proposals,
+    searched,
 )
 from core.block.block import Peak
 from core.block.registration.matching import Found
@@ -73,7 +73,7 @@ def test_only_photos_that_stand_are_searched_for_control__truth(tiny):
         {n: replace(p, oriented=n == name) for n, p in tiny.photos.items()}
     )
     options = AssemblyOptions(orientation=OrientationOptions(template_half_px=30))
-    found = proposals(block, site, options, map)
+    found = searched(block, site, options, map)
     assert {value.photo_id for value in found} == {name}
 
 
@@ -85,9 +85,9 @@ def test_one_worker_and_two_propose_the_same__law(tiny):
     site = Site(tiny.reference, tiny.scans, points, dict.fromkeys(ids, "salient"))
     block = tiny.block.with_photos({n: replace(p, oriented=True) for n, p in tiny.photos.items()})
     options = AssemblyOptions(orientation=OrientationOptions(template_half_px=30))
-    alone = proposals(block, site, options, map)
+    alone = searched(block, site, options, map)
     with ThreadPoolExecutor(2) as pool:
-        together = proposals(block, site, options, pool.map)
+        together = searched(block, site, options, pool.map)
     assert len(alone) > 20
     assert repr(alone) == repr(together)
 

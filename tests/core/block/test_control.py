@@ -5,18 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from core.block.block import Block, Measurement, Peak, Source, SurveyedPoint
-from core.block.control import (
-    ControlOptions,
-    Search,
-    decoys_of,
-    judged,
-    measurement_of,
-    search_points,
-    surveyed_of,
-    with_proposals,
-)
-from core.block.registration.orientation import OrientationOptions, ReferencePoints
-from core.block.registration.patches import object_on_ground
+from core.block.control import judged, measurement_of, surveyed_of, with_proposals
+from core.block.registration.orientation import ReferencePoints
+from core.block.registration.searches import Chance, ControlOptions, Search
 
 OPTIONS = ControlOptions()
 SOURCES: dict[str, Source] = {
@@ -32,11 +23,11 @@ def search(*peaks, roads=True, point_id="J1") -> Search:
         point_id,
         "A",
         roads,
+        (500.0, 400.0),
         tuple(Peak(500.0 + a, 400.0, 0.4, h, "fused") for a, h in peaks),
         away,
         np.full(len(peaks), 0.6),
-        tuple(np.random.default_rng(0).exponential(0.6, 40) + 0.8),
-        900.0,
+        Chance(tuple(np.random.default_rng(0).exponential(0.6, 40) + 0.8), 900.0, 0.0, 0.05),
     )
 
 
@@ -73,62 +64,6 @@ def test_clear_points_are_believed_and_stray_ones_are_not__truth():
 def test_a_search_without_any_candidate_is_no_measurement__law():
     assert judged((search(),), SOURCES, OPTIONS)[0] == ()
     assert judged((), SOURCES, OPTIONS)[0] == ()
-
-
-def test_decoys_are_the_maxima_outside_the_middle__truth():
-    grid = np.mgrid[:81, :81]
-    surface = (0.01 * np.random.default_rng(0).normal(size=(81, 81))).astype(np.float32)
-    for column, row in ((40, 40), (12, 60)):
-        surface += np.exp(-((grid[1] - column) ** 2 + (grid[0] - row) ** 2) / 8).astype(np.float32)
-    heights, _, spread = decoys_of(surface, 10)
-    assert max(heights) > 10
-    assert 0.005 < spread < 0.05
-    everywhere = decoys_of(surface, -1)[0]
-    assert len(everywhere) > len(heights)
-    assert sum(height > 10 for height in heights) == 1
-    assert sum(height > 10 for height in everywhere) == 2
-
-
-def test_at_the_truth_unchanged_ground_is_used_and_right__truth(tiny):
-    name = tiny.names[0]
-    photo = tiny.photos[name]
-    share = np.stack(np.meshgrid(*[np.linspace(0.25, 0.75, 5)] * 2), axis=-1).reshape(-1, 2)
-    pixels = share * np.array(photo.size_px)
-    ground = object_on_ground(photo, tiny.truth.camera, pixels, tiny.reference.dem)
-    points = ReferencePoints(
-        tuple(f"P{i:02d}" for i in range(25)), ground, np.full(ground.shape, 0.3)
-    )
-    searches = search_points(
-        tiny.opened(name), tiny.archival(), points, OrientationOptions(template_half_px=30), OPTIONS
-    )
-    assert [one.point_id for one in searches] == sorted(points.ids)
-    found, _ = judged(searches, {}, OPTIONS)
-    used = [value for value in found if value.used]
-    assert len(used) >= 22
-    away = [np.hypot(*(value.pixel[0] - pixels[int(value.point_id[1:])])) for value in used]
-    assert np.mean(np.array(away) < 1.0) > 0.9
-    assert all(value.photo_id == name and value.peaks for value in found)
-
-
-def test_on_ground_of_another_place_hardly_anything_is_used__truth(tiny):
-    """The photo stands a kilometre from where it truly was: all that is found is chance."""
-    name = tiny.names[0]
-    true = tiny.photos[name]
-    share = np.stack(np.meshgrid(*[np.linspace(0.2, 0.8, 9)] * 2), axis=-1).reshape(-1, 2)
-    centre = true.exterior.centre + np.array([300.0, 500.0, 0.0])
-    opened = tiny.opened(name, replace(true.exterior, centre=centre))
-    ground = object_on_ground(
-        opened.photo, tiny.truth.camera, share * np.array(true.size_px), tiny.reference.dem
-    )
-    ground = ground[np.isfinite(ground[:, 2])]
-    points = ReferencePoints(
-        tuple(f"P{i:02d}" for i in range(len(ground))), ground, np.full(ground.shape, 0.3)
-    )
-    orientation = OrientationOptions(template_half_px=30)
-    searches = search_points(opened, tiny.reference, points, orientation, OPTIONS)
-    found, _ = judged(searches, {}, OPTIONS)
-    assert len(found) >= 20
-    assert sum(value.used for value in found) <= 1
 
 
 def surveyed(name, source="junction") -> SurveyedPoint:

@@ -252,3 +252,32 @@ def test_sentinel_in_another_crs_than_the_block__real(shared_data):
     difference = ortho.read(grid).values - gray
     # OpenCV's cubic is a little sharper than GDAL's; a shift of 0.1 px would show as 1.5.
     assert np.sqrt(np.mean(difference**2)) < 0.5
+
+
+@pytest.mark.parametrize("gsd", [0.2, 0.31])
+def test_what_is_remembered_is_what_is_read__law(tmp_path, texture, gsd, monkeypatch):
+    monkeypatch.setattr("core.reference.ortho.PIECE_PX", 64)
+    monkeypatch.setattr("core.reference.ortho.MOST_PIECES", 5)
+    ortho = open_ortho([write_raster(tmp_path / "a.tif", texture, place(0.2))], CRS)
+    for bounds in (
+        (WEST + 3, NORTH - 45, WEST + 50, NORTH - 4),
+        (WEST - 9, NORTH - 30, WEST + 20, NORTH + 8),
+    ):
+        grid = Grid.over(bounds, gsd)
+        plain = ortho.read(grid)
+        for _ in range(2):
+            again = ortho.read_again(grid)
+            np.testing.assert_array_equal(again.mask, plain.mask)
+            # Beyond the sheet the filling depends on where the window ends.
+            np.testing.assert_allclose(again.values, plain.values, atol=0.1)
+    assert 0 < len(ortho.recent) <= 5
+    assert pickle.loads(pickle.dumps(ortho)).recent == {}
+
+
+def test_the_same_piece_is_read_once__law(tmp_path, texture):
+    ortho = open_ortho([write_raster(tmp_path / "a.tif", texture, place(0.2))], CRS)
+    grid = Grid.over((WEST + 3, NORTH - 45, WEST + 50, NORTH - 4), 0.2)
+    ortho.read_again(grid)
+    held = dict(ortho.recent)
+    ortho.read_again(grid)
+    assert all(ortho.recent[key] is piece for key, piece in held.items())

@@ -71,7 +71,8 @@ function body() {
     const heads = rows[0].cells.map((cell) => element("th", {}, cell.name));
     return element("table", { class: "marks" }, element("thead", {}, element("tr", {}, element("th", { class: "name" }, cameras.length > 1 ? camera : word("quality.photo")), ...heads)), element("tbody", {}, ...rows.map(line)));
   });
-  return element("div", { class: "two-rooms" }, element("div", { class: "sheet" }, ...tables), byId("mark-room") ?? element("aside", { id: "mark-room" }));
+  const none = byDoubt().length ? [] : [element("p", { class: "muted" }, word("board.none"))];
+  return element("div", { class: "two-rooms" }, element("div", { class: "sheet" }, ...none, ...tables), byId("mark-room") ?? element("aside", { id: "mark-room" }));
 }
 
 const kept = new Map();
@@ -87,7 +88,7 @@ function freshLine(row) {
   const model = start.words[`board.model.${row.model}`] ?? row.model;
   const said = [element("b", { title: row.photo }, shortName(row.photo)), element("span", { class: "muted" }, row.rms === null ? model : `${model}, RMS ${number(row.rms, 1)}\u2009\u00b5m`)];
   if (row.why.length) said.push(element("span", { class: "warned", title: row.why.join("\n\n") }, word("board.scan-doubt", { count: row.why.length })));
-  return element("tr", {}, element("td", { class: "name" }, element("div", {}, ...said)), ...row.cells.map((cell) => element("td", {}, thumb(row, cell))));
+  return element("tr", {}, element("td", { class: "name" }, element("div", {}, ...said)), ...(row.cells.length ? row.cells.map((cell) => element("td", {}, thumb(row, cell))) : [element("td", { class: "unmarked" }, word("board.unmarked"))]));
 }
 
 // Integer corner and power of two, so that the page knows where every pixel of the picture lies.
@@ -172,7 +173,7 @@ function showLarge() {
   const acts = [["keep", "Y", () => use(true)], ["hide", "V", () => use(false)], ["snap", "Enter", snap], ["undo", "U", () => send({ kind: "undo" })]];
   const buttons = acts.map(([name, key, act]) => element("button", { "data-board": name, title: word(`board.${name}.tip`), disabled: start.guest, onclick: (event) => { act(); event.target.blur(); } }, word(`board.${name}`), element("kbd", {}, key)));
   const said = cell.said ? [element("p", { class: "decided" }, word("board.said", { who: cell.said.who, when: cell.said.when.replace("T", " ") }), element("button", { class: "small", disabled: start.guest, onclick: () => send({ kind: "back", decision: cell.said.id }) }, word("history.back")))] : [];
-  const canvasRoom = room.querySelector(".large") ?? element("div", { class: "large pane" }, element("canvas", { class: "picture" }), element("canvas", { class: "marks" }), element("span", { class: "where" }));
+  const canvasRoom = room.querySelector(".magnified") ?? element("div", { class: "magnified pane" }, element("canvas", { class: "picture" }), element("canvas", { class: "marks" }), element("span", { class: "where" }));
   room.replaceChildren(
     element("h3", {}, stateGlyph(LOOKS[cell.state], 14), element("b", {}, cell.name), element("span", { class: "muted" }, shortName(row.photo)), element("span", { class: "stretch" }),
       element("button", { class: "small", title: word("board.previous"), onclick: () => step(-1) }, "\u2039"), element("button", { class: "small", title: word("board.next"), onclick: () => step(1) }, "\u203a")),
@@ -205,15 +206,16 @@ function snap() {
 
 // To the next doubtful mark, or the one before.
 function step(by) {
-  if (!found.photos.length) return;
   const order = byDoubt();
   const here = order.findIndex(([photo, name]) => current && photo === current[0] && name === current[1]);
+  if (!order.length) return;
   const next = order[Math.min(Math.max(here + by, 0), order.length - 1)];
   choose(next[0], next[1]);
 }
 
 function walk(right, down) {
-  const rows = found.photos;
+  const rows = found.photos.filter((row) => row.cells.length);
+  if (!rows.length) return;
   const at = rows.findIndex((row) => row.photo === current?.[0]);
   const row = rows[Math.min(Math.max(at + down, 0), rows.length - 1)];
   const column = Math.max(0, rows[Math.max(at, 0)].cells.findIndex((cell) => cell.name === current?.[1]));

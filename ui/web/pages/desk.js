@@ -140,7 +140,15 @@ function explain(digit) {
   send({ kind: "explain", digit });
 }
 
+// Asked by the scene, whose frames wait where drawing is slow.
+let handAt = -Infinity;
+window.gruberAtWork = () => {
+  const idle = performance.now() - handAt;
+  return idle < 800 || (idle < 2000 && !compareState().drawn.whole);
+};
+
 function listenToKeys() {
+  for (const type of ["keydown", "pointerdown", "wheel"]) window.addEventListener(type, () => { handAt = performance.now(); }, { capture: true, passive: true });
   for (const type of ["keydown", "keyup"]) {
     window.addEventListener(type, (event) => {
       const target = event.target;
