@@ -89,7 +89,7 @@ def strasbourg(data: Path) -> TieCase:
     block = read_sxb(data / SXB)
     images = data / "sxb-strasbourg/prague2016_sxb/images"
     photos = {
-        name: replace(photo, scan=str(images / f"{name}.jpg"), ground_height_m=140.0)
+        name: replace(photo, scan=images / f"{name}.jpg", ground_height_m=140.0)
         for name, photo in block.photos.items()
     }
     return TieCase("sxb-strasbourg", replace(block, photos=photos), {})
@@ -116,7 +116,7 @@ def canberra(data: Path, films: tuple[str, ...] = ("1985", "1968")) -> TieCase:
         start = ExteriorOrientation(places[name], 0.0, 0.0, 0.0)
         prior = ExteriorPrior(np.full(3, 1e5), np.full(3, 100.0))
         photos[name] = Photo(
-            name, str(scan.scan.path), scan.size_px, "wild", scan.interior, start, start, prior,
+            name, scan.scan.path, scan.size_px, "wild", scan.interior, start, start, prior,
             600.0,
         )  # fmt: skip
     masks = {name: usable_of(scan) for name, scan in scans.items()}
