@@ -227,7 +227,8 @@ def adjust_relative(
         weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
         orientation, step = _step(rays, orientation, weights)
         residual = parallax(rays, orientation)
-        if scale <= tolerance_px / 2 and step < 1e-9:
+        # A hundredth of a second of arc: a ten thousandth of a pixel.
+        if scale <= tolerance_px / 2 and step < 5e-8:
             break
         scale = max(tolerance_px / 2, scale / 2)
     return orientation

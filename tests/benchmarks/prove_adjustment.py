@@ -1,7 +1,8 @@
 """What the adjustment promises, on synthetic blocks whose truth is known.
 
-`python -m tests.benchmarks.prove_adjustment [BLOCKS]`, from the project's folder; 100 blocks of 6
-to 60 photos take some minutes. Ends with 1 when a promise is broken.
+`python -m tests.benchmarks.prove_adjustment [BLOCKS] [--errors]`, from the project's folder; 100
+blocks of 6 to 60 photos take some minutes. `--errors` judges errors over their sigmas alone. Ends
+with 1 when a promise is broken.
 """
 
 import sys
@@ -46,11 +47,33 @@ class Tally:
 
     def __init__(self) -> None:
         self.figures: dict[str, list[float]] = {}
+        self.flights: dict[str, list[tuple[float, int]]] = {}
         self.broken = False
 
     def add(self, name: str, *values: float) -> None:
         """Figures of one block."""
         self.figures.setdefault(name, []).extend(float(value) for value in values)
+
+    def add_flight(self, name: str, squares: np.ndarray) -> None:
+        """Squared errors of one flight, which hang together: its sum and how many."""
+        self.flights.setdefault(name, []).append((float(np.sum(squares)), squares.size))
+
+    def variance(self, name: str) -> tuple[float, float]:
+        """Mean square over all flights, and its 95 % interval from the flights' own scatter."""
+        sums, counts = np.array(self.flights[name]).T
+        mean = sums.sum() / counts.sum()
+        scatter = np.sum((sums - mean * counts) ** 2) / max(len(sums) - 1, 1) * len(sums)
+        return float(mean), float(1.96 * np.sqrt(scatter) / counts.sum())
+
+    def tell_variance(self, what: str, name: str, low: float, high: float) -> None:
+        """A variance with its interval; the promise is broken when the interval lies outside."""
+        mean, wide = self.variance(name)
+        kept = mean - wide <= high and mean + wide >= low
+        self.broken |= not kept
+        mark = "kept" if kept else "BROKEN"
+        found = f"{mean:.3f} ± {wide:.3f}"
+        sys.stdout.write(f"| {what} | {found} | {low:g} to {high:g} | {mark} |\n")
+        sys.stdout.flush()
 
     def of(self, name: str) -> np.ndarray:
         """All figures of one name."""
@@ -67,36 +90,45 @@ class Tally:
 
 def main() -> int:
     """Run, print the table, and say whether every promise was kept."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    words = [word for word in sys.argv[1:] if word != "--errors"]
+    count, only_errors = int(words[0]) if words else 100, "--errors" in sys.argv
     tally, started = Tally(), perf_counter()
     for number in range(count):
         flight = fly(plan_of(number), np.random.default_rng(1000 + number))
         judge_errors(tally, flight)
         for more in range(1, MORE):
-            judge_errors(tally, fly(plan_of(number), np.random.default_rng(1000 * more + number)))
+            judge_errors(
+                tally, fly(plan_of(number), np.random.default_rng(1000 * (more + 1) + number))
+            )
+        if only_errors:
+            continue
         judge_planted(tally, flight, np.random.default_rng(number))
         judge_components(tally, number)
         if number % 6 in (0, 1, 2):
             judge_decisions(tally, flight, np.random.default_rng(number))
     sys.stdout.write(f"{count} blocks of 6 to 60 photos, {perf_counter() - started:.0f} s\n\n")
     sys.stdout.write("| figure | found | promised | |\n|---|---|---|---|\n")
-    tell(tally)
+    tell_errors(tally)
+    if not only_errors:
+        tell(tally)
     return int(tally.broken)
 
 
-def tell(tally: Tally) -> None:
-    """The table."""
-    whole = np.mean(tally.of("whole"))
-    tally.tell("variance of errors over sigmas, orientations, full covariance", whole, 0.95, 1.05)
-    for part in ("centres", "angles", "tie points", "control points"):
-        # Errors of one block hang together: such a mean scatters by three hundredths and more.
-        tally.tell(f"variance of errors over sigmas, {part}", np.mean(tally.of(part)), 0.9, 1.1)
+def tell_errors(tally: Tally) -> None:
+    """Errors against truth."""
+    for part in ("orientations, full covariance", "centres", "angles", "tie points", "control"):
+        what = f"variance of errors over sigmas, {part}"
+        tally.tell_variance(what, part, 0.95, 1.05)
     tally.tell("sigma nought over the noise put in, mean", np.mean(tally.of("sigma")), 0.95, 1.05)
     inside = np.mean(np.abs(tally.of("sigma") - 1) < 0.05)
     tally.tell("blocks with sigma nought within 5 %, share", inside, 0.95, 1)
     for axis in ("plan", "height"):
         ratio = np.sqrt(np.mean(tally.of(f"told {axis}")) / np.mean(tally.of(f"observed {axis}")))
         tally.tell(f"check points, predicted over observed RMSE, {axis}", ratio, 0.8, 1.25)
+
+
+def tell(tally: Tally) -> None:
+    """Gross errors, weights, decisions."""
     for kind in ("control", "tie"):
         tally.tell(f"planted 5 sigma errors found, {kind}", np.mean(tally.of(kind)), 0.95, 1)
     tally.tell("false alarms among good measurements", np.mean(tally.of("alarms")), 0, 0.01)
@@ -125,19 +157,23 @@ def judge_errors(tally: Tally, flight: Flight) -> None:
     """Errors against truth in their standard deviations, sigma nought, check points."""
     report, solution = adjust_with_solution(flight.block, SNOOPING)
     truth = flight.truth
-    tally.add("whole", *whitened(report, solution, truth) ** 2)
+    whole = whitened(report, solution, truth) ** 2
+    tally.add_flight("orientations, full covariance", whole)
+    centres, angles, control = [], [], []
     for name, sigmas in report.exterior_sigmas.items():
         ours, true = report.block.photos[name].exterior, truth.photos[name].exterior
-        tally.add("centres", *((ours.centre - true.centre) / sigmas.centre_m) ** 2)
+        centres.append(((ours.centre - true.centre) / sigmas.centre_m) ** 2)
         off = np.array([ours.omega, ours.phi, ours.kappa]) - [true.omega, true.phi, true.kappa]
         off = np.remainder(off + np.pi, 2 * np.pi) - np.pi
-        tally.add("angles", *(off / sigmas.angles) ** 2)
+        angles.append((off / sigmas.angles) ** 2)
     seen = np.isfinite(report.tie_positions[:, 0])
     off = (report.tie_positions[seen] - flight.ties[: len(seen)][seen]) / report.tie_sigmas_m[seen]
-    tally.add("tie points", np.mean(off**2))
+    tally.add_flight("tie points", off**2)
     for name, position in report.surveyed_positions.items():
         off = (position - truth.surveyed[name].position) / report.surveyed_sigmas_m[name]
-        tally.add("control points", *off**2)
+        control.append(off**2)
+    for part, squares in (("centres", centres), ("angles", angles), ("control", control)):
+        tally.add_flight(part, np.array(squares))
     tally.add("sigma", report.sigma_nought)
     for check in report.checks:
         tally.add("observed plan", *check.difference_m[:2] ** 2)

@@ -32,8 +32,9 @@ DESCRIPTOR_LENGTH = 128
 class FeatureOptions:
     """How features are looked for; pixels of the reduced scan unless said otherwise."""
 
-    longest_side_px: int = 3600
-    """The scan is reduced by the smallest whole factor that makes its longer side this short."""
+    longest_side_px: int = 2000
+    """The scan is reduced by the smallest whole factor that makes its longer side this short. SIFT
+    begins at twice that scale: finer places in film are grain, and matched finely anyway later."""
     tile_px: int = 1024
     """Side of a tile."""
     margin_px: int = 48

@@ -107,20 +107,24 @@ def match_features(
     if len(first.pixels) < 2 or len(second.pixels) < 2:
         none = np.zeros(0, dtype=np.int64)
         return Matches(none, none, np.zeros(0))
-    theirs = second.descriptors.astype(np.float32)
-    their_square = np.sum(theirs * theirs, axis=1)
+    theirs = _with_squares(second, 1.0)
+    # One product gives (a - b)^2 = -2 ab + b^2 + a^2 without another pass over the table.
+    theirs[:, -1], ours = 1.0, _with_squares(first, -2.0)
+    ours[:, -2] = 1.0
     forward = _Nearest.of(len(first.pixels))
     backward = _Nearest.of(len(second.pixels))
     for start in range(0, len(first.pixels), options.block_rows):
-        ours = first.descriptors[start : start + options.block_rows].astype(np.float32)
-        square = np.sum(ours * ours, axis=1)
-        distance = ours @ theirs.T
-        distance *= -2.0
-        distance += their_square
-        distance += square[:, None]
+        distance = ours[start : start + options.block_rows] @ theirs.T
         backward.seen_from_columns(distance, start)
         forward.seen_from_rows(distance, start)
     return _mutual(forward, backward, options.ratio)
+
+
+def _with_squares(features: Features, factor: float) -> Float32[np.ndarray, "n 130"]:
+    """Descriptions times a factor, and twice their own square beside them."""
+    values = features.descriptors.astype(np.float32)
+    square = np.sum(values * values, axis=1)
+    return np.column_stack([factor * values, square, square]).astype(np.float32, copy=False)
 
 
 @dataclass(slots=True)

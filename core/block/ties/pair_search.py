@@ -1,6 +1,8 @@
 """All pairs of a block matched: where they should overlap first, then wherever they may."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,6 +38,8 @@ class SearchOptions:
     where the photos should be."""
     rescue_partners: int = 30
     """A photo that nothing ties is tried against so many of the nearest photos."""
+    threads: int = 2
+    """Pairs at work at the same time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,25 +63,48 @@ def match_pairs(
     progress: Progress,
     rng: np.random.Generator,
 ) -> dict[PairKey, PairResult]:
-    """Match all pairs of photos that may overlap, one at a time.
+    """Match all pairs of photos that may overlap.
 
     Photos that nothing ties are then tried against their nearest neighbours without regard to
     their approximate position, which may be grossly wrong.
     """
     pairs = find_pairs(block, options.pairs)
     results: dict[PairKey, PairResult] = {}
-    for pair in tracked(pairs, len(pairs), progress, "matching photos"):
+
+    def expected(pair: CandidatePair, rng: np.random.Generator) -> PairResult:
         result = match_pair(block, pair, features, options.matches, rng)
         if isinstance(result.found, Failure) and pair.overlap >= options.whole_overlap:
             result = _better(result, _match_whole(block, pair, features, options, rng))
-        results[pair.first, pair.second] = result
+        return result
+
+    def anywhere(pair: CandidatePair, rng: np.random.Generator) -> PairResult:
+        return _match_whole(block, pair, features, options, rng)
+
+    with _at_work(expected, pairs, options, rng) as found:
+        for result in tracked(found, len(pairs), progress, "matching photos"):
+            results[result.pair.first, result.pair.second] = result
     rescues = list(_rescues(block, results, options))
-    for pair in tracked(rescues, len(rescues), progress, "matching loose photos"):
-        result = _match_whole(block, pair, features, options, rng)
-        key = pair.first, pair.second
-        if _telling(result):
-            results[key] = replace(result, unexpected=key not in results)
+    with _at_work(anywhere, rescues, options, rng) as found:
+        for result in tracked(found, len(rescues), progress, "matching loose photos"):
+            key = result.pair.first, result.pair.second
+            if _telling(result):
+                results[key] = replace(result, unexpected=key not in results)
     return dict(sorted(results.items()))
+
+
+@contextmanager
+def _at_work(
+    match: Callable[[CandidatePair, np.random.Generator], PairResult],
+    pairs: Sequence[CandidatePair],
+    options: SearchOptions,
+    rng: np.random.Generator,
+) -> Generator[Iterator[PairResult]]:
+    """Results of pairs in their order; each has a generator of its own, whoever comes first."""
+    pool = ThreadPoolExecutor(options.threads)
+    try:
+        yield pool.map(match, pairs, rng.spawn(len(pairs)))
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def match_pair(

@@ -53,7 +53,7 @@ class RefinementOptions:
         A place is known to a part of a reduced pixel: where that is many scan pixels, as in fine
         scans of film, the patch must be larger, and smoother than the grain.
         """
-        grown = max(1.0, reduction / 2.0)
+        grown = max(1.0, reduction / 3.5)
         radius = int(min(round(self.radius_px * grown), 2 * self.radius_px))
         return replace(self, radius_px=radius, smooth_px=self.smooth_px * grown)
 
