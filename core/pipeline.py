@@ -170,7 +170,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         orient_scans,
-        version=2,
+        version=3,
     ),
     Stage(
         "georeference",
@@ -198,6 +198,7 @@ STAGES: tuple[Stage, ...] = (
         ("georeference",),
         lambda given: (given.ties,),
         tie_photos,
+        version=2,
     ),
     Stage(
         "placement",
