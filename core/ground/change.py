@@ -168,24 +168,25 @@ def _tile(
             rim + shift[0] : rim + shift[0] + shape_px[0],
             rim + shift[1] : rim + shift[1] + shape_px[1],
         ]
+        other = _means(np.abs(beside) ** 2, size)
         common = _means(np.real(middle * np.conj(beside)), size)
-        return common / np.sqrt(power * _means(np.abs(beside) ** 2, size) + 1e-9)
+        return np.where(other > 0, common / np.sqrt(power * other + 1e-9), np.float32(np.nan))
 
     def best(centre: Shift) -> Cells:
         play = range(-options.play_px, options.play_px + 1, 2)
         found = np.max([like((centre[0] + dy, centre[1] + dx)) for dy in play for dx in play], 0)
         return np.where(known, found, np.nan)
 
-    wrong = [best(centre) for away in options.away_px for centre in _around(away)]
+    centres = [c for ring, away in enumerate(options.away_px) for c in _around(away, ring)]
+    wrong = [best(centre) for centre in centres]
     seen = _means((now[rim:-rim, rim:-rim] != 0).astype(np.float32), size) > 0.5
     own = np.where(seen, best((0, 0)), np.nan)
     return own, np.array(wrong, np.float32), detail
 
 
-def _around(away: int) -> list[Shift]:
-    """Four places at a distance, turned by an eighth from those of the next."""
-    turn = 0.0 if away % 8 else np.pi / 4
-    angles = turn + np.arange(4) * np.pi / 2
+def _around(away: int, ring: int) -> list[Shift]:
+    """Four places at a distance; those of every other ring lie between those of the one before."""
+    angles = ring * np.pi / 4 + np.arange(4) * np.pi / 2
     return [(round(away * float(np.sin(a))), round(away * float(np.cos(a)))) for a in angles]
 
 
