@@ -15,12 +15,14 @@ WEST, NORTH, SIDE = -584_000.0, -1_196_000.0, 1024
 
 
 def fields(seed):
-    """Ground in strips and patches: edges in all directions."""
+    """Ground in patches about random places: edges in all directions."""
     rng = np.random.default_rng(seed)
-    coarse = rng.uniform(60, 200, (SIDE // 32, SIDE // 32)).astype(np.float32)
-    patches = cv2.resize(coarse, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
-    turned = cv2.getRotationMatrix2D((SIDE / 2, SIDE / 2), float(rng.uniform(0, 90)), 1.3)
-    return cv2.warpAffine(patches, turned, (SIDE, SIDE), borderMode=cv2.BORDER_REFLECT)
+    apart = np.full((SIDE, SIDE), 255, np.uint8)
+    apart[tuple(rng.integers(0, SIDE, (2, 1000)))] = 0
+    labels = cv2.distanceTransformWithLabels(apart, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[
+        1
+    ]
+    return rng.uniform(60, 200, labels.max() + 1)[labels].astype(np.float32)
 
 
 def ortho(folder, name, ground, rng, noise=12.0, known=slice(None)):
