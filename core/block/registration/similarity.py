@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 Image = Float32[np.ndarray, "rows columns"]
 Field = Float32[np.ndarray, "rows columns 2"]
 Template = Float32[np.ndarray, "template_rows template_columns"]
 TemplateField = Float32[np.ndarray, "template_rows template_columns 2"]
+Neighbours = Float64[np.ndarray, "3 3"]
 Surface = Float32[np.ndarray, "shifts_down shifts_right"]
 Description = tuple[Float32[np.ndarray, "..."], ...]
 """What an operator compares of an image: layers (rows, columns) or (rows, columns, channels)."""
@@ -130,21 +131,19 @@ def detect_peaks(surface: Surface, count: int, separation_px: int) -> tuple[Surf
 def measure_peak(
     surface: Surface, row: int, column: int, middle: float, spread: float
 ) -> SurfacePeak:
-    """Sub-pixel place of a maximum by the paraboloid through its 3 x 3 neighbours.
+    """Sub-pixel place of a maximum by the paraboloid through its 3 x 3 neighbours' logarithms.
+
+    Likeness falls off as a bell does: a paraboloid through the values themselves would pull narrow
+    peaks towards whole pixels (Raffel et al., *Particle Image Velocimetry*, three-point Gaussian
+    estimator).
 
     The standard deviation comes from noise / curvature; the noise of the surface near the peak
     is taken as a share of its spread, because neighbouring values are correlated.
     """
     around = surface[row - 1 : row + 2, column - 1 : column + 2].astype(np.float64)
-    across = np.array([around[1, 2] - around[1, 0], around[2, 1] - around[0, 1]]) / 2
-    hessian = np.empty((2, 2))
-    hessian[0, 0] = around[1, 2] - 2 * around[1, 1] + around[1, 0]
-    hessian[1, 1] = around[2, 1] - 2 * around[1, 1] + around[0, 1]
-    mixed = around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]
-    hessian[0, 1] = hessian[1, 0] = mixed / 4
-    curvature = np.linalg.eigvalsh(hessian)
+    curvature = np.linalg.eigvalsh(_slope_and_curvature(around)[1])
     if curvature[1] < -FLAT:
-        step = np.clip(-np.linalg.solve(hessian, across), -0.6, 0.6)
+        step = _summit(around, middle)
         sigma = 0.1 * spread / np.sqrt(curvature[0] * curvature[1])
     else:
         step, sigma = np.zeros(2), 3.0
@@ -155,3 +154,26 @@ def measure_peak(
         z=(float(around[1, 1]) - middle) / spread,
         sigma_px=float(np.clip(sigma, 0.2, 3.0)),
     )
+
+
+def _summit(around: Neighbours, middle: float) -> Float64[np.ndarray, "2"]:
+    """Where the peak within 3 x 3 values is, columns and rows from the middle one."""
+    above = around - middle
+    for values in (np.log(above) if above.min() > 0.05 * above[1, 1] else None, around):
+        if values is None:
+            continue
+        slope, curvature = _slope_and_curvature(values)
+        if np.linalg.eigvalsh(curvature)[1] < -FLAT:
+            return np.clip(-np.linalg.solve(curvature, slope), -0.6, 0.6)
+    return np.zeros(2)
+
+
+def _slope_and_curvature(
+    around: Neighbours,
+) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2 2"]]:
+    """First and second derivatives (column, row) in the middle of 3 x 3 values."""
+    slope = np.array([around[1, 2] - around[1, 0], around[2, 1] - around[0, 1]]) / 2
+    mixed = (around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]) / 4
+    across = around[1, 2] - 2 * around[1, 1] + around[1, 0]
+    down = around[2, 1] - 2 * around[1, 1] + around[0, 1]
+    return slope, np.array([[across, mixed], [mixed, down]])
