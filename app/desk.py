@@ -36,7 +36,6 @@ from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced, ScanSet
 from core.whereabouts import open_reference, search_bounds
 from sessions.session import HIDDEN, Session
-from ui.review.compare import ground_pixel_m
 from ui.review.origins import Origins
 from ui.review.state import Made
 
@@ -204,7 +203,7 @@ def template_m(block: Block, ortho_gsd_m: float, options: OrientationOptions) ->
     """Half the side of the patches that were compared, metres on the ground; 0 without photos."""
     sides: list[float] = []
     for name, photo in block.photos.items():
-        pixel = ground_pixel_m(photo, block.camera_of(name))
+        pixel = photo.ground_pixel_m(block.camera_of(name))
         finest = max(options.finest_gsd_m, pixel, ortho_gsd_m)
         reduction = max(1, int(np.floor(finest / pixel + 0.25)))
         sides.append(options.template_half_px * reduction * pixel)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from app.report_content import ReportContent
 from app.results import final_status
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block, Measurement, Photo
+from core.block.certificate import certify
 from core.block.displacement import displacement
 from core.geometry.camera import Camera
 from core.ground.seams import Seam
@@ -42,6 +44,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "control": _control_figures(report),
         "coverage": _coverage(report),
         "control_spread": spread_figures(report, content.foresight),
+        "certificate": _certificate(content),
         "ties": _tie_figures(report),
         "overlaps": _overlaps(block, footprints),
         "exterior": _exterior_figures(report),
@@ -67,6 +70,14 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "provenance": dict(content.provenance),
     }
     return _plain(figures)
+
+
+def _certificate(content: ReportContent) -> dict[str, Any] | None:
+    """Whether the block may be given out; None where that was not asked."""
+    if content.foresight is None and content.report.exterior_sigmas:
+        return None
+    ortho_sigma_m = content.reference_sigma_m[0] if content.reference_sigma_m else 0.0
+    return asdict(certify(content.report, content.foresight, ortho_sigma_m))
 
 
 def _block_figures(content: ReportContent) -> dict[str, Any]:

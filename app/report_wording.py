@@ -16,6 +16,20 @@ TEXT = {
         "There are no check points: what follows says how well the block fits the reference "
         "ortho{sigma}, not how well the mosaic lies on the ground."
     ),
+    "certified": (
+        "Position on the ground is predicted to {predicted_m:.2f} m, at worst {worst_m:.2f} m "
+        "({worst_photo}), the reference included; up to {limit_m:.2f} m a block is certified."
+    ),
+    "not_certified": "This block is not certified: {reasons}.",
+    "not_certified_nothing": "no photo took part in an adjustment",
+    "not_certified_diverged": "the adjustment did not settle",
+    "not_certified_sigma-nought": "residuals and weights do not fit each other",
+    "not_certified_loose": "not all of its photos are oriented",
+    "not_certified_control-few": "it has too few control points",
+    "not_certified_predicted": (
+        "position on the ground is predicted to {predicted_m:.2f} m, which is more than "
+        "{limit_m:.2f} m"
+    ),
     "sigma_of_reference": " (sigma {ortho:g} m, DEM {dem:g} m)",
     "sigma_fits": (
         "Sigma nought {value:.2f}: residuals are as large as the a-priori standard deviations say."
@@ -126,6 +140,7 @@ def findings(figures: Figures) -> dict[str, str]:
         "title": tell("title", **block),
         "subtitle": tell("subtitle", crs=block["crs"], heights=heights),
         "headline": _headline(figures),
+        "certificate": _certificate(figures["certificate"]),
         "sigma": _sigma(figures["adjustment"]),
         "settled": tell(
             "converged" if figures["adjustment"]["converged"] else "not_converged",
@@ -164,6 +179,17 @@ def _headline(figures: Figures) -> str:
     known = ortho is not None and dem is not None
     sigma = tell("sigma_of_reference", ortho=ortho, dem=dem) if known else ""
     return tell("headline_relative", sigma=sigma)
+
+
+def _certificate(certificate: Figures | None) -> str:
+    if certificate is None:
+        return ""
+    if certificate["predicted_m"] is None:
+        return tell("not_certified", reasons=tell("not_certified_nothing"))
+    if not certificate["reasons"]:
+        return tell("certified", **certificate)
+    why = [tell(f"not_certified_{reason}", **certificate) for reason in certificate["reasons"]]
+    return tell("not_certified", reasons="; ".join(why))
 
 
 def _sigma(adjustment: Figures) -> str:

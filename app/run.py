@@ -318,12 +318,7 @@ def usable_parts(session: Session) -> Callable[[str], Mask | None]:
 
 def default_gsd_m(block: Block) -> float:
     """The scans' own ground sample distance, rounded up to a round figure, metres."""
-    sizes = [
-        photo.interior.pixel_size_mm
-        / block.camera_of(name).principal_distance_mm
-        * (float(photo.exterior.centre[2]) - photo.ground_height_m)
-        for name, photo in block.photos.items()
-    ]
+    sizes = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
     mean = sum(sizes) / len(sizes)
     return next((step for step in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if step >= mean), 10.0)
 

@@ -27,7 +27,6 @@ from ui.review.compare import (
     LikenessSource,
     PlanePoints,
     drawn_from_block,
-    ground_pixel_m,
     made_with,
 )
 from ui.review.origins import NO_ORIGINS, Origins
@@ -337,7 +336,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
 def _finest_pixel_m(desk: DeskInputs, state: DeskState) -> float:
     """The finer of ortho and scans, not below a third of the ortho's own pixel."""
     oriented = state.oriented
-    sizes = [ground_pixel_m(p, oriented.camera_of(name)) for name, p in oriented.photos.items()]
+    sizes = [p.ground_pixel_m(oriented.camera_of(name)) for name, p in oriented.photos.items()]
     scans = float(np.median(sizes)) if sizes else np.inf
     return min(desk.ortho.ground_sample_distance_m, max(scans, 1e-3))
 

@@ -67,6 +67,11 @@ class Photo:
         """Refraction and curvature, from the approximate height so that they stay constants."""
         return atmosphere_of(float(self.approximate.centre[2]), self.ground_height_m)
 
+    def ground_pixel_m(self, camera: Camera) -> float:
+        """Size of a scan pixel on the ground under the photo, metres."""
+        above_ground = float(self.exterior.centre[2]) - self.ground_height_m
+        return self.interior.pixel_size_mm / camera.principal_distance_mm * above_ground
+
     def with_exterior(self, exterior: ExteriorOrientation, oriented: bool) -> "Photo":
         """The same photo, elsewhere."""
         return replace(self, exterior=exterior, oriented=oriented)

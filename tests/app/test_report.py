@@ -191,5 +191,6 @@ def test_it_says_where_more_control_would_help__law(content, tmp_path):
     wanted = json.loads(figures.read_text(encoding="utf-8"))["control_spread"]["wanted"]
     told = text_of(html.read_text(encoding="utf-8"))
     assert wanted[0]["worst_then_m"] < 10
+    assert ("This block is not certified" in told) != ("a block is certified" in told)
     assert "Where one more control point would help most" in told
     assert f"{wanted[0]['sigma_then_m']:.2f}" in told

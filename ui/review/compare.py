@@ -164,16 +164,10 @@ def stale_photos(state: DeskState, tolerance_m: float) -> tuple[str, ...]:
         if name not in state.made or not photo.oriented:
             continue
         camera = oriented.camera_of(name)
-        metres = shift_px(*state.made[name], photo, camera) * ground_pixel_m(photo, camera)
+        metres = shift_px(*state.made[name], photo, camera) * photo.ground_pixel_m(camera)
         if metres > tolerance_m:
             stale.append(name)
     return tuple(stale)
-
-
-def ground_pixel_m(photo: Photo, camera: Camera) -> float:
-    """Size of a scan pixel on the ground, metres: flying height over principal distance."""
-    height = float(photo.exterior.centre[2]) - photo.ground_height_m
-    return abs(photo.interior.pixel_size_mm * height / camera.principal_distance_mm)
 
 
 def with_made(state: DeskState, photo_ids: tuple[str, ...], oriented: Block) -> DeskState:

@@ -7,7 +7,7 @@ from typing import Any
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Block, Photo
 from core.geometry.camera import Camera
-from ui.review.compare import ground_pixel_m, shift_px
+from ui.review.compare import shift_px
 from ui.review.picture import position_error_m
 from ui.review.state import DeskState
 
@@ -70,7 +70,7 @@ def milestone_line(one: Milestone) -> dict[str, Any]:
 def shifts_m(one: Milestone, other: Milestone) -> dict[str, float]:
     """How far each photo's corners moved at most between two adjustments, metres on the ground."""
     return {
-        name: shift_px(*one.photos[name], *other.photos[name]) * ground_pixel_m(*other.photos[name])
-        for name in one.photos
-        if name in other.photos
+        name: shift_px(*one.photos[name], photo, camera) * photo.ground_pixel_m(camera)
+        for name, (photo, camera) in other.photos.items()
+        if name in one.photos
     }

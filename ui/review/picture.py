@@ -8,7 +8,7 @@ import numpy as np
 
 from core.block.adjusted import AdjustmentReport
 from core.block.block import Measurement
-from ui.review.compare import Drawn, HeightSource, Overlay, ground_pixel_m, overlay_of
+from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
 from ui.review.misfit import misfits
 from ui.review.numbers import short, shortened
 from ui.review.queue import Row, coming
@@ -147,7 +147,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "scan": {
             "size": list(drawn[key[1]].photo.size_px),
             "version": overlay.version,
-            "pixel": short(ground_pixel_m(oriented.photos[key[1]], oriented.camera_of(key[1])), 4),
+            "pixel": short(oriented.photos[key[1]].ground_pixel_m(oriented.camera_of(key[1])), 4),
         },
         "marks": _marks(overlay),
         "raw": _raw(overlay),

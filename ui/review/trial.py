@@ -10,7 +10,7 @@ from core.scan.corrected_marks import MarkChange
 from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
 from sessions.fiducials import with_changes
 from sessions.judging import judged
-from ui.review.compare import ground_pixel_m, shift_px
+from ui.review.compare import shift_px
 from ui.review.doubtful import verdict_on
 from ui.review.misfit import misfits
 from ui.review.state import DeskState, Key
@@ -79,7 +79,7 @@ def largest_shift(now: Block, then: Block) -> tuple[float, str]:
     """The largest shift of a corner of a photo between two adjustments, metres; and the photo."""
     shifts = {
         name: shift_px(photo, now.camera_of(name), then.photos[name], then.camera_of(name))
-        * ground_pixel_m(photo, now.camera_of(name))
+        * photo.ground_pixel_m(now.camera_of(name))
         for name, photo in now.photos.items()
         if name in then.photos
     }

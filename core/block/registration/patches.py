@@ -87,9 +87,7 @@ class OpenPhoto:
     @property
     def ground_pixel_m(self) -> float:
         """Size of a scan pixel on the ground under the photo, metres."""
-        above_ground = float(self.photo.exterior.centre[2]) - self.photo.ground_height_m
-        size_mm = self.photo.interior.pixel_size_mm
-        return size_mm / self.camera.principal_distance_mm * above_ground
+        return self.photo.ground_pixel_m(self.camera)
 
     @property
     def width_m(self) -> float:
