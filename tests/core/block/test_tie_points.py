@@ -74,7 +74,7 @@ def test_a_photo_of_elsewhere_is_not_tied__truth(hilly, tmp_path):
     noise = cv2.GaussianBlur(np.random.default_rng(5).normal(size=(900, 900)), (0, 0), 3.0)
     write(scan, 128 + 400 * noise)
     photos = {name: hilly[0].photos[name] for name in ("a1", "a2")}
-    photos["a2"] = replace(photos["a2"], scan=str(scan))
+    photos["a2"] = replace(photos["a2"], scan=scan)
     ties, reports, doubts = match_ties(hilly[0].with_photos(photos), OPTIONS)
     assert ties.count == 0
     kinds = {(doubt.kind, doubt.subject) for doubt in doubts}
