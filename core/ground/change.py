@@ -6,26 +6,23 @@ are certainly wrong. A cell that is no more like its own place than like wrong o
 ground; where both show hardly anything, nobody can tell.
 """
 
-import errno
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pyogrio.raw
 import rasterio.features
-import shapely
 from affine import Affine
-from jaxtyping import Complex64, Float32, Int8
-from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
+from jaxtyping import Float32, Int8
 from shapely.geometry import shape
 
 from core.arrays import Mask
-from core.block.registration.similarity import doubled_angle_field
+from core.block.registration.ground_search import AngleField, angle_field
+from core.block.registration.patches import filled
 from core.geometry.crs import Bounds
 from core.geometry.grid import Grid
+from core.ground.polygons import write_polygons
 from core.ground.tiles import SILENT
 from core.progress import Progress
 from core.reference.ortho import Ortho
@@ -39,7 +36,6 @@ EDGE_PX = 3.0
 RICH = 75
 """Percentile of the cells that counts as rich in detail."""
 Cells = Float32[np.ndarray, "rows columns"]
-Field = Complex64[np.ndarray, "rows columns"]
 Shift = tuple[int, int]
 
 
@@ -190,14 +186,10 @@ def _around(away: int, ring: int) -> list[Shift]:
     return [(round(away * float(np.sin(a))), round(away * float(np.cos(a)))) for a in angles]
 
 
-def _field(ortho: Ortho, grid: Grid) -> Field:
+def _field(ortho: Ortho, grid: Grid) -> AngleField:
     """Doubled gradient angles, 0 where the ortho shows nothing or its edge is felt."""
     patch = ortho.read(grid)
-    inner = cv2.erode(patch.mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    known = patch.values[patch.mask]
-    fill = np.float32(known.mean()) if len(known) else np.float32(0)
-    field = doubled_angle_field(np.where(patch.mask, patch.values, fill).astype(np.float32))
-    return np.asarray((field[:, :, 0] + 1j * field[:, :, 1]) * inner, np.complex64)
+    return angle_field(filled(patch.values, patch.mask), patch.mask)
 
 
 def _means(values: np.ndarray, size: int) -> Cells:
@@ -235,22 +227,9 @@ def write_change(change: ChangeMap, path: Path, crs: str) -> None:
         OSError: The disk is full.
     """
     transform = Affine.from_gdal(*change.grid.geotransform)
-    try:
-        for number, (layer, value) in enumerate(LAYERS.items()):
-            mask = change.seen & (change.state == value)
-            found = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
-            areas = [shape(outline) for outline, _ in found]
-            pyogrio.raw.write(
-                path,
-                geometry=np.array([shapely.to_wkb(area) for area in areas], dtype=object),
-                field_data=[np.array([area.area for area in areas], dtype=np.float64)],
-                fields=np.array(["area_m2"], dtype=object),
-                geometry_type="Polygon",
-                crs=crs,
-                driver="GPKG",
-                layer=layer,
-                append=number > 0,
-            )
-    except (DataSourceError, DataLayerError, FeatureError) as error:
-        # The folder has been found to be writable: only room for what is put in may be lacking.
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+    for number, (layer, value) in enumerate(LAYERS.items()):
+        mask = change.seen & (change.state == value)
+        found = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
+        areas = [shape(outline) for outline, _ in found]
+        sizes = np.array([area.area for area in areas], dtype=np.float64)
+        write_polygons(path, layer, areas, {"area_m2": sizes}, crs, append=number > 0)

@@ -4,8 +4,6 @@ The nearest nadir among the photos that show a place (METHODS 8), as polygons in
 They are exact partitions: straight bisectors between nadirs, cut by what each photo shows.
 """
 
-import errno
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,6 @@ import pyogrio.raw
 import rasterio.features
 import shapely
 from affine import Affine
-from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
 from shapely import STRtree
 from shapely.geometry import MultiPolygon, Polygon, shape
 from shapely.geometry.base import BaseGeometry
@@ -23,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from core.arrays import Mask
 from core.geometry.grid import Grid
 from core.ground.overview import Overview
+from core.ground.polygons import write_polygons
 
 Area = Polygon | MultiPolygon
 SAME_NADIR_M = 1e-6
@@ -123,24 +121,12 @@ def write_seams(seams: Iterable[Seam], path: Path, crs: str) -> None:
         OSError: The disk is full.
     """
     seams = tuple(seams)
-    areas = [shapely.multipolygons(shapely.get_parts(seam.area)) for seam in seams]
-    try:
-        pyogrio.raw.write(
-            path,
-            geometry=np.array([shapely.to_wkb(area) for area in areas], dtype=object),
-            field_data=[
-                np.array([seam.photo_id for seam in seams], dtype=object),
-                np.array([seam.date for seam in seams], dtype=object),
-            ],
-            fields=np.array(["scan", "date"], dtype=object),
-            geometry_type="MultiPolygon",
-            crs=crs,
-            driver="GPKG",
-            layer="seams",
-        )
-    except (DataSourceError, DataLayerError, FeatureError) as error:
-        # The folder has been found to be writable: only room for what is put in may be lacking.
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+    areas = [MultiPolygon(shapely.get_parts(seam.area).tolist()) for seam in seams]
+    fields = {
+        "scan": np.array([seam.photo_id for seam in seams], dtype=object),
+        "date": np.array([seam.date for seam in seams], dtype=object),
+    }
+    write_polygons(path, "seams", areas, fields, crs)
 
 
 def read_seams(path: Path) -> tuple[Seam, ...]:
