@@ -84,9 +84,7 @@ def front_is(sides: Mapping[str, bool], known: Mapping[str, bool]) -> bool | Non
     return ahead > 0 if ahead else None
 
 
-def _groups(
-    names: Sequence[str], pairs: list[tuple[int, str, str, bool]]
-) -> list[dict[str, bool]]:
+def _groups(names: Sequence[str], pairs: list[tuple[int, str, str, bool]]) -> list[dict[str, bool]]:
     """Photos that hang together and the side of each, strongest pairs first."""
     group = {name: name for name in names}
     side = dict.fromkeys(names, False)
@@ -98,7 +96,9 @@ def _groups(
         for name in names:
             if group[name] == moved:
                 group[name], side[name] = group[first], side[name] ^ flip
-    members = [[name for name in names if group[name] == root] for root in sorted(set(group.values()))]
+    members = [
+        [name for name in names if group[name] == root] for root in sorted(set(group.values()))
+    ]
     return [{name: side[name] for name in some} for some in members if len(some) > 1]
 
 
