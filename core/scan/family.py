@@ -72,14 +72,22 @@ def _ways(oriented: Oriented, camera: Camera) -> dict[str, Way]:
                 break
     unsure = {name for name, some in free.items() if len({back for _, back in some}) > 1}
     if len(oriented) > 2 and unsure:
-        scans = {name: (scan.scan, scan.area) for name, scan in oriented.items()}
-        known = {name: back for name, (_, back) in ways.items() if name not in unsure}
-        for sides in sides_shown(scans):
-            front = front_is(sides, known)
-            for name in unsure & set(sides) if front is not None else ():
-                back = sides[name] != front
-                ways[name] = _seen_from(oriented[name], strip, ways[name], free[name], back)
+        for name, back in _backs(oriented, ways, unsure).items():
+            ways[name] = _seen_from(oriented[name], strip, ways[name], free[name], back)
     return ways
+
+
+def _backs(oriented: Oriented, ways: Mapping[str, Way], unsure: set[str]) -> dict[str, bool]:
+    """Whether the scans whose marks do not tell are mirrored: as the ground shows, else as most."""
+    known = {name: back for name, (_, back) in ways.items() if name not in unsure}
+    scans = {name: (oriented[name].scan, oriented[name].area) for name in oriented}
+    usual = 2 * sum(known.values()) > len(known)
+    backs = dict.fromkeys(unsure, usual) if known else {}
+    for sides in sides_shown(scans):
+        front = front_is(sides, known)
+        if front is not None:
+            backs |= {name: sides[name] != front for name in unsure & set(sides)}
+    return backs
 
 
 def _seen_from(

@@ -30,7 +30,7 @@ from core.scan.raster import ScanFile, read_window
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
-NOTCH_SIGMA_PX = 0.02
+NOTCH_SIGMA_PX = 0.035
 """What the picture beside a notch does to its edges at least, pixels."""
 STEPS_APART_PX = 0.2
 """How far a notch by its steps of gray may lie from the notch by its sides, pixels."""

@@ -18,9 +18,8 @@ FREEDOM = 4.0
 DECIDED = 12.0
 """Twice the logarithm of the odds from which one way to lie is preferred to another."""
 TURNED = 2.0
-MIRRORED = 12.0
-"""Twice the logarithm of the odds against a turned and against a mirrored scan beforehand: an
-archive scans thousands of films from one side, and only clear marks speak against that."""
+MIRRORED = 6.0
+"""Twice the logarithm of the odds against a turned and against a mirrored scan beforehand."""
 NEAR_MM = 2.5
 """How near to its place a mark must lie to be taken for it."""
 Certificate = Mapping[str, tuple[float, float]]
