@@ -213,7 +213,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=5,
+        version=6,
     ),
     Stage(
         "control",
