@@ -4,7 +4,7 @@ Were all candidates chance, each would lie anywhere in the window that was searc
 Were the model true, a share w of the points would have one where the model says, to its standard
 deviation. The ratio of the two likelihoods, averaged over the prior of the model and over w, is the
 Bayes factor B. In pure chance its mean is one, so that it exceeds 1/e at most once in 1/e photos,
-whatever the number of hypotheses that were tried (Ville 1939; Gruenwald et al. 2020, "Safe
+whatever the number of hypotheses that were tried (Ville 1939; Gruenwald et al. 2024, "Safe
 testing"): 1/B bounds the expected number of false alarms. The prior volume counts as what it is:
 a photo that is known to tens of metres has less room for chance than one that may lie anywhere.
 
