@@ -12,27 +12,27 @@ from tests.core.block.test_probability import REACH_M, drawn
 WINDOW_M2 = (2 * REACH_M) ** 2
 
 
-def seen(height_off: float = 0.0):
-    """Searches whose right peaks are as high as is thought, or higher or lower than that."""
+def seen(boldness: float = 1.0):
+    """Searches judged by what their heights tell, or by that many times as much."""
     every = []
     for seed in range(4):
         searches, _ = drawn(np.random.default_rng(seed), 250, 0.5, 4.0)
         _, found = probabilities(searches)
         assert found is not None
-        wrong = replace(searches, height=searches.height + height_off)
-        every.append(sightings(wrong, found, WINDOW_M2))
+        bold = replace(found, log_ratio=boldness * found.log_ratio)
+        every.append(sightings(searches, bold, WINDOW_M2))
     return diagram(every)
 
 
 def test_heights_that_tell_the_truth_are_borne_out__truth():
     bins = seen()
     assert sum(one.proposals for one in bins) > 900
-    assert calibration_error(bins) < 0.06
+    assert calibration_error(bins) < 0.05
     assert bins[-1].borne_out > 0.9
 
 
 def test_heights_that_promise_too_much_are_shown__truth():
-    """All peaks two deviations higher than chance was told to be: certainty that nothing bears."""
+    """A likelihood ratio squared: every difference of heights counts twice."""
     assert calibration_error(seen(2.0)) > 0.15
 
 
