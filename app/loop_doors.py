@@ -53,8 +53,8 @@ class Screen:
     """(seat, parts) to its pages."""
     tell: Callable[[str, Notice], None]
     """(seat, notice) to its pages; to all when the seat is empty."""
-    scene: Callable[[str, ScenePicture, Seat, Block], None]
-    """(seat, picture, its switches, block) to its 3D scenes."""
+    scene: Callable[[str, Callable[[], ScenePicture], Seat, Block], None]
+    """(seat, what makes the picture, its switches, block) to its 3D scenes."""
     fit: Callable[[str, Seat, Block, bool], None]
     """Move a seat's eye; the flag is True for the whole block."""
     publish: Callable[[Drawn], None]

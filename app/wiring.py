@@ -294,7 +294,9 @@ def _screen(
         text = sentence(notice.text, dict(notice.values), language)
         front.call(channel.tell, seat_id, as_json({"text": text, "grave": notice.grave}))
 
-    def show_scene(seat_id: str, picture: ScenePicture, seat: Seat, block: Block) -> None:
+    def show_scene(
+        seat_id: str, picture: Callable[[], ScenePicture], seat: Seat, block: Block
+    ) -> None:
         scene.show(seat_id, Shown(picture, seat.scene, _pointed(seat, block)))
 
     def fit(seat_id: str, seat: Seat, block: Block, whole: bool) -> None:
