@@ -356,7 +356,8 @@ class ReviewLoop:
         if seat_id not in self._seats:
             scene = SceneOptions(vector_scale=readable_scale(self._state))
             fresh = Seat(seat_id, self._inputs.operator, scene=scene)
-            self._seats[seat_id] = seated(fresh, self._table.rows)
+            taken = [seat.current for seat in self._present_seats() if seat.current]
+            self._seats[seat_id] = seated(fresh, self._table.rows, taken)
         return self._seats[seat_id]
 
     def _present_seats(self) -> list[Seat]:

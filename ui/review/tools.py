@@ -1,6 +1,6 @@
 """What a gesture means: a changed seat, perhaps a decision, perhaps an act of the loop."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -129,15 +129,16 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return Meaning(_moved(gesture, seat, desk))
 
 
-def seated(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
-    """The seat with its queue sorted and something to look at."""
+def seated(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) -> Seat:
+    """The seat with its queue sorted and something to look at that nobody else looks at."""
     order = ordered(rows.values(), seat.sorting)
     current = seat.current if seat.current in rows else None
     seat = replace(seat, order=order, current=current)
     if current is None:
         shown = visible(rows, seat)
         undecided = [key for key in shown if rows[key].state == "auto"]
-        seat = replace(seat, current=next(iter(undecided or shown), None))
+        free = [key for key in undecided if key not in taken]
+        seat = replace(seat, current=next(iter(free or undecided or shown), None))
     return seat
 
 

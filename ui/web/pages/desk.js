@@ -188,7 +188,12 @@ function setUpScene() {
   slider.addEventListener("input", () => send({ kind: "vectors", scale: slider.value === "0" ? 0 : Math.round(2 ** (slider.value / 6)) }));
   slider.addEventListener("change", () => slider.blur());
   byId("vectors").title = word("vectors.tip");
-  byId("scene").src = `/scene/${seat}/`;
+}
+
+// The scene is the heaviest to load: first comes the point that is to be looked at.
+function openScene(patience = 40) {
+  if (patience && !compareState().drawn.whole) setTimeout(() => openScene(patience - 1), 50);
+  else byId("scene").src = `/scene/${seat}/`;
 }
 
 function showScene(scene) {
@@ -288,7 +293,7 @@ function connect() {
 
 function later() {
   setTimeout(again, waiting);
-  waiting = Math.min(waiting * 1.6, 3000);
+  waiting = Math.min(waiting * 1.6, 1000);
 }
 
 // A desk opened anew has other pictures behind the same addresses: then the page is loaded anew too.
@@ -366,6 +371,7 @@ async function open() {
   showWire(false);
   wanted = keptPlace();
   connect();
+  openScene();
   window.gruber = { parts, compareState, boardState, placementState };
   if (tourIsNew()) startTour();
 }
