@@ -12,6 +12,7 @@ from ui.review.compare import Drawn, HeightSource, LikenessSource
 from ui.review.gestures import Gesture
 from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.picture import Part
+from ui.review.queue import Gains
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, Seat
 
@@ -61,6 +62,11 @@ class Screen:
     """Orientations that addresses of tiles mean from now on."""
 
 
+def no_gains(report: AdjustmentReport) -> Gains:
+    """Nothing is known of what looking at a measurement brings."""
+    return {}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LoopInputs:
     """What the loop begins with."""
@@ -87,5 +93,7 @@ class LoopInputs:
     """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
     origins: Origins = NO_ORIGINS
     """What the photos began from."""
+    gains: Callable[[AdjustmentReport], Gains] = no_gains
+    """What looking at each measurement is expected to bring in an adjustment."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""

@@ -62,7 +62,7 @@ class Following:
             stale_photos(state, given.stale_m),
             self.footprints.of(drawn, state.oriented.origin),
             tie_vectors(state),
-            self.table.renewed(state),
+            self.table.renewed(state, given.gains(report)),
         )
 
 

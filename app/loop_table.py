@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 
 from ui.review.picture import row_line
-from ui.review.queue import Away, Row, away_of, moved_away, queue_row, queue_rows
+from ui.review.queue import Away, Gains, Row, away_of, moved_away, queue_row, queue_rows
 from ui.review.state import DeskState, Key
 
 
@@ -17,13 +17,13 @@ class Table:
         self.by_point: dict[str, list[Key]] = {}
         self.away = Away({}, {})
 
-    def renewed(self, state: DeskState) -> "Table":
+    def renewed(self, state: DeskState, gains: Gains | None = None) -> "Table":
         """After an adjustment, or when rows came or went: another table, this one stays as it is.
 
         Lines that say the same are the same objects, so that they are not written again.
         """
         fresh = Table()
-        fresh.away = away_of(state)
+        fresh.away = away_of(state, self.away.gains if gains is None else gains)
         fresh.rows = {row.key: row for row in queue_rows(state, fresh.away)}
         fresh.places = {key: number for number, key in enumerate(fresh.rows)}
         fresh.lines = [self._line(key, row_line(row)) for key, row in fresh.rows.items()]

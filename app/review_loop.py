@@ -74,6 +74,7 @@ class ReviewLoop:
     def start(self, worker: Worker, remaker: Remaker) -> None:
         """Begin: lay earlier decisions over the block, and adjust if there are any."""
         self._worker, self._remaker = worker, remaker
+        self._table = self._table.renewed(self._state, self._inputs.gains(self._state.report))
         self._screen.publish(self._drawn)
         self._stale = stale_photos(self._state, self._inputs.stale_m)
         self._outlines = self._footprints.of(self._drawn, self._state.oriented.origin)

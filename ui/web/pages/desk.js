@@ -190,9 +190,10 @@ function setUpScene() {
   byId("vectors").title = word("vectors.tip");
 }
 
-// The scene is the heaviest to load: first comes the point that is to be looked at.
+// The scene is the heaviest to load: first comes the point that is to be looked at; where it is not shown it waits.
 function openScene(patience = 40) {
-  if (patience && !compareState().drawn.whole) setTimeout(() => openScene(patience - 1), 50);
+  const seen = byId("scene").offsetParent !== null;
+  if (!seen || (patience > 0 && !compareState().drawn.whole)) setTimeout(() => openScene(patience - 1), seen ? 50 : 500);
   else byId("scene").src = `/scene/${seat}/`;
 }
 
