@@ -19,9 +19,8 @@ from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
-from core.arrays import Indices
 from core.block.foresight import Foresight
 from core.block.least_squares.control_system import ControlSystem
 
@@ -117,7 +116,10 @@ def _judged(system: ControlSystem, undecided: np.ndarray) -> tuple[np.ndarray, P
 
 
 def _predicted(
-    system: ControlSystem, own: Blocks, doubted: Indices, down: np.ndarray
+    system: ControlSystem,
+    own: Blocks,
+    doubted: Int[np.ndarray, "k"],
+    down: Float64[np.ndarray, "k"],
 ) -> tuple[Pairs, Blocks]:
     """Each residual against all others, and its variance; some lose the weight `down`."""
     weights = np.ones(len(own))

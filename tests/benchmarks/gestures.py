@@ -190,6 +190,25 @@ def click_frustum(page: Page) -> None:
     page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 8)
 
 
+def mark_three(page: Page) -> None:
+    """Three rows marked by pointer, then one key."""
+    places = page.locator(".row:not(.human)")
+    places.nth(1).click(modifiers=["Control"])
+    places.nth(3).click(modifiers=["Shift"])
+    page.wait_for_selector("#queue-place.many")
+    page.keyboard.press("m")
+
+
+def mark_two_by_key(page: Page) -> None:
+    """Two rows marked on the way, then the button."""
+    page.focus("#queue")
+    for _ in range(2):
+        before = page.evaluate("gruber.parts.queue.current")
+        page.keyboard.press("Shift+ArrowDown")
+        page.wait_for_function("at => gruber.parts.queue.current !== at", arg=before)
+    page.click('[data-act="dubious"]')
+
+
 def arrow_in_queue(page: Page) -> None:
     """An arrow while the queue has the focus."""
     page.focus("#queue")
@@ -220,6 +239,8 @@ DECISIONS = (
       for n, why in enumerate(REASONS[:4])),
     *(Decides(f"N, reason button {1 + n}", reason(1 + n, True), AMENDED, why)
       for n, why in enumerate(REASONS[:4])),
+    Decides("rows marked, M", mark_three, 3 * ("MarkDubious",)),
+    Decides("marked by key, button", mark_two_by_key, 2 * ("MarkDubious",)),
     Decides("C", key("c"), ("SetRole",)), Decides("role button", button("role"), ("SetRole",)),
     Decides("U", key("u"), BACK), Decides("undo button", button("undo"), BACK),
     Decides("Shift+U", key("Shift+U"), BACK), Decides("redo button", button("redo"), BACK),

@@ -56,7 +56,9 @@ def stands(page: Page, folder: Path, gesture: Decides, on_board: bool) -> bool:
     found = tuple(type(item.decision).__name__ for item in fresh)
     about = {getattr(item.decision, "photo_id" if on_board else "point_id", before[0])
              for item in fresh}  # fmt: skip
-    good = found == gesture.kinds and ("AddPoint" in found or about <= aimed)
+    # A new point has a name of its own; several decided at once are several points.
+    free = "AddPoint" in found or (len(found) > 1 and not gesture.reason)
+    good = found == gesture.kinds and (free or about <= aimed)
     if gesture.reason:
         good = good and getattr(fresh[-1].decision, "reason", "") == gesture.reason
     told = "on disk" if good else f"BROKEN: {found} {about}"

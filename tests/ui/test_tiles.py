@@ -137,7 +137,7 @@ def test_the_small_ortho_shows_what_the_files_show__truth():
     ortho = tiny_block().land.today
     coarse = CoarseOrtho(ortho, longest_px=600)
     west, _, _, north = ortho.bounds
-    fine, wide = (Grid(west + 300, north - 1100, pixel, 128, 128) for pixel in (1.0, 8.0))
+    fine, wide = (Grid(west + 300, north - 300, pixel, 128, 128) for pixel in (1.0, 8.0))
     assert coarse.ready(fine)
     assert not coarse.ready(wide)
     coarse.prepare()

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
 from core.arrays import Indices
 from core.block.block import Measurement
@@ -18,7 +18,7 @@ class ControlSystem:
 
     measurements: list[Measurement]
     """Those that take part."""
-    point: Indices
+    point: Int[np.ndarray, "rays"]
     """Point of each, by number."""
     rows: Float64[np.ndarray, "rows unknowns"]
     """A."""
@@ -29,7 +29,7 @@ class ControlSystem:
     residuals: Float64[np.ndarray, "rays 2"]
     """Computed minus measured, in standard deviations."""
 
-    def hat(self, chosen: Indices) -> Float64[np.ndarray, "chosen rows"]:
+    def hat(self, chosen: Indices) -> Float64[np.ndarray, "two_n rows"]:
         """Rows of the hat matrix of some measurements."""
         at = (2 * chosen[:, None] + np.arange(2)).ravel()
         same = np.repeat(self.point[chosen], 2)[:, None] == np.repeat(self.point, 2)

@@ -1,6 +1,6 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import { byId, element, learnNames, number, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
-import { setUpQueue, showQueue } from "/pages/queue.js";
+import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "/pages/queue.js";
 import { setUpPoint, showPoint } from "/pages/point.js";
 import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare } from "/pages/compare.js";
 import { showStatus } from "/pages/status.js";
@@ -33,6 +33,12 @@ const shownNow = () => JSON.stringify([parts.point?.key, parts.point?.state]);
 
 // One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
 function judge(verdict) {
+  const many = markedKeys();
+  if (many.length) {
+    for (const key of many) send({ kind: "judge", key, verdict });
+    clearMarked();
+    return;
+  }
   if (!parts.point) return;
   const shown = shownNow();
   if (judged.shown === shown && Date.now() - judged.at < 2000) return;
@@ -91,6 +97,7 @@ window.gruberKey = (event) => {
     if (event.type === "keydown" && (event.key === "Escape" || (sheet.id === "quality" && letterOf(event) === "KeyB"))) sheet.close();
     return event.key === "Escape" || event.key.length === 1;
   }
+  if (event.key === "Escape" && event.type === "keydown" && clearMarked()) return true;
   if (event.key === "Escape" && compareState().adding) {
     switchCompare("adding");
     return true;
@@ -127,6 +134,7 @@ window.gruberKey = (event) => {
 function arrow(event) {
   const [right, down] = ARROWS[event.key];
   if (byId("queue").contains(document.activeElement) || document.activeElement === byId("queue")) {
+    if (down && event.shiftKey) markCurrent();
     if (down) send({ kind: "step", step: down });
     return;
   }
