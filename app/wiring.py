@@ -217,10 +217,8 @@ def open_desk(desk: DeskInputs) -> Desk:
     worker.start()
     loop.start(worker, remaker)
     bounds = _block_bounds(desk, state.oriented)
-    illustrator = _Illustrator(
-        lambda: _draped(coarse, desk, bounds),
-        drawn_from_block(state.oriented),
-    )
+    drawn = drawn_from_block(state.oriented)
+    illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
     parts = [front, illustrator, remaker, worker, loop, scene, tiles]
     opened = Desk(front, access, parts)
     try:

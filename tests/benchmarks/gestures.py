@@ -200,7 +200,9 @@ def mark_three(page: Page) -> None:
 
 
 def mark_two_by_key(page: Page) -> None:
-    """Two rows marked on the way, then the button."""
+    """Two rows that nobody decided marked on the way, then the button."""
+    page.click(f'.row[data-key="{page.evaluate(TWO_OPEN)}"]')
+    page.wait_for_timeout(1000)
     page.focus("#queue")
     for _ in range(2):
         before = page.evaluate("gruber.parts.queue.current")
@@ -222,6 +224,12 @@ def hold_blink(page: Page) -> None:
     page.mouse.down()
 
 
+TWO_OPEN = """(() => {
+  const top = (row) => parseFloat(row.style.top);
+  const rows = [...document.querySelectorAll('.row')].sort((a, b) => top(a) - top(b));
+  const open = (row) => row && !row.classList.contains('human');
+  return rows.find((row, at) => open(row) && open(rows[at + 1])).dataset.key;
+})()"""
 OTHERS = "document.querySelectorAll('.other:not(.on)').length > 0"
 TWO_PEAKS = "document.querySelectorAll('.peak:not(.on)').length > 0"
 PLACED, MARKED, BACK = ("Place",), ("PlaceFiducial",), ("Withdraw",)
