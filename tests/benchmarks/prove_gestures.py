@@ -90,6 +90,7 @@ def main() -> int:
         folder = Path(temporary) / "desk"
         with served(folder, "--film") as (url, _), browser() as chromium:
             page = sit_down(chromium, url)
+            page.set_default_timeout(150_000)
             scene_of(page)
             page.wait_for_timeout(4000)
             results += [stands(page, folder, one, on_board=False) for one in DECISIONS]
