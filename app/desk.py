@@ -23,6 +23,8 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.assembly import Assembly, adjusted_without_gross
 from core.block.block import Block, Photo
+from core.block.expected_gain import Gain, expected_gains
+from core.block.foresight import foresee
 from core.block.least_squares.terrain import Terrain
 from core.block.registration.likeness import Likeness, likeness_about, search_options
 from core.block.registration.orientation import OrientationOptions
@@ -80,6 +82,7 @@ def desk_inputs(
         read_scan=scans,
         adjust=adjusting,
         choose=adjusting.choose,
+        gains=adjusting.gains,
         origins=origins,
         doubts=assembly.doubts,
         reference_sigma_m=(given.ortho_sigma_m, given.ortho_sigma_m, given.dem_sigma_m),
@@ -121,6 +124,11 @@ class Adjusting:
         if not options.robust:
             return adjust_block(block, options, progress, self._terrain)
         return adjusted_without_gross(block, options, progress, self._terrain)
+
+    def gains(self, report: AdjustmentReport) -> dict[tuple[str, str], Gain]:
+        """What looking at each control measurement is expected to bring."""
+        foresight = foresee(report, self._options, SILENT, self._terrain)
+        return {} if foresight is None else expected_gains(foresight)
 
     def choose(self, cameras: bool, robust: bool) -> None:
         """Estimate the cameras or not, look for gross errors or not, from now on."""

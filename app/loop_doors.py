@@ -12,6 +12,7 @@ from ui.review.compare import Drawn, HeightSource, LikenessSource
 from ui.review.gestures import Gesture
 from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.picture import Part
+from ui.review.queue import Gains
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, Seat
 
@@ -53,12 +54,17 @@ class Screen:
     """(seat, parts) to its pages."""
     tell: Callable[[str, Notice], None]
     """(seat, notice) to its pages; to all when the seat is empty."""
-    scene: Callable[[str, ScenePicture, Seat, Block], None]
-    """(seat, picture, its switches, block) to its 3D scenes."""
+    scene: Callable[[str, Callable[[], ScenePicture], Seat, Block], None]
+    """(seat, what makes the picture, its switches, block) to its 3D scenes."""
     fit: Callable[[str, Seat, Block, bool], None]
     """Move a seat's eye; the flag is True for the whole block."""
     publish: Callable[[Drawn], None]
     """Orientations that addresses of tiles mean from now on."""
+
+
+def no_gains(report: AdjustmentReport) -> Gains:
+    """Nothing is known of what looking at a measurement brings."""
+    return {}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,5 +93,7 @@ class LoopInputs:
     """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
     origins: Origins = NO_ORIGINS
     """What the photos began from."""
+    gains: Callable[[AdjustmentReport], Gains] = no_gains
+    """What looking at each measurement is expected to bring in an adjustment."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""

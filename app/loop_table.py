@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 
 from ui.review.picture import row_line
-from ui.review.queue import Away, Row, away_of, moved_away, queue_row, queue_rows
+from ui.review.queue import Away, Gains, Row, away_of, moved_away, queue_row, queue_rows
 from ui.review.state import DeskState, Key
 
 
@@ -17,21 +17,26 @@ class Table:
         self.by_point: dict[str, list[Key]] = {}
         self.away = Away({}, {})
 
-    def rebuild(self, state: DeskState) -> None:
-        """After an adjustment, or when rows came or went: everything anew."""
-        self.away = away_of(state)
-        self.rows = {row.key: row for row in queue_rows(state, self.away)}
-        self.places = {key: number for number, key in enumerate(self.rows)}
-        self.lines = [row_line(row) for row in self.rows.values()]
-        self.by_point = {}
-        for key in self.rows:
-            self.by_point.setdefault(key[0], []).append(key)
+    def renewed(self, state: DeskState, gains: Gains | None = None) -> "Table":
+        """After an adjustment, or when rows came or went: another table, this one stays as it is.
+
+        Lines that say the same are the same objects, so that they are not written again.
+        """
+        fresh = Table()
+        fresh.away = away_of(state, self.away.gains if gains is None else gains)
+        fresh.rows = {row.key: row for row in queue_rows(state, fresh.away)}
+        fresh.places = {key: number for number, key in enumerate(fresh.rows)}
+        fresh.lines = [self._line(key, row_line(row)) for key, row in fresh.rows.items()]
+        for key in fresh.rows:
+            fresh.by_point.setdefault(key[0], []).append(key)
+        return fresh
+
+    def _line(self, key: Key, line: list[object]) -> list[object]:
+        place = self.places.get(key)
+        return self.lines[place] if place is not None and self.lines[place] == line else line
 
     def touch(self, state: DeskState, keys: Collection[Key]) -> None:
         """After a decision: only what it was about, in the same adjustment."""
-        if any(key not in self.rows for key in keys):
-            self.rebuild(state)
-            return
         self.away = moved_away(self.away, state, keys)
         self.lines = list(self.lines)
         for key in keys:

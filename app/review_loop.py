@@ -2,11 +2,13 @@
 
 import queue
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from app.loop_doors import Closed, Event, LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.loop_following import Followed, Following, adopted, scene_once
 from app.loop_pages import Moment, Pages, elsewhere
 from app.loop_remaking import after_remake, while_remaking
 from app.loop_table import Table, changed_keys
@@ -26,7 +28,7 @@ from core.doubts import Failure
 from core.progress import Silent
 from sessions.decisions import Recorded, Withdraw, standing
 from ui.review.adding import measured_point, next_name, renamed
-from ui.review.compare import Drawn, drawn_from_block, redrawn, stale_photos
+from ui.review.compare import Drawn, drawn_from_block, stale_photos
 from ui.review.doubtful import extra_of
 from ui.review.gestures import Freed, Gesture, PointAsked
 from ui.review.history import gives_reason, key_of, subject_of, touched_by
@@ -35,7 +37,6 @@ from ui.review.scene import (
     Footprints,
     ScenePicture,
     readable_scale,
-    scene_picture,
     tie_vectors,
 )
 from ui.review.state import Key, Notice, Remaking, SceneOptions, Seat
@@ -63,9 +64,8 @@ class ReviewLoop:
         self._outlines = self._tied = np.zeros((0, 2, 3))
         self._job, self._tried = 0, 0
         self._trials: dict[Key, Trial] = {}
-        self._trying: Key | None = None
         self._last: Recorded | None = None
-        self._scene: ScenePicture | None = None
+        self._scene: Callable[[], ScenePicture] | None = None
         self._worker: Worker | None = None
         self._remaker: Remaker | None = None
         self._measurer = Measurer(self.submit)
@@ -74,8 +74,11 @@ class ReviewLoop:
     def start(self, worker: Worker, remaker: Remaker) -> None:
         """Begin: lay earlier decisions over the block, and adjust if there are any."""
         self._worker, self._remaker = worker, remaker
+        self._table = self._table.renewed(self._state, self._inputs.gains(self._state.report))
         self._screen.publish(self._drawn)
-        self._reorient()
+        self._stale = stale_photos(self._state, self._inputs.stale_m)
+        self._outlines = self._footprints.of(self._drawn, self._state.oriented.origin)
+        self._tied = tie_vectors(self._state)
         self._keep(self._state.report)
         self._replay()
         if self._state.decided:
@@ -251,14 +254,10 @@ class ReviewLoop:
         plain = [d for d in standing(self._recorded) if not isinstance(d.decision, Withdraw)]
         block = self._session.replayed(self._inputs.base, self._inputs.origins.films)
         self._state = replace(self._state, block=block, decided=len(plain))
-        self._gather()
-        self._recount(changed_keys(before, self._state) if self._table.rows else None)
-
-    def _gather(self) -> None:
-        """What is doubtful beside surveyed points."""
         inputs = self._inputs
         extra = extra_of(self._state, inputs.base, self._recorded, inputs.doubts, inputs.dem)
         self._state = replace(self._state, extra=extra)
+        self._recount(changed_keys(before, self._state) if self._table.rows else None)
 
     def _keep(self, report: AdjustmentReport) -> None:
         """Remember an adjustment, to compare others with it."""
@@ -269,7 +268,10 @@ class ReviewLoop:
         if self._worker is None:
             return
         self._job += 1
-        self._worker.submit(self._job, self._state.block)
+        following = Following(
+            self._state, self._drawn, self._recorded, self._table, self._inputs, self._footprints
+        )
+        self._worker.submit(self._job, self._state.block, following)
 
     def _take_adjustment(self, event: Adjusted) -> None:
         if event.number != self._job:
@@ -280,18 +282,20 @@ class ReviewLoop:
             self._screen.tell("", Notice("notice.adjustment-failed", why, grave=True))
             self._pages.show_status(self._moment())
             return
-        self._state = replace(
-            self._state, report=event.result, before=self._state.report, adjusting=False
-        )
-        self._trials.clear()
-        self._drawn = redrawn(self._drawn, self._state.oriented)
-        self._screen.publish(self._drawn)
+        assert isinstance(event.followed, Followed), "the loop asks for it with every block"
+        self._adopt(event.followed)
         self._inputs.adopted(event.result)
         self._keep(event.result)
-        self._reorient()
-        self._gather()
-        self._recount()
         self._show_all()
+
+    def _adopt(self, followed: Followed) -> None:
+        """Show what follows from the newest adjustment; it was found beside it."""
+        self._state, self._stale = adopted(self._state, followed, self._inputs.stale_m)
+        self._trials.clear()
+        self._drawn, self._table = followed.drawn, followed.table
+        self._outlines, self._tied, self._scene = followed.outlines, followed.tied, None
+        self._screen.publish(self._drawn)
+        self._keep_up()
 
     def _try_out(self, key: Key | None) -> None:
         """Find out what turning a measurement would do, while the operator looks at it."""
@@ -300,14 +304,12 @@ class ReviewLoop:
         block = tried_block(self._state, key)
         self._tried += 1
         if block is not None:
-            self._trying = key
-            self._worker.try_out(self._tried, block)
+            state = self._state
+            self._worker.try_out(self._tried, block, lambda then: trial_of(state, key, then))
 
     def _take_trial(self, event: Tried) -> None:
-        if event.number != self._tried or self._state.adjusting or self._trying is None:
-            return
-        trial = trial_of(self._state, self._trying, event.report)
-        if trial is None:
+        trial = event.found
+        if event.number != self._tried or self._state.adjusting or not isinstance(trial, Trial):
             return
         self._trials[trial.key] = trial
         for seat in self._present_seats():
@@ -333,24 +335,21 @@ class ReviewLoop:
             self._pages.show_status(self._moment())
             return
         self._state, notice = after_remake(self._state, event)
-        self._reorient()
+        self._stale = stale_photos(self._state, self._inputs.stale_m)
         self._scene = None
         self._screen.tell("", notice)
         self._show_all()
 
-    def _reorient(self) -> None:
-        """What follows from the orientations."""
-        self._stale = stale_photos(self._state, self._inputs.stale_m)
-        self._outlines = self._footprints.of(self._drawn, self._state.oriented.origin)
-        self._tied = tie_vectors(self._state)
-
     def _recount(self, changed: set[Key] | None = None) -> None:
         """What follows from the measurements: of some when only those changed."""
         self._scene = None
-        if changed is not None:
+        if changed is not None and changed <= self._table.rows.keys():
             self._table.touch(self._state, changed)
             return
-        self._table.rebuild(self._state)
+        self._table = self._table.renewed(self._state)
+        self._keep_up()
+
+    def _keep_up(self) -> None:
         rows = self._table.rows
         self._seats = {name: kept_up(seat, rows) for name, seat in self._seats.items()}
 
@@ -358,7 +357,8 @@ class ReviewLoop:
         if seat_id not in self._seats:
             scene = SceneOptions(vector_scale=readable_scale(self._state))
             fresh = Seat(seat_id, self._inputs.operator, scene=scene)
-            self._seats[seat_id] = seated(fresh, self._table.rows)
+            taken = [seat.current for seat in self._present_seats() if seat.current]
+            self._seats[seat_id] = seated(fresh, self._table.rows, taken)
         return self._seats[seat_id]
 
     def _present_seats(self) -> list[Seat]:
@@ -394,6 +394,7 @@ class ReviewLoop:
         if seat.seat_id not in self._scenes:
             return
         if self._scene is None:
-            away = self._table.away.misfits
-            self._scene = scene_picture(self._state, self._stale, self._outlines, away, self._tied)
+            self._scene = scene_once(
+                self._state, self._stale, self._table, self._outlines, self._tied
+            )
         self._screen.scene(seat.seat_id, self._scene, seat, self._state.oriented)

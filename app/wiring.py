@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float64
 
-from app.loop_doors import LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.loop_doors import LoopInputs, SceneOpened, Screen, SeatLeft, SeatTaken, no_gains
 from app.review_loop import ReviewLoop
 from app.scan_files import ScanFiles
 from app.worker import Adjust, Remake, Remaker, Worker, survived
@@ -21,6 +21,7 @@ from core.block.block import Block
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from sessions.session import Session
+from ui.review.coarse import CoarseOrtho
 from ui.review.compare import (
     Drawn,
     HeightSource,
@@ -32,6 +33,7 @@ from ui.review.compare import (
 from ui.review.origins import NO_ORIGINS, Origins
 from ui.review.palette import page_palette
 from ui.review.picture import Part
+from ui.review.queue import Gains
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Made, Notice, Seat
 from ui.review.tiles import Lattice, OrthoSource, ScanWindow
@@ -112,6 +114,8 @@ class DeskInputs:
     """What the photos began from: scans as they were found."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
+    gains: Callable[[AdjustmentReport], Gains] = no_gains
+    """What looking at each measurement is expected to bring in an adjustment."""
     results: Path | None = None
     """Folder of tables and report, to be read and taken away from the desk."""
 
@@ -180,7 +184,9 @@ def open_desk(desk: DeskInputs) -> Desk:
     made = made_with(desk.report.block) if desk.made is None else desk.made
     state = DeskState(desk.block, desk.report, made=made, written=desk.written)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
-    tiles = TileStore(Sources(desk.ortho, desk.dem, desk.read_scan, lattice, desk.likeness))
+    coarse = CoarseOrtho(desk.ortho)
+    sources = Sources(coarse, desk.dem, desk.read_scan, lattice, desk.likeness, coarse.ready)
+    tiles = TileStore(sources)
     joints = _Joints()
     access = Access(desk.host, desk.token) if desk.token else Access(desk.host)
     scene = SceneServer(_stage(desk, state), SEAT_HEADER, joints.hand_in, joints.scene_opened)
@@ -202,6 +208,7 @@ def open_desk(desk: DeskInputs) -> Desk:
         desk.doubts,
         desk.reference_sigma_m,
         desk.origins,
+        desk.gains,
         desk.choose,
     )
     loop = ReviewLoop(inputs, _screen(front, channel, scene, tiles, desk.language))
@@ -210,10 +217,8 @@ def open_desk(desk: DeskInputs) -> Desk:
     worker.start()
     loop.start(worker, remaker)
     bounds = _block_bounds(desk, state.oriented)
-    illustrator = _Illustrator(
-        lambda: terrain_glb(desk.ortho, desk.dem, bounds, desk.block.origin, desk.terrain),
-        drawn_from_block(state.oriented),
-    )
+    drawn = drawn_from_block(state.oriented)
+    illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
     parts = [front, illustrator, remaker, worker, loop, scene, tiles]
     opened = Desk(front, access, parts)
     try:
@@ -227,6 +232,14 @@ def open_desk(desk: DeskInputs) -> Desk:
         ) from error
     illustrator.start(tiles, scene)
     return opened
+
+
+def _draped(
+    coarse: CoarseOrtho, desk: DeskInputs, bounds: tuple[float, float, float, float]
+) -> bytes:
+    """The drape; the small ortho it is made of serves for coarse tiles from then on."""
+    coarse.prepare()
+    return terrain_glb(coarse, desk.dem, bounds, desk.block.origin, desk.terrain)
 
 
 class _Joints:
@@ -294,7 +307,9 @@ def _screen(
         text = sentence(notice.text, dict(notice.values), language)
         front.call(channel.tell, seat_id, as_json({"text": text, "grave": notice.grave}))
 
-    def show_scene(seat_id: str, picture: ScenePicture, seat: Seat, block: Block) -> None:
+    def show_scene(
+        seat_id: str, picture: Callable[[], ScenePicture], seat: Seat, block: Block
+    ) -> None:
         scene.show(seat_id, Shown(picture, seat.scene, _pointed(seat, block)))
 
     def fit(seat_id: str, seat: Seat, block: Block, whole: bool) -> None:

@@ -16,6 +16,8 @@ from core.progress import Progress
 from sessions.decisions import AddPoint
 
 logger = logging.getLogger(__name__)
+Then = Callable[[AdjustmentReport], object]
+"""What follows from an adjustment; found in its thread, so that no key waits for it."""
 Adjust = Callable[[Block, Progress], AdjustmentReport]
 BEGIN_AFTER_S = 0.1
 """An adjustment begins this much later: first the picture of what was decided goes out."""
@@ -33,6 +35,8 @@ class Adjusted:
     """The adjustment, or why there is none."""
     seconds: float
     """How long it took."""
+    followed: object = None
+    """What follows from it, as was asked for with the block."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +45,8 @@ class Tried:
 
     number: int
     """Of the trial; the loop takes only the newest."""
-    report: AdjustmentReport
-    """The adjustment."""
+    found: object
+    """What was asked of it with the block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,16 +106,16 @@ class Worker:
         """Begin to wait for work."""
         self._thread.start()
 
-    def submit(self, number: int, block: Block) -> None:
+    def submit(self, number: int, block: Block, then: Then | None = None) -> None:
         """Adjust this block next; whatever is being adjusted now is given up."""
         with self._change:
-            self._wanted, self._trial = _Job(number, block), None
+            self._wanted, self._trial = _Job(number, block, then), None
             self._change.notify()
 
-    def try_out(self, number: int, block: Block) -> None:
+    def try_out(self, number: int, block: Block, then: Then) -> None:
         """Adjust this block when there is time, in place of an earlier trial."""
         with self._change:
-            self._trial = _Job(number, block, trial=True)
+            self._trial = _Job(number, block, then, trial=True)
             self._change.notify()
 
     def close(self) -> None:
@@ -141,9 +145,13 @@ class Worker:
                 self._one(job)
 
     def _one(self, job: "_Job") -> None:
-        begun = time.perf_counter()
+        begun, followed = time.perf_counter(), None
+        progress = _UntilNewer(self, job)
         try:
-            result = self._adjust(job.block, _UntilNewer(self, job))
+            result = self._adjust(job.block, progress)
+            if job.then is not None:
+                progress.report(1.0, 1.0)
+                followed = job.then(result)
         except Cancelled:
             return
         except PhotogrammetryError as error:
@@ -153,9 +161,9 @@ class Worker:
             logger.exception("The adjustment failed.")
             result = Failure(f"{type(error).__name__}: {error}")
         if not job.trial:
-            self._deliver(Adjusted(job.number, result, time.perf_counter() - begun))
+            self._deliver(Adjusted(job.number, result, time.perf_counter() - begun, followed))
         elif isinstance(result, AdjustmentReport):
-            self._deliver(Tried(job.number, result))
+            self._deliver(Tried(job.number, followed))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,6 +172,7 @@ class _Job:
 
     number: int
     block: Block
+    then: Then | None = None
     trial: bool = False
 
 

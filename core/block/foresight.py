@@ -17,6 +17,7 @@ from core.arrays import Position
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.block import UNKNOWN_M, Block, Measurement
 from core.block.least_squares.banded import SIZE
+from core.block.least_squares.control_system import ControlSystem
 from core.block.least_squares.equations import Equations
 from core.block.least_squares.footprints import ground_shifts_of
 from core.block.least_squares.network import CONSTANTS
@@ -134,6 +135,29 @@ class Foresight:
         """Effects of many decisions, each by itself."""
         told = {key: self.effect(key) for key in keys}
         return {key: effect for key, effect in told.items() if effect is not None}
+
+    def control_system(self) -> ControlSystem:
+        """All control measurements that take part, as one system of observations."""
+        network, fit = self.solution.network, self.solution.fit
+        rays = [ray for ray in self._ray_of.values() if fit.taking_part[ray]]
+        parts = [self._equations.of_ray(ray) for ray in rays]
+        rows = np.concatenate(
+            [np.zeros((0, self._equations.unknowns)), *(part[0] for part in parts)]
+        )
+        return ControlSystem(
+            [network.measurements[network.rays.measurement[ray]] for ray in rays],
+            network.rays.point[rays],
+            rows,
+            self._equations.cofactors(rows),
+            np.concatenate([np.zeros((0, 3)), *(part[1] for part in parts)]),
+            fit.lin.residuals[:, rays].T,
+        )
+
+    def ground_shifts(
+        self, steps: Float64[np.ndarray, "unknowns steps"]
+    ) -> Float64[np.ndarray, "places steps"]:
+        """Shifts (E, N) of nine places of every photo by changes of the unknowns, metres."""
+        return self._ground.of(steps).reshape(-1, steps.shape[1])
 
     def leave_one_out(self) -> tuple[LeftOut, ...]:
         """Every control point against all others, in closed form.

@@ -1,9 +1,11 @@
 """How fast the desk answers: 24 scans, 1,500 proposals, a real Chromium, adjustment beside.
 
-Run: python -m tests.benchmarks.bench_desk [keys] [click] [filter] [large] [ties] [sigma] [--narrow]
+Run: python -m tests.benchmarks.bench_desk [keys] [click] [filter] [large] [coarse] [ties] [sigma]
+     [--narrow]
 """
 
 import os
+import random
 import sys
 import tempfile
 import time
@@ -11,8 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import rasterio
+from rasterio.transform import from_origin
+from rasterio.windows import Window
 
 from app.wiring import open_desk
+from core.reference.ortho import open_ortho
 from tests.benchmarks.desk_browser import (
     browser,
     click_for_mark,
@@ -21,10 +27,12 @@ from tests.benchmarks.desk_browser import (
     sit_down,
     told,
 )
-from tests.benchmarks.large_desk import say
+from tests.benchmarks.large_desk import NORTH, WEST, say
 from tests.browser.conftest import SIZE, scene_of
 from tests.browser.hands import press
 from tests.ui.desk_block import desk_inputs
+from ui.review.coarse import CoarseOrtho
+from ui.review.tiles import Lattice
 
 PROMISES_MS = {
     "keys": (150, 300),
@@ -40,8 +48,13 @@ NARROW = {"width": 1060, "height": 1000}
 """A page without the 3D scene, which without a GPU keeps the browser's only thread busy."""
 
 
+PAUSES_S = (0.2, 1.6)
+"""Between two keys: so short that an adjustment is overtaken, so long that it comes in."""
+
+
 def keys(folder: Path) -> bool:
-    """A hundred decisions in a row."""
+    """A hundred decisions in a row, with adjustments running and coming in between."""
+    rng = random.Random(6)
     with served(folder) as (url, _), browser() as chromium:
         page = sit_down(chromium, url, size())
         page.wait_for_timeout(5000)
@@ -50,10 +63,12 @@ def keys(folder: Path) -> bool:
             times = press_for_point(page, "ynym"[number % 4])
             first.append(times[0])
             whole.append(times[1])
-            page.wait_for_timeout(250)
+            page.wait_for_timeout(1000 * rng.uniform(*PAUSES_S))
         decided = page.evaluate("gruber.parts.status.decided")
+        came = page.evaluate("watched.adjusted")
     say(f"key to new point drawn           {told(first)}")
-    say(f"key to new point, all its tiles  {told(whole)}   decided {decided}")
+    say(f"key to new point, all its tiles  {told(whole)}")
+    say(f"  decided {decided}, {came} adjustments came in meanwhile")
     middle, most = PROMISES_MS["keys"]
     return bool(np.median(first) <= middle and np.percentile(first, 95) <= most)
 
@@ -131,6 +146,33 @@ def large(folder: Path) -> bool:
     return bool(times[1] <= PROMISES_MS["large"])
 
 
+def coarse(folder: Path) -> bool:
+    """The coarsest tiles of an ortho without overviews: processor time, which other work spares."""
+    folder.mkdir(parents=True)
+    side, row = 10_000, np.random.default_rng(1).integers(0, 255, (3, 500, 10_000), np.uint8)
+    profile = {"driver": "GTiff", "dtype": "uint8", "count": 3, "width": side, "height": side,
+               "crs": "EPSG:5514", "transform": from_origin(WEST, NORTH, 0.25, 0.25),
+               "tiled": True, "blockxsize": 256, "blockysize": 256}  # fmt: skip
+    with rasterio.open(folder / "ortho.tif", "w", **profile) as file:
+        for first in range(0, side, 500):
+            file.write(row, window=Window(0, first, side, 500))
+    ortho = open_ortho([folder / "ortho.tif"], "EPSG:5514")
+    small, lattice = CoarseOrtho(ortho), Lattice.over(ortho.bounds, 0.25)
+    grids = [lattice.tile(lattice.levels - 1, *place) for place in ((0, 0), (1, 0), (0, 1), (1, 1))]
+    before = _processor_ms(lambda: [ortho.read_colour(grid) for grid in grids])
+    read = _processor_ms(small.prepare)
+    after = _processor_ms(lambda: [small.read_colour(grid) for grid in grids])
+    say(f"ortho of {side} px without overviews, four coarsest tiles: {before:.0f} ms from its "
+        f"files, {after:.0f} ms once it was read in the background ({read:.0f} ms)")  # fmt: skip
+    return after < before / 10
+
+
+def _processor_ms(work: Callable[[], object]) -> float:
+    begun = time.process_time()
+    work()
+    return 1000 * (time.process_time() - begun)
+
+
 def ties(folder: Path) -> bool:
     """A hundred thousand tie points and their vectors, from the click to the picture."""
     with served(folder, "--ties", "100000") as (url, _), browser() as chromium:
@@ -175,6 +217,7 @@ BENCHES: dict[str, Callable[[Path], bool]] = {
     "click": click,
     "filter": filtered,
     "large": large,
+    "coarse": coarse,
     "ties": ties,
     "sigma": sigma,
 }

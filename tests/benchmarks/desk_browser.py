@@ -15,7 +15,7 @@ from tests.browser.conftest import ARGUMENTS, SIZE, chromium_path
 
 HOME = Path(__file__).resolve().parents[2]
 WATCH = """() => {
-  window.watched = { pressed: 0, log: [] };
+  window.watched = { pressed: 0, log: [], adjusting: false, adjusted: 0 };
   for (const type of ['keydown', 'pointerup', 'pointerdown'])
     addEventListener(type, (event) => { watched.pressed = event.timeStamp; watched.log = []; }, true);
   const look = () => {
@@ -24,6 +24,9 @@ WATCH = """() => {
     const last = watched.log.at(-1);
     if (!last || last.name !== name) watched.log.push({ name, key: drawn.key, first: drawn.at, whole: drawn.whole ? drawn.at : 0 });
     else if (!last.whole && drawn.whole) last.whole = drawn.at;
+    const { adjusting } = gruber.parts.status;
+    watched.adjusted += watched.adjusting && !adjusting;
+    watched.adjusting = adjusting;
     requestAnimationFrame(look);
   };
   look();

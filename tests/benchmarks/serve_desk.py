@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.wiring import open_desk
+from tests.benchmarks.desk_film import with_film
 from tests.benchmarks.large_desk import Size, large_inputs, say, with_huge_scan
 
 
@@ -18,6 +19,7 @@ def main() -> None:
     asked.add_argument("--ties", type=int, default=3000)
     asked.add_argument("--photos", type=int, nargs=2)
     asked.add_argument("--huge-px", type=int, default=0)
+    asked.add_argument("--film", action="store_true", help="marks, and patches to compare")
     given = asked.parse_args()
     size = Size(proposals=given.proposals, ties=given.ties)
     if given.photos:
@@ -26,6 +28,8 @@ def main() -> None:
     inputs = large_inputs(given.folder, size, port=given.port)
     if given.huge_px:
         inputs = with_huge_scan(inputs, given.huge_px)
+    if given.film:
+        inputs = with_film(inputs, given.folder)
     with open_desk(inputs) as desk:
         say(desk.url)
         threading.Event().wait()

@@ -65,6 +65,7 @@ def test_two_people_see_names_and_where_the_other_is__law(sit):
     berta.fill("#name-field", "Berta")
     berta.click("#naming button")
     anna.wait_for_selector(".person:has-text('Berta')")
+    anna.click(".row.taken")
     anna.wait_for_selector("#also-here:has-text('Berta')")
     berta.keyboard.press("j")
     anna.wait_for_selector("#also-here", state="hidden")

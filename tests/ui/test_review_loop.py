@@ -299,7 +299,9 @@ def test_people_see_each_other_and_are_not_sent_to_the_same_point__law(desk):
     name, place = desk.glass.status("anna-1")["people"][0]
     assert (name, tuple(place)) == ("berta", desk.glass.current("berta-1"))
     both = desk.glass.current("berta-1")
-    assert desk.glass.current("anna-1") == both
+    assert desk.glass.current("anna-1") != both
+    desk.loop.submit(Selected("anna-1", both))
+    desk.glass.until(lambda glass: glass.current("anna-1") == both)
     desk.loop.submit(Judged("berta-1", both, "accept"))
     desk.settled(1)
     theirs = desk.glass.current("berta-1")

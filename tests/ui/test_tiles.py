@@ -7,6 +7,7 @@ import pytest
 from app.scan_files import ScanFiles
 from core.geometry.grid import Grid
 from tests.ui.desk_block import CAMERA, tiny_block, true_photos
+from ui.review.coarse import CoarseOrtho
 from ui.review.compare import DrawnPhoto
 from ui.review.tiles import (
     TILE,
@@ -130,3 +131,18 @@ def test_scans_in_files_are_read_by_windows__law(tmp_path):
     assert np.array_equal(read("scan.tif", 20, 30, 50, 40, 1), values[30:70, 20:70])
     halved = read("scan.tif", 20, 30, 50, 40, 2)
     assert halved == pytest.approx(values[30:70, 20:70].reshape(20, 2, 25, 2).mean((1, 3)), abs=1)
+
+
+def test_the_small_ortho_shows_what_the_files_show__truth():
+    ortho = tiny_block().land.today
+    coarse = CoarseOrtho(ortho, longest_px=600)
+    west, _, _, north = ortho.bounds
+    fine, wide = (Grid(west + 300, north - 300, pixel, 128, 128) for pixel in (1.0, 8.0))
+    assert coarse.ready(fine)
+    assert not coarse.ready(wide)
+    coarse.prepare()
+    assert coarse.ready(wide)
+    assert np.array_equal(coarse.read_colour(fine), ortho.read_colour(fine))
+    off = coarse.read_colour(wide).astype(float) - ortho.read_colour(wide)
+    assert np.abs(off).mean() < 4
+    assert abs(off.mean()) < 0.5

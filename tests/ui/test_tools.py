@@ -230,3 +230,22 @@ def test_selected_must_exist__law(desk, seat):
 )
 def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
     assert gesture_from_message("seat-1", message) is None
+
+
+def test_a_filter_that_lets_nothing_through_shows_nothing_and_forgets_nothing__law(desk, seat):
+    here = replace(seat, current=seat.order[3])
+    empty = meaning(Filtered(seat.seat_id, "review", "", "fiducial"), here, desk).seat
+    assert empty.current is None
+    back = meaning(Filtered(seat.seat_id, "review", "", ""), empty, desk).seat
+    assert back.current == here.current
+
+
+def test_who_sits_down_second_begins_elsewhere__law(desk, seat):
+    second = seated(Seat("seat-2", "berta"), desk.rows, [seat.current])
+    assert second.current not in (None, seat.current)
+
+
+def test_when_a_point_vanishes_the_one_beside_it_is_shown__law(desk, seat):
+    gone, beside = seat.order[4], seat.order[5]
+    rows = {key: row for key, row in desk.rows.items() if key != gone}
+    assert kept_up(replace(seat, current=gone), rows).current == beside

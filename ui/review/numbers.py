@@ -1,13 +1,12 @@
 """Numbers as the pages get them: rounded, and none where there is none, for JSON knows no NaN."""
 
+import math
 from typing import Any
-
-import numpy as np
 
 
 def short(value: float | None, digits: int) -> float | None:
     """A rounded number, None for what is not one."""
-    if value is None or not np.isfinite(value):
+    if value is None or not math.isfinite(value):
         return None
     return round(float(value), digits)
 

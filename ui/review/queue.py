@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from core.block.block import Measurement
+from core.block.expected_gain import Gain
 from ui.review.misfit import Misfit, controllability, misfits
 from ui.review.palette import ShownState
 from ui.review.state import (
@@ -17,9 +18,12 @@ from ui.review.state import (
     Sorting,
 )
 
+Gains = Mapping[Key, Gain]
 INFLUENCE_FLOOR = 0.4
 """Share of the gain that does not depend on how much a measurement steers the block."""
-UNUSED_GAIN = 0.02
+MOVES_NOTHING = 0.02
+"""So much of the gain by rule of thumb counts where others are known in metres."""
+UNUSED_GAIN = 1e-6
 """What the engine left out comes after what steers the block."""
 
 
@@ -69,18 +73,20 @@ class Away:
     """Misfits by measurement."""
     controlled: Mapping[Key, float]
     """Controllability by measurement."""
+    gains: Gains = field(default_factory=dict[Key, Gain])
+    """What looking at one is expected to bring; empty where that was not found."""
 
 
-def away_of(state: DeskState) -> Away:
+def away_of(state: DeskState, gains: Gains | None = None) -> Away:
     """Misfits and controllability of all measurements of a state."""
     keys = (*state.block.measurements, *state.extra.measurements)
-    return Away(misfits(state, keys), controllability(state))
+    return Away(misfits(state, keys), controllability(state), gains or {})
 
 
 def moved_away(away: Away, state: DeskState, keys: Iterable[Key]) -> Away:
     """The same with the misfits of a few measurements found anew, in the same adjustment."""
     fresh = {**away.misfits, **misfits(state, keys)}
-    return Away(fresh, away.controlled)
+    return Away(fresh, away.controlled, away.gains)
 
 
 def queue_rows(state: DeskState, away: Away | None = None) -> tuple[Row, ...]:
@@ -94,10 +100,9 @@ def queue_row(state: DeskState, away: Away, key: Key) -> Row:
     """One row."""
     measurement = state.measurement_of(key)
     assert measurement is not None, "rows are made of measurements"
-    misfit, controlled = away.misfits.get(key), away.controlled.get(key)
     if key in state.extra.measurements:
-        return _extra_row(state, measurement, misfit)
-    return _row(state, measurement, misfit, controlled)
+        return _extra_row(state, measurement, away.misfits.get(key))
+    return _row(state, measurement, away)
 
 
 def ordered(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
@@ -164,9 +169,9 @@ def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> 
     return tuple(key for key in turned if rows[key].state == "auto" and key not in taken)
 
 
-def _row(
-    state: DeskState, measurement: Measurement, misfit: Misfit | None, controlled: float | None
-) -> Row:
+def _row(state: DeskState, measurement: Measurement, away: Away) -> Row:
+    misfit = away.misfits.get(measurement.key)
+    controlled = away.controlled.get(measurement.key)
     shown = state.shown_state(measurement)
     grounds = _grounds(measurement, misfit, controlled)
     doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
@@ -177,8 +182,7 @@ def _row(
         # What the block nearly agrees with is the likeliest to be taken in after all.
         gain = UNUSED_GAIN / (1 + (misfit.ratio if misfit else 9.0))
     else:
-        influence = 1 - (controlled if controlled is not None else 0.8)
-        gain = doubt * (INFLUENCE_FLOOR + (1 - INFLUENCE_FLOOR) * influence)
+        gain = _gain(doubt, controlled, away, measurement.key)
     return Row(
         key=measurement.key,
         role=state.block.surveyed[measurement.point_id].role,
@@ -191,6 +195,17 @@ def _row(
         controlled=controlled,
         grounds=grounds,
     )
+
+
+def _gain(doubt: float, controlled: float | None, away: Away, key: Key) -> float:
+    """Doubt times influence: in metres of m_p where the block was asked, else by rule of thumb."""
+    if key in away.gains:
+        expected = away.gains[key].expected_m
+        return expected / (1 + expected)
+    influence = 1 - (controlled if controlled is not None else 0.8)
+    gain = doubt * (INFLUENCE_FLOOR + (1 - INFLUENCE_FLOOR) * influence)
+    # Check points and the like move nothing.
+    return MOVES_NOTHING * gain if away.gains else gain
 
 
 def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None) -> Row:

@@ -75,6 +75,8 @@ class Seat:
     """Who sits there."""
     current: Key | None = None
     """The measurement being looked at."""
+    left: Key | None = None
+    """The one looked at before the queue was sieved down to nothing."""
     sorting: Sorting = Sorting()
     """Order of the queue."""
     sieve: Sieve = Sieve()

@@ -1,6 +1,6 @@
 """What a gesture means: a changed seat, perhaps a decision, perhaps an act of the loop."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -129,15 +129,16 @@ def meaning(gesture: Gesture, seat: Seat, desk: Desk) -> Meaning:
             return Meaning(_moved(gesture, seat, desk))
 
 
-def seated(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
-    """The seat with its queue sorted and something to look at."""
+def seated(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) -> Seat:
+    """The seat with its queue sorted and something to look at that nobody else looks at."""
     order = ordered(rows.values(), seat.sorting)
     current = seat.current if seat.current in rows else None
     seat = replace(seat, order=order, current=current)
     if current is None:
         shown = visible(rows, seat)
         undecided = [key for key in shown if rows[key].state == "auto"]
-        seat = replace(seat, current=next(iter(undecided or shown), None))
+        free = [key for key in undecided if key not in taken]
+        seat = replace(seat, current=next(iter(free or undecided or shown), None))
     return seat
 
 
@@ -148,8 +149,18 @@ def kept_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
         return seat
     order = tuple(key for key in seat.order if key in rows)
     fresh = tuple(sorted(key for key in rows if key not in known))
-    current = seat.current if seat.current in rows else None
+    current = seat.current if seat.current in rows else _beside(seat, rows)
     return replace(seat, order=order + fresh, current=current)
+
+
+def _beside(seat: Seat, rows: Mapping[Key, Row]) -> Key | None:
+    """What stood beside a measurement that has vanished: the next in the queue, or the first."""
+    if seat.current is None:
+        return None
+    shown = visible(rows, seat)
+    here = seat.order.index(seat.current) if seat.current in seat.order else 0
+    behind = {key for key in seat.order[here:] if key in rows}
+    return next((key for key in shown if key in behind), next(iter(shown), None))
 
 
 def _act(
@@ -375,7 +386,11 @@ def _moved(gesture: Gesture, seat: Seat, desk: Desk) -> Seat:
         case Filtered(state=state, photo_id=photo_id, role=role):
             seat = replace(seat, sieve=Sieve(state, photo_id, role))
             shown = visible(desk.rows, seat)
-            inside = seat.current in shown or not shown
-            return seat if inside else replace(seat, current=shown[0])
+            if seat.current in shown:
+                return seat
+            # Where nothing is left nothing is shown; then one is back where one was.
+            wanted = seat.left if seat.current is None else seat.current
+            current = wanted if wanted in shown else next(iter(shown), None)
+            return replace(seat, current=current, left=wanted)
         case _:
             return seat

@@ -54,6 +54,9 @@ ENGLISH: dict[str, str] = {
     "sort.by": "Sort by",
     "sort.turn": "Turn the order round",
     "queue.empty": "Nothing here with this filter.",
+    "queue.marked": "{count} marked",
+    "queue.marked.tip": "Ctrl+click marks rows, Shift+click all up to one: the next verdict is on "
+    "all of them; Esc unmarks",
     "queue.place": "{here} of {all}",
     # scene
     "layer.terrain": "Terrain",

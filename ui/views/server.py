@@ -33,8 +33,8 @@ SECRET_HEADER = "X-Gruber-Scene"
 class Shown:
     """What one seat's scene shows."""
 
-    picture: ScenePicture
-    """The block."""
+    picture: Callable[[], ScenePicture]
+    """Makes the block's picture; called in the scene's thread only."""
     options: SceneOptions
     """The seat's switches."""
     pointed: Pointed | None
@@ -151,12 +151,13 @@ class SceneServer:
         shown = self._wanted.pop(seat_id, None)
         if shown is None:
             return  # A newer picture has been shown already.
+        picture = shown.picture()
         for client_id, (sitting, client) in list(self._clients.items()):
             if sitting != seat_id:
                 continue
             view = self._views.get(client_id)
             if view is None:
-                view = self._views[client_id] = BlockView(client, self._stage, shown.picture)
+                view = self._views[client_id] = BlockView(client, self._stage, picture)
                 if self._terrain:
                     view.drape(self._terrain)
                 for photo_id, thumbnail in self._pictures.items():
@@ -164,7 +165,7 @@ class SceneServer:
                 if client_id in self._distances:
                     view.seen_from(self._distances[client_id])
             with client.atomic():
-                view.show(shown.picture, shown.options, shown.pointed)
+                view.show(picture, shown.options, shown.pointed)
 
     def _resize(self, client_id: int) -> None:
         view = self._views.get(client_id)

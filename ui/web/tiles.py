@@ -46,6 +46,10 @@ THUMBNAIL = 96
 """Width and height of the small pictures of a point in its other scans, pixels."""
 
 
+def _always(grid: Grid) -> bool:
+    return True
+
+
 @dataclass(frozen=True, slots=True)
 class Sources:
     """Where tiles come from."""
@@ -60,6 +64,8 @@ class Sources:
     """Where ground tiles lie."""
     likeness: LikenessSource | None = None
     """Compares reference and scan."""
+    ready: Callable[[Grid], bool] = _always
+    """False while a tile of the ortho would have to wait for its files to be read whole."""
 
 
 class TileStore:
@@ -163,6 +169,9 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
 
     async def ortho(request: web.Request) -> web.StreamResponse:
         place, wallis = _place(request), _wallis(request)
+        if not store.sources.ready(store.sources.lattice.tile(*place)):
+            # The page asks again; other tiles are not to wait for this one.
+            raise web.HTTPServiceUnavailable(headers={"Cache-Control": "no-store"})
         return await _answer(store, request, lambda: store.ortho(place, wallis))
 
     async def scan(request: web.Request) -> web.StreamResponse:

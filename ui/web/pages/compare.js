@@ -149,7 +149,7 @@ function drawAll() {
   }
   byId("adding").hidden = !state.adding;
   byId("panes").classList.toggle("adding", state.adding);
-  if (!point || !view) return;
+  if (!point || !view) return clear();
   let whole = true;
   for (const pane of Object.values(panes)) {
     if (pane.room.offsetParent === null) continue;
@@ -158,6 +158,16 @@ function drawAll() {
     drawMarks(pane);
   }
   drawn = { key: point.key.join("|"), state: point.state, measured: (nudged ?? point.marks.measured).join(), whole, at: performance.now() };
+}
+
+// No point, no pictures: what was there would be taken for the current one.
+function clear() {
+  for (const pane of Object.values(panes)) {
+    canvas(pane.picture);
+    canvas(pane.marks);
+    pane.label.textContent = pane.where.textContent = "";
+  }
+  drawn = { key: null, whole: false, at: performance.now() };
 }
 
 // True when every tile was there, none stood in for by a coarser one.

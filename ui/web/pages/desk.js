@@ -1,6 +1,6 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import { byId, element, learnNames, number, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
-import { setUpQueue, showQueue } from "/pages/queue.js";
+import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "/pages/queue.js";
 import { setUpPoint, showPoint } from "/pages/point.js";
 import { blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare } from "/pages/compare.js";
 import { showStatus } from "/pages/status.js";
@@ -33,6 +33,12 @@ const shownNow = () => JSON.stringify([parts.point?.key, parts.point?.state]);
 
 // One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
 function judge(verdict) {
+  const many = markedKeys();
+  if (many.length) {
+    for (const key of many) send({ kind: "judge", key, verdict });
+    clearMarked();
+    return;
+  }
   if (!parts.point) return;
   const shown = shownNow();
   if (judged.shown === shown && Date.now() - judged.at < 2000) return;
@@ -91,6 +97,7 @@ window.gruberKey = (event) => {
     if (event.type === "keydown" && (event.key === "Escape" || (sheet.id === "quality" && letterOf(event) === "KeyB"))) sheet.close();
     return event.key === "Escape" || event.key.length === 1;
   }
+  if (event.key === "Escape" && event.type === "keydown" && clearMarked()) return true;
   if (event.key === "Escape" && compareState().adding) {
     switchCompare("adding");
     return true;
@@ -127,6 +134,7 @@ window.gruberKey = (event) => {
 function arrow(event) {
   const [right, down] = ARROWS[event.key];
   if (byId("queue").contains(document.activeElement) || document.activeElement === byId("queue")) {
+    if (down && event.shiftKey) markCurrent();
     if (down) send({ kind: "step", step: down });
     return;
   }
@@ -188,7 +196,13 @@ function setUpScene() {
   slider.addEventListener("input", () => send({ kind: "vectors", scale: slider.value === "0" ? 0 : Math.round(2 ** (slider.value / 6)) }));
   slider.addEventListener("change", () => slider.blur());
   byId("vectors").title = word("vectors.tip");
-  byId("scene").src = `/scene/${seat}/`;
+}
+
+// The scene is the heaviest to load: first comes the point that is to be looked at; where it is not shown it waits.
+function openScene(patience = 40) {
+  const seen = byId("scene").offsetParent !== null;
+  if (!seen || (patience > 0 && !compareState().drawn.whole)) setTimeout(() => openScene(patience - 1), seen ? 50 : 500);
+  else byId("scene").src = `/scene/${seat}/`;
 }
 
 function showScene(scene) {
@@ -288,7 +302,7 @@ function connect() {
 
 function later() {
   setTimeout(again, waiting);
-  waiting = Math.min(waiting * 1.6, 3000);
+  waiting = Math.min(waiting * 1.6, 1000);
 }
 
 // A desk opened anew has other pictures behind the same addresses: then the page is loaded anew too.
@@ -366,6 +380,7 @@ async function open() {
   showWire(false);
   wanted = keptPlace();
   connect();
+  openScene();
   window.gruber = { parts, compareState, boardState, placementState };
   if (tourIsNew()) startTour();
 }

@@ -14,6 +14,39 @@ let queue = null;
 let learnt = 0;
 let send = () => {};
 const drawn = new Map();
+// Rows to be decided together, by key; `anchor` is where a range of them begins.
+const marked = new Set();
+let anchor = -1;
+const keyOf = (index) => JSON.stringify([rows[index][POINT], rows[index][PHOTO]]);
+export const markedKeys = () => [...marked].map((key) => JSON.parse(key));
+
+export function clearMarked() {
+  if (!marked.size) return false;
+  marked.clear();
+  showQueue(null, null, null);
+  return true;
+}
+
+// The current row, on the way to the next one.
+export function markCurrent() {
+  if (queue && rows[queue.current]) marked.add(keyOf(queue.current));
+}
+
+// A click goes there; with Ctrl it marks a row as well, with Shift all up to it.
+function pointAt(event, index) {
+  const place = queue.shown.indexOf(index);
+  if (event.shiftKey) {
+    const from = anchor >= 0 ? anchor : Math.max(0, queue.shown.indexOf(queue.current));
+    for (let at = Math.min(from, place); at <= Math.max(from, place); at += 1) marked.add(keyOf(queue.shown[at]));
+  } else if (event.ctrlKey || event.metaKey) {
+    if (!marked.delete(keyOf(index))) marked.add(keyOf(index));
+  } else {
+    marked.clear();
+    send({ kind: "select", key: [rows[index][POINT], rows[index][PHOTO]] });
+  }
+  anchor = place;
+  showQueue(null, null, null);
+}
 
 export function setUpQueue(sender) {
   send = sender;
@@ -36,6 +69,7 @@ export function setUpQueue(sender) {
     });
     byId("columns").append(heading);
   }
+  byId("queue-place").title = word("queue.marked.tip");
   byId("table").addEventListener("scroll", draw, { passive: true });
   new ResizeObserver(draw).observe(byId("table"));
 }
@@ -97,8 +131,11 @@ export function showQueue(newRows, newQueue, newOrder) {
   byId("sort-column").value = queue.sort.column;
   byId("sort-turn").textContent = queue.sort.descending ? "\u2193" : "\u2191";
   for (const heading of byId("columns").children) heading.classList.toggle("by", heading.dataset.column === queue.sort.column);
+  const inSight = new Set(marked.size ? shown.map(keyOf) : []);
+  for (const key of marked) if (!inSight.has(key)) marked.delete(key);
   const place = queue.shown.indexOf(queue.current);
-  byId("queue-place").textContent = word("queue.place", { here: place < 0 ? "\u2013" : place + 1, all: queue.shown.length });
+  byId("queue-place").classList.toggle("many", marked.size > 0);
+  byId("queue-place").textContent = marked.size ? word("queue.marked", { count: marked.size }) : word("queue.place", { here: place < 0 ? "\u2013" : place + 1, all: queue.shown.length });
   byId("queue-empty").textContent = start.words[`queue.empty.${queue.filter.role}`] && !counts.all ? word(`queue.empty.${queue.filter.role}`) : word("queue.empty");
   byId("queue-empty").hidden = queue.shown.length > 0;
   byId("rows").style.height = `${queue.shown.length * ROW}px`;
@@ -140,14 +177,15 @@ function draw() {
 function write(line, index) {
   const row = rows[index];
   const taken = queue.isTaken.get(index);
-  const shape = JSON.stringify([row, index === queue.current, taken]);
+  const chosen = marked.has(keyOf(index));
+  const shape = JSON.stringify([row, index === queue.current, taken, chosen]);
   if (line.dataset.shape === shape) return;
   line.dataset.shape = shape;
-  line.className = `row${index === queue.current ? " current" : ""}${row[HUMAN] ? " human" : ""}${taken ? " taken" : ""}`;
+  line.className = `row${index === queue.current ? " current" : ""}${row[HUMAN] ? " human" : ""}${chosen ? " marked" : ""}${taken ? " taken" : ""}`;
   line.dataset.key = `${row[POINT]}|${row[PHOTO]}`;
   line.dataset.state = row[STATE];
   line.title = `${row[POINT]} \u00b7 ${row[PHOTO]} \u00b7 ${word(`role.${row[ROLE]}`)} \u00b7 ${word(`state.${row[STATE]}.long`)}${taken ? ` \u00b7 ${word("people.here", { names: taken })}` : ""}`;
-  line.onclick = () => send({ kind: "select", key: [row[POINT], row[PHOTO]] });
+  line.onclick = (event) => pointAt(event, index);
   const bar = element("i");
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;
   line.replaceChildren(

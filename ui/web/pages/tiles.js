@@ -3,6 +3,8 @@ import { start } from "/pages/words.js";
 
 const SIDE = 256;
 const KEPT = 600;
+const TRIES = 40;
+const AGAIN_MS = 500;
 const images = new Map();
 const waiting = new Set();
 const redraw = () => waiting.forEach((callback) => callback());
@@ -19,7 +21,13 @@ function image(address, ahead = false) {
   found.decoding = "async";
   if (ahead) found.fetchPriority = "low";
   found.onload = () => { found.ready = true; redraw(); };
-  found.onerror = () => { found.failed = true; };
+  let tries = 0;
+  // The ortho may still be read for the first time: a tile that is not there yet is asked for again.
+  found.onerror = () => {
+    if (tries >= TRIES || !address.startsWith("/tiles/ortho/")) { found.failed = true; return; }
+    tries += 1;
+    setTimeout(() => { if (images.has(address)) found.src = address; }, AGAIN_MS);
+  };
   found.src = address;
   images.set(address, found);
   while (images.size > KEPT) images.delete(images.keys().next().value);
