@@ -15,6 +15,7 @@ from jaxtyping import Float64
 
 from core.arrays import Position
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
+from core.block.adjustment import one_thread
 from core.block.block import UNKNOWN_M, Block, Measurement
 from core.block.least_squares.banded import SIZE
 from core.block.least_squares.chord import without_coordinates
@@ -97,7 +98,8 @@ def foresee(
         progress: Told of every step.
         terrain: As then.
     """
-    solution = solution_of(report, options, progress, terrain)
+    with one_thread(len(report.parameters)):
+        solution = solution_of(report, options, progress, terrain)
     return None if solution is None else Foresight(report.block, solution)
 
 
@@ -149,8 +151,8 @@ class Foresight:
         """Every control point against all others, in closed form.
 
         The point's coordinates are left out; its rays stay, and are intersected again with photos
-        and cameras as they would be (`core/block/least_squares/reintersection.py`). Of a point that one photo alone shows
-        only the plan is, for one ray does not give a height.
+        and cameras as they would be. Where these move much, the whole block makes one more step.
+        Of a point that one photo alone shows only the plan is, for one ray does not give a height.
         """
         network, fit = self.solution.network, self.solution.fit
         used = np.bincount(network.rays.point[fit.taking_part], minlength=network.points.count)
@@ -166,8 +168,8 @@ class Foresight:
         columns = self._equations.cofactors(rows)
         found: list[LeftOut] = []
         steps = np.zeros((self._equations.unknowns, len(names)))
-        predicted: list[Float64[np.ndarray, "axes"]] = []
-        remaining: list[Float64[np.ndarray, "axes axes"]] = []
+        predicted: list[Float64[np.ndarray, ...]] = []
+        remaining: list[Float64[np.ndarray, ...]] = []
         start = 0
         for index, (name, (_, inner)) in enumerate(zip(names, parts, strict=True)):
             part = slice(start, start + len(inner))
@@ -186,8 +188,8 @@ class Foresight:
         self,
         flat: Sequence[LeftOut],
         steps: Float64[np.ndarray, "unknowns points"],
-        predicted: Sequence[Float64[np.ndarray, "axes"]],
-        remaining: Sequence[Float64[np.ndarray, "axes axes"]],
+        predicted: Sequence[Float64[np.ndarray, "..."]],
+        remaining: Sequence[Float64[np.ndarray, "..."]],
     ) -> tuple[LeftOut, ...]:
         """The differences where rays truly meet, not where tangents do."""
         solution, known = self.solution, self.solution.network.points.known

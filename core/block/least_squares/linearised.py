@@ -165,7 +165,8 @@ def by_scaled_camera(
     network: Network, photo: Indices, partials: FilmPartials
 ) -> Float64[np.ndarray, "2 lens rays"]:
     """Derivatives of rays in some photos by their cameras' scaled constants, millimetres."""
-    by_camera = partials.by_camera / network.scale[network.camera[photo], :CONSTANTS].T
+    scale = np.ascontiguousarray(network.scale[:, :CONSTANTS].T)
+    by_camera = partials.by_camera / np.take(scale, network.camera[photo], axis=1)
     if not len(network.additional.names):
         return by_camera
     xi, eta = partials.ideal / halves_of(network)[network.camera[photo]]

@@ -1,16 +1,20 @@
 """An order of the photos in which those that share points stand near each other."""
 
 import numpy as np
+from jaxtyping import Float64, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-from core.arrays import Indices, ObjectPoints
 
 DIRECTIONS = 60
 """Directions in plan, over half a turn, in which the block is swept."""
 
+Ends = Int[np.ndarray, "pairs"]
+"""One photo of each pair that shares points."""
 
-def narrow_places(low: Indices, high: Indices, centres: ObjectPoints) -> Indices:
+
+def narrow_places(
+    low: Ends, high: Ends, centres: Float64[np.ndarray, "photos 3"]
+) -> Int[np.ndarray, "photos"]:
     """Where each photo stands, so that the farthest two that share points are near.
 
     Reverse Cuthill and McKee's order begins at a corner of the block and runs across it; photos one
@@ -43,5 +47,5 @@ def narrow_places(low: Indices, high: Indices, centres: ObjectPoints) -> Indices
     return best
 
 
-def _reach(place: Indices, low: Indices, high: Indices) -> int:
+def _reach(place: Int[np.ndarray, "photos"], low: Ends, high: Ends) -> int:
     return int(np.abs(place[low] - place[high]).max(initial=0))

@@ -6,9 +6,8 @@ of that, so it alone is solved again.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int
 
-from core.arrays import Indices, ObjectPoints
 from core.block.least_squares.banded import SIZE
 from core.block.least_squares.linearised import halves_of
 from core.block.least_squares.minimum import Fit
@@ -27,11 +26,17 @@ ROUNDS = 2
 
 Steps = Float64[np.ndarray, "unknowns points"]
 """Change of all photos' and shared unknowns, one column for each point."""
+Rays = Int[np.ndarray, "rays"]
+"""A number for each ray of these points."""
 
 
 def met_again(
-    network: Network, fit: Fit, points: Indices, free: Bool[np.ndarray, "points 3"], steps: Steps
-) -> ObjectPoints:
+    network: Network,
+    fit: Fit,
+    points: Int[np.ndarray, "points"],
+    free: Bool[np.ndarray, "points 3"],
+    steps: Steps,
+) -> Float64[np.ndarray, "points 3"]:
     """Where the rays that take part meet, with what is still known of each point.
 
     Args:
@@ -65,8 +70,8 @@ def met_again(
 
 
 def _moved(
-    network: Network, fit: Fit, rays: Indices, item: Indices, steps: Steps
-) -> tuple[ObjectPoints, RayModel]:
+    network: Network, fit: Fit, rays: Rays, item: Rays, steps: Steps
+) -> tuple[Float64[np.ndarray, "rays 3"], RayModel]:
     """Centre and model of each ray after the step of its own point."""
     state, photo = fit.state, network.rays.photo[rays]
     camera, count = network.camera[photo], len(network.photos)
