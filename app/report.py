@@ -13,7 +13,13 @@ from PIL import Image
 from rasterio.enums import Resampling
 
 from app.report_content import ReportContent
-from app.report_drawing import draw_bars, draw_coverage, draw_map, draw_seams
+from app.report_drawing import (
+    draw_bars,
+    draw_coverage,
+    draw_map,
+    draw_reliability,
+    draw_seams,
+)
 from app.report_figures import gather
 from app.report_wording import findings, tell
 from sessions.whole import whole_file
@@ -73,6 +79,7 @@ def render(figures: dict[str, Any], mosaic_jpeg: str = "") -> str:
         block_map=block_map,
         map_caption=caption,
         rays=draw_bars(figures["ties"]["points_by_rays"], "rays"),
+        reliability=draw_reliability(figures["reliability"]["bins"]),
         draw_coverage=draw_coverage,
         seams=draw_seams(mosaic) if mosaic and mosaic["seams"] else "",
         mosaic_jpeg=mosaic_jpeg,

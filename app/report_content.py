@@ -9,6 +9,7 @@ from shapely.geometry import Polygon
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.block import Block
 from core.block.foresight import Foresight
+from core.block.registration.borne_out import Bin
 from core.doubts import Doubt
 from core.ground.comparison import MosaicAccuracy
 from core.ground.seams import Seam
@@ -36,6 +37,8 @@ class ReportContent:
     """Accuracy of the reference ortho and DEM, metres."""
     foresight: Foresight | None = None
     """Equations of the adjusted block, to tell where control would help; None: it is not told."""
+    reliability: Sequence[Bin] = ()
+    """How far the probabilities of control proposals are borne out."""
     footprints: Mapping[str, Polygon] = field(default_factory=dict[str, Polygon])
     """Footprint of each photo; over level ground when left out."""
     mosaic: Path | None = None

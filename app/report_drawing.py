@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor, hypot, log10
+from math import ceil, floor, hypot, log10, sqrt
 from typing import Any
 
 from markupsafe import Markup
@@ -114,6 +114,34 @@ def draw_bars(counts: dict[str, int], unit: str) -> Markup:
         "svg",
         Markup("").join(parts),
         viewBox=f"0 0 {width:.0f} 176",
+        class_="bars",
+        style=f"width:{width:.0f}px",
+    )
+
+
+def draw_reliability(bins: Sequence[Figures]) -> Markup:
+    """Probability as stated (across) and as borne out (up); a dot's area is its proposals."""
+    if not bins:
+        return Markup("")
+    side, edge = 200.0, 30.0
+    most = max(one["proposals"] for one in bins)
+    parts = [
+        _tag("line", x1=edge, y1=side, x2=edge + side, y2=side, class_="axis"),
+        _tag("line", x1=edge, y1=0, x2=edge, y2=side, class_="axis"),
+        _tag("line", x1=edge, y1=side, x2=edge + side, y2=0, class_="axis"),
+        _tag("text", "stated 1", x=edge + side, y=side + 17, class_="barname"),
+        _tag("text", "0", x=edge, y=side + 17, class_="barname"),
+        _tag("text", "1", x=edge - 10, y=10, class_="barname"),
+    ]
+    for one in bins:
+        x, y = edge + side * one["stated"], side * (1.0 - one["borne_out"])
+        radius = 2.0 + 7.0 * sqrt(one["proposals"] / most)
+        parts.append(_tag("circle", cx=x, cy=y, r=radius, class_="bar"))
+    width = edge + side + 40
+    return _tag(
+        "svg",
+        Markup("").join(parts),
+        viewBox=f"0 -10 {width:.0f} {side + 34:.0f}",
         class_="bars",
         style=f"width:{width:.0f}px",
     )

@@ -19,6 +19,7 @@ from core.block.adjusted import AdjustmentReport
 from core.block.block import Block, Measurement, Photo
 from core.block.certificate import certify
 from core.block.displacement import displacement
+from core.block.registration.borne_out import calibration_error
 from core.geometry.camera import Camera
 from core.ground.seams import Seam
 
@@ -42,6 +43,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "checks": check_accuracy(content),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": _control_figures(report),
+        "reliability": _reliability(content),
         "coverage": _coverage(report),
         "control_spread": spread_figures(report, content.foresight),
         "certificate": _certificate(content),
@@ -103,6 +105,15 @@ def _adjustment_figures(report: AdjustmentReport) -> dict[str, Any]:
         "converged": report.converged,
         "rms_px": dict(report.rms_px),
         "rms_m": dict(report.rms_m),
+    }
+
+
+def _reliability(content: ReportContent) -> dict[str, Any]:
+    """What the heights of peaks stated, and how far it is borne out by where they lie."""
+    return {
+        "bins": [asdict(one) for one in content.reliability],
+        "error": calibration_error(content.reliability),
+        "proposals": sum(one.proposals for one in content.reliability),
     }
 
 

@@ -80,6 +80,13 @@ TEXT = {
         "{count} control measurements have a redundancy number below 0.1: no other measurement "
         "would show them wrong."
     ),
+    "reliability": (
+        "How far the heights of peaks can be believed, without a label: across, the probability "
+        "that their height alone states for the highest peak of each of {count} searches; up, the "
+        "share that lies where the block expects it, less what chance brings there. Dots below the "
+        "line: heights promise too much, and the place must decide, as it does before a proposal "
+        "is used. Mean difference {error:.3f}."
+    ),
     "coverage": "{good} of {photos} photos have control in at least five of nine cells",
     "coverage_text": (
         "Each square is the picture area of a photo, divided as the Gruber points lie; figures are "

@@ -223,6 +223,7 @@ class Run:
             doubts=self.doubts(),
             set_aside=self.set_aside(),
             reference_sigma_m=(self.given.ortho_sigma_m, self.given.dem_sigma_m),
+            reliability=self.assembly.reliability,
             mosaic=self.session.results / "mosaic.tif",
             seams=mosaic.seams,
             change=self.made["change"],

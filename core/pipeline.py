@@ -213,7 +213,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=5,
+        version=6,
     ),
     Stage(
         "control",
@@ -221,7 +221,7 @@ STAGES: tuple[Stage, ...] = (
         ("orientation", "ties"),
         lambda given: (given.assembly, given.surveyed, given.preset),
         find_control,
-        version=3,
+        version=4,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

@@ -30,7 +30,7 @@ from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced, Made, PlacedBlocks, ScanSet, Tied, Work
 
-BEYOND_DOUBT = -15.0
+BEYOND_DOUBT = -25.0
 """A hypothesis that stands with so few expected false alarms (log10) needs no rival."""
 
 

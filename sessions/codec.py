@@ -38,6 +38,7 @@ from core.block.block import (
     TiePoints,
 )
 from core.block.block_placement import PlacedBlock
+from core.block.registration.borne_out import Bin
 from core.block.registration.ground_search import Turn
 from core.block.registration.matching import Found
 from core.block.registration.orientation import OrientedPhoto, ReferencePoints
@@ -70,6 +71,7 @@ REGISTERED: tuple[type, ...] = (
     Approximation,
     Assembly,
     Atmosphere,
+    Bin,
     Block,
     Camera,
     CheckResult,

@@ -10,8 +10,9 @@ from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import SILENT, adjust_block
 from core.block.block import Block, Measurement, Photo
 from core.block.common_shift import common_shift, weighed
-from core.block.control import judged, surveyed_of, with_proposals
+from core.block.control import borne_out, judged, surveyed_of, with_proposals
 from core.block.least_squares.terrain import Terrain
+from core.block.registration.borne_out import Bin
 from core.block.registration.datum import DatumOptions, lay_on_reference
 from core.block.registration.orientation import OrientationOptions, OrientedPhoto
 from core.block.registration.patches import OpenPhoto
@@ -51,6 +52,8 @@ class Assembly:
     """The adjustment; its block has all proposals with their status."""
     doubts: tuple[Doubt, ...]
     """Photos left out, photos carried by ties alone."""
+    reliability: tuple[Bin, ...] = ()
+    """How far the probabilities of the proposals are borne out; empty where none were told."""
 
 
 def assemble_block(
@@ -95,17 +98,18 @@ def assemble_block(
         doubts = (*doubts, Doubt("datum", "block", laid.reason, 0.9, laid.evidence))
     else:
         standing = laid
-    report, searches = None, ()
+    report, searches, resting = None, (), {}
     for turn in range(options.rounds):
         watch.report(turn + 2, options.rounds + 2, "control")
         searches = searched(standing, site, options, mapper, searches)
-        proposed = judged(searches, site.sources, options.control)[0]
+        proposed, resting = judged(searches, site.sources, options.control)
         standing = with_proposals(standing, site.points, site.sources, proposed)
         report = adjusted_without_gross(standing, options.adjustment)
         standing = report.block
     assert report is not None
     report, told = with_true_worth(report, options.adjustment)
-    return Assembly(report, (*doubts, *told))
+    reliability = borne_out(searches, site.sources, resting)
+    return Assembly(report, (*doubts, *told), reliability)
 
 
 def with_true_worth(

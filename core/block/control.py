@@ -12,6 +12,7 @@ import numpy as np
 
 from core.arrays import Scalars
 from core.block.block import Block, Measurement, Source, SurveyedPoint
+from core.block.registration.borne_out import Bin, Sightings, diagram, sightings
 from core.block.registration.orientation import ReferencePoints
 from core.block.registration.probability import Calibration, Searches, probabilities
 from core.block.registration.searches import ControlOptions, Search
@@ -50,6 +51,31 @@ def judged(
             if search.peaks:
                 measured[row] = measurement_of(search, right[start:end], options)
     return tuple(measured[row] for row in sorted(measured)), resting
+
+
+def borne_out(
+    searches: Sequence[Search],
+    sources: Mapping[str, Source],
+    resting: Mapping[Kind, Calibration | None],
+) -> tuple[Bin, ...]:
+    """How far the probabilities of a block's proposals are borne out by where they lie.
+
+    Args:
+        searches: All searches of a block.
+        sources: Where the points come from.
+        resting: What the probabilities of each kind rest on, as `judged` tells.
+    """
+    every: list[Sightings] = []
+    for kind, found in sorted(resting.items()):
+        chosen = [
+            search
+            for search in searches
+            if (sources.get(search.point_id, "surveyed"), search.roads) == kind
+        ]
+        if found is not None:
+            window_m2 = float(np.median([search.chance.inner_m2 for search in chosen]))
+            every.append(sightings(pooled(chosen), found, window_m2))
+    return diagram(every)
 
 
 def pooled(searches: Sequence[Search]) -> Searches:

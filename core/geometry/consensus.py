@@ -10,14 +10,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.special import gammaln
 
 from core.arrays import Flags, Indices, Matrix, PixelPoints, Scalars
+from core.geometry.evidence import Design, Evidence, Step
 
-Design = Float64[np.ndarray, "candidates 2 unknowns"]
-"""Derivatives of the place of each candidate by the unknowns."""
-Step = Float64[np.ndarray, "unknowns"]
-"""One value of the unknowns."""
 Steps = Float64[np.ndarray, "hypotheses unknowns"]
 """Many values of the unknowns."""
 Costs = Float64[np.ndarray, "hypotheses"]
@@ -167,45 +163,21 @@ class Consensus:
             chosen, cost = self.agreeing(self.offset - self.design @ step)
         return cost + float(step @ self.prior_information @ step), step, chosen
 
-    def log10_nfa(self, chosen: Chosen) -> float:
-        """Number of false alarms of the agreeing candidates, as a power of ten.
+    def log10_nfa(self, residual: PixelPoints, design: Design, at: Step) -> float:
+        """Expected number of false alarms of an agreement, as a power of ten.
 
-        Each point counts by its own chance to agree: one whose gate fills its search window agrees
-        wherever it lies, and is left out.
+        The inverse of the Bayes factor of `core.geometry.evidence`. A point whose gate fills its
+        search window agrees wherever it lies, and is left out.
+
+        Args:
+            residual: Measured minus computed of every candidate, pixels.
+            design: Derivatives where that was computed.
+            at: Unknowns there, relative to the prior's mean.
         """
-        area = np.pi * self.limit * self.candidates.sigma_px**2
-        share = np.add.reduceat(area * self.candidates.chance, self.first)
-        points = self.candidates.point[self.first]
-        telling = share < IDLE
-        agreeing = telling & np.isin(points, self.candidates.point[chosen])
-        each = np.add.reduceat(np.ones(len(area)), self.first)[telling]
-        choices = SAMPLE * np.log10(each.mean()) if len(each) else 0.0
-        count = int(telling.sum())
-        return log10_false_alarms(count, np.log(share[agreeing])) + float(choices)
-
-
-def log10_false_alarms(count: int, log_chance: Scalars) -> float:
-    """Expected models that these points of `count` support by chance, log10.
-
-    log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha, m = 3 points a sample
-    (the a-contrario model of openMVG's robust estimator), with the mean log alpha of the points
-    that agree.
-
-    Args:
-        count: N, points that could agree.
-        log_chance: Natural logarithm of the chance to agree of each of the k that do.
-    """
-
-    def log_choose(n: int, k: int) -> float:
-        return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
-
-    agreeing = len(log_chance)
-    if agreeing <= SAMPLE:
-        return float(np.log10(max(count, 1)))
-    natural = (
-        np.log(max(count - SAMPLE, 1))
-        + log_choose(count, agreeing)
-        + log_choose(agreeing, SAMPLE)
-        + (agreeing - SAMPLE) * float(np.mean(np.maximum(log_chance, -690.0)))
-    )
-    return float(natural / np.log(10))
+        known = self.candidates
+        gate = np.pi * self.limit * known.sigma_px**2
+        telling = np.add.reduceat(gate * known.chance, self.first) < IDLE
+        evidence = Evidence(
+            self.first, known.weight, known.sigma_px, known.chance, telling, self.limit
+        )
+        return -evidence.log10_bayes(residual, design, at, self.prior_information)

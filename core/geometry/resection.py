@@ -174,7 +174,7 @@ class Search:
         count = len(self.consensus.first)
         if len(chosen) <= SAMPLE:
             return Failure(f"no orientation agrees with more than {len(chosen)} points")
-        nfa = self.consensus.log10_nfa(chosen)
+        nfa = self.false_alarms(exterior)
         evidence = {"points": count, "agreeing": len(chosen), "log10_nfa": round(nfa, 2)}
         if nfa > self.options.log10_nfa_limit:
             return Failure(
@@ -183,6 +183,14 @@ class Search:
             )
         covariance = self.solved(exterior, chosen, residual)[1]
         return Resection(exterior, covariance, chosen, residual, nfa)
+
+    def false_alarms(self, exterior: ExteriorOrientation) -> float:
+        """Expected number of false alarms of an orientation, as a power of ten."""
+        pixels, derivatives = self.model.linearised(self.points, exterior)
+        point = self.candidates.point
+        residual = self.candidates.pixels - pixels[point]
+        change = difference(exterior, self.start)
+        return self.consensus.log10_nfa(residual, derivatives[point], change)
 
 
 def difference(exterior: ExteriorOrientation, start: ExteriorOrientation) -> Step:

@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pyogrio
 import pyogrio.raw
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
 from shapely.geometry.base import BaseGeometry
+
+NO_TIME = "2000-01-01T00:00:00Z"
+"""When every layer was written last: the same run gives the same bytes."""
 
 
 def write_polygons(
@@ -33,6 +37,8 @@ def write_polygons(
     Raises:
         OSError: The disk is full.
     """
+    # The time of writing that GDAL puts into a GeoPackage would make every run another file.
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
     several = any(isinstance(area, shapely.MultiPolygon) for area in areas)
     try:
         pyogrio.raw.write(

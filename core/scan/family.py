@@ -12,7 +12,7 @@ from core.scan.camera_marks import EstimatedMarks, estimate_marks
 from core.scan.data_strip import STRIP_SIDES, strip_on_film, ways_of_strip
 from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import area_from_interior
-from core.scan.handedness import mirrored_scans
+from core.scan.handedness import front_is, sides_shown
 from core.scan.interior_doubts import doubts_of_fit
 from core.scan.layouts import CORNERS, SIDES, UPRIGHT, WAYS, Way, lying
 from core.scan.look import turned_words
@@ -70,19 +70,34 @@ def _ways(oriented: Oriented, camera: Camera) -> dict[str, Way]:
             if way == ways[name] or way in free[name]:
                 ways[name] = way
                 break
-    unsure = [name for name, open_ways in free.items() if any(back for _, back in open_ways)]
+    unsure = {name for name, some in free.items() if len({back for _, back in some}) > 1}
     if len(oriented) > 2 and unsure:
-        scans = {name: (scan.scan, scan.area) for name, scan in oriented.items()}
-        behind = set(mirrored_scans(scans))
-        for name in behind & set(unsure):
-            ways[name] = _from_behind(oriented[name], strip, ways[name], free[name])
+        for name, back in _backs(oriented, ways, unsure).items():
+            ways[name] = _seen_from(oriented[name], strip, ways[name], free[name], back)
     return ways
 
 
-def _from_behind(scan: ScanOrientation, strip: str, way: Way, allowed: tuple[Way, ...]) -> Way:
-    """The mirrored way that the data strip allows, or the assumed one seen from behind."""
-    by_strip = [w for w in ways_of_strip(strip, scan.strip) if w[1] and w in allowed]
-    return by_strip[0] if by_strip else (way[0], True)
+def _backs(oriented: Oriented, ways: Mapping[str, Way], unsure: set[str]) -> dict[str, bool]:
+    """Whether the scans whose marks do not tell are mirrored: as the ground shows, else as most."""
+    known = {name: back for name, (_, back) in ways.items() if name not in unsure}
+    scans = {name: (oriented[name].scan, oriented[name].area) for name in oriented}
+    usual = 2 * sum(known.values()) > len(known)
+    backs = dict.fromkeys(unsure, usual) if known else {}
+    for sides in sides_shown(scans):
+        front = front_is(sides, known)
+        if front is not None:
+            backs |= {name: sides[name] != front for name in unsure & set(sides)}
+    return backs
+
+
+def _seen_from(
+    scan: ScanOrientation, strip: str, way: Way, allowed: tuple[Way, ...], back: bool
+) -> Way:
+    """The way seen from a side that the data strip allows, or the assumed one from that side."""
+    if way[1] == back:
+        return way
+    by_strip = [w for w in ways_of_strip(strip, scan.strip) if w[1] == back and w in allowed]
+    return by_strip[0] if by_strip else (way[0], back)
 
 
 def _open_ways(scan: ScanOrientation, camera: Camera) -> tuple[Way, ...]:

@@ -1,8 +1,8 @@
 """Which scans show their film from the back: neighbours match them only in a mirror.
 
 Marks at the corners of a square look the same from behind, and so does a data strip; the ground
-does not. Overlapping photos are matched as they are and mirrored; who matches only mirrored has
-been scanned from its other side than the rest.
+does not. Overlapping photos are matched as they are and mirrored; those that match only mirrored
+have been scanned from different sides.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,18 +40,18 @@ class HandednessOptions:
     """How many times more must agree mirrored than direct, or the other way round."""
 
 
-def mirrored_scans(
+def sides_shown(
     scans: Mapping[str, tuple[ScanFile, FilmArea]], options: HandednessOptions | None = None
-) -> tuple[str, ...]:
-    """Photos that lie the other way round than most of those they overlap.
+) -> list[dict[str, bool]]:
+    """Which photos show their film from one side, and which from the other.
 
     Args:
         scans: File and picture area by photo, all read as they are.
         options: How they are compared.
 
     Returns:
-        Their names; among two, or where halves stand against each other, nobody can say and nobody
-        is named.
+        For every group of photos that hang together, two or more, the side of each; which of both
+        sides is the front, the ground cannot say.
     """
     options = options or HandednessOptions()
     pictures = {name: _heart(*scan, options.side_px) for name, scan in scans.items()}
@@ -60,20 +60,34 @@ def mirrored_scans(
         name: _details(np.ascontiguousarray(gray[:, ::-1]), options)
         for name, gray in pictures.items()
     }
-    pairs: list[tuple[int, str, str, int]] = []
+    pairs: list[tuple[int, str, str, bool]] = []
     for first, second in combinations(sorted(scans), 2):
         as_is = _agreeing(direct[first], direct[second], options)
         turned = _agreeing(direct[first], behind[second], options)
         more, fewer = max(as_is, turned), min(as_is, turned)
         if more >= options.least and more >= options.ahead * fewer:
-            pairs.append((more, first, second, int(turned > as_is)))
-    return _minority(tuple(scans), pairs)
+            pairs.append((more, first, second, turned > as_is))
+    return _groups(tuple(scans), pairs)
 
 
-def _minority(names: Sequence[str], pairs: list[tuple[int, str, str, int]]) -> tuple[str, ...]:
-    """The smaller side of every group of photos that hang together, strongest pairs first."""
+def front_is(sides: Mapping[str, bool], known: Mapping[str, bool]) -> bool | None:
+    """The side of a group that is the film's front; None where halves stand against each other.
+
+    Args:
+        sides: The side of each photo of the group.
+        known: Whether a photo is mirrored, of those whose marks tell; the rest are outvoted by
+            them, and where no marks tell, the fewer are taken to be mirrored.
+    """
+    votes = [sides[name] ^ mirrored for name, mirrored in known.items() if name in sides]
+    votes = votes or list(sides.values())
+    ahead = 2 * sum(votes) - len(votes)
+    return ahead > 0 if ahead else None
+
+
+def _groups(names: Sequence[str], pairs: list[tuple[int, str, str, bool]]) -> list[dict[str, bool]]:
+    """Photos that hang together and the side of each, strongest pairs first."""
     group = {name: name for name in names}
-    side = dict.fromkeys(names, 0)
+    side = dict.fromkeys(names, False)
     for _, first, second, other in sorted(pairs, reverse=True):
         if group[first] == group[second]:
             continue
@@ -82,14 +96,10 @@ def _minority(names: Sequence[str], pairs: list[tuple[int, str, str, int]]) -> t
         for name in names:
             if group[name] == moved:
                 group[name], side[name] = group[first], side[name] ^ flip
-    found: list[str] = []
-    for root in set(group.values()):
-        members = [name for name in names if group[name] == root]
-        behind = [name for name in members if side[name]]
-        fewer = behind if 2 * len(behind) < len(members) else [n for n in members if not side[n]]
-        if 0 < 2 * len(fewer) < len(members):
-            found += fewer
-    return tuple(sorted(found))
+    members = [
+        [name for name in names if group[name] == root] for root in sorted(set(group.values()))
+    ]
+    return [{name: side[name] for name in some} for some in members if len(some) > 1]
 
 
 def _heart(scan: ScanFile, area: FilmArea, side_px: int) -> UInt8[np.ndarray, "rows columns"]:

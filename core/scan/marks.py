@@ -66,7 +66,7 @@ def library() -> tuple[Mark, ...]:
         for stroke in (0.1, 0.2, 0.4)
         if stroke <= radius / 3
     ]
-    marks += [Mark("dot", radius, 0.0) for radius in (0.06, 0.12, 0.25, 0.5, 1.0)]
+    marks += [Mark("dot", radius, 0.0) for radius in (0.06, 0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0)]
     marks += [
         Mark(shape, radius, stroke)
         for shape in ("ring", "ringed-dot", "ringed-cross", "ringed-saltire")
@@ -95,7 +95,11 @@ def resized(mark: Mark, radius_factor: float, stroke_factor: float, blur_px: flo
 
 
 def draw_mark(
-    mark: Mark, pixel_mm: float, turn: float = 0.0, surround: float = SURROUND
+    mark: Mark,
+    pixel_mm: float,
+    turn: float = 0.0,
+    surround: float = SURROUND,
+    beside: tuple[float, float] = (0.0, 0.0),
 ) -> Float64[np.ndarray, "side side"]:
     """The mark as a template: 1 on the mark, 0 beside it, the share of the pixel at its edges.
 
@@ -104,13 +108,14 @@ def draw_mark(
         pixel_mm: Size of a pixel, millimetres.
         turn: Rotation in the scan, radians, clockwise as seen (column towards row).
         surround: Half width of the template relative to the mark's own.
+        beside: Where a notch's tip lies from the middle of the middle pixel (column, row), pixels.
 
     Returns:
         Odd number of pixels a side; the mark's middle is the middle of the middle pixel.
     """
     half = max(3, int(np.ceil(mark.reach_mm * surround / pixel_mm)))
     if mark.notch:
-        drawn = _drawn_notch(mark, half, turn)
+        drawn = _drawn_notch(mark, half, turn, beside)
     else:
         drawn = _drawn_figure(mark, half, pixel_mm, turn)
     if mark.blur_px > 0:
@@ -132,10 +137,12 @@ def _drawn_figure(
     return inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
 
 
-def _drawn_notch(mark: Mark, half: int, turn: float) -> Float64[np.ndarray, "side side"]:
+def _drawn_notch(
+    mark: Mark, half: int, turn: float, beside: tuple[float, float]
+) -> Float64[np.ndarray, "side side"]:
     """A notch by its two edges, each pixel's share exact: samples would miss half of a step."""
     axis = np.arange(-half, half + 1, dtype=np.float64)
-    right, down = np.meshgrid(axis, axis)
+    right, down = np.meshgrid(axis - beside[0], axis - beside[1])
     angle = np.arctan2(mark.outward[1], mark.outward[0]) + turn
     shares = [_half_plane(right, down, angle + normal) for normal in NOTCH_NORMALS[mark.shape]]
     return np.minimum(*shares)

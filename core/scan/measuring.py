@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -29,7 +30,7 @@ from core.scan.raster import ScanFile, read_window
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
-NOTCH_SIGMA_PX = 0.02
+NOTCH_SIGMA_PX = 0.035
 """What the picture beside a notch does to its edges at least, pixels."""
 STEPS_APART_PX = 0.2
 """How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
@@ -83,6 +84,13 @@ class FittedMark:
         mark = replace(self.mark, outward=outward, blur_px=blur)
         surround = SURROUND * max(reach_mm / mark.reach_mm, 1.0)
         return draw_mark(mark, pixel_mm, self.turn, surround)
+
+    def notch_at(
+        self, outward: tuple[float, float], pixel_mm: float, beside: tuple[float, float]
+    ) -> Weights:
+        """A notch's template with its tip beside the middle of the middle pixel."""
+        mark = replace(self.mark, outward=outward)
+        return draw_mark(mark, pixel_mm, self.turn, beside=beside)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +265,8 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
     if isinstance(first, Failure):
         return first
     start = (first.column, first.row)
-    second = centre_by_sides(spot.gray, template, weights, start, limit_px)
+    drawn = partial(fitted.notch_at, spot.outward, pixel_mm)
+    second = centre_by_sides(spot.gray, drawn, weights, start, limit_px)
     if isinstance(second, Failure):
         return second
     likeness = second.correlation if fitted.bright else -second.correlation

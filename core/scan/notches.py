@@ -5,7 +5,7 @@ outline are smooth surfaces of unknown gray (penalised splines), and the shift o
 solved for together with them: a slope of gray along the outline then moves nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -37,9 +37,15 @@ CALM_KNOTS_PX = 60.0
 """The same on a side that is even."""
 CALM = 0.5
 """How much less than the other side's gray that of an even side spreads."""
-SMOOTH = 0.01
-"""Weight of a bend between knots against the gray of one pixel: of what lies between pixels, film
-grain is more than picture."""
+SMOOTH = (1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3)
+"""Weights of a bend between knots against the gray of one pixel that are tried: what is grain and
+what is picture the scan itself must tell."""
+SHARED_PX = 3.0
+"""Pixels, softened as they are, that tell no more than one would without its neighbours."""
+RIDGE = 1e-3
+"""Weight of a spline's own height: hardly any, but enough where no pixel reaches."""
+CHOSEN_IN = (0, 2)
+"""Rounds in which the weight of bends is chosen: at first, and where the notch was found."""
 BLUR_PX = 0.6
 """Blur of lens, film and scanner that is begun with, pixels; it is solved for."""
 MOST_BLUR_PX = 3.0
@@ -47,11 +53,15 @@ ROUNDS = 8
 CONVERGED_PX = 2e-3
 FAR = 3.0
 """Residual, in spreads, at which half of a pixel's influence is gone."""
+NOISE_SHARE = 0.04
+"""Noise that is always reckoned with, as a share of the spread of grays: on flawless film the
+picture's own unevenness would count as dirt, and only on one side."""
 MIN_PIXELS = 150
 Surfaces = Float64[np.ndarray, "pixels _"]
 Square = Float64[np.ndarray, "_ _"]
 Values = Float64[np.ndarray, "pixels"]
 Used = Bool[np.ndarray, "side side"]
+Drawn = Callable[[tuple[float, float]], Weights]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,40 +93,49 @@ class Side:
 
 
 def centre_by_sides(
-    window: Gray, template: Weights, weights: Weights, start: tuple[float, float], limit_px: float
+    window: Gray,
+    drawn: Drawn,
+    weights: Weights,
+    start: tuple[float, float],
+    limit_px: float,
 ) -> Centre | Failure:
     """The place at which the drawn outline parts two smooth surfaces of gray.
 
+    The notch is drawn where it is thought to be, each pixel's share exact, and the scan's pixels
+    are left as they are: along an edge that is nearly level with them, resampling would move it.
+
     Args:
         window: Part of the scan, without NaN.
-        template: The drawn notch, 1 on one side, 0 on the other; its tip is the middle of its
-            middle pixel.
+        drawn: The notch, 1 on one side, 0 on the other, its tip so far (column, row) beside the
+            middle of the middle pixel.
         weights: Weight of each template pixel.
         start: Approximate tip (column, row) in the window, pixels.
         limit_px: How far from the start the tip may be.
     """
+    template = drawn((0.0, 0.0))
     used = _band(template, weights)
     if used.sum() < MIN_PIXELS:
         return Failure("The mark has too little outline in the window.")
     place, blur = np.array(start, dtype=np.float64), BLUR_PX**2
     left: Left | None = None
     share, _ = _outlines(template, blur, used)
-    gray = sample_about(window, place, template.shape[0])[used]
-    sides, prior = _surfaces(used, _knots(gray, share))
-    first, weight = sides[0].gray.shape[1], np.ones(len(share))
-    for _ in range(ROUNDS):
-        gray = sample_about(window, place, template.shape[0])[used]
+    gray = sample_about(window, np.floor(place) + 0.5, template.shape[0])[used]
+    sides, bends = _surfaces(used, _knots(gray, share))
+    prior, weight = bends, np.ones(len(share))
+    for turn in range(ROUNDS):
+        pixel = np.floor(place) + 0.5
+        gray = sample_about(window, pixel, template.shape[0])[used]
         gray -= np.median(gray)
-        share, slopes = _outlines(template, blur, used)
-        surfaces = np.hstack([
-            sides[0].beside(share, -slopes, blur + SOFT_PX**2),
-            sides[1].beside(1 - share, slopes, blur + SOFT_PX**2),
-        ])  # fmt: skip
-        found = _normal(surfaces, weight, prior) @ (surfaces * weight[:, None]).T @ gray
-        apart = sides[0].gray @ found[:first] - sides[1].gray @ found[first:]
-        design = np.hstack([surfaces, slopes * apart[:, None]])
-        step, weight, left = _solved(design, gray, prior, used)
-        if not np.isfinite(step).all():
+        column, row = (place - pixel).tolist()
+        share, slopes = _outlines(drawn((column, row)), blur, used)
+        surfaces = _beside_outline(sides, share, slopes, blur)
+        if turn in CHOSEN_IN:
+            prior = _likely(np.hstack([surfaces, slopes]), gray, bends)
+        try:
+            apart = _step_of_gray(sides, surfaces, gray, weight, prior)
+            design = np.hstack([surfaces, slopes * apart[:, None]])
+            step, weight, left = _solved(design, gray, prior, used)
+        except np.linalg.LinAlgError:
             return Failure("The mark's outline is not there.")
         place = place + np.clip(step[:2], -1.0, 1.0)
         blur = float(np.clip(blur + np.clip(step[2], -0.5, 0.5), 0.01, MOST_BLUR_PX**2))
@@ -126,6 +145,25 @@ def centre_by_sides(
             break
     sigma = left.sigma_px if left else float("nan")
     return Centre(float(place[0]), float(place[1]), sigma, _likeness(gray, share))
+
+
+def _beside_outline(
+    sides: Sequence[Side], share: Values, slopes: Float64[np.ndarray, "pixels 3"], blur: float
+) -> Surfaces:
+    """What the splines of both sides add to each pixel."""
+    variance = blur + SOFT_PX**2
+    return np.hstack([
+        sides[0].beside(share, -slopes, variance), sides[1].beside(1 - share, slopes, variance)
+    ])  # fmt: skip
+
+
+def _step_of_gray(
+    sides: Sequence[Side], surfaces: Surfaces, gray: Values, weight: Values, prior: Square
+) -> Values:
+    """How much brighter the notch is than the picture, as if both went on to each pixel."""
+    found = _normal(surfaces, weight, prior) @ (surfaces * weight[:, None]).T @ gray
+    first = sides[0].gray.shape[1]
+    return sides[0].gray @ found[:first] - sides[1].gray @ found[first:]
 
 
 def _likeness(gray: Values, share: Values) -> float:
@@ -154,9 +192,16 @@ def _outlines(
     width = (2 * SOFT_TAPS + 1,) * 2
     edge = cv2.BORDER_REPLICATE
     soft = softened(cv2.GaussianBlur(template, width, float(np.sqrt(blur)), borderType=edge))
-    right, down = np.gradient(soft, axis=1), np.gradient(soft, axis=0)
-    curved = np.gradient(right, axis=1) + np.gradient(down, axis=0)
+    right, down = _slope(soft, 1), _slope(soft, 0)
+    curved = _slope(right, 1) + _slope(down, 0)
     return soft[used], np.column_stack([-right[used], -down[used], 0.5 * curved[used]])
+
+
+def _slope(field: Weights, axis: int) -> Weights:
+    """First derivative to the fourth order: a plain difference is flatter than an edge."""
+    taps = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
+    kernels = (taps, np.ones(1)) if axis else (np.ones(1), taps)
+    return cv2.sepFilter2D(field, cv2.CV_64F, *kernels, borderType=cv2.BORDER_REPLICATE)
 
 
 def _knots(gray: Values, share: Values) -> tuple[float, float]:
@@ -191,17 +236,42 @@ def _splines(used: Used, knots_px: float) -> tuple[Side, Square]:
     at = np.full(kept.size, -1)
     at[kept] = np.arange(int(kept.sum()))
     grid = at.reshape(len(knots), len(knots))
-    penalty = 1e-3 * np.eye(int(kept.sum()))
+    penalty = np.zeros((int(kept.sum()),) * 2)
     for lines in (grid, grid.T):
         triples = np.stack([lines[:-2], lines[1:-1], lines[2:]], axis=-1).reshape(-1, 3)
         triples = triples[(triples >= 0).all(axis=1)]
         bends = np.zeros((len(triples), len(penalty)))
         for column, value in zip(triples.T, (1.0, -2.0, 1.0), strict=True):
             bends[np.arange(len(triples)), column] = value
-        penalty += SMOOTH * bends.T @ bends
+        penalty += bends.T @ bends
     across_slope, down_slope = (_slopes(at / knots_px, knots) / knots_px for at in (columns, rows))
     slope_c, slope_r = _products(across_slope, down), _products(across, down_slope)
     return Side(basis[:, kept], slope_c[:, kept], slope_r[:, kept]), penalty
+
+
+def _likely(design: Surfaces, gray: Values, bends: Square) -> Square:
+    """The prior of the surfaces that makes the grays likeliest (restricted likelihood).
+
+    Args:
+        design: The surfaces, and what else is solved for.
+        gray: Of the pixels.
+        bends: Normal equations of all bends between knots.
+    """
+    ridge = RIDGE * np.eye(len(bends))
+    rank = int(np.linalg.matrix_rank(bends))
+    best, chosen = np.inf, ridge
+    for smooth in SMOOTH:
+        prior = smooth * bends + ridge
+        normal = design.T @ design
+        normal[: len(prior), : len(prior)] += prior
+        right = design.T @ gray
+        solution = np.linalg.solve(normal, right)
+        left = float(gray @ gray - solution @ right) / SHARED_PX
+        value = np.linalg.slogdet(normal)[1] - rank * np.log(smooth)
+        value += len(gray) / SHARED_PX * np.log(max(left, 1e-9))
+        if value < best:
+            best, chosen = float(value), prior
+    return chosen
 
 
 def _products(across: Surfaces, down: Surfaces) -> Surfaces:
@@ -241,9 +311,10 @@ def _solved(
     solution = inverse @ heavy.T @ gray
     # Half a pixel's share at the outline is no dirt; without it only pixels beside it would count.
     edge = EDGE_PX * np.hypot(design[:, -3], design[:, -2])
+    least = NOISE_SHARE * float(gray.std()) + 1e-3
     for _ in range(3):
         residual = gray - design @ solution
-        spread = np.hypot(1.4826 * float(np.median(np.abs(residual))) + 1e-3, edge)
+        spread = np.hypot(max(1.4826 * float(np.median(np.abs(residual))), least), edge)
         weight = 1 / (1 + (residual / (FAR * spread)) ** 2) ** 2
         inverse, heavy = _normal(design, weight, prior), design * weight[:, None]
         solution = inverse @ heavy.T @ gray

@@ -99,7 +99,8 @@ def lay_on_reference(
     consensus = joined(ballots, prior(block, photos, options), options)
     steps = consensus.hypotheses(rng)
     _, step, chosen = min((consensus.refined(step) for step in steps), key=lambda found: found[0])
-    nfa = consensus.log10_nfa(chosen)
+    residual = consensus.offset - consensus.design @ step
+    nfa = consensus.log10_nfa(residual, consensus.design, step)
     evidence = {"searched": len(consensus.first), "agreeing": len(chosen), "log10_nfa": nfa}
     if nfa > options.consensus.log10_nfa_limit:
         return Failure("the block's agreement with the reference could be chance", evidence)

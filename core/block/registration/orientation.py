@@ -45,8 +45,13 @@ class OrientationOptions:
     """Finer detail than this is grain rather than ground."""
     placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
     """The searches before the first pass, until one leads to an orientation."""
-    resection: ConsensusOptions = field(default_factory=ConsensusOptions)
+    resection: ConsensusOptions = field(
+        default_factory=lambda: ConsensusOptions(log10_nfa_limit=-1.0)
+    )
     """The judgement after every pass."""
+    sure_log10_nfa: float = -3.0
+    """A photo of which no pass has fewer false alarms than 10 to this power is refused: the first
+    pass alone would let one photo of ten through, were all of them chance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +117,10 @@ def orient_photo(
         standing = [found for found in coarse if isinstance(found, Resection)]
         if standing:
             best = min(standing, key=lambda found: found.log10_nfa)
-            return fine_passes(opened, best, reference, points, options, rng, progress)
+            oriented = fine_passes(opened, best, reference, points, options, rng, progress)
+            if isinstance(oriented, OrientedPhoto):
+                return oriented
+            failure = oriented
     return failure
 
 
@@ -129,8 +137,12 @@ def orient_placed_photo(
     for placed in placements:
         found = coarse_pass(opened, reference, placed, points, options, rng)
         if isinstance(found, Resection):
-            return fine_passes(opened, found, reference, points, options, rng, None)
-        failure = found
+            oriented = fine_passes(opened, found, reference, points, options, rng, None)
+            if isinstance(oriented, OrientedPhoto):
+                return oriented
+            failure = oriented
+        else:
+            failure = found
     return failure
 
 
@@ -192,10 +204,10 @@ def fine_passes(
     options: OrientationOptions,
     rng: np.random.Generator,
     progress: Progress | None,
-) -> OrientedPhoto:
+) -> OrientedPhoto | Failure:
     """Resect at the finest resolution that serves, then once closer.
 
-    Where that says nothing more, the orientation of the coarse pass stands.
+    Where that says nothing more, the orientation of the coarse pass stands, if that one is sure.
     """
     reduction = finest_reduction(opened, reference, options)
     result: Resection = start
@@ -221,9 +233,14 @@ def fine_passes(
         if isinstance(outcome, Failure):
             break
         result, found = outcome, seen
+    nfa = min(start.log10_nfa, result.log10_nfa)
+    if nfa > options.sure_log10_nfa:
+        return Failure(
+            "what agreed at first could be chance, and finer detail does not confirm it",
+            {"log10_nfa": round(nfa, 2)},
+        )
     every = [(match.point, peak) for match in found for peak in match.peaks]
     agreed = [every[candidate] for candidate in result.chosen.tolist()] if found else []
-    nfa = min(start.log10_nfa, result.log10_nfa)
     return OrientedPhoto(
         result.exterior,
         result.covariance,

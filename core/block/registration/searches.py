@@ -74,6 +74,8 @@ class Chance:
     """Median of the surface where nothing can be right."""
     spread: float
     """Robust standard deviation of the surface there."""
+    inner_m2: float = 144.0
+    """Area of the middle, where candidates are looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,7 +266,8 @@ def chance_of(surface: Surface, mirrored: Surface | None, plan: Plan) -> Chance:
     area = float(surface.size - (2 * plan.inner + 1) ** 2)
     if mirrored is not None:
         decoys, area = decoys + decoys_of(mirrored, -1)[0], area + mirrored.size
-    return Chance(decoys, area * plan.pixel_m**2, middle, spread)
+    inner = float((2 * plan.inner + 1) ** 2)
+    return Chance(decoys, area * plan.pixel_m**2, middle, spread, inner * plan.pixel_m**2)
 
 
 def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, float]:

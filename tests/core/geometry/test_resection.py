@@ -52,6 +52,12 @@ def test_nearly_all_right_candidates_are_found_and_few_wrong_ones__truth():
     assert np.mean(wrong) < 1.0
 
 
+def test_eleven_right_of_ninety_are_accepted_where_the_prior_is_tight__truth():
+    """The room that the prior leaves to chance is what counts, not where a photo could be."""
+    accepted = [isinstance(resected(planted(seed, 90, 11), seed), Resection) for seed in range(12)]
+    assert all(accepted)
+
+
 def test_pure_noise_gives_no_orientation__truth():
     for seed in range(6):
         found = resected(planted(seed, 90, 0, sigma_px=3.0), seed)

@@ -10,6 +10,7 @@ import pytest
 from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.scan.family import settle_family
+from core.scan.handedness import front_is
 from core.scan.look import same_photo
 from core.scan.orientation import orient_scan
 from tests.core.scan.film_maker import FIDUCIALS, Film, make_film, write_gray
@@ -80,3 +81,23 @@ def test_more_kinds_of_marks__truth(tmp_path: Path, kind: str) -> None:
     for mark in found.fiducials:
         away = np.hypot(mark.column - truth[mark.name][0], mark.row - truth[mark.name][1])
         assert away < 0.2
+
+
+def test_the_front_is_where_clear_marks_say__law() -> None:
+    sides = {"a": False, "b": True, "c": False}
+    assert front_is(sides, {}) is False
+    assert front_is(sides, {"b": False}) is True
+    assert front_is(sides, {"a": True, "c": True}) is True
+    assert front_is({"a": False, "b": True}, {}) is None
+
+
+def test_neighbours_bring_back_a_scan_that_marks_took_for_mirrored__truth(tmp_path: Path) -> None:
+    """Three scans of one ground, as it is; the marks of one were named as if seen from behind."""
+    oriented, certified = {}, replace(CAMERA, fiducials_mm=FIDUCIALS)
+    for name in "abc":
+        make_film(tmp_path / f"{name}.tif", Film(turn_deg=0.0), 7)
+        oriented[name] = orient_scan(tmp_path / f"{name}.tif", certified, 40.0)
+    oriented["c"] = replace(oriented["c"], way=(0, True), rivals=((0, False),))
+    family = settle_family(oriented, certified, dict.fromkeys(oriented, 0.04))
+    assert {scan.way for scan in family.oriented.values()} == {(0, False)}
+    assert not family.oriented["c"].interior.mirrored
