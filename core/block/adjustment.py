@@ -10,15 +10,16 @@ from core.block.block import Block
 from core.block.degenerate import examined
 from core.block.least_squares.adjustment_report import report_of, untouched
 from core.block.least_squares.free_network import freed, laid_on_control
-from core.block.least_squares.network import Network, network_of
+from core.block.least_squares.network import network_of
 from core.block.least_squares.solution import Solution, solve_network
 from core.block.least_squares.terrain import Terrain
 from core.progress import Progress, Silent
 
 DEFAULT = AdjustmentOptions()
 SILENT = Silent()
-MANY_UNKNOWNS = 3000
-"""Below this many unknowns of photos one BLAS thread is faster than several on a busy machine."""
+MANY_UNKNOWNS = 1000
+"""Below this many shared unknowns, whose equations are dense, one BLAS thread is faster: in the
+narrow band of the photos several wait for each other."""
 
 
 def adjust_block(
@@ -57,7 +58,7 @@ def adjust_with_solution(
     network = network_of(sound.block, options)
     if not network.photos:
         return untouched(block, sound), None
-    with one_thread(network):
+    with one_thread(network.shared):
         taken = freed(network) if options.free_network else network
         solution = solve_network(taken, options, terrain, progress)
         if options.free_network:
@@ -65,9 +66,9 @@ def adjust_with_solution(
         return report_of(block, sound, solution), solution
 
 
-def one_thread(network: Network) -> AbstractContextManager[object]:
-    """BLAS held to one thread while a small block is adjusted."""
-    limit = 1 if 6 * len(network.photos) < MANY_UNKNOWNS else None
+def one_thread(shared: int) -> AbstractContextManager[object]:
+    """BLAS held to one thread while a block with few shared unknowns is adjusted."""
+    limit = 1 if shared < MANY_UNKNOWNS else None
     return _threads().limit(limits=limit, user_api="blas")
 
 

@@ -7,7 +7,7 @@ v'' = (I + A Q A^T)^-1 v and moves them by -Q A^T v''. The points stay eliminate
 is one of photos and cameras (METHODS 7.5).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +15,15 @@ from jaxtyping import Float64
 
 from core.arrays import Position
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
+from core.block.adjustment import one_thread
 from core.block.block import UNKNOWN_M, Block, Measurement
 from core.block.least_squares.banded import SIZE
 from core.block.least_squares.control_system import ControlSystem
+from core.block.least_squares.chord import without_coordinates
 from core.block.least_squares.equations import Equations
 from core.block.least_squares.footprints import ground_shifts_of
 from core.block.least_squares.network import CONSTANTS
+from core.block.least_squares.reintersection import met_again
 from core.block.least_squares.reliability import NONCENTRALITY
 from core.block.least_squares.solution import Solution
 from core.block.least_squares.terrain import Terrain
@@ -32,6 +35,11 @@ from core.progress import Progress, Silent
 
 Key = tuple[str, str]
 SILENT = Silent()
+BENT_M = 4e-5
+"""Square of a photo's shift over the flying height from which its rays bend by half a millimetre,
+as found on synthetic blocks: then the whole block makes one more step."""
+MUCH_BENT_M = 2e-4
+"""From here on the equations themselves have changed: they are built again for that step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +99,8 @@ def foresee(
         progress: Told of every step.
         terrain: As then.
     """
-    solution = solution_of(report, options, progress, terrain)
+    with one_thread(len(report.parameters)):
+        solution = solution_of(report, options, progress, terrain)
     return None if solution is None else Foresight(report.block, solution)
 
 
@@ -114,6 +123,9 @@ class Foresight:
         first = len(network.points.tie)
         self._point_of = {name: first + row for row, name in enumerate(network.points.control)}
         self._ground = ground_shifts_of(network, solution.fit.state)
+        ground = np.array([photo.ground_height_m for photo in network.photos])
+        above = solution.fit.state.centres[:, 2] - ground
+        self._height_m = max(float(np.median(above)), 1.0)
         precision = solution.precision
         self._covariances = self._ground.covariances(
             precision.photos, precision.mixed, precision.constants
@@ -162,8 +174,9 @@ class Foresight:
     def leave_one_out(self) -> tuple[LeftOut, ...]:
         """Every control point against all others, in closed form.
 
-        The point's coordinates are left out; its rays stay. Of a point that one photo alone shows
-        only the plan is, for one ray does not give a height.
+        The point's coordinates are left out; its rays stay, and are intersected again with photos
+        and cameras as they would be. Where these move much, the whole block makes one more step.
+        Of a point that one photo alone shows only the plan is, for one ray does not give a height.
         """
         network, fit = self.solution.network, self.solution.fit
         used = np.bincount(network.rays.point[fit.taking_part], minlength=network.points.count)
@@ -179,19 +192,46 @@ class Foresight:
         columns = self._equations.cofactors(rows)
         found: list[LeftOut] = []
         steps = np.zeros((self._equations.unknowns, len(names)))
+        predicted: list[Float64[np.ndarray, ...]] = []
+        remaining: list[Float64[np.ndarray, ...]] = []
         start = 0
         for index, (name, (_, inner)) in enumerate(zip(names, parts, strict=True)):
             part = slice(start, start + len(inner))
             start = part.stop
             shared = rows[part] @ columns[:, part] + inner @ inner.T
-            judged, predicted = self._left_out(name, axes[name], shared)
-            steps[:, index] = columns[:, part] @ predicted
+            remaining.append(np.eye(len(inner)) - shared)
+            judged, off = self._left_out(name, axes[name], remaining[-1])
+            steps[:, index] = columns[:, part] @ off
+            predicted.append(off)
             found.append(judged)
         shifts, _ = self._ground.largest(steps)
-        return tuple(
-            replace(judged, shift_m=float(shift))
-            for judged, shift in zip(found, shifts, strict=True)
-        )
+        found = [replace(judged, shift_m=float(m)) for judged, m in zip(found, shifts, strict=True)]
+        return self._bent(found, steps, predicted, remaining)
+
+    def _bent(
+        self,
+        flat: Sequence[LeftOut],
+        steps: Float64[np.ndarray, "unknowns points"],
+        predicted: Sequence[Float64[np.ndarray, "..."]],
+        remaining: Sequence[Float64[np.ndarray, "..."]],
+    ) -> tuple[LeftOut, ...]:
+        """The differences where rays truly meet, not where tangents do."""
+        solution, known = self.solution, self.solution.network.points.known
+        points = np.array([self._point_of[item.point_id] for item in flat], dtype=np.int64)
+        free = np.isfinite(np.array([item.difference_m for item in flat]).reshape(-1, 3))
+        met = met_again(solution.network, solution.fit, points, free, steps)
+        found: list[LeftOut] = []
+        for row, (item, point) in enumerate(zip(flat, points.tolist(), strict=True)):
+            place = met[row]
+            bend = item.shift_m**2 / self._height_m
+            if bend > BENT_M:
+                axes = np.flatnonzero(free[row]).tolist()
+                place = without_coordinates(
+                    solution, point, axes, predicted[row], remaining[row], bend > MUCH_BENT_M
+                )
+            off = np.where(free[row], place - known[point], np.nan)
+            found.append(replace(item, difference_m=off) if np.isfinite(place).all() else item)
+        return tuple(found)
 
     def smallest_errors(self) -> dict[Key, tuple[float, float]]:
         """Smallest error of each used control measurement a test would find, and what it would do.
@@ -263,12 +303,11 @@ class Foresight:
         return tuple(axis for axis in axes if known[axis])
 
     def _left_out(
-        self, name: str, axes: tuple[int, ...], shared: Float64[np.ndarray, "n n"]
+        self, name: str, axes: tuple[int, ...], remaining: Float64[np.ndarray, "n n"]
     ) -> tuple[LeftOut, Float64[np.ndarray, "n"]]:
         """One control point, and its residuals when left out, in standard deviations."""
         point, network = self._point_of[name], self.solution.network
         residual = self.solution.fit.lin.ground[point, list(axes)]
-        remaining = np.eye(len(axes)) - shared
         predicted = np.linalg.solve(remaining, residual)
         weights = network.points.known_weight[point, list(axes)]
         difference, sigma = np.full((2, 3), np.nan)

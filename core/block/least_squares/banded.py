@@ -116,6 +116,32 @@ class BorderedInverse:
         return self.carried.reshape(unknowns // SIZE, SIZE, shared)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class DenseInverse:
+    """A whole matrix of cofactors, asked like a `BorderedInverse`: photos stand in their order."""
+
+    cofactors: Matrix
+    """Of all photos' unknowns, then those of the border."""
+    photos: int
+    """Number of photos."""
+
+    @property
+    def corner(self) -> Corner:
+        """Covariance of the border's unknowns."""
+        return self.cofactors[SIZE * self.photos :, SIZE * self.photos :]
+
+    def pairs(self, first: Indices, second: Indices) -> Float64[np.ndarray, "n 6 6"]:
+        """Cofactors of any two photos."""
+        band = self.cofactors[: SIZE * self.photos, : SIZE * self.photos]
+        blocks = band.reshape(self.photos, SIZE, self.photos, SIZE)
+        return np.ascontiguousarray(blocks[first, :, second, :])
+
+    def with_border(self, photo: Indices) -> Float64[np.ndarray, "n 6 shared"]:
+        """Cofactors between photos and the border's unknowns."""
+        mixed = self.cofactors[: SIZE * self.photos, SIZE * self.photos :]
+        return mixed.reshape(self.photos, SIZE, -1)[photo]
+
+
 def invert_bordered(factor: BorderedFactor, reach: int) -> BorderedInverse:
     """The parts of the inverse within `reach` photos of the diagonal.
 

@@ -11,9 +11,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64
 
+from core.block.least_squares.banded import DenseInverse
 from core.block.least_squares.equations import Equations
 from core.block.least_squares.linearised import linearise
 from core.block.least_squares.network import Network, State
+from core.block.least_squares.reliability import Precision, precision_from
 from core.block.least_squares.solution import Solution
 from core.geometry.absolute import Similarity, fit_similarity
 
@@ -22,7 +24,8 @@ LOOSE_M = 300.0
 LOOSE_RAD = 1.0
 """The same for angles."""
 MOST_PHOTOS = 300
-"""Larger blocks keep the standard deviations of the loose datum: the full inverse is too large."""
+"""Larger blocks keep the photos' standard deviations of the loose datum, and their points have
+none: the full inverse is too large."""
 
 
 def freed(network: Network) -> Network:
@@ -53,17 +56,7 @@ def laid_on_control(solution: Solution, known: Network) -> Solution:
         similarity = fit_similarity(state.centres, known.priors.centres, weights)
     moved = _moved(state, similarity)
     fit = replace(solution.fit, state=moved, lin=linearise(network, moved))
-    photos, mixed = _inner_cofactors(solution)
-    # Both turned into the directions of the moved block; increments stay in image axes.
-    turn = np.zeros((6, 6))
-    turn[:3, :3], turn[3:, 3:] = similarity.scale * similarity.rotation, np.eye(3)
-    precision = replace(
-        solution.precision,
-        photos=turn @ photos @ turn.T,
-        mixed=turn @ mixed,
-        points=np.full_like(solution.precision.points, np.nan),
-    )
-    return replace(solution, fit=fit, precision=precision)
+    return replace(solution, fit=fit, precision=_inner_precision(solution, similarity))
 
 
 def _onto_control(solution: Solution, known: Network) -> Similarity | None:
@@ -86,13 +79,35 @@ def _moved(state: State, similarity: Similarity) -> State:
     )
 
 
-def _inner_cofactors(
-    solution: Solution,
-) -> tuple[Float64[np.ndarray, "photos 6 6"], Float64[np.ndarray, "photos 6 shared"]]:
-    """Cofactors of the photos, and theirs with the shared unknowns, by inner constraints."""
+def _inner_precision(solution: Solution, similarity: Similarity) -> Precision:
+    """Cofactors by inner constraints, turned with the block; increments stay in image axes.
+
+    Points follow from photos and rays alone, so their cofactors are those of the photos' inner ones
+    carried on. Of large blocks only the photos' are told, in the loose datum.
+    """
     count, precision = len(solution.network.photos), solution.precision
-    if not 3 <= count <= MOST_PHOTOS:
-        return precision.photos, precision.mixed
+    scaled = similarity.scale * similarity.rotation
+    points = np.full_like(precision.points, np.nan)
+    if 3 <= count <= MOST_PHOTOS:
+        inverse = DenseInverse(_inner_cofactors(solution), count)
+        network, pattern, place = solution.network, solution.pattern, np.arange(count)
+        precision = precision_from(
+            network, pattern, solution.fit.lin, solution.normals, inverse, place, scaled
+        )
+        points = precision.points
+    turn = np.zeros((6, 6))
+    turn[:3, :3], turn[3:, 3:] = scaled, np.eye(3)
+    return replace(
+        solution.precision,
+        photos=turn @ precision.photos @ turn.T,
+        mixed=turn @ precision.mixed,
+        points=points,
+    )
+
+
+def _inner_cofactors(solution: Solution) -> Float64[np.ndarray, "unknowns unknowns"]:
+    """Cofactors of all photos' and shared unknowns by inner constraints on the centres."""
+    count = len(solution.network.photos)
     equations = Equations(solution)
     full = equations.cofactors(np.eye(equations.unknowns))
     directions = np.zeros((equations.unknowns, 7))
@@ -102,10 +117,7 @@ def _inner_cofactors(
     inner = directions.T @ (held[:, None] * directions)
     shift = directions @ np.linalg.solve(inner, (held[:, None] * directions).T)
     change = np.eye(equations.unknowns) - shift
-    full = change @ full @ change.T
-    rows = np.arange(count)
-    blocks = full[: 6 * count, : 6 * count].reshape(count, 6, count, 6)[rows, :, rows, :]
-    return blocks, full[: 6 * count, 6 * count :].reshape(count, 6, -1)
+    return change @ full @ change.T
 
 
 def _free_directions(state: State) -> Float64[np.ndarray, "unknowns 7"]:

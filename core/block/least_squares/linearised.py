@@ -141,10 +141,10 @@ def _deformation(network: Network, state: State, camera_of_ray: Indices) -> Defo
     if not len(network.additional.names):
         return None
     coefficients = np.tensordot(state.additional, network.additional.basis, axes=1)
-    return Deformation(coefficients, _halves(network), camera_of_ray)
+    return Deformation(coefficients, halves_of(network), camera_of_ray)
 
 
-def _halves(network: Network) -> Float64[np.ndarray, "cameras"]:
+def halves_of(network: Network) -> Float64[np.ndarray, "cameras"]:
     """What each camera's image coordinates are normalised by, millimetres."""
     return np.array([camera.half_mm for camera in network.cameras])
 
@@ -165,8 +165,9 @@ def by_scaled_camera(
     network: Network, photo: Indices, partials: FilmPartials
 ) -> Float64[np.ndarray, "2 lens rays"]:
     """Derivatives of rays in some photos by their cameras' scaled constants, millimetres."""
-    by_camera = partials.by_camera / network.scale[network.camera[photo], :CONSTANTS].T
+    scale = np.ascontiguousarray(network.scale[:, :CONSTANTS].T)
+    by_camera = partials.by_camera / np.take(scale, network.camera[photo], axis=1)
     if not len(network.additional.names):
         return by_camera
-    xi, eta = partials.ideal / _halves(network)[network.camera[photo]]
+    xi, eta = partials.ideal / halves_of(network)[network.camera[photo]]
     return np.concatenate([by_camera, by_parameters(xi, eta, network.additional.basis)], axis=1)

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int
 from scipy import stats
 
 from core.arrays import Scalars
-from core.block.least_squares.banded import SIZE, BorderedInverse, invert_bordered
+from core.block.least_squares.banded import SIZE, BorderedInverse, DenseInverse, invert_bordered
 from core.block.least_squares.linearised import Linearised
 from core.block.least_squares.network import Network
 from core.block.least_squares.roots import backward3
@@ -20,6 +20,9 @@ RISK = 0.001
 """Probability that a good coordinate is taken for a gross error."""
 SMALLEST_REDUNDANCY = 1e-6
 """Below this a residual is nought whatever was measured, and says nothing."""
+
+NOT_TURNED = np.eye(3)
+"""Coordinates as they are."""
 
 RayPairs = Float64[np.ndarray, "2 rays"]
 """Two film coordinates of each ray."""
@@ -84,9 +87,32 @@ def precision_of(
     point are L^-T (I + Y^T Q Y) L^-1, those between d and X are -Q Y L^-1.
     """
     inverse = invert_bordered(normals.factor, pattern.reach)
-    own = inverse.pairs(pattern.place, pattern.place)
-    shared = inverse.with_border(pattern.place)
-    photo_part = _photo_part(network, pattern, normals, inverse, own, shared)
+    return precision_from(network, pattern, lin, normals, inverse, pattern.place)
+
+
+def precision_from(
+    network: Network,
+    pattern: Pattern,
+    lin: Linearised,
+    normals: Normals,
+    inverse: BorderedInverse | DenseInverse,
+    place: Int[np.ndarray, "photos"],
+    turn: Float64[np.ndarray, "3 3"] = NOT_TURNED,
+) -> Precision:
+    """Cofactors of everything from those of photos and cameras.
+
+    Args:
+        network: What was adjusted.
+        pattern: Which rays meet.
+        lin: The model at its state.
+        normals: The equations there.
+        inverse: Cofactors of photos and of what they share.
+        place: Where each photo stands in it.
+        turn: Turns and scales the points' coordinates before their variances are taken.
+    """
+    own = inverse.pairs(place, place)
+    shared = inverse.with_border(place)
+    photo_part = _photo_part(network, pattern, normals, inverse, place, own, shared)
     camera_part = _camera_part(network, normals, inverse, shared)
     inner = _point_part(network, normals, photo_part, camera_part)
     return Precision(
@@ -98,7 +124,7 @@ def precision_of(
             ]
         ),
         photos=own,
-        points=_point_variances(normals, inner),
+        points=_point_variances(normals, inner, turn),
         constants=inverse.corner,
         mixed=shared,
     )
@@ -108,7 +134,8 @@ def _photo_part(
     network: Network,
     pattern: Pattern,
     normals: Normals,
-    inverse: BorderedInverse,
+    inverse: BorderedInverse | DenseInverse,
+    place: Int[np.ndarray, "photos"],
     own: Float64[np.ndarray, "photos 6 6"],
     shared: Float64[np.ndarray, "photos 6 shared"],
 ) -> Float64[np.ndarray, "6 rays 3"]:
@@ -120,7 +147,7 @@ def _photo_part(
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         part[:, start:stop] = _times(own[photo], photo_rays[:, start:stop])
         part[:, start:stop] += _times(shared[photo], constants[:, start:stop])
-    between = inverse.pairs(pattern.place[pattern.low], pattern.place[pattern.high])
+    between = inverse.pairs(place[pattern.low], place[pattern.high])
     first = np.take(photo_rays, pattern.first, axis=1)
     second = np.take(photo_rays, pattern.second, axis=1)
     for pair, (start, stop) in enumerate(zip(pattern.slices[:-1], pattern.slices[1:], strict=True)):
@@ -141,7 +168,7 @@ def _times(
 def _camera_part(
     network: Network,
     normals: Normals,
-    inverse: BorderedInverse,
+    inverse: BorderedInverse | DenseInverse,
     shared: Float64[np.ndarray, "photos 6 shared"],
 ) -> Float64[np.ndarray, "lensed points 3"]:
     """Rows of Q Y that belong to the cameras' constants."""
@@ -226,15 +253,18 @@ def _point_variance(
 
 
 def _point_variances(
-    normals: Normals, inner: Float64[np.ndarray, "3 3 points"]
+    normals: Normals,
+    inner: Float64[np.ndarray, "3 3 points"],
+    turn: Float64[np.ndarray, "3 3"],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Diagonals of L^-T (I + Y^T Q Y) L^-1."""
+    """Diagonals of T L^-T (I + Y^T Q Y) L^-1 T^T, T what turns the coordinates."""
     count = inner.shape[2]
     columns = np.empty((3, 3, count))
     for axis in range(3):
         unit = np.zeros((3, count))
         unit[axis] = 1.0
         columns[:, axis] = backward3(normals.root, unit)
+    columns = np.einsum("ab,bkn->akn", turn, columns)
     return np.einsum("akn,kln,aln->na", columns, inner, columns)
 
 

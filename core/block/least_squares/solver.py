@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from core.block.least_squares.banded import (
     SIZE,
@@ -19,6 +17,7 @@ from core.block.least_squares.banded import (
 )
 from core.block.least_squares.linearised import Linearised
 from core.block.least_squares.network import Network
+from core.block.least_squares.ordering import narrow_places
 from core.block.least_squares.roots import backward3, cholesky3, forward3
 
 Weights = Float64[np.ndarray, "rays"]
@@ -55,11 +54,8 @@ def pattern_of(network: Network) -> Pattern:
     order = np.argsort(key, kind="stable")
     keys, starts = np.unique(key[order], return_index=True)
     low, high = keys // photos, keys % photos
-    ones = np.ones(len(keys), dtype=np.int8)
-    graph = csr_array((ones, (low, high)), shape=(photos, photos))
-    sequence = reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True)
-    place = np.empty(photos, dtype=np.int64)
-    place[sequence] = np.arange(photos)
+    centres = np.array([photo.exterior.centre for photo in network.photos]).reshape(-1, 3)
+    place = narrow_places(low, high, centres)
     reach = int(np.abs(place[low] - place[high]).max(initial=0))
     slices = np.append(starts, len(order)).astype(np.int64)
     return Pattern(first[order], second[order], slices, low, high, place, reach)
@@ -351,10 +347,8 @@ def solve(network: Network, pattern: Pattern, normals: Normals) -> Increment:
     band, shared = solve_bordered(normals.factor, -side.ravel(), -normals.camera_side)
     photos = band.reshape(-1, SIZE)[pattern.place]
     rays = network.rays
-    by_ray = np.zeros((3, len(rays.photo)))
-    steps = np.ascontiguousarray(photos.T)[:, rays.photo]
-    for row in range(SIZE):
-        by_ray += normals.photo_rays[row].T * steps[row]
+    steps = np.take(np.ascontiguousarray(photos.T), rays.photo, axis=1)
+    by_ray = np.einsum("rnk,rn->kn", normals.photo_rays, steps)
     moved = normals.point_side.T.copy()
     for axis in range(3):
         moved[axis] += np.bincount(rays.point, by_ray[axis], network.points.count)

@@ -126,17 +126,22 @@ def shape(block):
 
 
 def test_free_network_sigmas_are_those_of_its_shape__truth():
-    squares = []
+    squares, points = [], []
     for seed in range(12):
         plan = replace(PLAN, strips=2, photos_per_strip=3, ties=500, camera_errors=False)
         flight = fly(plan, np.random.default_rng(seed))
         options = replace(PLAIN, free_network=True, estimate_cameras=False)
         report = adjust_block(flight.block, options)
         ours, true = shape(report.block), shape(flight.truth)
-        moved = fit_similarity(ours, true, np.ones(len(ours))).moved(ours)
+        onto_truth = fit_similarity(ours, true, np.ones(len(ours)))
+        moved = onto_truth.moved(ours)
         sigmas = np.array([s.centre_m for s in report.exterior_sigmas.values()])
         squares.append(np.mean(((moved - true) / sigmas) ** 2))
+        seen = np.isfinite(report.tie_positions[:, 0])
+        off = onto_truth.moved(report.tie_positions[seen]) - flight.ties[: len(seen)][seen]
+        points.append(np.mean((off / report.tie_sigmas_m[seen]) ** 2))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.35)
+    assert np.mean(points) == pytest.approx(1.0, abs=0.2)
 
 
 def test_similarity_lays_a_body_onto_another__law():
