@@ -9,7 +9,8 @@ import numpy as np
 from app.control_spread import PLACES, spread_figures
 from app.results import final_status
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
-from core.block.foresight import Effect, Foresight, LeftOut
+from core.block.effects import Effect, LeftOut
+from core.block.foresight import Foresight
 from core.block.least_squares.reliability import TestLimits
 from core.block.methods import compare_methods
 from core.block.ray_counts import RayCounts, ray_counts_of

@@ -8,18 +8,18 @@ is one of photos and cameras (METHODS 7.5).
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from core.arrays import Position
 from core.block.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block.adjustment import one_thread
 from core.block.block import UNKNOWN_M, Block, Measurement
+from core.block.effects import Effect, Key, LeftOut
 from core.block.least_squares.banded import SIZE
-from core.block.least_squares.control_system import ControlSystem
 from core.block.least_squares.chord import without_coordinates
+from core.block.least_squares.control_system import ControlSystem
 from core.block.least_squares.equations import Equations
 from core.block.least_squares.footprints import ground_shifts_of
 from core.block.least_squares.network import CONSTANTS
@@ -33,56 +33,12 @@ from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.geometry.partials import rotations_from_increments
 from core.progress import Progress, Silent
 
-Key = tuple[str, str]
 SILENT = Silent()
 BENT_M = 4e-5
 """Square of a photo's shift over the flying height from which its rays bend by half a millimetre,
 as found on synthetic blocks: then the whole block makes one more step."""
 MUCH_BENT_M = 2e-4
 """From here on the equations themselves have changed: they are built again for that step."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Effect:
-    """What rejecting or accepting one measurement would do."""
-
-    key: Key
-    """Point and photo."""
-    rejects: bool
-    """True for a measurement that takes part and would be left out."""
-    residual_px: tuple[float, float]
-    """Its residual then (column, row), computed minus measured, pixels, as a report would have it:
-    rejected, that of the known coordinates; accepted, that of the adjusted ones."""
-    test: float
-    """Length of what it says against all others, in standard deviations (of two coordinates)."""
-    redundancy: float
-    """Share of an error in it that its own residual would show, 0 to 1, mean of both axes."""
-    shift_m: float
-    """Largest shift of a photo's ground, metres."""
-    photo_id: str
-    """The photo that would shift most."""
-    sigma_nought: float
-    """It would be this."""
-    corner_sigma_ratio: float
-    """Largest standard deviation of a photo's ground then, over that of now."""
-    step: Float64[np.ndarray, "unknowns"]
-    """Change of all photos' and shared unknowns; `Foresight.exteriors_after` reads it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeftOut:
-    """One control point judged by all others: where they put it, less where it is said to be."""
-
-    point_id: str
-    """The point."""
-    difference_m: Position
-    """Predicted minus known (E, N, H), metres; NaN where its coordinate takes no part."""
-    sigma_m: Position
-    """Standard deviation of that difference, metres, for a sigma nought of one."""
-    test: float
-    """Length of the difference in its standard deviations."""
-    shift_m: float
-    """Largest shift of a photo's ground if it were left out, metres."""
 
 
 def foresee(
