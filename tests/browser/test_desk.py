@@ -180,9 +180,10 @@ def test_a_reload_finds_everything_as_it_was__law(sit):
 
 def test_another_browser_sees_the_decision_and_keeps_its_place__law(sit):
     anna, berta = sit(scene=False), sit(scene=False)
+    first = current(berta)
+    assert first != current(anna)
     berta.keyboard.press("j")
-    berta.keyboard.press("j")
-    berta.wait_for_function("gruber.parts.queue.current !== gruber.parts.queue.shown[0]")
+    berta.wait_for_function("first => gruber.parts.point.key.join('|') !== first", arg=first)
     there = current(berta)
     point, _, _ = press(anna, "n")
     berta.wait_for_selector(f'.row[data-key="{point}"][data-state="rejected"]')

@@ -245,7 +245,8 @@ function receive(message) {
   Object.assign(parts, fresh);
   if (fresh.rows || fresh.queue || fresh.order) showQueue(fresh.rows, fresh.queue, fresh.order);
   if (fresh.queue) { showReasons(fresh.queue.explaining); keepPlace(fresh.queue); }
-  if (fresh.status) { showStatus(fresh.status); showPeople(fresh.status, parts.point?.key); }
+  if (fresh.status) showStatus(fresh.status);
+  if (parts.status && (fresh.status || "point" in fresh)) showPeople(parts.status, parts.point?.key);
   if (fresh.quality) showQuality(fresh.quality);
   if (fresh.board) showBoard(fresh.board);
   if (fresh.placement) showPlacement(fresh.placement);
