@@ -89,7 +89,8 @@ def _rule_findings(control: ControlCount, limits: ControlLimits) -> list[Finding
             "east": f"{spread.gap.middle[0]:.0f}",
             "north": f"{spread.gap.middle[1]:.0f}",
         }
-        wide = spread.gap.bases > most
+        # Judged as it is told: "2.0 (2 at most)" would puzzle.
+        wide = round(spread.gap.bases, 1) > most
         findings.append(
             Finding(f"verdict.edge-gap-{kind}" if wide else f"verdict.edge-{kind}", int(wide), told)
         )
