@@ -110,10 +110,15 @@ def draw_bars(counts: dict[str, int], unit: str) -> Markup:
     width = 20 + len(keys) * step + 60
     parts.append(_tag("line", x1=10, y1=base, x2=width - 60, y2=base, class_="axis"))
     parts.append(_tag("text", unit, x=width - 54, y=base + 17, class_="unit"))
+    return _chart(parts, width, 176)
+
+
+def _chart(parts: Sequence[Markup], width: float, height: float, top: float = 0.0) -> Markup:
+    """A small drawing at its own size, pixels."""
     return _tag(
         "svg",
         Markup("").join(parts),
-        viewBox=f"0 0 {width:.0f} 176",
+        viewBox=f"0 {top:.0f} {width:.0f} {height:.0f}",
         class_="bars",
         style=f"width:{width:.0f}px",
     )
@@ -137,14 +142,7 @@ def draw_reliability(bins: Sequence[Figures]) -> Markup:
         x, y = edge + side * one["stated"], side * (1.0 - one["borne_out"])
         radius = 2.0 + 7.0 * sqrt(one["proposals"] / most)
         parts.append(_tag("circle", cx=x, cy=y, r=radius, class_="bar"))
-    width = edge + side + 40
-    return _tag(
-        "svg",
-        Markup("").join(parts),
-        viewBox=f"0 -10 {width:.0f} {side + 34:.0f}",
-        class_="bars",
-        style=f"width:{width:.0f}px",
-    )
+    return _chart(parts, edge + side + 40, side + 34, top=-10)
 
 
 def draw_coverage(photo: Figures) -> Markup:

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
+from core.block.effects import Key
 from core.block.foresight import Foresight
 from core.block.least_squares.control_system import ControlSystem
 
-Key = tuple[str, str]
 PRIOR_WRONG = 0.1
 """Share of wrong ones before anything is known; it counts as much as `PRIOR_COUNT` of them."""
 PRIOR_COUNT = 20.0

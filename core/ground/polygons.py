@@ -37,9 +37,9 @@ def write_polygons(
     Raises:
         OSError: The disk is full.
     """
+    several = any(isinstance(area, shapely.MultiPolygon) for area in areas)
     # The time of writing that GDAL puts into a GeoPackage would make every run another file.
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
-    several = any(isinstance(area, shapely.MultiPolygon) for area in areas)
     try:
         pyogrio.raw.write(
             path,
@@ -55,3 +55,5 @@ def write_polygons(
     except (DataSourceError, DataLayerError, FeatureError) as error:
         # The folder has been found to be writable: only room for what is put in may be lacking.
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})

@@ -72,11 +72,7 @@ class CoarseOrtho:
         level = min(int(np.log2(max(ratio, 1.0))), max(len(self._halves) - 1, 0))
         source = self._halves[level] if self._halves else self._whole
         across, down = grid.centres()
-        scale = (
-            self.grid.ground_sample_distance_m * 2**level
-            if self._halves
-            else (self.grid.ground_sample_distance_m)
-        )
+        scale = self.grid.ground_sample_distance_m * 2**level
         columns = (across - self.grid.west) / scale - HALF_PIXEL
         rows = (self.grid.north - down) / scale - HALF_PIXEL
         at = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
