@@ -75,8 +75,8 @@ class CoarseOrtho:
         scale = self.grid.ground_sample_distance_m * 2**level
         columns = (across - self.grid.west) / scale - HALF_PIXEL
         rows = (self.grid.north - down) / scale - HALF_PIXEL
-        at = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
-        return np.asarray(cv2.remap(source, *at, cv2.INTER_LINEAR), np.uint8)
+        x, y = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
+        return np.asarray(cv2.remap(source, x, y, cv2.INTER_LINEAR), np.uint8)
 
     def _fine(self, grid: Grid) -> bool:
         own = self.grid.ground_sample_distance_m
