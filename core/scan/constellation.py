@@ -52,7 +52,8 @@ class ConstellationOptions:
     peaks: int = 4
     """Candidates kept for each window, kind and polarity."""
     kinds: int = 24
-    """Kinds and polarities, best first, for which sets are formed."""
+    """Kinds and polarities, best first, for which sets are formed, besides the best size of each
+    shape: texture is full of dots."""
     scale_tolerance: float = 0.015
     """How far the scale may differ from the nominal scan pixel size, as a share."""
     turn_tolerance_deg: float = 4.0
@@ -72,6 +73,10 @@ class ConstellationOptions:
     """Kinds and sizes of marks that are looked for."""
     beware_of_border: bool = False
     """Refuse notches that are the frame's own corners: for marks without a certificate."""
+    border_turn_deg: float = 0.7
+    """How far a set may usually be turned against the picture's border, degrees."""
+    border_mm: float = 0.5
+    """How far the middle of the certificate may usually lie beside that of the picture."""
     upright_bonus: float = 0.05
     """Advantage of an upright scan over a turned one that fits as well, as a share of the score:
     the certificate of symmetric marks cannot tell them apart."""
@@ -121,6 +126,8 @@ class _Search:
     window_mm2: float
     tries: int
     options: ConstellationOptions
+    border: FilmArea | None
+    """The picture's border where it was seen and the marks are certified: it says how they lie."""
 
 
 def find_constellation(
@@ -145,7 +152,9 @@ def find_constellation(
     middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
     reach_mm += (max(reaches) - min(reaches)) / 2
     ways = middle.ways
-    search = _Search(scan_pixel_mm, (2 * reach_mm) ** 2, len(layouts) * len(ways), options)
+    border = area if area.trusted and not options.beware_of_border else None
+    tries = len(layouts) * len(ways)
+    search = _Search(scan_pixel_mm, (2 * reach_mm) ** 2, tries, options, border)
     expected = {k: _expected(middle.lying(way), area, scan_pixel_mm) for k, way in enumerate(ways)}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
@@ -159,12 +168,21 @@ def find_constellation(
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
     sets = [
         _best_set(search, kind, owners[k], layout, way)
-        for kind in kinds[: options.kinds]
+        for kind in _promising(kinds, options.kinds)
         for layout in layouts
         for k, way in enumerate(ways)
     ]
     found = [chosen for chosen in sets if chosen is not None]
     return _chosen(found, windows, search, area)
+
+
+def _promising(kinds: Sequence[Candidates], count: int) -> list[Candidates]:
+    """The best of kinds that are sorted by their promise, and the best of every shape."""
+    firsts: dict[tuple[str, bool], Candidates] = {}
+    for kind in kinds:
+        firsts.setdefault((kind.mark.shape, kind.bright), kind)
+    tried = list(kinds[:count])
+    return tried + [kind for kind in firsts.values() if not any(kind is one for one in tried)]
 
 
 def area_turn(area: FilmArea) -> float:
@@ -284,7 +302,7 @@ def _best_set(
     tolerance = search.options.fit_tolerance_mm
     fits = distance_mm < tolerance
     value = np.where(fits, worth[None] * (1 - 0.7 * (distance_mm / tolerance) ** 2), 0.0)
-    total = value.max(axis=2).sum(axis=1)
+    total = value.max(axis=2).sum(axis=1) * _along_border(search, factors)
     base = int(np.argmax(total))
     chosen = value[base].argmax(axis=1)
     found = np.nonzero(value[base].max(axis=1) > 0)[0]
@@ -297,6 +315,7 @@ def _best_set(
     }
     chance = _log_chance_of_shape(search, len(layout.names), film[found], pixels)
     chance += _log_chance_of_looks(correlations, chosen, found)
+    chance += _log_chance_of_border(search, complex(starts[base]), complex(factors[base]))
     bonus = 1 + search.options.upright_bonus * (way == UPRIGHT)
     turn = float(np.angle(factors[base])) + way[0] * np.pi / 2
     return Constellation(
@@ -347,6 +366,28 @@ def _log_chance_of_shape(
         residual_mm = np.hypot(fit.rms * search.scan_pixel_mm, options.search_pixel_mm / 4)
     hit = options.peaks * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
     return float(np.log10(tried) + (len(film) - 2) * np.log10(min(1.0, max(hit, 1e-12))))
+
+
+def _along_border(search: _Search, factors: Complexes) -> Float64[np.ndarray, "bases"]:
+    """What sets are worth by their turn against the picture's border, a half to one."""
+    if search.border is None:
+        return np.ones(len(factors))
+    beside = np.angle(factors) - area_turn(search.border)
+    usual = np.radians(search.options.border_turn_deg)
+    return 0.5 + 0.5 * np.exp(-0.5 * (beside / usual) ** 2)
+
+
+def _log_chance_of_border(search: _Search, start: complex, factor: complex) -> float:
+    """log10 of the chance that a random set lies as straight and as central in the picture."""
+    if search.border is None:
+        return 0.0
+    options = search.options
+    column, row = search.border.centre[0].tolist()
+    beside_mm = abs(start - complex(column, -row)) * search.scan_pixel_mm
+    turned = abs(float(np.degrees(np.angle(factor) - area_turn(search.border))))
+    place = np.pi * max(beside_mm, options.border_mm) ** 2 / search.window_mm2
+    turn = max(turned, options.border_turn_deg) / options.turn_tolerance_deg
+    return float(np.log10(min(place, 1.0)) + np.log10(min(turn, 1.0)))
 
 
 def _log_chance_of_looks(correlations: PeakValues, chosen: np.ndarray, found: np.ndarray) -> float:
