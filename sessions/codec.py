@@ -54,8 +54,8 @@ from core.ground.mosaic import MosaicProduct
 from core.ground.ortho import OrthoProduct
 from core.ground.radiometry import Balance
 from core.ground.seams import Seam
-from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import FilmArea
+from core.scan.found_marks import FiducialMeasurement
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
 from core.stages import Georeferenced, PlacedBlocks, ScanSet, Tied

@@ -10,8 +10,8 @@ from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, fit_interior
 from core.geometry.transforms import PlaneTransform, fit_similarity
-from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import area_from_interior
+from core.scan.found_marks import FiducialMeasurement
 from core.scan.hand_marks import HAND_SIGMA_PX
 from core.scan.interior_doubts import doubts_of_fit
 from core.scan.orientation import ScanOrientation

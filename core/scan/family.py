@@ -10,8 +10,8 @@ from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation
 from core.scan.camera_marks import EstimatedMarks, estimate_marks
 from core.scan.data_strip import STRIP_SIDES, strip_on_film, ways_of_strip
-from core.scan.fiducials import FiducialMeasurement
 from core.scan.film_area import area_from_interior
+from core.scan.found_marks import FiducialMeasurement
 from core.scan.handedness import front_is, sides_shown
 from core.scan.interior_doubts import doubts_of_fit
 from core.scan.layouts import CORNERS, SIDES, UPRIGHT, WAYS, Way, lying
@@ -164,7 +164,7 @@ def _named(scan: ScanOrientation, camera: Camera, way: Way) -> tuple[FiducialMea
     else:
         pixels = np.array([(mark.column, mark.row) for mark in scan.fiducials])
         sigmas = np.array([mark.sigma_px for mark in scan.fiducials])
-        naming = name_marks(names, pixels, sigmas, scan.way, camera.fiducials_mm, (way,))
+        naming = name_marks(names, pixels, sigmas, scan.way, camera.fiducials_mm, (way,), scan.area)
         renamed = list(naming.names)
     marks = [replace(mark, name=name) for mark, name in zip(scan.fiducials, renamed, strict=True)]
     order = list(camera.fiducials_mm)

@@ -1,17 +1,19 @@
 """Fiducials measured to a fraction of a pixel; one that is missing or in doubt says so."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
-from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
-from core.scan.constellation import Constellation, ConstellationOptions, find_constellation
+from core.geometry.transforms import PlaneTransform, fit_similarity
+from core.scan.constellation import Constellation, find_constellation
 from core.scan.film_area import FilmArea
-from core.scan.layouts import UPRIGHT, Way, certified_layouts, guessed_layouts, lying
-from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found
+from core.scan.found_marks import FiducialMeasurement, FiducialSet
+from core.scan.judging import FiducialOptions, judged_marks, measurement_of, spoilt_by
+from core.scan.layouts import Way, certified_layouts, guessed_layouts, lying
+from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found, unsure_mark
 from core.scan.mark_sets import find_mark_sets, middles_apart_mm
 from core.scan.measuring import (
     FittedMark,
@@ -22,87 +24,9 @@ from core.scan.measuring import (
     open_spots,
     sought,
 )
-from core.scan.naming import name_marks
+from core.scan.naming import name_marks, small_turn
 from core.scan.raster import ScanFile, photo_id_of
-
-AFTER_ALL_MM = 1.0
-"""How near to its place by the others a mark must lie that was not seen from afar, millimetres."""
-
-
-@dataclass(frozen=True, slots=True)
-class FiducialOptions:
-    """When a measured mark stands."""
-
-    max_disagreement_px: float = 0.5
-    """Greatest distance between the matched and the second middle, pixels."""
-    min_correlation: float = 0.55
-    """Correlation with the drawn mark below which a place is no mark."""
-    surely_mark: float = 0.9
-    """Correlation from which a place where nothing was seen from afar is a mark."""
-    max_drop: float = 0.25
-    """How much less like the mark than the others a place may be before it is no mark."""
-    max_spoilt: float = 4.0
-    """How much more than the usual mark may differ from the drawn one before it is covered."""
-    dirt_from: float = 1.2
-    """How much more than the usual mark one differs from the drawn one by noise alone."""
-    dirt_px: float = 0.1
-    """What dirt that doubles the difference from the drawn mark does to its middle, pixels."""
-    max_sigma_px: float = 0.5
-    """Standard deviation beyond which a mark is not used, pixels."""
-    unsure_px: float = 0.06
-    """Standard deviation from which a mark that stands is pointed out, pixels: 0.15 pixels are then
-    not sure to 95 per cent."""
-    sigma_floor_px: float = 0.006
-    """No mark is believed better than this, pixels."""
-    agree_mm: float = 1.5
-    """How far corner marks and marks of the sides may disagree about each other's places."""
-    search: ConstellationOptions = field(default_factory=ConstellationOptions)
-    """How the marks are looked for."""
-
-
-@dataclass(frozen=True, slots=True)
-class FiducialMeasurement:
-    """One fiducial in one scan."""
-
-    name: str
-    """Its name in the camera's certificate."""
-    column: float
-    """Pixels, outer corner of the first pixel (0, 0)."""
-    row: float
-    """Pixels."""
-    sigma_px: float
-    """Standard deviation per axis, pixels."""
-    correlation: float
-    """Likeness to the drawn mark, 0 to 1."""
-    disagreement_px: float
-    """Distance between its middles found in two ways, pixels."""
-    kind: str
-    """Shape of the mark."""
-
-
-@dataclass(frozen=True, slots=True)
-class FiducialSet:
-    """All marks of a scan, and how the film lies by them."""
-
-    marks: tuple[FiducialMeasurement, ...]
-    """Those that stand, in the order of the certificate."""
-    doubts: tuple[Doubt, ...]
-    """One for each that does not."""
-    way: Way = UPRIGHT
-    """How the film lies in the scan."""
-    rivals: tuple[Way, ...] = ()
-    """Ways that the certificate cannot tell from it."""
-    fitted: tuple[FittedMark, ...] = ()
-    """The marks as they look in this scan, a kind for each group."""
-    guessed: bool = False
-    """True where the certificate hardly tells which mark is which, and nothing else does."""
-
-    @property
-    def middle(self) -> tuple[float, float]:
-        """Middle of the box about the marks, column and row."""
-        places = np.array([(mark.column, mark.row) for mark in self.marks])
-        column, row = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
-        return column, row
+from core.scan.second_look import found_after_all, looked_again
 
 
 def measure_fiducials(
@@ -127,10 +51,12 @@ def measure_fiducials(
     found = find_mark_sets(scan, layouts, scan_pixel_mm, area, options.agree_mm, options.search)
     if not found:
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
-    measured = _measured(scan, found, scan_pixel_mm, options)
+    measured = _measured(scan, found, scan_pixel_mm, area, options)
     if not measured.marks:
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
-    return renamed(measured, camera)
+    named = renamed(measured, camera, area=area)
+    again = looked_again(scan, camera, named, scan_pixel_mm, options)
+    return named if again is named else renamed(again, camera, area=area)
 
 
 def measure_unknown_fiducials(
@@ -163,21 +89,27 @@ def measure_unknown_fiducials(
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
         return FiducialSet((), (no_marks(photo_id_of(scan.path)),))
-    return _measured(scan, sets, scan_pixel_mm, options)
+    return _measured(scan, sets, scan_pixel_mm, area, options)
 
 
-def renamed(measured: FiducialSet, camera: Camera, preferred: Sequence[Way] = ()) -> FiducialSet:
+def renamed(
+    measured: FiducialSet,
+    camera: Camera,
+    preferred: Sequence[Way] = (),
+    area: FilmArea | None = None,
+) -> FiducialSet:
     """The marks under the names of the way to lie that the certificate speaks for.
 
     Args:
         measured: Marks with the names they were found under.
         camera: Camera with its certified fiducials.
         preferred: Ways to take where the certificate cannot tell, best first.
+        area: The exposed picture.
     """
     pixels = np.array([(mark.column, mark.row) for mark in measured.marks], dtype=np.float64)
     sigmas = np.array([mark.sigma_px for mark in measured.marks])
     names = [mark.name for mark in measured.marks]
-    naming = name_marks(names, pixels, sigmas, measured.way, camera.fiducials_mm, preferred)
+    naming = name_marks(names, pixels, sigmas, measured.way, camera.fiducials_mm, preferred, area)
     marks = [
         replace(mark, name=name) for mark, name in zip(measured.marks, naming.names, strict=True)
     ]
@@ -205,7 +137,11 @@ def quarters_of(camera: Camera, area: FilmArea) -> tuple[int, ...]:
 
 
 def _measured(
-    scan: ScanFile, found: Sequence[Constellation], pixel_mm: float, options: FiducialOptions
+    scan: ScanFile,
+    found: Sequence[Constellation],
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions,
 ) -> FiducialSet:
     """Every mark of every set at full resolution."""
     photo_id = photo_id_of(scan.path)
@@ -224,30 +160,24 @@ def _measured(
         results = _both_ways(spots, one, fit, pixel_mm)
         if not fit.mark.symmetric:
             # A notch drawn turned by a little is found beside its place.
-            fit = replace(fit, turn=_turn_of(_judged(results, options), one, fit.turn))
+            fit = replace(fit, turn=_turn_of(judged_marks(results, options), one, fit.turn, area))
             results = _both_ways(spots, one, fit, pixel_mm)
         if one.names:
-            results = _found_after_all(results, spots, one, (fit, *fitted), pixel_mm, options)
+            results = found_after_all(results, spots, one, (fit, *fitted), pixel_mm, options)
         fitted.append(fit)
         everyone = results if one.names else {**known, **results}
         known |= results
-        spoilt, judged = _spoilt(everyone), _judged(everyone, options)
+        spoilt, judged = spoilt_by(everyone), judged_marks(everyone, options)
         for name in results:
             result = judged[name]
             if isinstance(result, Failure):
                 doubts.append(doubtful_mark(photo_id, name, one.predicted[name], result))
                 continue
-            floor = max(result.sigma_px, options.sigma_floor_px)
-            dirt = max(spoilt[name] - options.dirt_from, 0.0)
-            sigma = float(np.hypot(floor, options.dirt_px * dirt))
-            marks.append(
-                FiducialMeasurement(
-                    name, result.column, result.row, sigma, result.correlation,
-                    result.disagreement_px, fit.mark.shape,
-                )
-            )  # fmt: skip
-            if sigma > options.unsure_px:
-                doubts.append(_unsure(photo_id, marks[-1]))
+            mark = measurement_of(name, result, spoilt[name], fit.mark.shape, options)
+            marks.append(mark)
+            if mark.sigma_px > options.unsure_px:
+                place = (mark.column, mark.row)
+                doubts.append(unsure_mark(photo_id, name, place, mark.sigma_px))
     return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))
 
 
@@ -263,44 +193,9 @@ def _both_ways(
     }
 
 
-def _found_after_all(
-    results: dict[str, TwoWays | Failure],
-    spots: Mapping[str, Spot],
-    found: Constellation,
-    fits: Sequence[FittedMark],
-    pixel_mm: float,
-    options: FiducialOptions,
-) -> dict[str, TwoWays | Failure]:
-    """Marks that did not stand are sought in their windows as the others of the scan look.
-
-    From afar a bright spot of the picture may have been taken for the mark beside it.
-    """
-    judged = _judged(results, options)
-    good = {n: r for n, r in judged.items() if isinstance(r, TwoWays)}
-    film = dict(zip(found.layout.names, found.layout.lying(found.way).tolist(), strict=True))
-    put = fit_similarity(
-        np.array([film[n] for n in good]).reshape(-1, 2),
-        np.array([(r.column, r.row) for r in good.values()]).reshape(-1, 2),
-        mirrored=True,
-    )
-    again = dict(results)
-    if len(good) < 2 or not isinstance(put, PlaneTransform):
-        return again
-    for name in [n for n in film if n not in good and n in spots]:
-        place = apply_affine(put.matrix, np.array([film[name]]))[0]
-        for fit in fits:
-            if not fit.mark.symmetric:
-                continue
-            result = measure_spot(sought(spots[name], fit, pixel_mm), fit, pixel_mm)
-            if isinstance(result, Failure) or result.correlation < options.surely_mark:
-                continue
-            if np.hypot(result.column - place[0], result.row - place[1]) * pixel_mm < AFTER_ALL_MM:
-                again[name] = result
-                break
-    return again
-
-
-def _turn_of(results: Mapping[str, TwoWays | Failure], found: Constellation, turn: float) -> float:
+def _turn_of(
+    results: Mapping[str, TwoWays | Failure], found: Constellation, turn: float, area: FilmArea
+) -> float:
     """Small rotation of the film (clockwise in the scan) by the marks themselves."""
     at = {name: i for i, name in enumerate(found.layout.names)}
     good = {n: r for n, r in results.items() if isinstance(r, TwoWays) and r.disagreement_px < 1}
@@ -312,56 +207,12 @@ def _turn_of(results: Mapping[str, TwoWays | Failure], found: Constellation, tur
         name: (float(x), float(y)) for name, (x, y) in zip(at, found.layout.film, strict=True)
     }
     # The names the marks were found under may be those of another way to lie.
-    naming = name_marks(list(good), pixels, sigmas, found.way, places)
+    naming = name_marks(list(good), pixels, sigmas, found.way, places, (), area)
     film = lying(found.layout.film, naming.way)[[at[name] for name in naming.names]]
     fit = fit_similarity(film, pixels, mirrored=True)
     if not isinstance(fit, PlaneTransform):
         return turn
-    clockwise = float(np.arctan2(fit.matrix[1, 0], fit.matrix[0, 0]))
-    return float((clockwise + np.pi / 4) % (np.pi / 2) - np.pi / 4)
-
-
-def _spoilt(results: Mapping[str, TwoWays | Failure]) -> dict[str, float]:
-    """How much more than in the clean ones is there besides the mark: dirt makes unsure."""
-    left = {n: 1 - r.correlation**2 for n, r in results.items() if isinstance(r, TwoWays)}
-    least = max(float(np.percentile(list(left.values()), 25)) if left else 1.0, 0.01)
-    return {name: max(1.0, float(np.sqrt(max(value, 0.0) / least))) for name, value in left.items()}
-
-
-def _judged(
-    results: Mapping[str, TwoWays | Failure], options: FiducialOptions
-) -> dict[str, TwoWays | Failure]:
-    """Marks that are like the drawn mark, like the others, and alike in both ways."""
-    likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
-    usual = float(np.median(likeness)) if likeness else 0.0
-    least = max(options.min_correlation, usual - options.max_drop)
-    spoilt, most_apart = _spoilt(results), options.max_disagreement_px
-    judged: dict[str, TwoWays | Failure] = {}
-    for name, result in results.items():
-        judged[name] = result
-        if isinstance(result, Failure):
-            continue
-        if result.correlation < least:
-            judged[name] = Failure(
-                f"What is there is not like the mark (correlation {result.correlation:.2f}).",
-                {"correlation": result.correlation},
-            )
-        elif spoilt[name] > options.max_spoilt:
-            judged[name] = Failure(
-                "Something covers it: it is much less like the drawn mark than the others are "
-                f"(correlation {result.correlation:.2f}).",
-                {"correlation": result.correlation},
-            )
-        elif result.sigma_px > options.max_sigma_px:
-            judged[name] = Failure(
-                f"Its middle is only known to {result.sigma_px:.1f} pixels.",
-                {"sigma_px": result.sigma_px},
-            )
-        elif (apart := max(result.disagreement_px, result.outline_px)) > most_apart:
-            judged[name] = Failure(
-                f"The ways to centre it differ by {apart:.2f} pixels.", {"disagreement_px": apart}
-            )
-    return judged
+    return small_turn(fit)
 
 
 def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:
@@ -370,15 +221,3 @@ def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:
         return doubt
     message = doubt.message.replace(f"Fiducial {old},", f"Fiducial {new},", 1)
     return replace(doubt, message=message, evidence={**doubt.evidence, "fiducial": new})
-
-
-def _unsure(photo_id: str, mark: FiducialMeasurement) -> Doubt:
-    """The doubt of a mark that stands, but not firmly."""
-    return Doubt(
-        "fiducial-unsure",
-        photo_id,
-        f"Fiducial {mark.name}, at column {mark.column:.1f}, row {mark.row:.1f}, is only known to "
-        f"{mark.sigma_px:.2f} pixels: dirt, a scratch or a blurred mark. Look at it.",
-        0.3,
-        {"fiducial": mark.name, "column": mark.column, "row": mark.row, "sigma_px": mark.sigma_px},
-    )

@@ -7,7 +7,7 @@ import numpy as np
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, fit_similarity
-from core.scan.fiducials import FiducialMeasurement, FiducialSet
+from core.scan.found_marks import FiducialMeasurement, FiducialSet
 
 HAND_SIGMA_PX = 0.4
 """What a careful hand can do on a screen, pixels."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation, limit_um
-from core.scan.fiducials import FiducialMeasurement
+from core.scan.found_marks import FiducialMeasurement
 from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import turned_words
 

@@ -38,3 +38,16 @@ def doubtful_mark(photo_id: str, name: str, place: tuple[float, float], failure:
         0.4,
         {"fiducial": name, "column": column, "row": row, **failure.evidence},
     )
+
+
+def unsure_mark(photo_id: str, name: str, place: tuple[float, float], sigma_px: float) -> Doubt:
+    """The doubt of a mark that stands, but not firmly."""
+    column, row = place
+    return Doubt(
+        "fiducial-unsure",
+        photo_id,
+        f"Fiducial {name}, at column {column:.1f}, row {row:.1f}, is only known to "
+        f"{sigma_px:.2f} pixels: dirt, a scratch or a blurred mark. Look at it.",
+        0.3,
+        {"fiducial": name, "column": column, "row": row, "sigma_px": sigma_px},
+    )

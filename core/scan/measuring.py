@@ -113,21 +113,45 @@ class TwoWays:
 
 def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
     """Full resolution windows about all marks; those not found yet where the others put them."""
-    # Room for a ring about what was found as a dot, and for a start that is a little off.
-    half = int(np.ceil((max(found.mark.reach_mm, RINGS[2]) * 1.8 + 0.6) / pixel_mm)) + 8
     places = _all_places(found)
     middle = np.mean(list(places.values()), axis=0)
     spots: dict[str, Spot] = {}
     for name, (column, row) in places.items():
-        if not (0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]):
-            continue
-        corner = (round(column) - half, round(row) - half)
-        gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
         outward = eighth((column - middle[0], row - middle[1]), _small(found.turn))
-        start = (column - corner[0], row - corner[1])
-        if np.isfinite(gray[half - 3 : half + 3, half - 3 : half + 3]).all():
-            spots[name] = Spot(name, corner, gray, start, outward, name in found.names)
+        spot = open_spot(scan, name, (column, row), outward, found.mark.reach_mm, pixel_mm)
+        if spot is not None:
+            spots[name] = replace(spot, found=name in found.names)
     return spots
+
+
+def open_spot(
+    scan: ScanFile,
+    name: str,
+    place: tuple[float, float],
+    outward: tuple[float, float],
+    reach_mm: float,
+    pixel_mm: float,
+) -> Spot | None:
+    """The full resolution window about one place; None outside the scan.
+
+    Args:
+        scan: The scan.
+        name: The fiducial's name.
+        place: Where it should be, scan pixels.
+        outward: Direction from the middle of the marks, in the film's axes (right, down).
+        reach_mm: How far the mark extends from its middle.
+        pixel_mm: Size of a scan pixel, millimetres.
+    """
+    column, row = place
+    if not (0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]):
+        return None
+    # Room for a ring about what was found as a dot, and for a start that is a little off.
+    half = int(np.ceil((max(reach_mm, RINGS[2]) * 1.8 + 0.6) / pixel_mm)) + 8
+    corner = (round(column) - half, round(row) - half)
+    gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
+    if not np.isfinite(gray[half - 3 : half + 3, half - 3 : half + 3]).all():
+        return None
+    return Spot(name, corner, gray, (column - corner[0], row - corner[1]), outward, False)
 
 
 def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:

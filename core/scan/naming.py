@@ -7,6 +7,7 @@ import numpy as np
 
 from core.arrays import FilmPoints, PixelPoints, Scalars
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
+from core.scan.film_area import FilmArea
 from core.scan.layouts import UPRIGHT, WAYS, Way, lying
 
 FILM_SIGMA_MM = 0.003
@@ -20,6 +21,10 @@ DECIDED = 12.0
 TURNED = 2.0
 MIRRORED = 6.0
 """Twice the logarithm of the odds against a turned and against a mirrored scan beforehand."""
+BORDER_MM = 0.3
+"""How well the middle of the certificate and that of the picture usually agree, millimetres."""
+BORDER_TURN = 2e-3
+"""The same of the certificate's axes and the picture's border, radians."""
 NEAR_MM = 2.5
 """How near to its place a mark must lie to be taken for it."""
 Certificate = Mapping[str, tuple[float, float]]
@@ -46,6 +51,7 @@ def name_marks(
     way: Way,
     certificate: Certificate,
     preferred: Sequence[Way] = (),
+    area: FilmArea | None = None,
 ) -> Naming:
     """Name measured marks anew where another way to lie fits the certificate clearly better.
 
@@ -56,6 +62,8 @@ def name_marks(
         way: The way to lie that belongs to those names.
         certificate: The camera's marks, millimetres.
         preferred: Ways to take, best first, where the certificate cannot tell.
+        area: The picture, whose border may tell what the marks alone do not: three marks of four
+            often lie as well when seen in a mirror, but then aslant in the frame.
     """
     film = np.array([certificate[name] for name in names], dtype=np.float64)
     base = fit_similarity(lying(film, way), pixels, mirrored=True)
@@ -64,7 +72,10 @@ def name_marks(
         for other in WAYS:
             renamed = _renamed(pixels, other, certificate, base)
             if renamed is not None:
-                fits[other] = (_misfit(renamed, pixels, sigmas_px, other, certificate), renamed)
+                misfit = _misfit(renamed, pixels, sigmas_px, other, certificate)
+                if area is not None and area.trusted:
+                    misfit += _aslant(renamed, pixels, other, certificate, area)
+                fits[other] = (misfit, renamed)
     if way not in fits:
         return Naming(tuple(names), way, ())
     least = min(value for value, _ in fits.values())
@@ -74,6 +85,16 @@ def name_marks(
     guessed = not wanted and (best != UPRIGHT or fits[best][0] > least + TURNED)
     rivals = tuple(other for other in equal if other != best)
     return Naming(fits[best][1], best, rivals, bool(rivals) and guessed)
+
+
+def small_turn(put: PlaneTransform) -> float:
+    """Rotation of the film in the scan (clockwise) less its quarter turns, radians.
+
+    Args:
+        put: The similarity scan from film.
+    """
+    clockwise = float(np.arctan2(put.matrix[1, 0], put.matrix[0, 0]))
+    return float((clockwise + np.pi / 4) % (np.pi / 2) - np.pi / 4)
 
 
 def _unlikely(way: Way) -> float:
@@ -124,3 +145,19 @@ def _misfit(
     solution = np.linalg.lstsq(design, wanted, rcond=None)[0]
     square_sum = float(np.sum((wanted - design @ solution) ** 2))
     return (FREEDOM + left.size - 4) * float(np.log1p(square_sum / FREEDOM))
+
+
+def _aslant(
+    names: Sequence[str], pixels: PixelPoints, way: Way, certificate: Certificate, area: FilmArea
+) -> float:
+    """Twice the logarithm of how unlikely the certificate lies so in the picture's border."""
+    film = lying(np.array([certificate[name] for name in names], dtype=np.float64), way)
+    put = fit_similarity(film, pixels, mirrored=True)
+    if not isinstance(put, PlaneTransform):
+        return np.inf
+    bottom = area.corners[1] - area.corners[0]
+    turn = np.arctan2(put.matrix[1, 0], put.matrix[0, 0]) - np.arctan2(bottom[1], bottom[0])
+    beside_mm = (put.matrix[:, 2] - area.centre[0]) / put.scale
+    square_sum = float(np.sum((beside_mm / BORDER_MM) ** 2))
+    square_sum += float(np.sin(turn) / BORDER_TURN) ** 2
+    return (FREEDOM + 3) * float(np.log1p(square_sum / FREEDOM))

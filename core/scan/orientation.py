@@ -16,9 +16,6 @@ from core.geometry.interior import (
 )
 from core.scan.data_strip import find_data_strip, ways_of_strip
 from core.scan.fiducials import (
-    FiducialMeasurement,
-    FiducialOptions,
-    FiducialSet,
     measure_fiducials,
     measure_unknown_fiducials,
     renamed,
@@ -31,8 +28,10 @@ from core.scan.film_area import (
     detect_film_area,
     refine_film_area,
 )
+from core.scan.found_marks import FiducialMeasurement, FiducialSet
 from core.scan.hand_marks import fiducials_by_hand
 from core.scan.interior_doubts import doubts_of_fit, names_guessed
+from core.scan.judging import FiducialOptions
 from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
@@ -183,7 +182,7 @@ def _by_certificate(
     strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
     preferred = ways_of_strip(camera.data_strip, strip)
     if measured.rivals and preferred:
-        measured = renamed(measured, camera, preferred)
+        measured = renamed(measured, camera, preferred, area)
         fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
     marks, doubts = measured.marks, measured.doubts
     if measured.guessed:

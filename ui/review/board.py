@@ -11,7 +11,7 @@ from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.interior import limit_um
 from core.scan.corrected_marks import MarkChange, corrected_scan
-from core.scan.fiducials import FiducialMeasurement
+from core.scan.found_marks import FiducialMeasurement
 from core.scan.orientation import ScanOrientation
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
 from sessions.fiducials import mark_changes
