@@ -15,15 +15,11 @@ from jaxtyping import Bool, Float64
 from core.doubts import Failure
 from core.scan.centring import (
     EDGE_PX,
-    SOFT_PX,
-    SOFT_TAPS,
     Centre,
     Gray,
     Left,
     Weights,
     correlation,
-    sample_about,
-    softened,
 )
 
 BAND_PX = 9.0
@@ -40,7 +36,7 @@ CALM = 0.5
 SMOOTH = (1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3)
 """Weights of a bend between knots against the gray of one pixel that are tried: what is grain and
 what is picture the scan itself must tell."""
-SHARED_PX = 3.0
+SHARED_PX = 1.0
 """Pixels, softened as they are, that tell no more than one would without its neighbours."""
 RIDGE = 1e-3
 """Weight of a spline's own height: hardly any, but enough where no pixel reaches."""
@@ -49,6 +45,7 @@ CHOSEN_IN = (0, 2)
 BLUR_PX = 0.6
 """Blur of lens, film and scanner that is begun with, pixels; it is solved for."""
 MOST_BLUR_PX = 3.0
+BLUR_TAPS = 4
 ROUNDS = 8
 CONVERGED_PX = 2e-3
 FAR = 3.0
@@ -119,12 +116,12 @@ def centre_by_sides(
     place, blur = np.array(start, dtype=np.float64), BLUR_PX**2
     left: Left | None = None
     share, _ = _outlines(template, blur, used)
-    gray = sample_about(window, np.floor(place) + 0.5, template.shape[0])[used]
+    gray = _pixels_about(window, np.floor(place) + 0.5, template.shape[0])[used]
     sides, bends = _surfaces(used, _knots(gray, share))
     prior, weight = bends, np.ones(len(share))
     for turn in range(ROUNDS):
         pixel = np.floor(place) + 0.5
-        gray = sample_about(window, pixel, template.shape[0])[used]
+        gray = _pixels_about(window, pixel, template.shape[0])[used]
         gray -= np.median(gray)
         column, row = (place - pixel).tolist()
         share, slopes = _outlines(drawn((column, row)), blur, used)
@@ -151,9 +148,8 @@ def _beside_outline(
     sides: Sequence[Side], share: Values, slopes: Float64[np.ndarray, "pixels 3"], blur: float
 ) -> Surfaces:
     """What the splines of both sides add to each pixel."""
-    variance = blur + SOFT_PX**2
     return np.hstack([
-        sides[0].beside(share, -slopes, variance), sides[1].beside(1 - share, slopes, variance)
+        sides[0].beside(share, -slopes, blur), sides[1].beside(1 - share, slopes, blur)
     ])  # fmt: skip
 
 
@@ -173,6 +169,22 @@ def _likeness(gray: Values, share: Values) -> float:
     return correlation(clipped, share, np.ones_like(share))
 
 
+def _pixels_about(window: Gray, middle: Float64[np.ndarray, "2"], side: int) -> Weights:
+    """An odd square of pixels as they are: softened, a sharp edge beneath grain would be blurred
+    more than the grain itself.
+
+    Args:
+        window: Part of the scan.
+        middle: Middle of a pixel, column and row.
+        side: Of the square.
+    """
+    half = side // 2
+    column, row = np.floor(middle).astype(int).tolist()
+    columns = np.clip(np.arange(column - half, column + half + 1), 0, window.shape[1] - 1)
+    rows = np.clip(np.arange(row - half, row + half + 1), 0, window.shape[0] - 1)
+    return window[np.ix_(rows, columns)].astype(np.float64)
+
+
 def _band(template: Weights, weights: Weights) -> Used:
     """Pixels near the outline, but not at the tip."""
     inside = (template > 0.5).astype(np.uint8)
@@ -189,9 +201,8 @@ def _outlines(
     template: Weights, blur: float, used: Used
 ) -> tuple[Values, Float64[np.ndarray, "pixels 3"]]:
     """The drawn notch under a blur (variance), and how it changes with column, row and blur."""
-    width = (2 * SOFT_TAPS + 1,) * 2
-    edge = cv2.BORDER_REPLICATE
-    soft = softened(cv2.GaussianBlur(template, width, float(np.sqrt(blur)), borderType=edge))
+    width, edge = (2 * BLUR_TAPS + 1,) * 2, cv2.BORDER_REPLICATE
+    soft = cv2.GaussianBlur(template, width, float(np.sqrt(blur)), borderType=edge)
     right, down = _slope(soft, 1), _slope(soft, 0)
     curved = _slope(right, 1) + _slope(down, 0)
     return soft[used], np.column_stack([-right[used], -down[used], 0.5 * curved[used]])
