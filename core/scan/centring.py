@@ -51,6 +51,8 @@ class Centre:
     """Standard deviation per axis from the fit's residuals, pixels."""
     correlation: float
     """Correlation of the two fields that were compared, -1 to 1."""
+    worst_px: float = float("nan")
+    """Standard deviation in the direction in which it is least sure, where that was asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +68,12 @@ class Left:
 
     @property
     def sigma_px(self) -> float:
-        """Standard deviation of the shift per axis.
+        """Standard deviation of the shift per axis, pixels."""
+        return float(np.sqrt(np.trace(self.covariance) / 2))
+
+    @property
+    def covariance(self) -> Float64[np.ndarray, "2 2"]:
+        """Of the shift, square pixels.
 
         Pixels share their blur and grain, and where the drawn mark is not quite the scan's they are
         wrong together: how much, their own residuals tell. They also tell where: film is noisier
@@ -75,17 +82,20 @@ class Left:
         local = _spread_about(self.residual)
         even = self.residual / np.maximum(local, 1e-9)
         power = float(np.sum(even**2)) + 1e-12
-        carried = self.influence * local
-        total = 0.0
+        first, second = self.influence * local
+        total = np.zeros((2, 2))
         for down in range(LAGS + 1):
             for right in range(-LAGS if down else 0, LAGS + 1):
-                share = _lagged(even, down, right) / power
-                both = sum(_lagged(one, down, right) for one in carried)
-                total += share * both * (1 if down == right == 0 else 2)
+                share = _lagged(even, even, down, right) / power
+                aside = _lagged(first, second, down, right) + _lagged(second, first, down, right)
+                both = np.array([[2 * _lagged(first, first, down, right), aside],
+                                 [aside, 2 * _lagged(second, second, down, right)]])  # fmt: skip
+                total += share * both * (0.5 if down == right == 0 else 1)
         # Chance in the correlations may bring the sum of all below that of none.
-        least = 0.25 * float(np.sum(carried**2))
-        pixels = float(np.count_nonzero(self.residual))
-        return float(np.sqrt(pixels / self.freedom * max(total, least) / 2))
+        least = 0.25 * float(np.sum(first**2) + np.sum(second**2))
+        if np.linalg.eigvalsh(total)[0] <= 0 or np.trace(total) < least:
+            total = np.eye(2) * max(float(np.trace(total)), least) / 2
+        return total * float(np.count_nonzero(self.residual)) / self.freedom
 
 
 def _spread_about(residual: Weights) -> Weights:
@@ -279,11 +289,11 @@ def _solve(
     return solution, Left(fields[:2], fields[2], freedom)
 
 
-def _lagged(field: Weights, down: int, right: int) -> float:
-    """Sum of products of a field with itself moved by whole pixels."""
-    rows, columns = field.shape
-    here = field[: rows - down, max(0, -right) : columns - max(0, right)]
-    there = field[down:, max(0, right) : columns - max(0, -right)]
+def _lagged(one: Weights, other: Weights, down: int, right: int) -> float:
+    """Sum of products of a field with another moved by whole pixels."""
+    rows, columns = one.shape
+    here = one[: rows - down, max(0, -right) : columns - max(0, right)]
+    there = other[down:, max(0, right) : columns - max(0, -right)]
     return float(np.vdot(here, there))
 
 

@@ -11,7 +11,7 @@ from core.geometry.transforms import PlaneTransform, fit_similarity
 from core.scan.constellation import Constellation, find_constellation
 from core.scan.film_area import FilmArea
 from core.scan.found_marks import FiducialMeasurement, FiducialSet
-from core.scan.judging import FiducialOptions, judged_marks, measurement_of, spoilt_by
+from core.scan.judging import FiducialOptions, judged_marks, measurement_of, spoilt_by, unsure
 from core.scan.layouts import Way, certified_layouts, guessed_layouts, lying
 from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found, unsure_mark
 from core.scan.mark_sets import find_mark_sets, middles_apart_mm
@@ -175,7 +175,7 @@ def _measured(
                 continue
             mark = measurement_of(name, result, spoilt[name], fit.mark.shape, options)
             marks.append(mark)
-            if mark.sigma_px > options.unsure_px:
+            if unsure(mark, result, options):
                 place = (mark.column, mark.row)
                 doubts.append(unsure_mark(photo_id, name, place, mark.sigma_px))
     return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))

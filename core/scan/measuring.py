@@ -30,7 +30,7 @@ from core.scan.raster import ScanFile, read_window
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
-NOTCH_SIGMA_PX = 0.035
+NOTCH_SIGMA_PX = 0.024
 """What the picture beside a notch does to its edges at least, pixels."""
 STEPS_APART_PX = 0.2
 """How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
@@ -109,6 +109,8 @@ class TwoWays:
     """Distance between both ways."""
     outline_px: float = 0.0
     """How far its outline, a third way, lay from both, where that was taken; pixels."""
+    worst_px: float = 0.0
+    """Standard deviation in the direction in which it is least sure, where that is known."""
 
 
 def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
@@ -303,6 +305,7 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
         float(np.hypot(np.hypot(second.sigma_px, NOTCH_SIGMA_PX), beyond)),
         likeness,
         apart,
+        worst_px=float(np.hypot(np.hypot(second.worst_px, NOTCH_SIGMA_PX), beyond)),
     )
 
 

@@ -22,9 +22,9 @@ from core.scan.centring import (
     correlation,
 )
 
-BAND_PX = 9.0
+BAND_PX = 12.0
 """How far from the outline pixels are used."""
-TIP_PX = 8.0
+TIP_PX = 6.0
 """Pixels this near to the tip are not used: no tip is quite sharp, and near that of a narrow notch
 both edges run into each other."""
 KNOTS_PX = 6.0
@@ -114,7 +114,7 @@ def centre_by_sides(
     if used.sum() < MIN_PIXELS:
         return Failure("The mark has too little outline in the window.")
     place, blur = np.array(start, dtype=np.float64), BLUR_PX**2
-    left: Left | None = None
+    left, bent = Left(np.zeros((2, 1, 1)), np.zeros((1, 1)), 1.0), np.zeros((2, 2))
     share, _ = _outlines(template, blur, used)
     gray = _pixels_about(window, np.floor(place) + 0.5, template.shape[0])[used]
     sides, bends = _surfaces(used, _knots(gray, share))
@@ -131,7 +131,7 @@ def centre_by_sides(
         try:
             apart = _step_of_gray(sides, surfaces, gray, weight, prior)
             design = np.hstack([surfaces, slopes * apart[:, None]])
-            step, weight, left = _solved(design, gray, prior, used)
+            step, weight, left, bent = _solved(design, gray, prior, used)
         except np.linalg.LinAlgError:
             return Failure("The mark's outline is not there.")
         place = place + np.clip(step[:2], -1.0, 1.0)
@@ -140,8 +140,12 @@ def centre_by_sides(
             return Failure("The outline lies elsewhere.")
         if np.abs(step[:2]).max() < CONVERGED_PX:
             break
-    sigma = left.sigma_px if left else float("nan")
-    return Centre(float(place[0]), float(place[1]), sigma, _likeness(gray, share))
+    covariance = left.covariance + bent
+    sigma, worst = np.trace(covariance) / 2, np.linalg.eigvalsh(covariance)[1]
+    return Centre(
+        float(place[0]), float(place[1]), float(np.sqrt(sigma)), _likeness(gray, share),
+        float(np.sqrt(worst)),
+    )  # fmt: skip
 
 
 def _beside_outline(
@@ -314,8 +318,12 @@ def _normal(design: Surfaces, weight: Values, prior: Square) -> Square:
 
 def _solved(
     design: Surfaces, gray: Values, prior: Square, used: Used
-) -> tuple[Float64[np.ndarray, "3"], Values, Left]:
-    """Shift and blur, weights, and what is left; what fits no surface counts less."""
+) -> tuple[Float64[np.ndarray, "3"], Values, Left, Square]:
+    """Shift and blur, weights, and what is left; what fits no surface counts less.
+
+    Also what surfaces that bend as their prior lets expect do to the shift (covariance): noise and
+    residuals do not tell of that.
+    """
     weight = np.ones(len(gray))
     inverse = _normal(design, weight, prior)
     heavy = design
@@ -334,4 +342,6 @@ def _solved(
     freedom = max(float(weight.sum()) - unknowns, 10.0)
     fields = np.zeros((3, *used.shape))
     fields[:, used] = np.vstack([(inverse @ heavy.T)[-3:-1], residual])
-    return solution[-3:], weight, Left(fields[:2], fields[2], freedom)
+    at = inverse[-3:-1, : len(prior)]
+    bent = at @ prior @ at.T * float(np.sum(residual**2)) / freedom
+    return solution[-3:], weight, Left(fields[:2], fields[2], freedom), bent

@@ -16,7 +16,7 @@ from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarit
 from core.scan.candidates import eighth
 from core.scan.constellation import Constellation
 from core.scan.found_marks import FiducialMeasurement, FiducialSet
-from core.scan.judging import FiducialOptions, judged_marks, measurement_of, spoilt_by
+from core.scan.judging import FiducialOptions, judged_marks, measurement_of, spoilt_by, unsure
 from core.scan.layouts import lying
 from core.scan.mark_doubts import doubtful_mark, unsure_mark
 from core.scan.measuring import FittedMark, Spot, TwoWays, measure_spot, open_spot, sought
@@ -57,11 +57,12 @@ def looked_again(
     clean = [marks[name] for name in interior.names]
     for name in lost:
         found = _sought_again(look, name, clean)
-        if isinstance(found, FiducialMeasurement):
-            marks[name] = found
+        if isinstance(found, tuple):
+            mark, result = found
+            marks[name] = mark
             doubts.pop(name, None)
-            if found.sigma_px > options.unsure_px:
-                doubts[name] = unsure_mark(look.photo_id, name, found.place, found.sigma_px)
+            if unsure(mark, result, options):
+                doubts[name] = unsure_mark(look.photo_id, name, mark.place, mark.sigma_px)
         elif name in doubts and name not in marks:
             doubts[name] = _in_place(look, doubts[name], name, found)
     order = [name for name in camera.fiducials_mm if name in marks]
@@ -115,7 +116,7 @@ def _turned(named: FiducialSet, camera: Camera) -> tuple[FittedMark, ...]:
 
 def _sought_again(
     look: _Look, name: str, clean: Sequence[FiducialMeasurement]
-) -> FiducialMeasurement | Failure:
+) -> tuple[FiducialMeasurement, TwoWays] | Failure:
     """One mark where the others put it, as one of the kinds of this scan."""
     place, middle = look.place(name), look.interior.pixels.mean(axis=0)
     failure = Failure("It lies outside the scan.")
@@ -138,7 +139,8 @@ def _sought_again(
             failure = Failure("What is there does not lie where the other marks put it.")
         elif alike or judged.correlation > look.options.surely_mark:
             spoilt = spoilt_by(everyone)[name]
-            return measurement_of(name, judged, spoilt, fit.mark.shape, look.options)
+            mark = measurement_of(name, judged, spoilt, fit.mark.shape, look.options)
+            return mark, judged
     return failure
 
 
