@@ -12,11 +12,9 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Complex128, Float64
-from scipy.stats import norm
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
-from core.geometry.transforms import PlaneTransform, fit_similarity
 from core.scan.candidates import (
     MERGE_MM,
     Candidates,
@@ -27,8 +25,17 @@ from core.scan.candidates import (
 from core.scan.centring import Centre, centre_by_symmetry, disc_weights
 from core.scan.film_area import FilmArea
 from core.scan.layouts import UPRIGHT, Layout, Way
-from core.scan.marks import Mark, library
+from core.scan.marks import Mark
 from core.scan.raster import ScanFile
+from core.scan.set_chance import (
+    ConstellationOptions,
+    Search,
+    along_border,
+    area_turn,
+    log_chance_of_border,
+    log_chance_of_looks,
+    log_chance_of_shape,
+)
 
 Complexes = Complex128[np.ndarray, "n"]
 PeakComplex = Complex128[np.ndarray, "n peaks"]
@@ -37,49 +44,6 @@ BORDER_MM = 1.5
 """Distance from the corner of the frame within which a notch is the corner itself."""
 ASYMMETRIC_WORTH = 0.5
 """Symmetry that a kind of mark without any is credited with."""
-
-
-@dataclass(frozen=True, slots=True)
-class ConstellationOptions:
-    """How the marks are looked for before they are measured."""
-
-    search_pixel_mm: float = 0.075
-    """Size of a pixel of the reduced windows, millimetres."""
-    reach_seen_mm: float = 7.0
-    """Half width of a window where the picture's border was seen, millimetres."""
-    reach_unseen_mm: float = 16.0
-    """The same where it was not."""
-    peaks: int = 4
-    """Candidates kept for each window, kind and polarity."""
-    kinds: int = 24
-    """Kinds and polarities, best first, for which sets are formed, besides the best size of each
-    shape: texture is full of dots."""
-    scale_tolerance: float = 0.015
-    """How far the scale may differ from the nominal scan pixel size, as a share."""
-    turn_tolerance_deg: float = 4.0
-    """How far the film may be turned from a quarter circle, degrees."""
-    fit_tolerance_mm: float = 1.0
-    """How far a mark may lie from where two others put it, millimetres: scanners shear, film
-    shrinks."""
-    rivals: int = 8
-    """Sets at different places that are compared by their symmetry."""
-    symmetry_mm: float = 1.5
-    """Radius within which a mark and its housing should be symmetric, millimetres."""
-    min_symmetry: float = 0.45
-    """Mean symmetry, 0 to 1, below which a set is refused."""
-    max_log_false_alarms: float = -4.0
-    """log10 of the number of sets as good that chance would give; a greater number is refused."""
-    marks: tuple[Mark, ...] = library()
-    """Kinds and sizes of marks that are looked for."""
-    beware_of_border: bool = False
-    """Refuse notches that are the frame's own corners: for marks without a certificate."""
-    border_turn_deg: float = 0.7
-    """How far a set may usually be turned against the picture's border, degrees."""
-    border_mm: float = 0.5
-    """How far the middle of the certificate may usually lie beside that of the picture."""
-    upright_bonus: float = 0.05
-    """Advantage of an upright scan over a turned one that fits as well, as a share of the score:
-    the certificate of symmetric marks cannot tell them apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,18 +82,6 @@ class Constellation:
         object.__setattr__(self, "correlations", locked(self.correlations))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Search:
-    """What stays the same while kinds, layouts and ways to lie are tried."""
-
-    scan_pixel_mm: float
-    window_mm2: float
-    tries: int
-    options: ConstellationOptions
-    border: FilmArea | None
-    """The picture's border where it was seen and the marks are certified: it says how they lie."""
-
-
 def find_constellation(
     scan: ScanFile,
     layouts: Sequence[Layout],
@@ -154,7 +106,7 @@ def find_constellation(
     ways = middle.ways
     border = area if area.trusted and not options.beware_of_border else None
     tries = len(layouts) * len(ways)
-    search = _Search(scan_pixel_mm, (2 * reach_mm) ** 2, tries, options, border)
+    search = Search(scan_pixel_mm, (2 * reach_mm) ** 2, tries, options, border)
     expected = {k: _expected(middle.lying(way), area, scan_pixel_mm) for k, way in enumerate(ways)}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
@@ -185,16 +137,10 @@ def _promising(kinds: Sequence[Candidates], count: int) -> list[Candidates]:
     return tried + [kind for kind in firsts.values() if not any(kind is one for one in tried)]
 
 
-def area_turn(area: FilmArea) -> float:
-    """Rotation of the picture's lower border in the scan, radians, counter-clockwise."""
-    bottom = area.corners[1] - area.corners[0]
-    return float(np.arctan2(-bottom[1], bottom[0]))
-
-
 def _chosen(
     found: Sequence[Constellation],
     windows: Sequence[SearchWindow],
-    search: _Search,
+    search: Search,
     area: FilmArea,
 ) -> Constellation | Failure:
     """Of all sets that are not chance the one that is most like marks."""
@@ -257,7 +203,7 @@ def _rivals(sets: Sequence[Constellation], apart_px: float) -> list[Constellatio
     return kept
 
 
-def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: _Search) -> float:
+def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: Search) -> float:
     """How symmetric the set's places are, 0 to 1, near and farther about them.
 
     The end of a ray or the crossing of a ray and a ring can look like a mark on its own; the middle
@@ -288,7 +234,7 @@ def _expected(lying: FilmPoints, area: FilmArea, scan_pixel_mm: float) -> PixelP
 
 
 def _best_set(
-    search: _Search, kind: Candidates, owner: Sequence[int], layout: Layout, way: Way
+    search: Search, kind: Candidates, owner: Sequence[int], layout: Layout, way: Way
 ) -> Constellation | None:
     """The set of one kind that fits a layout best, every pair of peaks tried as its base."""
     film = layout.lying(way)
@@ -302,7 +248,7 @@ def _best_set(
     tolerance = search.options.fit_tolerance_mm
     fits = distance_mm < tolerance
     value = np.where(fits, worth[None] * (1 - 0.7 * (distance_mm / tolerance) ** 2), 0.0)
-    total = value.max(axis=2).sum(axis=1) * _along_border(search, factors)
+    total = value.max(axis=2).sum(axis=1) * along_border(search, factors)
     base = int(np.argmax(total))
     chosen = value[base].argmax(axis=1)
     found = np.nonzero(value[base].max(axis=1) > 0)[0]
@@ -313,9 +259,9 @@ def _best_set(
         name: (float(place.real), float(-place.imag))
         for name, place in zip(layout.names, put[base], strict=True)
     }
-    chance = _log_chance_of_shape(search, len(layout.names), film[found], pixels)
-    chance += _log_chance_of_looks(correlations, chosen, found)
-    chance += _log_chance_of_border(search, complex(starts[base]), complex(factors[base]))
+    chance = log_chance_of_shape(search, len(layout.names), film[found], pixels)
+    chance += log_chance_of_looks(correlations, chosen, found)
+    chance += log_chance_of_border(search, complex(starts[base]), complex(factors[base]))
     bonus = 1 + search.options.upright_bonus * (way == UPRIGHT)
     turn = float(np.angle(factors[base])) + way[0] * np.pi / 2
     return Constellation(
@@ -325,7 +271,7 @@ def _best_set(
 
 
 def _bases(
-    search: _Search, where: Complexes, places: PeakComplex
+    search: Search, where: Complexes, places: PeakComplex
 ) -> tuple[Complex128[np.ndarray, "bases"], Complex128[np.ndarray, "bases"]]:
     """Similarities pixel = start + factor * film through two peaks, of the right scale and turn."""
     starts: list[np.ndarray] = []
@@ -346,58 +292,3 @@ def _bases(
     if not starts:
         return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
     return np.concatenate(starts), np.concatenate(factors)
-
-
-def _log_chance_of_shape(
-    search: _Search, marks: int, film: FilmPoints, pixels: PixelPoints
-) -> float:
-    """log10 of how many sets this near to the certificate random peaks would give.
-
-    All pairs of peaks of all kinds are tried as bases; each further mark has its peaks spread at
-    random over its window and hits a disc of twice the RMS residual.
-    """
-    options = search.options
-    tried = options.kinds * search.tries * options.peaks**2 * marks * (marks - 1) / 2
-    # Of random pairs, about one in ten has the right scale and turn.
-    tried *= 0.1
-    fit = fit_similarity(film, pixels, mirrored=True)
-    residual_mm = 0.0
-    if isinstance(fit, PlaneTransform):
-        residual_mm = np.hypot(fit.rms * search.scan_pixel_mm, options.search_pixel_mm / 4)
-    hit = options.peaks * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
-    return float(np.log10(tried) + (len(film) - 2) * np.log10(min(1.0, max(hit, 1e-12))))
-
-
-def _along_border(search: _Search, factors: Complexes) -> Float64[np.ndarray, "bases"]:
-    """What sets are worth by their turn against the picture's border, a half to one."""
-    if search.border is None:
-        return np.ones(len(factors))
-    beside = np.angle(factors) - area_turn(search.border)
-    usual = np.radians(search.options.border_turn_deg)
-    return 0.5 + 0.5 * np.exp(-0.5 * (beside / usual) ** 2)
-
-
-def _log_chance_of_border(search: _Search, start: complex, factor: complex) -> float:
-    """log10 of the chance that a random set lies as straight and as central in the picture."""
-    if search.border is None:
-        return 0.0
-    options = search.options
-    column, row = search.border.centre[0].tolist()
-    beside_mm = abs(start - complex(column, -row)) * search.scan_pixel_mm
-    turned = abs(float(np.degrees(np.angle(factor) - area_turn(search.border))))
-    place = np.pi * max(beside_mm, options.border_mm) ** 2 / search.window_mm2
-    turn = max(turned, options.border_turn_deg) / options.turn_tolerance_deg
-    return float(np.log10(min(place, 1.0)) + np.log10(min(turn, 1.0)))
-
-
-def _log_chance_of_looks(correlations: PeakValues, chosen: np.ndarray, found: np.ndarray) -> float:
-    """log10 of the chance that mere texture looks as much like marks as the set does.
-
-    Texture is what else was found in the windows: the best peak of each that is not in the set.
-    """
-    others = correlations.copy()
-    others[found, chosen[found]] = -1.0
-    texture = np.arctanh(np.clip(others.max(axis=1), 0.0, 0.999))
-    looks = np.arctanh(np.clip(correlations[found, chosen[found]], 0.0, 0.999))
-    deviate = (looks - texture.mean()) / max(float(texture.std()), 0.15)
-    return float(np.log10(np.clip(norm.sf(deviate), 1e-4, 1.0)).sum())

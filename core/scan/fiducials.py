@@ -17,16 +17,15 @@ from core.scan.mark_doubts import doubtful_mark, no_marks, nothing_found, unsure
 from core.scan.mark_sets import find_mark_sets, middles_apart_mm
 from core.scan.measuring import (
     FittedMark,
-    Spot,
     TwoWays,
     fit_mark,
     measure_spot,
-    open_spots,
     sought,
 )
 from core.scan.naming import name_marks, small_turn
 from core.scan.raster import ScanFile, photo_id_of
 from core.scan.second_look import found_after_all, looked_again
+from core.scan.spots import Spot, open_spots
 
 
 def measure_fiducials(

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from core.doubts import Failure
-from core.scan.constellation import ConstellationOptions
 from core.scan.found_marks import FiducialMeasurement
 from core.scan.measuring import TwoWays
+from core.scan.set_chance import ConstellationOptions
 
 
 @dataclass(frozen=True, slots=True)

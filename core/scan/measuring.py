@@ -1,16 +1,13 @@
 """The marks of one constellation at full resolution: the kind fitted, every middle found twice."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
 
 from core.doubts import Failure
-from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
-from core.scan.candidates import eighth
 from core.scan.centring import (
     Centre,
     Gray,
@@ -26,7 +23,7 @@ from core.scan.constellation import Constellation
 from core.scan.edges import centre_by_edges
 from core.scan.marks import SURROUND, Mark, draw_mark, resized
 from core.scan.notches import centre_by_sides
-from core.scan.raster import ScanFile, read_window
+from core.scan.spots import RING_MM, Spot, within_eighth
 
 FITTING_MM = 0.03
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
@@ -34,7 +31,7 @@ NOTCH_SIGMA_PX = 0.024
 """What the picture beside a notch does to its edges at least, pixels."""
 STEPS_APART_PX = 0.2
 """How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
-RINGS = (2.5, 1.12, 1.4)
+RINGS = (2.5, 1.12, RING_MM)
 """Rings that are tried about a dot: the least over its radius, step, and the greatest (mm)."""
 RING_GAIN = 0.15
 """Likeness that a ring must add."""
@@ -43,24 +40,6 @@ OUTLINE_PX = 0.1
 """How far the outline may lie from the mark's middle before dirt is suspected, pixels."""
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 """Blurs that are tried, pixels of the fitting."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Spot:
-    """A window about one mark."""
-
-    name: str
-    """The fiducial's name."""
-    corner: tuple[int, int]
-    """First column and row in the scan."""
-    gray: Float32[np.ndarray, "rows columns"]
-    """Gray values."""
-    start: tuple[float, float]
-    """Approximate middle, window pixels."""
-    outward: tuple[float, float]
-    """Direction from the middle of the marks, in the film's axes (right, down)."""
-    found: bool
-    """False where the place only follows from the other marks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,49 +92,6 @@ class TwoWays:
     """Standard deviation in the direction in which it is least sure, where that is known."""
 
 
-def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
-    """Full resolution windows about all marks; those not found yet where the others put them."""
-    places = _all_places(found)
-    middle = np.mean(list(places.values()), axis=0)
-    spots: dict[str, Spot] = {}
-    for name, (column, row) in places.items():
-        outward = eighth((column - middle[0], row - middle[1]), _small(found.turn))
-        spot = open_spot(scan, name, (column, row), outward, found.mark.reach_mm, pixel_mm)
-        if spot is not None:
-            spots[name] = replace(spot, found=name in found.names)
-    return spots
-
-
-def open_spot(
-    scan: ScanFile,
-    name: str,
-    place: tuple[float, float],
-    outward: tuple[float, float],
-    reach_mm: float,
-    pixel_mm: float,
-) -> Spot | None:
-    """The full resolution window about one place; None outside the scan.
-
-    Args:
-        scan: The scan.
-        name: The fiducial's name.
-        place: Where it should be, scan pixels.
-        outward: Direction from the middle of the marks, in the film's axes (right, down).
-        reach_mm: How far the mark extends from its middle.
-        pixel_mm: Size of a scan pixel, millimetres.
-    """
-    column, row = place
-    if not (0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]):
-        return None
-    # Room for a ring about what was found as a dot, and for a start that is a little off.
-    half = int(np.ceil((max(reach_mm, RINGS[2]) * 1.8 + 0.6) / pixel_mm)) + 8
-    corner = (round(column) - half, round(row) - half)
-    gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
-    if not np.isfinite(gray[half - 3 : half + 3, half - 3 : half + 3]).all():
-        return None
-    return Spot(name, corner, gray, (column - corner[0], row - corner[1]), outward, False)
-
-
 def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:
     """The mark's kind and measures: what makes the drawn mark most like the scan's, on average.
 
@@ -165,7 +101,7 @@ def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> Fi
     reduction = max(1, round(FITTING_MM / pixel_mm))
     cell = pixel_mm * reduction
     small = [_reduced(spot, reduction) for spot in spots]
-    turn = -_small(found.turn)
+    turn = -within_eighth(found.turn)
     trials = [FittedMark(kind, turn, found.bright, cell) for kind in (found.mark, *found.kinds)]
     best = _kind(small, trials, cell)
     if best.mark.notch:
@@ -338,26 +274,6 @@ def _second_way(
     radius = fitted.mark.reach_mm * 1.15 / pixel_mm + 1
     disc = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
     return centre_by_symmetry(gray, disc, start, limit_px=0.3 / pixel_mm + 2)
-
-
-def _small(turn: float) -> float:
-    """A rotation less its quarter turns."""
-    return float((turn + np.pi / 4) % (np.pi / 2) - np.pi / 4)
-
-
-def _all_places(found: Constellation) -> Mapping[str, tuple[float, float]]:
-    """Where each mark was found, or where a similarity through the found ones puts it."""
-    names = found.layout.names
-    film = found.layout.lying(found.way)
-    at = {name: i for i, name in enumerate(names)}
-    fit = fit_similarity(film[[at[n] for n in found.names]], found.pixels, mirrored=True)
-    places = dict(found.predicted)
-    if isinstance(fit, PlaneTransform):
-        for name, (column, row) in zip(names, apply_affine(fit.matrix, film).tolist(), strict=True):
-            places[name] = (column, row)
-    for name, (column, row) in zip(found.names, found.pixels.tolist(), strict=True):
-        places[name] = (column, row)
-    return places
 
 
 def _reduced(spot: Spot, reduction: int) -> Spot:

@@ -174,8 +174,7 @@ def _likeness(gray: Values, share: Values) -> float:
 
 
 def _pixels_about(window: Gray, middle: Float64[np.ndarray, "2"], side: int) -> Weights:
-    """An odd square of pixels as they are: softened, a sharp edge beneath grain would be blurred
-    more than the grain itself.
+    """An odd square of pixels as they are: softening blurs a sharp edge more than its grain.
 
     Args:
         window: Part of the scan.

@@ -19,9 +19,10 @@ from core.scan.found_marks import FiducialMeasurement, FiducialSet
 from core.scan.judging import FiducialOptions, judged_marks, measurement_of, spoilt_by, unsure
 from core.scan.layouts import lying
 from core.scan.mark_doubts import doubtful_mark, unsure_mark
-from core.scan.measuring import FittedMark, Spot, TwoWays, measure_spot, open_spot, sought
+from core.scan.measuring import FittedMark, TwoWays, measure_spot, sought
 from core.scan.naming import small_turn
 from core.scan.raster import ScanFile, photo_id_of
+from core.scan.spots import Spot, open_spot
 
 AFTER_ALL_MM = 1.0
 """How near to its place by the others a mark must lie that was not seen from afar, millimetres."""

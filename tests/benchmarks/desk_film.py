@@ -22,8 +22,8 @@ from core.progress import Silent
 from core.reference.dem import open_dem
 from core.reference.ortho import open_ortho
 from core.reference.reference import Reference
-from core.scan.found_marks import FiducialMeasurement
 from core.scan.film_area import area_from_interior
+from core.scan.found_marks import FiducialMeasurement
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import open_scan
 from tests.benchmarks.large_desk import write_scan

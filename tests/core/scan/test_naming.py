@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from core.scan.film_area import FilmArea
 from core.scan.interior_doubts import names_guessed
 from core.scan.layouts import UPRIGHT, WAYS, Way, lying
 from core.scan.naming import name_marks
@@ -57,3 +58,22 @@ def test_a_certificate_that_hardly_tells_is_doubted__truth() -> None:
     doubt = names_guessed("a", naming.way)
     assert doubt.kind == "fiducial-names"
     assert "neighbours" in doubt.message
+
+
+def test_the_border_names_three_marks_that_a_mirror_shows_alike__truth() -> None:
+    """Two equally far from the third change places in a mirror; the frame would lie aslant then."""
+    third, along = np.array([-26.5, 0.1]), 26.5 * np.array([np.cos(0.01), np.sin(0.01)])
+    across = np.array([-along[1], along[0]])
+    places = {"5": third + along + across, "7": third + along - across, "8": third}
+    alike = {name: (float(x), float(y)) for name, (x, y) in places.items()} | {"6": (26.3, 0.4)}
+    seen = {name: alike[name] for name in ("5", "7", "8")}
+    pixels = scanned(seen, (0, True))
+    middle, half = 700.0, 30.0 / 0.04
+    corners = middle + half * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+    area = FilmArea(corners, ("left", "right", "top", "bottom"), np.ones(4))
+    alone = name_marks(list(seen), pixels, SIGMAS[:3], (0, True), alike)
+    assert alone.guessed
+    told = name_marks(["7", "5", "8"], pixels, SIGMAS[:3], (2, False), alike, (), area)
+    assert told.way == (0, True)
+    assert told.names == ("5", "7", "8")
+    assert not told.rivals
