@@ -9,6 +9,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 # A user's habit of installing beside the system would break an installation into .venv.
 export PIP_USER := 0
 
+# Two files of tests at a time; those in a browser watch the clock and run alone.
+UNSEEN := $(BIN)/python -m pytest -m "not browser" -n 2 --dist loadfile
+
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint browser bench clean
 
@@ -33,7 +36,8 @@ demo: install  ## make a synthetic block, run every stage, open the desk (HEADLE
 
 test: install  ## run all tests, in a real browser too
 	tests/browser/provide_chromium.sh
-	$(BIN)/python -m pytest
+	$(UNSEEN)
+	$(BIN)/python -m pytest -m browser
 
 lint: install  ## format, style, types, import contracts
 	$(BIN)/ruff format --check .
@@ -42,7 +46,7 @@ lint: install  ## format, style, types, import contracts
 	$(BIN)/lint-imports
 
 check: lint  ## everything that needs no browser
-	$(BIN)/python -m pytest -m "not browser"
+	$(UNSEEN)
 
 browser: install  ## only the tests in a real browser
 	tests/browser/provide_chromium.sh

@@ -216,6 +216,8 @@ def _truth_json(flight: Flight, options: SyntheticOptions) -> str:
             "georeference_quality": options.georeference_quality,
             "road_change": options.road_change,
             "parcel_change": options.parcel_change,
+            "strips": options.strips,
+            "photos_per_strip": options.photos_per_strip,
         },
         "gsd_scan": scale.scan_ground_m,
     }

@@ -15,7 +15,8 @@ from core.synthetic.terrain import Bounds, Terrain, make_terrain
 FRAME_MM = 180.0
 SCAN_MM = 194.0
 """Width of the scanned area: the frame and some margin."""
-STRIPS, PHOTOS = 2, 3
+FORWARD, SIDE = 0.4, 0.72
+"""Photos of a strip, and strips, are about so far apart, in sides of a photo."""
 SHEET = "SYNT25"
 
 
@@ -87,10 +88,10 @@ class Flight:
 
 
 def make_flight(options: SyntheticOptions) -> Flight:
-    """A flight of two strips in opposite directions over a terrain.
+    """A flight of strips in alternate directions over a terrain.
 
     Args:
-        options: What is wanted: size, epoch, relief, seed.
+        options: What is wanted: size, epoch, relief, seed, strips and photos.
 
     Returns:
         The flight with the terrain it was flown over.
@@ -99,7 +100,8 @@ def make_flight(options: SyntheticOptions) -> Flight:
     camera, nominal = _cameras(options)
     side = FRAME_MM * 1000.0 / scale.scan_pixel_um * scale.scan_ground_m
     middle = _middle(options.seed)
-    reach = 1.9 * side + 500.0
+    half = max((options.photos_per_strip - 1) * FORWARD, (options.strips - 1) * SIDE) / 2
+    reach = (1.5 + half) * side + 500.0
     box = (middle[0] - reach, middle[1] - reach, middle[0] + reach, middle[1] + reach)
     terrain = make_terrain(box, options.relief_m, seeded(options.seed, "terrain"))
     exposures = _exposures(options, scale, camera, terrain, (side, *middle))
@@ -153,7 +155,8 @@ def _exposures(
     terrain: Terrain,
     place: tuple[float, float, float],
 ) -> tuple[Exposure, ...]:
-    """Two strips of three: 60 per cent forward, 25 to 30 per cent side overlap."""
+    """Strips with 60 per cent forward, 25 to 30 per cent side overlap."""
+    strips, photos = options.strips, options.photos_per_strip
     rng = seeded(options.seed, "flight")
     side, east, north = place
     mean = float(np.median(terrain.coefficients))
@@ -164,11 +167,11 @@ def _exposures(
     overlap = float(rng.uniform(0.26, 0.29))
     first = int(rng.integers(100, 800))
     exposures: list[Exposure] = []
-    for strip in range(STRIPS):
+    for strip in range(strips):
         back = strip % 2 == 1
-        for photo in range(PHOTOS):
-            step = (photo - (PHOTOS - 1) / 2) * 0.4 * side * (-1.0 if back else 1.0)
-            apart = (strip - (STRIPS - 1) / 2) * (1.0 - overlap) * side
+        for photo in range(photos):
+            step = (photo - (photos - 1) / 2) * FORWARD * side * (-1.0 if back else 1.0)
+            apart = (strip - (strips - 1) / 2) * (1.0 - overlap) * side
             plan = np.array([east, north]) + along * step + across * apart
             plan += rng.normal(0.0, 0.008 * side, 2)
             centre = np.array([*plan, height * (1 + rng.normal(0.0, 0.003))])

@@ -1,6 +1,7 @@
 """Junctions of a synthetic place that stood in the archival epoch and still stand."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,16 @@ LEAST_ARMS = 3
 def options_of(folder: Path) -> SyntheticOptions:
     """The options a synthetic block was made with, as far as its landscape depends on them."""
     said = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))["args"]
-    plain = SyntheticOptions(said["size"], said["epoch"], said["relief_m"], said["seed"])
-    usual = abs(plain.road_change - said["road_change"]) < 1e-9
-    change = None if usual else float(said["road_change"])
-    return SyntheticOptions(
-        said["size"], said["epoch"], said["relief_m"], said["seed"], change=change
+    plain = SyntheticOptions(
+        said["size"],
+        said["epoch"],
+        said["relief_m"],
+        said["seed"],
+        strips=said.get("strips", 2),
+        photos_per_strip=said.get("photos_per_strip", 3),
     )
+    usual = abs(plain.road_change - said["road_change"]) < 1e-9
+    return plain if usual else replace(plain, change=float(said["road_change"]))
 
 
 def lasting_junctions(folder: Path) -> PlanPoints:

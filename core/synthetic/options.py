@@ -29,6 +29,10 @@ class SyntheticOptions:
     """good: 5 to 10 m off and 0.3 degrees; bad: 100 to 300 m, 1 degree and 2 per cent."""
     change: float | None = None
     """Share of the road length that changed between the epochs; None: a third since 1938."""
+    strips: int = 2
+    """Strips of the flight."""
+    photos_per_strip: int = 3
+    """Photos of each strip, at most thirty."""
 
     @property
     def road_change(self) -> float:

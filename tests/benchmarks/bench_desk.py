@@ -86,30 +86,35 @@ def click(folder: Path) -> bool:
     return bool(np.median(times) <= PROMISES_MS["click"])
 
 
+FILTER = """async (state) => {
+  const frame = () => new Promise(requestAnimationFrame);
+  const begun = performance.now();
+  document.querySelector(`.chip[data-state=${state}]`).click();
+  while (!document.querySelector(`.chip.on[data-state=${state}]`)) await frame();
+  await frame();
+  await frame();
+  const painted = performance.now() - begun;
+  while (gruber.parts.queue.filter.state !== state) await frame();
+  return [painted, performance.now() - begun];
+}"""
+"""Milliseconds until the rows are on the screen (two frames), and until the desk agrees."""
+
+
 def filtered(folder: Path) -> bool:
     """A filter over 5,000 rows."""
     with served(folder, "--proposals", "5000") as (url, _), browser() as chromium:
         page = sit_down(chromium, url, size())
         page.wait_for_timeout(5000)
         rows = page.evaluate("gruber.parts.rows.length")
-        times = [
-            page.evaluate(
-                """state => new Promise((done) => {
-                  const begun = performance.now();
-                  document.querySelector(`.chip[data-state=${state}]`).click();
-                  const look = () => gruber.parts.queue.filter.state === state
-                    && document.querySelector(`.chip.on[data-state=${state}]`)
-                    ? requestAnimationFrame(() => done(performance.now() - begun))
-                    : setTimeout(look, 1);
-                  look();
-                })""",
-                state,
-            )
+        pairs = [
+            page.evaluate(FILTER, state)
             for _ in range(6)
             for state in ("unused", "open", "all", "review")
         ]
-    say(f"filter of {rows} rows             {told(times)}")
-    return bool(np.median(times) <= PROMISES_MS["filter"])
+    painted, answered = np.array(pairs).T
+    say(f"filter of {rows} rows, on screen  {told(painted)}")
+    say(f"filter, and the desk's answer    {told(answered)}")
+    return bool(np.median(painted) <= PROMISES_MS["filter"])
 
 
 def large(folder: Path) -> bool:

@@ -17,6 +17,7 @@ import tempfile
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import rasterio
@@ -44,6 +45,8 @@ class Outcome:
     after: np.ndarray
     told: np.ndarray
     m_p: float
+    seconds: float
+    """By the clock, all stages up to the adjustment."""
 
 
 def options_of(number: int, size: str) -> tuple[str, SyntheticOptions]:
@@ -90,7 +93,9 @@ def run(options: SyntheticOptions, positions: bool, folder: Path) -> Outcome:
     if positions:
         without_angles(folder, np.random.default_rng(options.seed))
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        started = perf_counter()
         code = gruber(["run", str(folder), "--until", "adjustment"])
+        seconds = perf_counter() - started
     with Session.open(folder, "prover") as session:
         start = session.products.latest_value("georeference").block
         assembly = session.products.latest_value("control") if code == 0 else None
@@ -100,12 +105,12 @@ def run(options: SyntheticOptions, positions: bool, folder: Path) -> Outcome:
     before = ground_m(begun, folder)
     if assembly is None:
         nothing = np.full(len(before), np.nan)
-        return Outcome(before, nothing, np.ones(len(before), bool), np.nan)
+        return Outcome(before, nothing, np.ones(len(before), bool), np.nan, seconds)
     block = assembly.report.block
     told = {doubt.subject for doubt in assembly.doubts if doubt.gravity >= 0.5}
     after = ground_m(block, folder)
     flagged = np.array([name in told or "block" in told for name in sorted(block.photos)])
-    return Outcome(before, after, flagged, float(np.sqrt(np.nanmean(after**2))))
+    return Outcome(before, after, flagged, float(np.sqrt(np.nanmean(after**2))), seconds)
 
 
 def spoil_world_files(folder: Path, rng: np.random.Generator) -> None:
@@ -163,6 +168,8 @@ def main() -> int:
     parser.add_argument("--blocks", type=int, default=30)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--size", default="tiny")
+    parser.add_argument("--strips", type=int, default=2)
+    parser.add_argument("--photos", type=int, default=3, help="of each strip")
     parser.add_argument("--film", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
@@ -172,6 +179,7 @@ def main() -> int:
     say("block  source            relief  epoch   before m   after m   good files m")
     for number in range(given.first, given.blocks):
         kind, options = options_of(number, given.size)
+        options = replace(options, strips=given.strips, photos_per_strip=given.photos)
         good = replace(options, georeference="world-file", georeference_quality="good")
         folder = Path(tempfile.mkdtemp(prefix="repair-"))
         spoilt = run(options, kind == "positions only", folder / "spoilt")
@@ -185,7 +193,8 @@ def main() -> int:
         say(
             f"{number:5d}  {kind:16s}  {options.relief_m:6.0f}  {options.epoch}  "
             f"{np.sqrt(np.mean(spoilt.before**2)):9.1f} {spoilt.m_p:9.2f} {sound.m_p:14.2f}  "
-            f"{int(near.sum())}/{len(near)} placed, {silent} silent"
+            f"{int(near.sum())}/{len(near)} placed, {silent} silent  "
+            f"{spoilt.seconds:6.0f} s"
         )
     share = placed / max(photos, 1)
     said = f"{placed} of {photos} photos ({share:.1%}) within {WITHIN_M:.0f} m"

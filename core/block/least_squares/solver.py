@@ -22,6 +22,8 @@ from core.block.least_squares.roots import backward3, cholesky3, forward3
 
 Weights = Float64[np.ndarray, "rays"]
 """Factor on the squared residuals of each ray."""
+TOGETHER = 64
+"""So many photos, or pairs of them, are gathered at a time: what is gathered stays in the cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,18 +227,26 @@ class _Reduced:
 
     def add_rays(self, lin: Linearised, weights: Weights) -> None:
         """Squares and products of photo, camera and residual, photo by photo."""
-        rows = np.concatenate([lin.by_photo, lin.by_camera, lin.residuals[:, None]], axis=1)
-        rows *= np.sqrt(weights)
-        first, lens = self._network.rays.first, lin.by_camera.shape[1]
-        for photo in range(len(self._blocks)):
-            part = rows[:, :, first[photo] : first[photo + 1]]
-            product = part[0] @ part[0].T + part[1] @ part[1].T
-            camera = self._columns(photo)
-            self._blocks[photo] = product[:SIZE, :SIZE]
-            self.photo_side[photo] = product[:SIZE, -1]
-            self._border[photo][:, camera] = product[:SIZE, SIZE : SIZE + lens]
-            self._corner[camera, camera] += product[SIZE:-1, SIZE:-1]
-            self.camera_side[camera] += product[SIZE:-1, -1]
+        first, photos = self._network.rays.first, len(self._blocks)
+        derivatives = (lin.by_photo, lin.by_camera, lin.residuals[:, None])
+        for begin in range(0, photos, TOGETHER):
+            end = min(begin + TOGETHER, photos)
+            rays = slice(first[begin], first[end])
+            rows = np.concatenate([part[:, :, rays] for part in derivatives], axis=1)
+            rows *= np.sqrt(weights[rays])
+            for photo in range(begin, end):
+                own = slice(first[photo] - first[begin], first[photo + 1] - first[begin])
+                self._add_photo(photo, rows[:, :, own])
+
+    def _add_photo(self, photo: int, rows: Float64[np.ndarray, "2 unknowns rays"]) -> None:
+        """One photo's rays; the last row holds their residuals."""
+        product = rows[0] @ rows[0].T + rows[1] @ rows[1].T
+        camera = self._columns(photo)
+        self._blocks[photo] = product[:SIZE, :SIZE]
+        self.photo_side[photo] = product[:SIZE, -1]
+        self._border[photo][:, camera] = product[:SIZE, SIZE:-1]
+        self._corner[camera, camera] += product[SIZE:-1, SIZE:-1]
+        self.camera_side[camera] += product[SIZE:-1, -1]
 
     def _columns(self, photo: int) -> slice:
         """Unknowns of the photo's camera in the border; none when constants are held."""
@@ -296,16 +306,19 @@ class _Reduced:
         product = by_point @ by_point.T
         self._corner[:shared, :shared] -= product[:-1, :-1]
         self.camera_side[:shared] -= product[:-1, -1]
-        by_ray = np.take(common, network.rays.point, axis=1)
-        for photo, (start, stop) in enumerate(
-            zip(network.rays.first[:-1], network.rays.first[1:], strict=True)
-        ):
-            own = photo_rays[:, start:stop].reshape(SIZE, 3 * (stop - start))
-            others = by_ray[:, start:stop].reshape(shared + 1, 3 * (stop - start))
-            self._blocks[photo] -= own @ own.T
-            product = own @ others.T
-            self._border[photo][:, :shared] -= product[:, :-1]
-            self.photo_side[photo] -= product[:, -1]
+        rays, photos = network.rays, len(self._blocks)
+        for begin in range(0, photos, TOGETHER):
+            end = min(begin + TOGETHER, photos)
+            by_ray = np.take(common, rays.point[rays.first[begin] : rays.first[end]], axis=1)
+            for photo in range(begin, end):
+                start, stop = rays.first[photo : photo + 2]
+                own = photo_rays[:, start:stop].reshape(SIZE, 3 * (stop - start))
+                here = slice(start - rays.first[begin], stop - rays.first[begin])
+                others = by_ray[:, here].reshape(shared + 1, 3 * (stop - start))
+                self._blocks[photo] -= own @ own.T
+                product = own @ others.T
+                self._border[photo][:, :shared] -= product[:, :-1]
+                self.photo_side[photo] -= product[:, -1]
 
     def factor(self, photo_rays: Float64[np.ndarray, "6 rays 3"]) -> BorderedFactor:
         """Lay photos' own blocks and those of pairs into the band, and factor."""
@@ -330,13 +343,16 @@ class _Reduced:
     ) -> Float64[np.ndarray, "pairs 6 6"]:
         """What eliminating their points leaves between two photos, 6 x 6 each."""
         pattern = self._pattern
-        first = np.take(photo_rays, pattern.first, axis=1).reshape(SIZE, -1)
-        second = np.take(photo_rays, pattern.second, axis=1).reshape(SIZE, -1)
         blocks = np.empty((len(pattern.low), SIZE, SIZE))
-        ends = 3 * pattern.slices
-        for pair in range(len(blocks)):
-            part = slice(ends[pair], ends[pair + 1])
-            np.matmul(first[:, part], second[:, part].T, out=blocks[pair])
+        for begin in range(0, len(blocks), TOGETHER):
+            ends = pattern.slices[begin : begin + TOGETHER + 1]
+            rays = slice(ends[0], ends[-1])
+            first = np.take(photo_rays, pattern.first[rays], axis=1).reshape(SIZE, -1)
+            second = np.take(photo_rays, pattern.second[rays], axis=1).reshape(SIZE, -1)
+            ends = 3 * (ends - ends[0])
+            for pair in range(len(ends) - 1):
+                part = slice(ends[pair], ends[pair + 1])
+                np.matmul(first[:, part], second[:, part].T, out=blocks[begin + pair])
         return -blocks
 
 

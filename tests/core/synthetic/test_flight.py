@@ -36,6 +36,17 @@ def test_strips_overlap_as_archives_do__truth(seed):
     assert np.cos(kappas[3:]).max() < -0.95
 
 
+def test_a_larger_block_keeps_its_overlaps_and_lies_on_its_terrain__truth():
+    flight = make_flight(SyntheticOptions(size="tiny", seed=2, strips=3, photos_per_strip=4))
+    frames = _footprints(flight)
+    assert len({e.photo_id for e in flight.exposures}) == len(frames) == 12
+    forward = [frames[i].intersection(frames[i + 1]).area / frames[i].area for i in (4, 5, 6)]
+    assert 0.5 < np.mean(forward) < 0.66
+    strips = [shapely.union_all(frames[i : i + 4]) for i in (0, 4, 8)]
+    assert 0.2 < strips[1].intersection(strips[2]).area / strips[1].area < 0.34
+    assert shapely.box(*flight.terrain.grid.bounds).contains(shapely.union_all(frames))
+
+
 @pytest.mark.parametrize("relief_m", [0.0, 60.0, 300.0])
 def test_relief_is_what_was_asked_for__truth(relief_m):
     flight = make_flight(SyntheticOptions(size="tiny", relief_m=relief_m))
