@@ -110,7 +110,7 @@ def make_film(path: Path, film: Film, seed: int = 0) -> dict[str, tuple[float, f
         at = np.linalg.solve(matrix[:, :2], np.array(place) - matrix[:, 2])
         truth[name] = (float(at[0]), float(at[1]))
         if name not in film.missing:
-            _expose_mark(gray, film, matrix, np.array(place), at)
+            expose_mark(gray, film, matrix, np.array(place), at)
     _damage(gray, film, truth, rng)
     gray = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 0.6)
     noise = rng.standard_normal(gray.shape, dtype=np.float32)
@@ -153,7 +153,7 @@ def _texture(rng: np.random.Generator, size: int, coarse: int) -> np.ndarray:
     return cv2.resize(noise, (size, size), interpolation=cv2.INTER_CUBIC)
 
 
-def _expose_mark(
+def expose_mark(
     gray: np.ndarray, film: Film, matrix: np.ndarray, place: np.ndarray, at: np.ndarray
 ) -> None:
     """One mark in its dark (or light) housing, eight samples a pixel each way.
