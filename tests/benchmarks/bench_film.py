@@ -1,8 +1,8 @@
 """Fiducials and mask of a scan of 12 000 pixels: seconds of processor time and peak of memory.
 
 `python -m tests.benchmarks.bench_film` draws one scan of a 230 mm frame at 20 micrometres, by bands
-of rows, orients it and makes its mask in a process of its own, prints one row of a table and ends with
-1 when that took more than 6 s of processor time or 1 GiB.
+of rows, orients it and makes its mask in a process of its own, prints one row of a table and ends
+with 1 when that took more than 6 s of processor time or 1 GiB.
 """
 
 import resource
