@@ -144,7 +144,9 @@ def _chosen(
     area: FilmArea,
 ) -> Constellation | Failure:
     """Of all sets that are not chance the one that is most like marks."""
-    sound = [c for c in found if c.log_false_alarms < search.options.max_log_false_alarms]
+    options = search.options
+    most = options.max_log_with_border if search.border else options.max_log_false_alarms
+    sound = [c for c in found if c.log_false_alarms < most]
     if search.options.beware_of_border:
         limit_px = BORDER_MM / search.scan_pixel_mm
         sound = [c for c in sound if not _is_border(c, area, limit_px)]

@@ -45,6 +45,9 @@ class ConstellationOptions:
     """Mean symmetry, 0 to 1, below which a set is refused."""
     max_log_false_alarms: float = -4.0
     """log10 of the number of sets as good that chance would give; a greater number is refused."""
+    max_log_with_border: float = -5.5
+    """The same where the border's word is counted: sets are chosen by it too, and pure texture then
+    reaches -4.9."""
     marks: tuple[Mark, ...] = library()
     """Kinds and sizes of marks that are looked for."""
     beware_of_border: bool = False
