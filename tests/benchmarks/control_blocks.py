@@ -65,6 +65,22 @@ def plans(size: Size, first_seed: int) -> list[tuple[str, str, SyntheticOptions]
     return found
 
 
+def strong_plans(
+    size: Size, first_seed: int, count: int
+) -> list[tuple[str, str, SyntheticOptions]]:
+    """Blocks of 1938 of which half the roads and 95 per cent of the parcels are new."""
+    return [
+        (
+            f"1938 strong, {'flat' if number % 2 == 0 else 'hilly'}",
+            "strong",
+            SyntheticOptions(
+                size, 1938, (20.0, 200.0)[number % 2], first_seed + number, change=LEVELS["strong"]
+            ),
+        )
+        for number in range(count)
+    ]
+
+
 def quietly(*words: str) -> int:
     """Run the program without its output."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
