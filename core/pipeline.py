@@ -170,7 +170,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         orient_scans,
-        version=3,
+        version=4,
     ),
     Stage(
         "georeference",
