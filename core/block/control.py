@@ -14,7 +14,13 @@ from core.arrays import Scalars
 from core.block.block import Block, Measurement, Source, SurveyedPoint
 from core.block.registration.borne_out import Bin, Sightings, diagram, sightings
 from core.block.registration.orientation import ReferencePoints
-from core.block.registration.probability import Calibration, Searches, probabilities
+from core.block.registration.probability import (
+    DISPLACED_M,
+    Calibration,
+    Searches,
+    displaced,
+    probabilities,
+)
 from core.block.registration.searches import ControlOptions, Search
 
 Kind = tuple[Source, bool]
@@ -45,11 +51,15 @@ def judged(
     for kind in sorted(set(kinds)):
         rows = [row for row, other in enumerate(kinds) if other == kind]
         chosen = [searches[row] for row in rows]
-        right, resting[kind] = probabilities(pooled(chosen))
+        right, resting[kind] = probabilities(
+            together := pooled(chosen), mapped=kind[0] == "junction"
+        )
+        found = resting[kind]
+        aside = np.zeros(len(right)) if found is None else displaced(together, found)
         first = np.cumsum([0, *(len(search.peaks) for search in chosen)])
         for row, search, start, end in zip(rows, chosen, first[:-1], first[1:], strict=True):
             if search.peaks:
-                measured[row] = measurement_of(search, right[start:end], options)
+                measured[row] = measurement_of(search, right[start:end], aside[start:end], options)
     return tuple(measured[row] for row in sorted(measured)), resting
 
 
@@ -93,18 +103,25 @@ def pooled(searches: Sequence[Search]) -> Searches:
     )
 
 
-def measurement_of(search: Search, right: Scalars, options: ControlOptions) -> Measurement:
-    """The most probable candidate, used when it is probable enough; if none is, the highest."""
+def measurement_of(
+    search: Search, right: Scalars, aside: Scalars, options: ControlOptions
+) -> Measurement:
+    """The most probable candidate, used when it is probable enough; if none is, the highest.
+
+    Where it may stand aside of its place, its standard deviation says so: else the adjustment would
+    take it for a gross error, or follow it.
+    """
     best = int(np.argmax(right)) if right.max() >= EVEN else 0
     peak, probability = search.peaks[best], float(right[best])
     others = tuple(other for index, other in enumerate(search.peaks) if index != best)
+    aside_px = np.sqrt(aside[best]) * DISPLACED_M / search.pixel_m
     reason = "" if probability >= options.accept else f"right with probability {probability:.2f}"
     return Measurement(
         search.point_id,
         search.photo_id,
         peak.column,
         peak.row,
-        peak.sigma_px,
+        float(np.hypot(peak.sigma_px, aside_px)),
         probability,
         "unused" if reason else "auto",
         reason,

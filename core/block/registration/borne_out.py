@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Scalars
-from core.block.registration.probability import GATE, GRID, Calibration, Searches
+from core.block.registration.probability import GATE, GRID, Calibration, Searches, gate_m
 
 BINS = 10
 WITHIN = 1.0 - float(np.exp(-0.5 * GATE**2))
@@ -60,7 +60,7 @@ def sightings(searches: Searches, found: Calibration, window_m2: float) -> Sight
     stated = odds / (1.0 - share + total[searches.search])
     order = np.lexsort((-searches.height, searches.search))
     top = order[np.unique(searches.search[order], return_index=True)[1]]
-    gate = GATE * searches.sigma_m[top]
+    gate = gate_m(searches.sigma_m[top], found)
     return Sightings(
         stated[top],
         (searches.distance_m[top] <= gate).astype(np.float64),

@@ -9,8 +9,10 @@ distance from the prediction, and l0 peaks of chance per square metre and unit o
 
     p_k = w f1(h_k) N(d_k) / l0(h_k) / (1 - w + w sum_j f1(h_j) N(d_j) / l0(h_j)).
 
-w, f1 and, within narrow bounds, the width of N are estimated from the block itself by expectation
-and maximisation.
+N is narrow about the prediction for most points. At some the object itself stands aside of where the
+map has it, because rows of trees or verges hide one edge of a road or it was widened: a share of
+all right ones is spread by a metre more. w, f1, that share and, within narrow bounds, the width of
+N are estimated from the block itself by expectation and maximisation.
 """
 
 from dataclasses import dataclass, replace
@@ -36,8 +38,13 @@ HEIGHT_SIGMA = (0.8, 6.0)
 """Least and greatest standard deviation of the heights of right peaks."""
 GATE = 3.0
 """Right peaks lie within this many stated standard deviations (99 % of them)."""
-WIDER = (0.8, 1.25)
+WIDER = (0.6, 1.25)
 """Least and greatest factor on the stated standard deviations of distance."""
+DISPLACED_M = 1.0
+"""Standard deviation per axis of how far objects stand aside of where the map has them, metres: what
+lies three times as far off is another object."""
+DISPLACED_SHARE, MOST_DISPLACED = 0.2, 0.5
+"""Share of right ones that stand aside: where a block tells nothing of it, and at most."""
 PRIOR_COUNT, PRIOR_SHARE = 4.0, 0.25
 """So many searches of which so many are right are added to those of the block, their peaks as high
 as one in twenty decoys: a few searches alone cannot say what right peaks look like."""
@@ -75,6 +82,8 @@ class Calibration:
     """Their standard deviation."""
     wider: float
     """Factor on the stated standard deviations of distance."""
+    displaced: float
+    """Share of right peaks whose object stands aside of where the map has it."""
     log_ratio: Table
     """Natural logarithm of f1 / l0 at the heights of GRID, never falling, l0 per square metre."""
 
@@ -82,11 +91,14 @@ class Calibration:
         object.__setattr__(self, "log_ratio", locked(self.log_ratio))
 
 
-def probabilities(searches: Searches) -> tuple[Scalars, Calibration | None]:
+def probabilities(
+    searches: Searches, mapped: bool = False
+) -> tuple[Scalars, Calibration | None]:
     """Probability of every candidate to be the right one.
 
     Args:
         searches: Candidates and decoys of one kind.
+        mapped: Whether they are objects of a map, some of which stand aside of their place.
 
     Returns:
         One probability a candidate, and what it rests on; noughts and None where too little was
@@ -96,10 +108,12 @@ def probabilities(searches: Searches) -> tuple[Scalars, Calibration | None]:
         return np.zeros(len(searches.height)), None
     log_chance = log_clutter(searches.decoys, searches.decoy_area_m2)
     usual = float(np.quantile(searches.decoys, 0.95))
-    found = with_ratio(Calibration(0.5, usual + 1.0, 2.0, 1.0, np.zeros_like(GRID)), log_chance)
+    moved = DISPLACED_SHARE if mapped else 0.0
+    first = Calibration(0.5, usual + 1.0, 2.0, 1.0, moved, np.zeros_like(GRID))
+    found = with_ratio(first, log_chance)
     for _ in range(ROUNDS):
-        right = posterior(searches, found)
-        found = with_ratio(maximised(searches, right, usual), log_chance)
+        right, aside = posterior(searches, found), displaced(searches, found)
+        found = with_ratio(maximised(searches, right, aside, usual), log_chance)
     return posterior(searches, found), found
 
 
@@ -141,16 +155,42 @@ def with_ratio(found: Calibration, log_chance: Table) -> Calibration:
 
 def posterior(searches: Searches, found: Calibration) -> Scalars:
     """Probability of every candidate under a calibration."""
-    sigma = searches.sigma_m * found.wider
-    log_near = -0.5 * (searches.distance_m / sigma) ** 2 - np.log(2 * np.pi * sigma**2)
-    log_odds = np.interp(searches.height, GRID, found.log_ratio) + log_near
-    near = searches.distance_m <= GATE * searches.sigma_m
+    near = searches.distance_m <= gate_m(searches.sigma_m, found)
+    log_odds = np.interp(searches.height, GRID, found.log_ratio) + np.log(
+        np.maximum(np.sum(densities(searches, found), axis=0), 1e-30)
+    )
     odds = np.where(near, found.share * np.exp(np.clip(log_odds, -60.0, 60.0)), 0.0)
     total = np.bincount(searches.search, weights=odds, minlength=searches.count)
     return odds / (1.0 - found.share + total[searches.search])
 
 
-def maximised(searches: Searches, right: Scalars, usual: float) -> Calibration:
+def gate_m(sigma_m: Scalars, found: Calibration) -> Scalars:
+    """How far from its prediction a right candidate lies at most, metres."""
+    return GATE * np.maximum(sigma_m, DISPLACED_M if found.displaced > 0.0 else 0.0)
+
+
+def densities(searches: Searches, found: Calibration) -> tuple[Scalars, Scalars]:
+    """Density of the distance of every candidate, were it right: in its place, and aside of it."""
+    in_place = searches.sigma_m * found.wider
+    aside = np.hypot(in_place, DISPLACED_M)
+    return (
+        (1.0 - found.displaced) * normal(searches.distance_m, in_place),
+        found.displaced * normal(searches.distance_m, aside),
+    )
+
+
+def normal(distance_m: Scalars, sigma_m: Scalars) -> Scalars:
+    """Density of the normal distribution in the plane, per square metre."""
+    return np.exp(-0.5 * (distance_m / sigma_m) ** 2) / (2 * np.pi * sigma_m**2)
+
+
+def displaced(searches: Searches, found: Calibration) -> Scalars:
+    """Probability that the object of a candidate stands aside of its place, were it right."""
+    in_place, aside = densities(searches, found)
+    return aside / np.maximum(in_place + aside, 1e-30)
+
+
+def maximised(searches: Searches, right: Scalars, aside: Scalars, usual: float) -> Calibration:
     """The parameters under which these probabilities are likeliest; `with_ratio` adds the ratio."""
     prior = PRIOR_COUNT * PRIOR_SHARE
     weight = float(right.sum())
@@ -158,6 +198,17 @@ def maximised(searches: Searches, right: Scalars, usual: float) -> Calibration:
     height = (float(right @ searches.height) + prior * usual) / (weight + prior)
     spread = (float(right @ (searches.height - height) ** 2) + prior) / (weight + prior)
     sigma = float(np.clip(np.sqrt(spread), *HEIGHT_SIGMA))
-    normed = float(right @ (searches.distance_m / searches.sigma_m) ** 2)
-    wider = np.sqrt((normed + 2 * prior) / (2 * (weight + prior)))
-    return Calibration(share, height, sigma, float(np.clip(wider, *WIDER)), np.zeros_like(GRID))
+    in_place = right * (1.0 - aside)
+    normed = float(in_place @ (searches.distance_m / searches.sigma_m) ** 2)
+    wider = np.sqrt((normed + 2 * prior) / (2 * (float(in_place.sum()) + prior)))
+    # Where none can stand aside, `aside` is nought and the share stays so.
+    known = DISPLACED_SHARE if aside.any() else 0.0
+    moved = (float(right @ aside) + prior * known) / (weight + prior)
+    return Calibration(
+        share,
+        height,
+        sigma,
+        float(np.clip(wider, *WIDER)),
+        min(moved, MOST_DISPLACED),
+        np.zeros_like(GRID),
+    )

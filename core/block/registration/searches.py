@@ -98,6 +98,8 @@ class Search:
     """Standard deviation per axis of that distance, were the candidate right, metres."""
     chance: Chance
     """What is certainly wrong about it."""
+    pixel_m: float
+    """Size of a scan pixel on the ground, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,6 +226,7 @@ def searched(
             empty,
             empty,
             chance,
+            opened.ground_pixel_m,
         )
         found.append(seen_from(one, pixel, plan, opened, point))
     return found
