@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from core.block.block import Block, Measurement, Peak, Source, SurveyedPoint
 from core.block.control import judged, measurement_of, surveyed_of, with_proposals
@@ -10,6 +11,8 @@ from core.block.registration.orientation import ReferencePoints
 from core.block.registration.searches import Chance, ControlOptions, Search
 
 OPTIONS = ControlOptions()
+PIXEL_M = 0.5
+IN_PLACE = np.zeros(2)
 SOURCES: dict[str, Source] = {
     **{f"J{i}": "junction" for i in range(40)},
     **{f"S{i}": "salient" for i in range(10)},
@@ -28,21 +31,46 @@ def search(*peaks, roads=True, point_id="J1") -> Search:
         away,
         np.full(len(peaks), 0.6),
         Chance(tuple(np.random.default_rng(0).exponential(0.6, 40) + 0.8), 900.0, 0.0, 0.05),
+        PIXEL_M,
     )
 
 
 def test_the_probable_candidate_is_used_though_another_is_higher__law():
-    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), OPTIONS)
+    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), IN_PLACE, OPTIONS)
     assert (found.status, found.reason, found.score) == ("auto", "", 0.97)
     assert found.column == 500.2
     assert [peak.score for peak in found.peaks] == [5.0, 6.0]
 
 
 def test_where_none_is_probable_the_highest_is_shown_and_not_used__law():
-    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), OPTIONS)
+    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), IN_PLACE, OPTIONS)
     assert found.status == "unused"
     assert found.reason == "right with probability 0.02"
     assert found.column == 505.0
+
+
+def test_what_stands_aside_is_stated_with_the_spread_of_such_objects__law():
+    """Half probable to stand aside, by a metre per axis: a variance of half a square metre more."""
+    one = search((2.4, 6.0))
+    found = measurement_of(one, np.array([0.97]), np.array([0.5]), OPTIONS)
+    assert found.sigma_px == pytest.approx(np.hypot(0.4, np.sqrt(0.5) / PIXEL_M))
+    assert measurement_of(one, np.array([0.97]), np.zeros(1), OPTIONS).sigma_px == 0.4
+
+
+def test_a_junction_aside_is_believed_and_a_salient_point_there_is_not__truth():
+    """High peaks 2.3 m off, 3.8 of their stated deviations: the map may err, the ortho not."""
+    rng = np.random.default_rng(4)
+    usual = [
+        search((float(abs(rng.normal(0, 0.5))), rng.normal(5.0, 0.5)), point_id=f"{kind}{i}")
+        for kind in "JS"
+        for i in range(10)
+    ]
+    aside = [search((2.3, 5.5), point_id="J30"), search((2.3, 5.5), point_id="S9")]
+    measured, _ = judged((*usual, *aside), SOURCES, OPTIONS)
+    found = {value.point_id: value for value in measured[-2:]}
+    assert found["J30"].used
+    assert not found["S9"].used
+    assert found["J30"].sigma_px * PIXEL_M > 0.7
 
 
 def test_clear_points_are_believed_and_stray_ones_are_not__truth():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from core.block.registration.probability import (
+    DISPLACED_M,
     GRID,
     Searches,
     log_clutter,
@@ -14,8 +15,11 @@ from core.block.registration.probability import (
 REACH_M, SIGMA_M, PER_M2 = 6.0, 0.7, 0.05
 
 
-def drawn(rng, count, share, height=4.0):
-    """Searches as they come about: peaks of chance everywhere, a right one in some; the truth."""
+def drawn(rng, count, share, height=4.0, aside=0.0):
+    """Searches as they come about: peaks of chance everywhere, a right one in some; the truth.
+
+    A share of the right ones stands aside of its place, by a metre per axis.
+    """
     search, heights, away, right = [], [], [], []
     for number in range(count):
         chance = rng.poisson(PER_M2 * (2 * REACH_M) ** 2)
@@ -27,7 +31,8 @@ def drawn(rng, count, share, height=4.0):
         if rng.random() < share:
             search.append(number)
             heights.append(rng.normal(height, 1.0))
-            away.append(float(np.hypot(*rng.normal(0, SIGMA_M, 2))))
+            sigma_m = np.hypot(SIGMA_M, DISPLACED_M if rng.random() < aside else 0.0)
+            away.append(float(np.hypot(*rng.normal(0, sigma_m, 2))))
             right.append(True)
     area = count * 2000.0
     decoys = 1.0 + rng.exponential(0.6, rng.poisson(PER_M2 * area))
@@ -43,13 +48,16 @@ def drawn(rng, count, share, height=4.0):
     return searches, np.array(right)
 
 
-@pytest.mark.parametrize(("share", "height"), [(0.8, 4.0), (0.4, 3.0), (0.15, 4.0)])
-def test_probabilities_come_true__truth(share, height):
+@pytest.mark.parametrize(
+    ("share", "height", "aside"),
+    [(0.8, 4.0, 0.0), (0.4, 3.0, 0.0), (0.15, 4.0, 0.0), (0.8, 4.0, 0.3), (0.4, 3.0, 0.3)],
+)
+def test_probabilities_come_true__truth(share, height, aside):
     """Expected calibration error at most 0.05, and what is sure is right: no label is seen."""
     told, came = [], []
     for seed in range(5):
-        searches, right = drawn(np.random.default_rng(seed), 250, share, height)
-        probability, resting = probabilities(searches)
+        searches, right = drawn(np.random.default_rng(seed), 250, share, height, aside)
+        probability, resting = probabilities(searches, mapped=aside > 0)
         assert resting is not None
         assert abs(resting.share - share) < 0.12
         told.append(probability)
@@ -65,12 +73,26 @@ def test_probabilities_come_true__truth(share, height):
     assert came[told >= 0.9].sum() > 0.3 * came.sum()
 
 
-def test_in_pure_noise_nothing_is_probable__truth():
+def test_objects_aside_of_the_map_are_lost_unless_reckoned_with__truth():
+    """Three of ten right ones stand aside: more of them are believed, and no more wrong ones."""
+    kept, wrong = np.zeros(2), np.zeros(2)
+    for seed in range(5):
+        searches, right = drawn(np.random.default_rng(seed), 250, 0.8, 5.0, 0.3)
+        for number, mapped in enumerate((False, True)):
+            told, found = probabilities(searches, mapped)
+            assert found is not None
+            assert (found.displaced > 0.0) == mapped
+            kept[number] += (right & (told >= 0.95)).sum() / right.sum() / 5
+            wrong[number] += (~right & (told >= 0.95)).sum() / right.sum() / 5
+    assert kept[1] > kept[0] + 0.03
+    assert (wrong <= 0.005).all()
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_in_pure_noise_nothing_is_probable__truth(mapped):
     """No search has a right peak: hardly one candidate of thousands seems right."""
-    high = [
-        int((probabilities(drawn(np.random.default_rng(seed), 200, 0.0)[0])[0] >= 0.9).sum())
-        for seed in range(10)
-    ]
+    noise = [drawn(np.random.default_rng(seed), 200, 0.0)[0] for seed in range(10)]
+    high = [int((probabilities(searches, mapped)[0] >= 0.9).sum()) for searches in noise]
     assert sum(high) <= 2
 
 
