@@ -1,7 +1,7 @@
 """One scan from file to interior orientation, with everything that is doubtful about it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
 from core.scan.usable import usable_mask
+from core.scan.usable_area import UsableArea
 
 Marks = Mapping[str, tuple[float, float]]
 """Column and row by the name of a mark."""
@@ -82,6 +83,11 @@ class ScanOrientation:
         """Which cells of the reduced scan are photograph; see `usable.usable_mask`."""
         marks = [(mark.column, mark.row) for mark in self.fiducials]
         return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
+
+    def masked(self) -> "ScanOrientation":
+        """The same with its scan knowing which part of it is photograph."""
+        area = UsableArea.of(self.usable(), self.size_px)
+        return replace(self, scan=replace(self.scan, usable=area))
 
 
 def orient_scan(

@@ -67,7 +67,7 @@ class Prediction:
     sigma_px: Scalars
     """Largest standard deviation of the prediction, scan pixels."""
     inside: Flags
-    """True where the point may lie within the picture."""
+    """True where the point may lie within the picture, on what of it is photograph."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +129,8 @@ def predict_pixels(
     film = photo.interior.film_from_pixel(pixels)
     half = np.array(camera.frame_mm) / 2
     inside = np.all(np.abs(film) < half, axis=1) & np.all(np.isfinite(pixels), axis=1)
+    if opened.scan.usable is not None:
+        inside &= opened.scan.usable.at(pixels)
     return Prediction(pixels, sigma, inside)
 
 

@@ -64,7 +64,7 @@ class Pair:
     reference: Image
     """Grey values of the ortho, warped through orientation and DEM into the scan's geometry."""
     known: Mask
-    """Where the reference is known."""
+    """Where the reference is known and the scan is photograph."""
     roads: Image
     """255 where the map has a road, drawn into the scan's geometry; else 0."""
 
@@ -138,6 +138,9 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window, again: bo
         outside="edge",
     )
     image, known = warped_reference(opened, reference, window, again)
+    if opened.scan.usable is not None:
+        shape = window.columns, window.rows
+        known &= opened.scan.usable.within(window.column, window.row, *shape, size)
     roads = drawn_roads(opened, reference, window)
     return Pair(window, np.asarray(grey, np.float32), image, known, roads)
 
