@@ -125,7 +125,8 @@ def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
     areas = {name: scans.oriented[name].scan.usable for name in placed.block.photos}
     usable = {name: area.at for name, area in areas.items() if area is not None}
     rng = random_for(given.name, "ties")
-    ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable)
+    open_ways = {name: found.hypotheses for name, found in placed.approximations.items()}
+    ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable, open_ways)
     return Tied(ties, doubts)
 
 

@@ -92,8 +92,7 @@ class OpenPhoto:
     @property
     def width_m(self) -> float:
         """Shorter side of the picture on the ground, metres."""
-        above_ground = float(self.photo.exterior.centre[2]) - self.photo.ground_height_m
-        return min(self.camera.frame_mm) / self.camera.principal_distance_mm * above_ground
+        return self.photo.width_m(self.camera)
 
 
 def object_on_ground(photo: Photo, camera: Camera, pixels: PixelPoints, dem: Dem) -> ObjectPoints:
