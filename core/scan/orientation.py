@@ -40,6 +40,8 @@ from core.scan.usable_area import UsableArea
 
 Marks = Mapping[str, tuple[float, float]]
 """Column and row by the name of a mark."""
+CELL_MM = 0.25
+"""Cells of the mask that says what of a scan is photograph are no larger, millimetres."""
 
 
 def _unseen() -> Look:
@@ -86,7 +88,8 @@ class ScanOrientation:
 
     def masked(self) -> "ScanOrientation":
         """The same with its scan knowing which part of it is photograph."""
-        area = UsableArea.of(self.usable(), self.size_px)
+        reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, 8))
+        area = UsableArea.of(self.usable(reduction), self.size_px)
         return replace(self, scan=replace(self.scan, usable=area))
 
 

@@ -34,6 +34,8 @@ USUAL = ("fused", "ncc-high-pass")
 """What is compared unless `block.toml` says otherwise."""
 LEAST_KNOWN = 0.9
 """Share of a template on which the reference is known at least."""
+LEAST_USABLE = 0.6
+"""Share of it on which the scan is photograph: a picture may end within a template."""
 SAME_PLACE_PX = 2.5
 """Peaks of two operators closer than this (window pixels) are one candidate."""
 
@@ -256,13 +258,14 @@ def match_point(
 def parts_about(
     images: Images, pixel: Pixel, half: int, inner: int
 ) -> tuple[Slices, Slices] | None:
-    """The window that is searched about a point, and its template; None without reference."""
+    """The window that is searched about a point, and its template; None where little is there."""
     place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
     column, row = int(place[0]), int(place[1])
     outer = inner + half
     patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
     around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
-    return (around, patch) if images.pair.known[patch].mean() >= LEAST_KNOWN else None
+    known, usable = images.pair.known[patch].mean(), images.pair.usable[patch].mean()
+    return (around, patch) if known >= LEAST_KNOWN and usable >= LEAST_USABLE else None
 
 
 def merged(

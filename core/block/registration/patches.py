@@ -64,7 +64,9 @@ class Pair:
     reference: Image
     """Grey values of the ortho, warped through orientation and DEM into the scan's geometry."""
     known: Mask
-    """Where the reference is known and the scan is photograph."""
+    """Where the reference is known."""
+    usable: Mask
+    """Where the scan is photograph."""
     roads: Image
     """255 where the map has a road, drawn into the scan's geometry; else 0."""
 
@@ -137,11 +139,17 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window, again: bo
         outside="edge",
     )
     image, known = warped_reference(opened, reference, window, again)
-    if opened.scan.usable is not None:
-        shape = window.columns, window.rows
-        known &= opened.scan.usable.within(window.column, window.row, *shape, size)
+    usable = usable_in(opened.scan, window)
     roads = drawn_roads(opened, reference, window)
-    return Pair(window, np.asarray(grey, np.float32), image, known, roads)
+    return Pair(window, np.asarray(grey, np.float32), image, known, usable, roads)
+
+
+def usable_in(scan: ScanFile, window: Window) -> Mask:
+    """Where a scan is photograph in a window; everywhere if nobody has told."""
+    if scan.usable is None:
+        return np.ones((window.rows, window.columns), bool)
+    place, shape = (window.column, window.row), (window.columns, window.rows)
+    return scan.usable.within(*place, *shape, window.reduction)
 
 
 def drawn_roads(opened: OpenPhoto, reference: Reference, window: Window) -> Image:

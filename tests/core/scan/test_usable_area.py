@@ -57,6 +57,6 @@ def test_nothing_is_sought_on_a_data_strip__truth(tiny) -> None:
     assert whole.inside.all()
     np.testing.assert_array_equal(found.inside, share[:, 1] < 2 / 3)
     window = Window(columns // 2, 2 * rows // 3 - 40, 80, 80, 1)
-    known = read_pair(masked, tiny.reference, window).known
-    assert known[:35].all()
-    assert not known[45:].any()
+    usable = read_pair(masked, tiny.reference, window).usable
+    assert usable[:35].all()
+    assert not usable[45:].any()
