@@ -45,6 +45,28 @@ def test_a_new_point_lies_on_the_peak_of_likeness__truth(state):
         away = item.pixel - shown[item.photo_id]
         assert away[0] == pytest.approx([1.3, -0.6], abs=0.05)
         assert item.status == "auto"
+        assert item.peaks[0].score > 10.0
+
+
+def bare_field(photo, camera, position) -> Likeness:
+    """A likeness of chance alone, with some maximum beside the prediction."""
+    pixel = photo.pixel_from_object(position, camera)
+    values = np.random.default_rng(8).normal(0.05, 0.03, (35, 35)).astype(np.float32)
+    values[16:19, 16:19] = 0.1
+    values[17, 17] = 0.14
+    return Likeness(values, pixel - 17.0, 1)
+
+
+def test_on_a_bare_field_a_point_waits_for_the_operator__truth(state):
+    """A height of 3 sigma: below what chance brings, said so, and no part of the adjustment."""
+    dem, place = tiny_block().land.dem, state.block.surveyed["J150"].position[:2]
+    east, north = (float(value) for value in place)
+    found = measured_point(state, "H1", (east, north), (dem, bare_field), SIGMA, Silent())
+    assert found.measured
+    for item in found.measured:
+        assert (item.status, item.used) == ("dubious", False)
+        assert item.peaks[0].score == pytest.approx(3.0, abs=0.3)
+        assert "chance alone" in item.reason
 
 
 def test_names_are_never_given_twice__law(state):

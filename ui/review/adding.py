@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.block.block import Measurement, Peak
-from core.block.registration.likeness import Likeness
+from core.block.registration.likeness import OPERATOR, Likeness
 from core.doubts import Failure
 from core.progress import Progress
 from sessions.decisions import AddPoint, Recorded
@@ -58,7 +58,7 @@ def measured_point(
     """The point with a measurement in every scan that shows it.
 
     Where reference and scan are not alike near the predicted place, the measurement is dubious and
-    lies there, to be placed by hand.
+    lies there, to be placed by hand; where they are no more alike than chance has it, it is dubious.
 
     Args:
         state: The block with its newest adjustment.
@@ -92,7 +92,11 @@ def renamed(found: AddPoint, name: str) -> AddPoint:
 def _measured(
     name: str, photo_id: str, pixel: np.ndarray, likeness: Likeness | Failure
 ) -> Measurement:
-    """On the peak of likeness beside the predicted place; there, and dubious, without one."""
+    """On the peak of likeness beside the predicted place; there, and dubious, without one.
+
+    A peak no higher than chance brings in such a window is dubious too: not used until the operator
+    accepts it.
+    """
     refined = likeness if isinstance(likeness, Failure) else likeness.refined(pixel)
     if isinstance(likeness, Failure) or isinstance(refined, Failure):
         column, row = (float(value) for value in pixel[0])
@@ -101,10 +105,17 @@ def _measured(
             "predicted only: not found by likeness",
         )  # fmt: skip
     column, row = (float(value) for value in refined[0])
-    cell = np.rint((refined - likeness.first)[0] / likeness.reduction).astype(int)
-    limit = np.array(likeness.values.shape)[::-1] - 1
-    across, down = np.clip(cell, 0, limit)
-    score = float(np.clip(likeness.values[down, across], 0.0, 1.0))
+    height, least = likeness.height_at(refined), likeness.chance_height
+    score = float(np.clip(likeness.value_at(refined), 0.0, 1.0))
     sigma = HAND_SIGMA_PX * max(1.0, likeness.reduction / 2)
-    peak = Peak(column, row, sigma, score, "gradient")
-    return Measurement(name, photo_id, column, row, sigma, score, peaks=(peak,))
+    found = Measurement(
+        name, photo_id, column, row, sigma, score,
+        peaks=(Peak(column, row, sigma, height, OPERATOR),),
+    )  # fmt: skip
+    if height >= least:
+        return found
+    return replace(
+        found,
+        status="dubious",
+        reason=f"its peak is {height:.1f} sigma high; chance alone brings up to {least:.1f} here",
+    )

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from core.block.registration.likeness import likeness_about, search_options
+from core.block.registration.likeness import Likeness, likeness_about, search_options
+from core.block.registration.matching import SEPARATION_PX
 from core.block.registration.orientation import OrientationOptions
 from core.doubts import Failure
 
@@ -48,3 +49,24 @@ def test_far_from_any_peak_nothing_is_refined__law(tiny):
     assert isinstance(likeness.refined(pixel + 5000.0), Failure)
     nowhere = likeness_about(opened, reference, np.full((1, 2), np.nan), sizes)
     assert isinstance(nowhere, Failure)
+
+
+def test_chance_stays_below_its_height_in_nineteen_of_twenty_windows__truth():
+    """Surfaces of independent places a separation of peaks apart, of two sizes."""
+    rng = np.random.default_rng(5)
+    for cells in (9, 20):
+        side = cells * SEPARATION_PX
+        limit = Likeness(np.zeros((side, side), np.float32), np.zeros((1, 2)), 1).chance_height
+        passed = (rng.normal(0, 1, (4000, cells**2)).max(axis=1) > limit).mean()
+        assert 0.035 < passed < 0.065
+
+
+def test_height_is_counted_in_robust_sigma_of_the_surface__law():
+    """It does not change with the scale and level of the likeness."""
+    values = np.random.default_rng(2).normal(0, 1, (41, 41)).astype(np.float32)
+    values[20, 20] = 5.0
+    place = np.array([[60.0, 60.0]])
+    plain = Likeness(values, np.array([[20.0, 20.0]]), 2)
+    other = Likeness(values * 0.03 + 0.2, np.array([[20.0, 20.0]]), 2)
+    assert abs(plain.height_at(place) - 5.0) < 0.5
+    assert abs(other.height_at(place) - plain.height_at(place)) < 1e-3
