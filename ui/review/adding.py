@@ -58,7 +58,7 @@ def measured_point(
     """The point with a measurement in every scan that shows it.
 
     Where reference and scan are not alike near the predicted place, the measurement is dubious and
-    lies there, to be placed by hand; where they are no more alike than chance has it, it is dubious.
+    lies there, to be placed by hand; one no more alike than chance has it is dubious as well.
 
     Args:
         state: The block with its newest adjustment.

@@ -9,10 +9,10 @@ distance from the prediction, and l0 peaks of chance per square metre and unit o
 
     p_k = w f1(h_k) N(d_k) / l0(h_k) / (1 - w + w sum_j f1(h_j) N(d_j) / l0(h_j)).
 
-N is narrow about the prediction for most points. At some the object itself stands aside of where the
-map has it, because rows of trees or verges hide one edge of a road or it was widened: a share of
-all right ones is spread by a metre more. w, f1, that share and, within narrow bounds, the width of
-N are estimated from the block itself by expectation and maximisation.
+N is narrow about the prediction for most points. At some the object itself stands aside of where
+the map has it, because rows of trees or verges hide one edge of a road or it was widened: a share
+of all right ones is spread by a metre more. w, f1, that share and, within narrow bounds, the width
+of N are estimated from the block itself by expectation and maximisation.
 """
 
 from dataclasses import dataclass, replace
@@ -41,8 +41,8 @@ GATE = 3.0
 WIDER = (0.6, 1.25)
 """Least and greatest factor on the stated standard deviations of distance."""
 DISPLACED_M = 1.0
-"""Standard deviation per axis of how far objects stand aside of where the map has them, metres: what
-lies three times as far off is another object."""
+"""Standard deviation per axis of how far objects stand aside of where the map has them, metres:
+what lies further off than three of them is another object."""
 DISPLACED_SHARE, MOST_DISPLACED = 0.2, 0.5
 """Share of right ones that stand aside: where a block tells nothing of it, and at most."""
 PRIOR_COUNT, PRIOR_SHARE = 4.0, 0.25
@@ -91,9 +91,7 @@ class Calibration:
         object.__setattr__(self, "log_ratio", locked(self.log_ratio))
 
 
-def probabilities(
-    searches: Searches, mapped: bool = False
-) -> tuple[Scalars, Calibration | None]:
+def probabilities(searches: Searches, mapped: bool = False) -> tuple[Scalars, Calibration | None]:
     """Probability of every candidate to be the right one.
 
     Args:

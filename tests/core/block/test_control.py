@@ -36,14 +36,18 @@ def search(*peaks, roads=True, point_id="J1") -> Search:
 
 
 def test_the_probable_candidate_is_used_though_another_is_higher__law():
-    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), IN_PLACE, OPTIONS)
+    found = measurement_of(
+        search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), IN_PLACE, OPTIONS
+    )
     assert (found.status, found.reason, found.score) == ("auto", "", 0.97)
     assert found.column == 500.2
     assert [peak.score for peak in found.peaks] == [5.0, 6.0]
 
 
 def test_where_none_is_probable_the_highest_is_shown_and_not_used__law():
-    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), IN_PLACE, OPTIONS)
+    found = measurement_of(
+        search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), IN_PLACE, OPTIONS
+    )
     assert found.status == "unused"
     assert found.reason == "right with probability 0.02"
     assert found.column == 505.0
