@@ -213,7 +213,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=6,
+        version=7,
     ),
     Stage(
         "control",

@@ -296,7 +296,7 @@ def operator_named(name: str, template_half_px: int) -> Operator:
         "cfog": CfogOperator(),
         "roads": RoadOperator(),
         "fused": FusedOperator(),
-        "sift": SiftOperator(template_half_px),
+        "sift": SiftOperator(),
         "orb": OrbOperator(template_half_px),
         "akaze": AkazeOperator(template_half_px),
     }

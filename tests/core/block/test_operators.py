@@ -55,7 +55,7 @@ def test_the_same_ground_is_found_where_it_was_moved_to__truth(name):
     image = ground(0)
     moved = np.roll(image, (3, -5), (0, 1))
     column, row = found_at(name, moved, image)
-    slack = 1 if name in ("orb", "akaze") else 0
+    slack = 1 if name == "akaze" else 0
     assert abs(column + 5) <= slack
     assert abs(row - 3) <= slack
 
