@@ -187,25 +187,44 @@ class FusedOperator:
 
 
 def oriented_channels(image: Image) -> Description:
-    """Nine absolute directional derivatives, smoothed in place and direction, of equal length."""
+    """Nine absolute directional derivatives, smoothed in place and direction, of equal length.
+
+    Returns:
+        The channels in groups of three, less their mean: channels are never negative, so that they
+        tell directions rather than contrast; then the squared length of each pixel's.
+    """
+    channels = smoothed_derivatives(image)
+    mean, energy = np.zeros_like(image), np.zeros_like(image)
+    for channel in channels:
+        cv2.accumulate(channel, mean)
+        cv2.accumulateSquare(channel, energy)
+    mean /= np.float32(CHANNELS)
+    length = np.sqrt(energy)
+    length += np.float32(1e-2) * length.mean() + np.float32(1e-6)
+    energy[:] = 0
+    for channel in channels:
+        channel -= mean
+        channel /= length
+        cv2.accumulateSquare(channel, energy)
+    groups = [cv2.merge(channels[i : i + 3]) for i in range(0, CHANNELS, 3)]
+    return *(np.asarray(group, np.float32) for group in groups), energy
+
+
+def smoothed_derivatives(image: Image) -> list[Image]:
+    """Nine absolute directional derivatives, smoothed in place and over neighbouring directions."""
     smooth = cv2.GaussianBlur(image, (0, 0), CFOG_SIGMA_PX)
     right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
-    angles = np.arange(CHANNELS, dtype=np.float32) * np.float32(np.pi / CHANNELS)
-    channels = [
-        cv2.GaussianBlur(np.abs(np.cos(a) * right + np.sin(a) * down), (0, 0), CFOG_SIGMA_PX)
-        for a in angles
+    sharp: list[np.ndarray] = []
+    for angle in np.arange(CHANNELS) * (np.pi / CHANNELS):
+        along = cv2.addWeighted(right, np.cos(angle), down, np.sin(angle), 0)
+        sharp.append(cv2.GaussianBlur(np.abs(along), (0, 0), CFOG_SIGMA_PX))
+    # Directions go round: the last is a neighbour of the first.
+    around = [sharp[-1], *sharp, sharp[0]]
+    return [
+        np.asarray(cv2.scaleAdd(around[i + 1], 2.0, around[i] + around[i + 2]), np.float32)
+        for i in range(CHANNELS)
     ]
-    around = [channels[-1], *channels, channels[0]]
-    stack = np.stack(
-        [around[i] + 2 * around[i + 1] + around[i + 2] for i in range(CHANNELS)], axis=2
-    )
-    length = np.linalg.norm(stack, axis=2, keepdims=True)
-    stack /= length + np.float32(1e-2) * length.mean() + np.float32(1e-6)
-    # Channels are never negative: less their mean they tell directions rather than contrast.
-    stack -= stack.mean(axis=2, keepdims=True)
-    groups = [np.ascontiguousarray(stack[:, :, i : i + 3]) for i in range(0, CHANNELS, 3)]
-    return *groups, np.einsum("rcn,rcn->rc", stack, stack)
 
 
 def squared_length(field: VectorField) -> Image:
@@ -261,11 +280,11 @@ def has_roads(patch: Description) -> bool:
 
 def sum_of_products(around: Sequence[np.ndarray], patch: Sequence[np.ndarray]) -> Surface:
     """Sum over all channels of the products at every place."""
-    parts = [
-        cv2.matchTemplate(one, other, cv2.TM_CCORR)
-        for one, other in zip(around, patch, strict=True)
-    ]
-    return np.asarray(np.sum(parts, axis=0), dtype=np.float32)
+    first, *others = zip(around, patch, strict=True)
+    total = cv2.matchTemplate(*first, cv2.TM_CCORR)
+    for one, other in others:
+        total += cv2.matchTemplate(one, other, cv2.TM_CCORR)
+    return np.asarray(total, dtype=np.float32)
 
 
 def normalised(product: np.ndarray, energy: np.ndarray, template_energy: float) -> Surface:
