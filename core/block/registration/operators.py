@@ -5,8 +5,8 @@ the surface of a point is then cut out of two descriptions. `gradient` is invari
 and its sign, `roads` owes the ortho nothing at all, and `fused` takes the mean of the two.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -14,15 +14,17 @@ import numpy as np
 from jaxtyping import Float32
 
 from core.block.registration.descriptors import AkazeOperator, OrbOperator, SiftOperator
+from core.block.registration.learned import LEARNED, LearnedOperator
 from core.block.registration.similarity import (
     Description,
     Image,
     Surface,
+    channel_surface,
     doubled_angle_field,
-    finite,
     gradient_surface,
     high_passed,
     ncc_surface,
+    normalised,
 )
 
 VectorField = Float32[np.ndarray, "rows columns channels"]
@@ -136,10 +138,7 @@ class CfogOperator:
 
     def surface(self, around: Description, patch: Description) -> Surface:
         """Correlation of all channels; as they have equal length, it ranks as squares would."""
-        product = sum_of_products(around[:-1], patch[:-1])
-        ones = np.ones(patch[-1].shape, np.float32)
-        energy = cv2.matchTemplate(around[-1], ones, cv2.TM_CCORR)
-        return normalised(product, energy, float(patch[-1].sum()))
+        return channel_surface(around, patch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,36 +277,27 @@ def has_roads(patch: Description) -> bool:
     return len(patch) == 3 and fixed_by_roads(*road_content(patch[1:]))
 
 
-def sum_of_products(around: Sequence[np.ndarray], patch: Sequence[np.ndarray]) -> Surface:
-    """Sum over all channels of the products at every place."""
-    first, *others = zip(around, patch, strict=True)
-    total = cv2.matchTemplate(*first, cv2.TM_CCORR)
-    for one, other in others:
-        total += cv2.matchTemplate(one, other, cv2.TM_CCORR)
-    return np.asarray(total, dtype=np.float32)
-
-
-def normalised(product: np.ndarray, energy: np.ndarray, template_energy: float) -> Surface:
-    """Products over the geometric mean of both energies; nought where there is none."""
-    scale = np.sqrt(np.maximum(energy, 0.0) * template_energy)
-    flat = scale < 1e-3 * float(scale.max()) + 1e-9
-    return finite(np.where(flat, 0.0, product / np.where(flat, 1.0, scale)).astype(np.float32))
-
-
 OPERATORS = (
     "ncc", "ncc-high-pass", "gradient", "cfog", "roads", "fused", "sift", "orb", "akaze",
 )  # fmt: skip
-"""Every operator by its name."""
+"""Every operator that needs nothing but its name; `learned` needs a network."""
 GREY = ("ncc", "ncc-high-pass")
 """Operators that compare grey values: crowns and shadows move all of them together."""
 
 
-def operator_named(name: str, template_half_px: int) -> Operator:
+def operator_named(name: str, template_half_px: int, network: Path | None = None) -> Operator:
     """The operator of a name, for a size of template.
+
+    Args:
+        name: What `block.toml` calls it.
+        template_half_px: Half the template, pixels.
+        network: Weights of `learned`; the other operators need none.
 
     Raises:
         KeyError: There is no such operator.
     """
+    if name == LEARNED and network is not None:
+        return LearnedOperator(network)
     made: dict[str, Operator] = {
         "ncc": NccOperator(),
         "ncc-high-pass": HighPassOperator(template_half_px / 3),
