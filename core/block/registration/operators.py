@@ -11,12 +11,12 @@ from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
 
 from core.block.registration.descriptors import AkazeOperator, OrbOperator, SiftOperator
 from core.block.registration.learned import LEARNED, LearnedOperator
 from core.block.registration.similarity import (
     Description,
+    Field,
     Image,
     Surface,
     channel_surface,
@@ -27,7 +27,6 @@ from core.block.registration.similarity import (
     normalised,
 )
 
-VectorField = Float32[np.ndarray, "rows columns channels"]
 CHANNELS = 9
 """Orientations of CFOG."""
 CFOG_SIGMA_PX = 0.8
@@ -226,9 +225,12 @@ def smoothed_derivatives(image: Image) -> list[Image]:
     ]
 
 
-def squared_length(field: VectorField) -> Image:
+def squared_length(field: Field) -> Image:
     """Squared length of every vector of a field."""
-    return np.einsum("rcn,rcn->rc", field, field)
+    right, down = cv2.split(field)
+    right *= right
+    down *= down
+    return np.asarray(right + down, dtype=np.float32)
 
 
 def drawn_field(roads: Image) -> Description:
@@ -242,7 +244,7 @@ def drawn_field(roads: Image) -> Description:
     near = away < VERGE_PX + FADED * FADE_PX
     fade = np.maximum(away[near] - VERGE_PX, 0) / FADE_PX
     weight[near] = np.exp(-0.5 * fade * fade)
-    return field * weight[:, :, None], weight
+    return np.asarray(field * cv2.merge([weight, weight]), dtype=np.float32), weight
 
 
 def road_surface(around: Description, patch: Description, energy: float) -> Surface:
