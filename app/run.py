@@ -312,7 +312,8 @@ def usable_parts(session: Session) -> Callable[[str], Mask | None]:
     def usable(photo_id: str) -> Mask | None:
         if scans is None or photo_id not in scans.oriented:
             return None
-        return scans.oriented[photo_id].usable()
+        area = scans.oriented[photo_id].scan.usable
+        return None if area is None else area.mask
 
     return usable
 

@@ -15,7 +15,6 @@ from core.block.registration.patches import OpenPhoto
 from core.block.registration.reference_points import ReferenceFeatures, gather_reference_points
 from core.block.registration.standing import Site
 from core.block.tie_points import match_ties
-from core.block.ties.features import usable_from_mask
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
@@ -68,6 +67,8 @@ def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
     if not oriented:
         raise next(iter(failed.values()))
     oriented, cameras, doubts = _by_camera(given, oriented)
+    masked = work.mapper(ScanOrientation.masked, oriented.values())
+    oriented = dict(zip(oriented, masked, strict=True))
     doubts += [doubt for result in oriented.values() for doubt in result.doubts]
     doubts += same_photo({name: scan.look for name, scan in oriented.items()})
     doubts += [Doubt("scan-set-aside", name, str(error), 0.8) for name, error in failed.items()]
@@ -121,12 +122,11 @@ def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
     """Tie points between all photos that may overlap."""
     placed: Georeferenced = made["georeference"]
     scans: ScanSet = made["scans"]
-    usable = {
-        name: usable_from_mask(scans.oriented[name].usable(), scans.oriented[name].size_px)
-        for name in placed.block.photos
-    }
+    areas = {name: scans.oriented[name].scan.usable for name in placed.block.photos}
+    usable = {name: area.at for name, area in areas.items() if area is not None}
     rng = random_for(given.name, "ties")
-    ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable)
+    open_ways = {name: found.hypotheses for name, found in placed.approximations.items()}
+    ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable, open_ways)
     return Tied(ties, doubts)
 
 
@@ -170,7 +170,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         orient_scans,
-        version=4,
+        version=5,
     ),
     Stage(
         "georeference",
@@ -191,6 +191,7 @@ STAGES: tuple[Stage, ...] = (
             given.dem_sigma_m,
         ),
         find_reference_points,
+        version=2,
     ),
     Stage(
         "ties",
@@ -198,7 +199,7 @@ STAGES: tuple[Stage, ...] = (
         ("georeference",),
         lambda given: (given.ties,),
         tie_photos,
-        version=2,
+        version=3,
     ),
     Stage(
         "placement",
@@ -206,6 +207,7 @@ STAGES: tuple[Stage, ...] = (
         ("ties",),
         lambda given: (given.placement, given.assembly.adjustment),
         place_blocks,
+        version=2,
     ),
     Stage(
         "orientation",
@@ -221,7 +223,7 @@ STAGES: tuple[Stage, ...] = (
         ("orientation", "ties"),
         lambda given: (given.assembly, given.surveyed, given.preset),
         find_control,
-        version=4,
+        version=5,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

@@ -72,6 +72,11 @@ class Photo:
         above_ground = float(self.exterior.centre[2]) - self.ground_height_m
         return self.interior.pixel_size_mm / camera.principal_distance_mm * above_ground
 
+    def width_m(self, camera: Camera) -> float:
+        """Shorter side of the picture on level ground, metres."""
+        above_ground = float(self.exterior.centre[2]) - self.ground_height_m
+        return min(camera.frame_mm) / camera.principal_distance_mm * above_ground
+
     def with_exterior(self, exterior: ExteriorOrientation, oriented: bool) -> "Photo":
         """The same photo, elsewhere."""
         return replace(self, exterior=exterior, oriented=oriented)

@@ -1,11 +1,12 @@
 """Tie points of a block: features, matches, chains, thinning and fine measurement in turn."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from core.block.block import Block, TiePoints
+from core.block.free_block import brought_together
 from core.block.ties.chains import PairKey, chain_matches, consistent, with_rays
 from core.block.ties.features import FeatureOptions, Features, Usable, detect_features, picture_area
 from core.block.ties.fine_matching import GivenTies, PairGeometry
@@ -13,8 +14,9 @@ from core.block.ties.matches import VerifiedMatches
 from core.block.ties.pair_search import SearchOptions, match_pairs
 from core.block.ties.thinning import ThinningOptions, thin_ties
 from core.block.ties.tie_measurement import MeasurementOptions, measure_ties
-from core.block.ties.tie_report import PairReport, assess_ties, report_pair
+from core.block.ties.tie_report import MISPLACED, PairReport, assess_ties, report_pair
 from core.doubts import Doubt
+from core.geometry.exterior import ExteriorOrientation
 from core.progress import Progress, Silent, tracked
 from core.scan.raster import open_scan
 
@@ -43,6 +45,7 @@ def match_ties(
     progress: Progress | None = None,
     rng: np.random.Generator | None = None,
     usable: Mapping[str, Usable] | None = None,
+    hypotheses: Mapping[str, Sequence[ExteriorOrientation]] | None = None,
 ) -> tuple[TiePoints, tuple[PairReport, ...], tuple[Doubt, ...]]:
     """Tie points of all photos of a block.
 
@@ -53,10 +56,21 @@ def match_ties(
         rng: Seeds the random searches; the same seed gives the same tie points.
         usable: By photo, where features may lie (scan pixels); the camera's picture area without
             fiducials for photos that are not in it.
+        hypotheses: By photo, all orientations its source leaves open. Where they are given and the
+            tie points show that photos lie elsewhere, they are matched once more from there.
     """
     options, progress = options or TieOptions(), progress or Silent()
+    rng = rng or np.random.default_rng(0)
     features = detect_block_features(block, options, progress, usable or {})
-    return match_block_features(block, features, options, progress, rng)
+    found = match_block_features(block, features, options, progress, rng)
+    if hypotheses is None:
+        return found
+    together = brought_together(replace(block, ties=found[0]), hypotheses)
+    if together is None:
+        return found
+    ties, reports, doubts = match_block_features(together, features, options, progress, rng)
+    misplaced = (doubt for doubt in found[2] if doubt.kind == MISPLACED)
+    return ties, reports, (*misplaced, *doubts)
 
 
 def detect_block_features(

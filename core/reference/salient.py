@@ -123,18 +123,38 @@ def find_salient_points(
     if min(east - west, north - south) < gsd * options.template_px:
         return ()
     cell_px = max(options.template_px, round(spacing_m / gsd))
-    grid = Grid.over((west, south, east, north), gsd)
-    places = np.zeros((0, 2)) if existing is None else grid.grid_from_object(existing)
     step = cell_px * max(1, TILE_PX // cell_px)
-    corners = [(c, r) for r in range(0, grid.rows, step) for c in range(0, grid.columns, step)]
+    tiles = _tiles((west, south, east, north), gsd, cell_px, step)
     found: list[SalientPoint] = []
-    for done, (column, row) in enumerate(corners):
-        progress.report(float(done), float(len(corners)), "salient points")
-        size = (min(step, grid.columns - column), min(step, grid.rows - row))
-        tile = _look_at(ortho, grid.window(column, row, *size), options, mask)
+    for done, grid in enumerate(tiles):
+        progress.report(float(done), float(len(tiles)), "salient points")
+        tile = _look_at(ortho, grid, options, mask)
         if tile is not None:
-            found += _in_tile(tile, dem, cell_px, places - (column, row), options)
+            places = np.zeros((0, 2)) if existing is None else grid.grid_from_object(existing)
+            found += _in_tile(tile, dem, cell_px, places, options)
     return tuple(found)
+
+
+def _tiles(bounds: Bounds, gsd_m: float, cell_px: int, step_px: int) -> list[Grid]:
+    """Tiles of whole cells that cover the bounds.
+
+    Cells and tiles lie on multiples of their size, wherever the bounds begin: a block that came
+    with another georeference is offered the same points.
+    """
+    cells = Grid.over(bounds, cell_px * gsd_m)
+    left, top = round(cells.west / gsd_m), round(-cells.north / gsd_m)
+    right, bottom = left + cells.columns * cell_px, top + cells.rows * cell_px
+    return [
+        Grid(
+            max(column, left) * gsd_m,
+            -max(row, top) * gsd_m,
+            gsd_m,
+            min(column + step_px, right) - max(column, left),
+            min(row + step_px, bottom) - max(row, top),
+        )
+        for row in range(top // step_px * step_px, bottom, step_px)
+        for column in range(left // step_px * step_px, right, step_px)
+    ]
 
 
 def line_structure(gray: Gray, usable: Mask, options: SalientOptions) -> tuple[Gray, Gray]:

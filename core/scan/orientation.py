@@ -1,7 +1,7 @@
 """One scan from file to interior orientation, with everything that is doubtful about it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +36,12 @@ from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
 from core.scan.usable import usable_mask
+from core.scan.usable_area import UsableArea
 
 Marks = Mapping[str, tuple[float, float]]
 """Column and row by the name of a mark."""
+CELL_MM = 0.25
+"""Cells of the mask that says what of a scan is photograph are no larger, millimetres."""
 
 
 def _unseen() -> Look:
@@ -82,6 +85,12 @@ class ScanOrientation:
         """Which cells of the reduced scan are photograph; see `usable.usable_mask`."""
         marks = [(mark.column, mark.row) for mark in self.fiducials]
         return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
+
+    def masked(self) -> "ScanOrientation":
+        """The same with its scan knowing which part of it is photograph."""
+        reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, 8))
+        area = UsableArea.of(self.usable(reduction), self.size_px)
+        return replace(self, scan=replace(self.scan, usable=area))
 
 
 def orient_scan(

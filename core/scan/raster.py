@@ -17,6 +17,7 @@ from rasterio.windows import Window
 
 from core.errors import ScanError
 from core.geometry.camera import Camera
+from core.scan.usable_area import UsableArea
 
 GrayWindow = Float32[np.ndarray, "rows columns"]
 """Part of a scan as gray values."""
@@ -43,6 +44,8 @@ class ScanFile:
     """Bands of the file; colour is turned into gray when read."""
     dtype: str
     """Type of its values: `uint8` or `uint16`."""
+    usable: UsableArea | None = None
+    """Which part of it is photograph, once that is known."""
 
 
 def photo_id_of(path: Path) -> str:

@@ -17,7 +17,7 @@ from core.block.block import (
     SurveyedPoint,
     TiePoints,
 )
-from core.block.ties.features import Usable, usable_from_mask
+from core.block.ties.features import Usable
 from core.block.ties.pairs import ground_of
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
@@ -26,6 +26,7 @@ from core.geometry.interior import InteriorOrientation
 from core.pipeline import STAGES
 from core.progress import Silent
 from core.scan.orientation import ScanOrientation, orient_scan
+from core.scan.usable_area import UsableArea
 from core.stages import Work
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
@@ -73,7 +74,7 @@ def known(name: str, folder: Path) -> TieCase:
 
 def usable_of(scan: ScanOrientation) -> Usable:
     """Where features may lie in a scan."""
-    return usable_from_mask(scan.usable(), scan.size_px)
+    return UsableArea.of(scan.usable(), scan.size_px).at
 
 
 def heights_of(dem: Path) -> tuple[Grid, np.ndarray]:

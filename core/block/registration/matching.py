@@ -35,6 +35,8 @@ USUAL = ("fused", "ncc-high-pass")
 """What is compared unless `block.toml` says otherwise."""
 LEAST_KNOWN = 0.9
 """Share of a template on which the reference is known at least."""
+LEAST_USABLE = 0.6
+"""Share of it on which the scan is photograph: a picture may end within a template."""
 SAME_PLACE_PX = 2.5
 """Peaks of two operators closer than this (window pixels) are one candidate."""
 
@@ -70,7 +72,7 @@ class Prediction:
     sigma_px: Scalars
     """Largest standard deviation of the prediction, scan pixels."""
     inside: Flags
-    """True where the point may lie within the picture."""
+    """True where the point may lie within the picture, on what of it is photograph."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +134,8 @@ def predict_pixels(
     film = photo.interior.film_from_pixel(pixels)
     half = np.array(camera.frame_mm) / 2
     inside = np.all(np.abs(film) < half, axis=1) & np.all(np.isfinite(pixels), axis=1)
+    if opened.scan.usable is not None:
+        inside &= opened.scan.usable.at(pixels)
     return Prediction(pixels, sigma, inside)
 
 
@@ -260,13 +264,14 @@ def match_point(
 def parts_about(
     images: Images, pixel: Pixel, half: int, inner: int
 ) -> tuple[Slices, Slices] | None:
-    """The window that is searched about a point, and its template; None without reference."""
+    """The window that is searched about a point, and its template; None where little is there."""
     place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
     column, row = int(place[0]), int(place[1])
     outer = inner + half
     patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
     around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
-    return (around, patch) if images.pair.known[patch].mean() >= LEAST_KNOWN else None
+    known, usable = images.pair.known[patch].mean(), images.pair.usable[patch].mean()
+    return (around, patch) if known >= LEAST_KNOWN and usable >= LEAST_USABLE else None
 
 
 def merged(

@@ -65,6 +65,8 @@ class Pair:
     """Grey values of the ortho, warped through orientation and DEM into the scan's geometry."""
     known: Mask
     """Where the reference is known."""
+    usable: Mask
+    """Where the scan is photograph."""
     roads: Image
     """255 where the map has a road, drawn into the scan's geometry; else 0."""
 
@@ -92,8 +94,7 @@ class OpenPhoto:
     @property
     def width_m(self) -> float:
         """Shorter side of the picture on the ground, metres."""
-        above_ground = float(self.photo.exterior.centre[2]) - self.photo.ground_height_m
-        return min(self.camera.frame_mm) / self.camera.principal_distance_mm * above_ground
+        return self.photo.width_m(self.camera)
 
 
 def object_on_ground(photo: Photo, camera: Camera, pixels: PixelPoints, dem: Dem) -> ObjectPoints:
@@ -138,8 +139,17 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window, again: bo
         outside="edge",
     )
     image, known = warped_reference(opened, reference, window, again)
+    usable = usable_in(opened.scan, window)
     roads = drawn_roads(opened, reference, window)
-    return Pair(window, np.asarray(grey, np.float32), image, known, roads)
+    return Pair(window, np.asarray(grey, np.float32), image, known, usable, roads)
+
+
+def usable_in(scan: ScanFile, window: Window) -> Mask:
+    """Where a scan is photograph in a window; everywhere if nobody has told."""
+    if scan.usable is None:
+        return np.ones((window.rows, window.columns), bool)
+    place, shape = (window.column, window.row), (window.columns, window.rows)
+    return scan.usable.within(*place, *shape, window.reduction)
 
 
 def drawn_roads(opened: OpenPhoto, reference: Reference, window: Window) -> Image:

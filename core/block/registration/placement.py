@@ -156,7 +156,10 @@ def laid_on_ground(opened: OpenPhoto, reference: Reference, grid: Grid) -> Laid:
     place = (pixels / reduction - 0.5).astype(np.float32).reshape(*east.shape, 2)
     across, down = place[:, :, 0], place[:, :, 1]
     image = cv2.remap(np.asarray(grey, np.float32), across, down, cv2.INTER_LINEAR)
-    mask = inside_frame(photo, camera, pixels).reshape(east.shape)
+    inside = inside_frame(photo, camera, pixels)
+    if opened.scan.usable is not None:
+        inside &= opened.scan.usable.at(pixels)
+    mask = inside.reshape(east.shape)
     return Laid(grid, angle_field(filled(np.asarray(image, np.float32), mask), mask), mask)
 
 

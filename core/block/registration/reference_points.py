@@ -52,8 +52,11 @@ def gather_reference_points(
         mask: Area where nothing may be matched.
         progress: Told as the ortho is looked through.
     """
-    gsd = max(gsd_m, reference.ortho.ground_sample_distance_m)
-    spacing = max(photo_width_m / CELLS_ACROSS, 0.75 * TEMPLATE_PX * gsd)
+    # Sizes in steps, so that a georeference whose scale is a little off leads to the same points.
+    finest = reference.ortho.ground_sample_distance_m
+    gsd = finest * in_steps(max(gsd_m / finest, 1.0))
+    template_m = TEMPLATE_PX * gsd
+    spacing = template_m * in_steps(max(photo_width_m / CELLS_ACROSS / template_m, 0.75))
     options = SalientOptions(
         ground_sample_distance_m=gsd,
         template_px=TEMPLATE_PX,
@@ -66,6 +69,11 @@ def gather_reference_points(
         reference.ortho, reference.dem, bounds, spacing, places, options, mask, progress
     )
     return joined(junctions, salient)
+
+
+def in_steps(ratio: float) -> float:
+    """The power of a fourth root of two that is nearest to a ratio."""
+    return float(2 ** (np.round(4 * np.log2(ratio)) / 4))
 
 
 def joined(junctions: tuple[Junction, ...], salient: tuple[SalientPoint, ...]) -> ReferenceFeatures:

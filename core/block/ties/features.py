@@ -18,6 +18,7 @@ from core.block.block import Photo
 from core.frames import pixel_from_opencv
 from core.geometry.camera import Camera
 from core.scan.raster import ScanFile, read_window
+from core.scan.usable_area import UsableArea
 
 Descriptors = UInt8[np.ndarray, "n 128"]
 """RootSIFT times 512: whole numbers, so that products in single precision are exact."""
@@ -99,7 +100,7 @@ def detect_features(
         options: How features are looked for.
     """
     options = options or FeatureOptions()
-    may = usable_from_mask(usable, scan.size_px) if isinstance(usable, np.ndarray) else usable
+    may = UsableArea.of(usable, scan.size_px).at if isinstance(usable, np.ndarray) else usable
     reduction = max(1, int(np.ceil(max(scan.size_px) / options.longest_side_px)))
     even = evened(read_reduced(scan, reduction), reduction, may, options)
     reduced = _Reduced(even, scan.size_px, reduction, may, _quota(scan.size_px, may, options))
@@ -121,19 +122,6 @@ def detect_features(
             reduced.cells_of(together.pixels, options), together.strengths, reduced.quota
         )
     )
-
-
-def usable_from_mask(mask: Mask, size_px: tuple[int, int]) -> Usable:
-    """A mask over the whole scan as a function of scan pixels."""
-    rows, columns = mask.shape
-
-    def usable(pixels: PixelPoints) -> Flags:
-        column = np.floor(pixels[:, 0] * columns / size_px[0]).astype(np.int64)
-        row = np.floor(pixels[:, 1] * rows / size_px[1]).astype(np.int64)
-        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        return inside & mask[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-
-    return usable
 
 
 def picture_area(
