@@ -16,8 +16,6 @@ from core.block.registration.similarity import Description, Image, Surface, chan
 from core.errors import ProjectError
 
 Features = Float32[np.ndarray, "channels rows columns"]
-Band = Float32[np.ndarray, "..."]
-"""Features of some rows; the last band has fewer than the others."""
 LEARNED = "learned"
 MOST_CHANNELS = 32
 """More would not fit: a tile of the scan and of the ortho are held for each worker."""
@@ -81,24 +79,27 @@ def described(file: Path, image: Image) -> Description:
         grey.astype(np.float32), MARGIN_PX, MARGIN_PX + more[0], MARGIN_PX, MARGIN_PX + more[1],
         cv2.BORDER_REFLECT_101,
     )  # fmt: skip
-    bands: list[Band] = []
+    groups: list[np.ndarray] = []
+    energy = np.empty((rows, columns), np.float32)
     for top in range(0, rows, BAND_PX):
         band = padded[top : top + BAND_PX + 2 * MARGIN_PX]
         found = features_of(network, np.ascontiguousarray(band), file)
-        until = min(BAND_PX, rows - top)
-        bands.append(found[:, MARGIN_PX : MARGIN_PX + until, MARGIN_PX : MARGIN_PX + columns])
-    return grouped(bands)
+        own = np.s_[top : min(top + BAND_PX, rows)]
+        kept = found[:, MARGIN_PX:, MARGIN_PX : MARGIN_PX + columns][:, : len(energy[own])]
+        if not groups:
+            # Filled band by band: all features are never held twice.
+            groups = empty_groups(len(kept), rows, columns)
+        unit = kept / (np.sqrt(np.einsum("kij,kij->ij", kept, kept)) + SMALL)
+        energy[own] = np.einsum("kij,kij->ij", unit, unit)
+        for first, group in zip(range(0, len(unit), GROUP), groups, strict=True):
+            group[own] = unit[first : first + GROUP].transpose(1, 2, 0)
+    return *groups, energy
 
 
-def grouped(bands: list[Band]) -> Description:
-    """Bands of features, made unit length, one below the other."""
-    lengths = [np.sqrt(np.einsum("kij,kij->ij", band, band)) for band in bands]
-    unit = [band / (length + SMALL) for band, length in zip(bands, lengths, strict=True)]
-    groups = [
-        np.concatenate([np.stack([*band[first : first + GROUP]], axis=2) for band in unit])
-        for first in range(0, len(unit[0]), GROUP)
-    ]
-    return *groups, np.concatenate([np.einsum("kij,kij->ij", band, band) for band in unit])
+def empty_groups(channels: int, rows: int, columns: int) -> list[np.ndarray]:
+    """Room for all channels, three together."""
+    sizes = [min(GROUP, channels - first) for first in range(0, channels, GROUP)]
+    return [np.empty((rows, columns, size), np.float32) for size in sizes]
 
 
 def features_of(network: Any, grey: Image, file: Path) -> Features:
