@@ -106,7 +106,7 @@ def test_without_roads_fused_is_the_gradient_alone__law():
 
 def test_flat_ground_has_no_likeness_and_breaks_nothing__law():
     flat = np.full((121, 121), 90.0, np.float32)
-    for name in ("ncc", "ncc-high-pass", "gradient", "cfog", "roads", "fused"):
+    for name in [name for name in OPERATORS if name != "akaze"]:
         operator = operator_named(name, HALF)
         patch = tuple(
             np.ascontiguousarray(layer[:41, :41]) for layer in operator.of_reference(flat, NONE)
