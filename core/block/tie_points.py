@@ -11,11 +11,11 @@ from core.block.ties.chains import PairKey, chain_matches, consistent, with_rays
 from core.block.ties.features import FeatureOptions, Features, Usable, detect_features, picture_area
 from core.block.ties.fine_matching import GivenTies, PairGeometry
 from core.block.ties.matches import VerifiedMatches
-from core.block.ties.pair_search import SearchOptions, match_pairs
+from core.block.ties.pair_search import PairResult, SearchOptions, match_pairs
 from core.block.ties.thinning import ThinningOptions, thin_ties
 from core.block.ties.tie_measurement import MeasurementOptions, measure_ties
-from core.block.ties.tie_report import MISPLACED, PairReport, assess_ties, report_pair
-from core.doubts import Doubt
+from core.block.ties.tie_report import PairReport, assess_ties, report_pair
+from core.doubts import Doubt, Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.progress import Progress, Silent, tracked
 from core.scan.raster import open_scan
@@ -60,17 +60,8 @@ def match_ties(
             tie points show that photos lie elsewhere, they are matched once more from there.
     """
     options, progress = options or TieOptions(), progress or Silent()
-    rng = rng or np.random.default_rng(0)
     features = detect_block_features(block, options, progress, usable or {})
-    found = match_block_features(block, features, options, progress, rng)
-    if hypotheses is None:
-        return found
-    together = brought_together(replace(block, ties=found[0]), hypotheses)
-    if together is None:
-        return found
-    ties, reports, doubts = match_block_features(together, features, options, progress, rng)
-    misplaced = (doubt for doubt in found[2] if doubt.kind == MISPLACED)
-    return ties, reports, (*misplaced, *doubts)
+    return match_block_features(block, features, options, progress, rng, hypotheses)
 
 
 def detect_block_features(
@@ -91,29 +82,51 @@ def match_block_features(
     options: TieOptions | None = None,
     progress: Progress | None = None,
     rng: np.random.Generator | None = None,
+    hypotheses: Mapping[str, Sequence[ExteriorOrientation]] | None = None,
 ) -> tuple[TiePoints, tuple[PairReport, ...], tuple[Doubt, ...]]:
     """Tie points from features that have been detected before (see `match_ties`)."""
     options, progress = options or TieOptions(), progress or Silent()
     rng = rng or np.random.default_rng(0)
     results = match_pairs(block, features, options.search, progress, rng)
-    verified = {
-        pair: result.found
-        for pair, result in results.items()
-        if isinstance(result.found, VerifiedMatches)
-    }
-    ties = _chained(block, features, verified, options)
+    ties, verified = _chained(block, features, results, options)
+    tied = replace(block, ties=ties)
+    if hypotheses and (together := brought_together(tied, hypotheses)) is not None:
+        block = together
+        again = match_pairs(block, features, options.search, progress, rng)
+        results = _matched_twice(results, again)
+        ties, verified = _chained(block, features, results, options)
     ties = _measured(block, ties, features, verified, options, progress)
     reports = tuple(report_pair(result, ties) for result in results.values())
     return ties, reports, assess_ties(block, ties, reports, options.few_ties)
 
 
+def _matched_twice(
+    first: Mapping[PairKey, PairResult], again: Mapping[PairKey, PairResult]
+) -> dict[PairKey, PairResult]:
+    """What the second matching gave, what only the first one tied, and what nobody had expected."""
+    results = dict(again)
+    for pair, before in first.items():
+        after = again.get(pair)
+        if isinstance(before.found, VerifiedMatches):
+            if after is None or isinstance(after.found, Failure):
+                results[pair] = before
+            else:
+                results[pair] = replace(after, unexpected=before.unexpected)
+    return dict(sorted(results.items()))
+
+
 def _chained(
     block: Block,
     features: Mapping[str, Features],
-    verified: Mapping[PairKey, VerifiedMatches],
+    results: Mapping[PairKey, PairResult],
     options: TieOptions,
-) -> TiePoints:
-    """Chains whose rays agree in all pairs, thinned to somewhat more than is wanted."""
+) -> tuple[TiePoints, dict[PairKey, VerifiedMatches]]:
+    """Chains whose rays agree in all pairs, thinned to somewhat more than is wanted; the pairs."""
+    verified = {
+        pair: result.found
+        for pair, result in results.items()
+        if isinstance(result.found, VerifiedMatches)
+    }
     limit = options.search.matches.relative.tolerance_px
     ties = consistent(
         block,
@@ -121,9 +134,8 @@ def _chained(
         {pair: found.pair.orientation for pair, found in verified.items()},
         {pair: 1.5 * limit * max(features[name].reduction for name in pair) for pair in verified},
     )
-    return with_rays(
-        ties, thin_ties(block, ties, options.thinning.times(options.spare))[ties.point]
-    )
+    kept = thin_ties(block, ties, options.thinning.times(options.spare))
+    return with_rays(ties, kept[ties.point]), verified
 
 
 def _measured(

@@ -16,6 +16,15 @@ MIN_MARGIN = 0.005
 """Share of the scan in that ring from which its look can be told."""
 MAX_SPREAD = 5.0
 """Greatest spread of the margin's gray, of 255."""
+MIN_HEART = 0.1
+"""Share of the scan that the picture's heart must be to tell what ink is."""
+INK_PERCENTILE = 99.95
+"""Ink is whiter than this share of the heart's cells,"""
+INK_BEYOND = 0.2
+"""and by so much of what sets those apart from the middle."""
+BROAD_MM, APART_MM, LEAST_INK_MM2 = 1.0, 2.0, 3.0
+"""Strokes are narrower than the first, nearer to each other than the second, and together at least
+as large as the third."""
 MAX_ALIKE = 0.05
 """When more of the picture's heart looks like the margin, likeness proves nothing."""
 
@@ -60,11 +69,39 @@ def usable_mask(
     depth_mm = cv2.distanceTransform(_framed(inside), cv2.DIST_L2, 5)[1:-1, 1:-1] * cell_mm
     usable = depth_mm > options.border_mm
     usable &= ~_margin_like(gray, inside, depth_mm, cell_mm, options)
+    usable &= ~_written(gray, depth_mm, cell_mm, options)
     discs = np.zeros(gray.shape, dtype=np.uint8)
     for column, row in marks:
         place = (round(column / reduction - 0.5), round(row / reduction - 0.5))
         cv2.circle(discs, place, int(np.ceil(options.mark_radius_mm / cell_mm)), 1, -1)
     return np.asarray(usable & (discs == 0))
+
+
+def _written(
+    gray: np.ndarray, depth_mm: np.ndarray, cell_mm: float, options: UsableOptions
+) -> Mask:
+    """Cells of the picture's rim on which somebody has written, and what lies between strokes.
+
+    Archives write in white on dark film: ink is clearly whiter than the whitest of the picture's
+    heart, and thin. What is as white and broad is a field or a cloud. Dark strokes are not told
+    from woods, for the rim of a picture is darker than its heart.
+    """
+    heart = depth_mm > options.housing_mm
+    rim = (depth_mm > 0) & ~heart
+    nobody = np.zeros(gray.shape, dtype=bool)
+    if heart.mean() < MIN_HEART:
+        return nobody
+    usual, white = np.percentile(gray[heart], (50.0, INK_PERCENTILE))
+    ink = (rim & (gray > white + INK_BEYOND * (white - usual))).astype(np.uint8)
+    broad = cv2.morphologyEx(ink, cv2.MORPH_OPEN, _square(0.5 * BROAD_MM / cell_mm))
+    broad = cv2.dilate(broad, _square(BROAD_MM / cell_mm))
+    strokes = ink & (1 - broad)
+    between = cv2.morphologyEx(strokes, cv2.MORPH_CLOSE, _square(0.5 * APART_MM / cell_mm))
+    count, labels = cv2.connectedComponents(between)
+    area_mm2 = np.bincount(labels[strokes > 0], minlength=count) * cell_mm**2
+    large = np.flatnonzero(area_mm2 >= LEAST_INK_MM2)
+    notes = np.isin(labels, large[large > 0])
+    return np.asarray(cv2.dilate(notes.astype(np.uint8), _square(0.5 / cell_mm)) > 0)
 
 
 def _inside(corners: PixelPoints, shape: tuple[int, ...]) -> Mask:

@@ -10,9 +10,6 @@ from core.block.ties.matches import SAME_PHOTO
 from core.block.ties.pair_search import PairResult
 from core.doubts import Doubt, Failure
 
-MISPLACED = "photo-misplaced"
-"""Kind of the doubt about photos that tie although they should not overlap."""
-
 
 @dataclass(frozen=True, slots=True)
 class PairReport:
@@ -158,7 +155,7 @@ def _pair_doubts(reports: tuple[PairReport, ...], few_ties: int) -> list[Doubt]:
 def _misplaced(report: PairReport) -> Doubt:
     """A pair that ties although it should not overlap."""
     return Doubt(
-        MISPLACED,
+        "photo-misplaced",
         f"{report.first} {report.second}",
         f"The photos show the same ground in {report.ties} tie points, but lie side by side by "
         "their approximate positions: one of these is wrong.",

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -87,3 +88,24 @@ def test_dark_housing_at_the_border_is_left_out__truth(tmp_path: Path) -> None:
     inner = mask[(row + 20) // 8 : (row + 180) // 8, (column + 20) // 8 : (column + 230) // 8]
     assert inner.mean() < 0.02
     assert mask[100:, 100:-30].mean() > 0.8
+
+
+def test_what_is_written_in_white_is_left_out_and_a_white_field_is_not__truth(
+    tmp_path: Path,
+) -> None:
+    film = Film(fiducials={})
+    make_film(tmp_path / "film.tif", film)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1).clip(0, 180).astype(np.uint8)
+    left, top = (int(value) for value in true_corners(film, gray.shape[0])[3])
+    note, field = (left + 250, top + 200), (left + 900, top + 200)
+    cv2.putText(gray, "5486", note, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, 4.0, (250,), 8, cv2.LINE_AA)
+    cv2.rectangle(gray, field, (field[0] + 150, field[1] + 100), (250,), -1)
+    write_gray(tmp_path / "note.tif", gray)
+    scan = open_scan(tmp_path / "note.tif")
+    area = detect_film_area(scan, CAMERA, film.pixel_mm)
+    mask = usable_mask(scan, area, film.pixel_mm, reduction=4)
+    written = gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == 250
+    masked = ~mask[(note[1] - 90) // 4 : note[1] // 4, note[0] // 4 : (note[0] + 280) // 4]
+    shown = written[::4, ::4][: masked.shape[0], : masked.shape[1]]
+    assert masked[: shown.shape[0], : shown.shape[1]][shown].mean() > 0.98
+    assert mask[field[1] // 4 : field[1] // 4 + 25, field[0] // 4 : field[0] // 4 + 37].all()
