@@ -22,7 +22,8 @@ def described(project: Project) -> BlockInput:
     measured: dict[str, dict[str, tuple[float, float]]] = {}
     for file in scans.fiducial_measures:
         measured |= read_image_measures(file)
-    orientation = OrientationOptions(operators=project.control.operators)
+    control = project.control
+    orientation = OrientationOptions(operators=control.operators, network=control.learned)
     return BlockInput(
         name=project.block.name,
         crs=project.block.crs,

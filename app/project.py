@@ -16,6 +16,7 @@ from app.camera_table import read_camera
 from core.block.adjusted import AdjustmentOptions
 from core.block.published import Preset
 from core.block.registration.descriptors import has_akaze
+from core.block.registration.learned import LEARNED, check_network
 from core.block.registration.matching import USUAL
 from core.block.registration.operators import OPERATORS
 from core.errors import CrsError, ProjectError
@@ -102,6 +103,8 @@ class ControlSection:
     """Surveyed points the user has."""
     operators: tuple[str, ...] = USUAL
     """What scan and reference are compared by; the first proposes the control."""
+    learned: Path | None = None
+    """Weights of the operator `learned`, where it is among them."""
     preset: Preset = "gruber"
     """Whose control it is: our own, or that of a published chain to compare it with."""
 
@@ -288,25 +291,38 @@ def _reference(document: Document) -> ReferenceSection:
 
 
 def _control(document: Document) -> ControlSection:
-    table = document.table("control", keys=("points", "operators", "preset"))
+    table = document.table("control", keys=("points", "operators", "learned", "preset"))
     preset = cast("Preset", table.choice("preset", get_args(Preset), "gruber"))
-    return ControlSection(table.file("points"), _operators(table), preset)
+    operators = _operators(table)
+    return ControlSection(table.file("points"), operators, _network(table, operators), preset)
 
 
 def _operators(table: Table) -> tuple[str, ...]:
     """Names of operators, each once."""
-    key = "operators"
+    key, every = "operators", (*OPERATORS, LEARNED)
     given: object = table.values.get(key, list(USUAL))
     names = cast("list[object]", [given] if isinstance(given, str) else given)
-    known = f"Write a list of {', '.join(OPERATORS)}; without the key it is {list(USUAL)}."
+    known = f"Write a list of {', '.join(every)}; without the key it is {list(USUAL)}."
     if not isinstance(given, str | list) or not names:
         raise table.error(key, f"must be a list of operators, not {given!r}.", known)
     for name in names:
-        if name not in OPERATORS:
+        if name not in every:
             raise table.error(key, f"{name!r} is no operator.", known)
         if name == "akaze" and not has_akaze():
             raise table.error(key, "the OpenCV of this machine has no AKAZE.", "Take another.")
     return tuple(dict.fromkeys(cast("list[str]", names)))
+
+
+def _network(table: Table, operators: tuple[str, ...]) -> Path | None:
+    """The weights of the learned operator; None where it is not asked for."""
+    file = table.file("learned")
+    if LEARNED not in operators:
+        return None
+    if file is None:
+        remedy = 'Name the ONNX file of a network: learned = "network.onnx".'
+        raise table.error("operators", '"learned" has no network.', remedy)
+    check_network(file)
+    return file
 
 
 def _ortho(document: Document) -> OrthoSection:

@@ -8,9 +8,12 @@ import pyogrio
 import pytest
 import shapely
 
+from app.described import described
 from app.project import Project, read_project
 from core.block.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
+from sessions.products import digest_of
+from tests.onnx_files import write_convolution
 
 TOML = """
 [block]
@@ -198,6 +201,26 @@ def test_an_operator_this_machine_lacks_is_refused__truth(
         read(folder, TOML + '[control]\noperators = ["akaze"]\n')
     monkeypatch.setattr("app.project.has_akaze", lambda: True)
     assert read(folder, TOML + '[control]\noperators = "akaze"\n').control.operators == ("akaze",)
+
+
+def test_the_learned_operator_needs_a_network__truth(folder: Path) -> None:
+    with pytest.raises(ProjectError, match=r'"learned" has no network\. Name the ONNX file'):
+        read(folder, TOML + '[control]\noperators = ["learned"]\n')
+    (folder / "net.onnx").write_bytes(b"no network")
+    asked = '[control]\noperators = ["learned", "fused"]\nlearned = "net.onnx"\n'
+    with pytest.raises(ProjectError, match="no network that OpenCV can run"):
+        read(folder, TOML + asked)
+    file = write_convolution(folder / "net.onnx", np.ones((2, 1, 3, 3), np.float32))
+    project = read(folder, TOML + asked)
+    assert project.control.learned == file
+    given = described(project).orientation
+    assert given.network == file
+    before = digest_of(given)
+    write_convolution(file, np.full((2, 1, 3, 3), 2.0, np.float32))
+    assert digest_of(given) != before
+    # Nobody asks for it: it is not looked at, and nothing depends on it.
+    unasked = read(folder, TOML + '[control]\nlearned = "net.onnx"\n')
+    assert unasked.control.learned is None
 
 
 def test_missing_attribute_names_those_that_are_there__truth(folder: Path) -> None:

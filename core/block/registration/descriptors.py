@@ -2,7 +2,7 @@
 
 This is variant VD of the thesis's Table 2: no detection; a junction's patch is described at its
 middle, and every place of the search window likewise. They are here to be measured beside the
-others: slow, and blind to what changed.
+others: blind to what changed. AKAZE, place by place in OpenCV, is slow as well.
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,15 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from core.block.registration.dense_orb import orb_surface, smoothed_for_orb
+from core.block.registration.dense_sift import sift_surface, smoothed_gradients
 from core.block.registration.similarity import Description, Image, Surface, Template
 
 Gray8 = UInt8[np.ndarray, "rows columns"]
 """What OpenCV describes."""
-SIFT_SUPPORT = 6.0
-"""A SIFT descriptor spans so many sizes of its keypoint (4 bins of 3 sigma, size = 2 sigma)."""
-ORB_SIDE_PX = 31
-"""An ORB descriptor spans this many pixels: template and window are brought to that scale."""
 AKAZE_SIDE_PX, AKAZE_SIZE = 40, 2.67
-"""The same of AKAZE, whose pattern reaches ten steps of 0.75 sizes to either side."""
+"""Template and window are brought to a scale at which AKAZE spans so many pixels, its pattern
+reaching ten steps of 0.75 sizes to either side."""
 FAR = 1e6
 
 
@@ -29,23 +28,19 @@ FAR = 1e6
 class SiftOperator:
     """Distance of SIFT descriptors, upright, over the whole template."""
 
-    template_half_px: int
-    """Half the template, pixels."""
     name: str = "sift"
 
     def of_scan(self, scan: Image) -> Description:
-        """Grey values."""
-        return (scan,)
+        """Gradients of smoothed grey values."""
+        return (smoothed_gradients(scan),)
 
     def of_reference(self, reference: Image, roads: Image) -> Description:
-        """Grey values."""
-        return (reference,)
+        """The same of the ortho."""
+        return (smoothed_gradients(reference),)
 
     def surface(self, around: Description, patch: Description) -> Surface:
-        """Less the distance of root-normalised descriptors, so that the highest is the nearest."""
-        size = (2 * self.template_half_px + 1) / SIFT_SUPPORT
-        found = described_surface(cv2.SIFT.create(), around[0], patch[0], size, cv2.NORM_L2)
-        return found / np.float32(512.0)
+        """Less the distance of descriptors of unit length, so that the highest is the nearest."""
+        return sift_surface(around[0], patch[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,20 +52,16 @@ class OrbOperator:
     name: str = "orb"
 
     def of_scan(self, scan: Image) -> Description:
-        """Grey values."""
-        return (scan,)
+        """Grey values, smoothed to the scale of the pattern."""
+        return (smoothed_for_orb(scan, self.template_half_px),)
 
     def of_reference(self, reference: Image, roads: Image) -> Description:
-        """Grey values."""
-        return (reference,)
+        """The same of the ortho."""
+        return (smoothed_for_orb(reference, self.template_half_px),)
 
     def surface(self, around: Description, patch: Description) -> Surface:
         """Less the share of differing bits."""
-        orb = cv2.ORB.create(edgeThreshold=0, nlevels=1, patchSize=ORB_SIDE_PX)
-        side = 2 * self.template_half_px + 1
-        scale = max(side / ORB_SIDE_PX, 1.0)
-        found = described_surface(orb, around[0], patch[0], ORB_SIDE_PX, cv2.NORM_HAMMING, scale)
-        return found / np.float32(256.0)
+        return orb_surface(around[0], patch[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +85,7 @@ class AkazeOperator:
         library = cast("Any", cv2)
         akaze = library.AKAZE_create(descriptor_type=library.AKAZE_DESCRIPTOR_MLDB_UPRIGHT)
         scale = max((2 * self.template_half_px + 1) / AKAZE_SIDE_PX, 1.0)
-        found = described_surface(akaze, around[0], patch[0], AKAZE_SIZE, cv2.NORM_HAMMING, scale)
+        found = described_surface(akaze, around[0], patch[0], AKAZE_SIZE, scale)
         return found / np.float32(486.0)
 
 
@@ -104,7 +95,7 @@ def has_akaze() -> bool:
 
 
 def described_surface(
-    extractor: Any, around: Image, patch: Template, size: float, norm: int, scale: float = 1.0
+    extractor: Any, around: Image, patch: Template, size: float, scale: float
 ) -> Surface:
     """Less the distance between the patch's middle and every place of the window."""
     rows = around.shape[0] - patch.shape[0] + 1
@@ -122,12 +113,8 @@ def described_surface(
         template = next(iter(wanted.values()))
         order = list(offered)
         values = np.stack([offered[index] for index in order])
-        if norm == cv2.NORM_L2:
-            away = np.linalg.norm(values.astype(np.float32) - template, axis=1)
-        else:
-            differing = np.bitwise_xor(values.astype(np.uint8), template[None])
-            away = np.unpackbits(np.asarray(differing, np.uint8), axis=1).sum(axis=1)
-        surface[order] = away
+        differing = np.bitwise_xor(values.astype(np.uint8), template[None])
+        surface[order] = np.unpackbits(np.asarray(differing, np.uint8), axis=1).sum(axis=1)
     told = surface < FAR
     surface[~told] = surface[told].max() if told.any() else 0.0
     return -surface.reshape(rows, columns)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64, Int
@@ -58,6 +59,8 @@ class MatchingOptions:
     """Largest half-width of the search."""
     operators: tuple[str, ...] = USUAL
     """What is compared, by name."""
+    network: Path | None = None
+    """Weights of the operator `learned`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,7 +218,10 @@ def tiles(
 
 def prepared(pair: Pair, options: MatchingOptions) -> Images:
     """Both halves of a pair, described for every operator."""
-    operators = {name: operator_named(name, options.template_half_px) for name in options.operators}
+    operators = {
+        name: operator_named(name, options.template_half_px, options.network)
+        for name in options.operators
+    }
     return Images(
         pair,
         operators,

@@ -5,27 +5,28 @@ the surface of a point is then cut out of two descriptions. `gradient` is invari
 and its sign, `roads` owes the ortho nothing at all, and `fused` takes the mean of the two.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
 
 from core.block.registration.descriptors import AkazeOperator, OrbOperator, SiftOperator
+from core.block.registration.learned import LEARNED, LearnedOperator
 from core.block.registration.similarity import (
     Description,
+    Field,
     Image,
     Surface,
+    channel_surface,
     doubled_angle_field,
-    finite,
     gradient_surface,
     high_passed,
     ncc_surface,
+    normalised,
 )
 
-VectorField = Float32[np.ndarray, "rows columns channels"]
 CHANNELS = 9
 """Orientations of CFOG."""
 CFOG_SIGMA_PX = 0.8
@@ -136,10 +137,7 @@ class CfogOperator:
 
     def surface(self, around: Description, patch: Description) -> Surface:
         """Correlation of all channels; as they have equal length, it ranks as squares would."""
-        product = sum_of_products(around[:-1], patch[:-1])
-        ones = np.ones(patch[-1].shape, np.float32)
-        energy = cv2.matchTemplate(around[-1], ones, cv2.TM_CCORR)
-        return normalised(product, energy, float(patch[-1].sum()))
+        return channel_surface(around, patch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,30 +185,52 @@ class FusedOperator:
 
 
 def oriented_channels(image: Image) -> Description:
-    """Nine absolute directional derivatives, smoothed in place and direction, of equal length."""
+    """Nine absolute directional derivatives, smoothed in place and direction, of equal length.
+
+    Returns:
+        The channels in groups of three, less their mean: channels are never negative, so that they
+        tell directions rather than contrast; then the squared length of each pixel's.
+    """
+    channels = smoothed_derivatives(image)
+    mean, energy = np.zeros_like(image), np.zeros_like(image)
+    for channel in channels:
+        cv2.accumulate(channel, mean)
+        cv2.accumulateSquare(channel, energy)
+    mean /= np.float32(CHANNELS)
+    length = np.sqrt(energy)
+    length += np.float32(1e-2) * length.mean() + np.float32(1e-6)
+    energy[:] = 0
+    for channel in channels:
+        channel -= mean
+        channel /= length
+        cv2.accumulateSquare(channel, energy)
+    groups = [cv2.merge(channels[i : i + 3]) for i in range(0, CHANNELS, 3)]
+    return *(np.asarray(group, np.float32) for group in groups), energy
+
+
+def smoothed_derivatives(image: Image) -> list[Image]:
+    """Nine absolute directional derivatives, smoothed in place and over neighbouring directions."""
     smooth = cv2.GaussianBlur(image, (0, 0), CFOG_SIGMA_PX)
     right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
-    angles = np.arange(CHANNELS, dtype=np.float32) * np.float32(np.pi / CHANNELS)
-    channels = [
-        cv2.GaussianBlur(np.abs(np.cos(a) * right + np.sin(a) * down), (0, 0), CFOG_SIGMA_PX)
-        for a in angles
+    sharp: list[np.ndarray] = []
+    for angle in np.arange(CHANNELS) * (np.pi / CHANNELS):
+        along = cv2.addWeighted(right, np.cos(angle), down, np.sin(angle), 0)
+        sharp.append(cv2.GaussianBlur(np.abs(along), (0, 0), CFOG_SIGMA_PX))
+    # Directions go round: the last is a neighbour of the first.
+    around = [sharp[-1], *sharp, sharp[0]]
+    return [
+        np.asarray(cv2.scaleAdd(around[i + 1], 2.0, around[i] + around[i + 2]), np.float32)
+        for i in range(CHANNELS)
     ]
-    around = [channels[-1], *channels, channels[0]]
-    stack = np.stack(
-        [around[i] + 2 * around[i + 1] + around[i + 2] for i in range(CHANNELS)], axis=2
-    )
-    length = np.linalg.norm(stack, axis=2, keepdims=True)
-    stack /= length + np.float32(1e-2) * length.mean() + np.float32(1e-6)
-    # Channels are never negative: less their mean they tell directions rather than contrast.
-    stack -= stack.mean(axis=2, keepdims=True)
-    groups = [np.ascontiguousarray(stack[:, :, i : i + 3]) for i in range(0, CHANNELS, 3)]
-    return *groups, np.einsum("rcn,rcn->rc", stack, stack)
 
 
-def squared_length(field: VectorField) -> Image:
+def squared_length(field: Field) -> Image:
     """Squared length of every vector of a field."""
-    return np.einsum("rcn,rcn->rc", field, field)
+    right, down = cv2.split(field)
+    right *= right
+    down *= down
+    return np.asarray(right + down, dtype=np.float32)
 
 
 def drawn_field(roads: Image) -> Description:
@@ -224,7 +244,7 @@ def drawn_field(roads: Image) -> Description:
     near = away < VERGE_PX + FADED * FADE_PX
     fade = np.maximum(away[near] - VERGE_PX, 0) / FADE_PX
     weight[near] = np.exp(-0.5 * fade * fade)
-    return field * weight[:, :, None], weight
+    return np.asarray(field * cv2.merge([weight, weight]), dtype=np.float32), weight
 
 
 def road_surface(around: Description, patch: Description, energy: float) -> Surface:
@@ -259,36 +279,27 @@ def has_roads(patch: Description) -> bool:
     return len(patch) == 3 and fixed_by_roads(*road_content(patch[1:]))
 
 
-def sum_of_products(around: Sequence[np.ndarray], patch: Sequence[np.ndarray]) -> Surface:
-    """Sum over all channels of the products at every place."""
-    parts = [
-        cv2.matchTemplate(one, other, cv2.TM_CCORR)
-        for one, other in zip(around, patch, strict=True)
-    ]
-    return np.asarray(np.sum(parts, axis=0), dtype=np.float32)
-
-
-def normalised(product: np.ndarray, energy: np.ndarray, template_energy: float) -> Surface:
-    """Products over the geometric mean of both energies; nought where there is none."""
-    scale = np.sqrt(np.maximum(energy, 0.0) * template_energy)
-    flat = scale < 1e-3 * float(scale.max()) + 1e-9
-    return finite(np.where(flat, 0.0, product / np.where(flat, 1.0, scale)).astype(np.float32))
-
-
 OPERATORS = (
     "ncc", "ncc-high-pass", "gradient", "cfog", "roads", "fused", "sift", "orb", "akaze",
 )  # fmt: skip
-"""Every operator by its name."""
+"""Every operator that needs nothing but its name; `learned` needs a network."""
 GREY = ("ncc", "ncc-high-pass")
 """Operators that compare grey values: crowns and shadows move all of them together."""
 
 
-def operator_named(name: str, template_half_px: int) -> Operator:
+def operator_named(name: str, template_half_px: int, network: Path | None = None) -> Operator:
     """The operator of a name, for a size of template.
+
+    Args:
+        name: What `block.toml` calls it.
+        template_half_px: Half the template, pixels.
+        network: Weights of `learned`; the other operators need none.
 
     Raises:
         KeyError: There is no such operator.
     """
+    if name == LEARNED and network is not None:
+        return LearnedOperator(network)
     made: dict[str, Operator] = {
         "ncc": NccOperator(),
         "ncc-high-pass": HighPassOperator(template_half_px / 3),
@@ -296,7 +307,7 @@ def operator_named(name: str, template_half_px: int) -> Operator:
         "cfog": CfogOperator(),
         "roads": RoadOperator(),
         "fused": FusedOperator(),
-        "sift": SiftOperator(template_half_px),
+        "sift": SiftOperator(),
         "orb": OrbOperator(template_half_px),
         "akaze": AkazeOperator(template_half_px),
     }

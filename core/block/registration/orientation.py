@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -41,6 +42,8 @@ class OrientationOptions:
     shadows turn with the hour, all the same way, so that no covariance tells of it."""
     operators: tuple[str, ...] = USUAL
     """What is compared in all passes, by name."""
+    network: Path | None = None
+    """Weights of the operator `learned`."""
     finest_gsd_m: float = 0.35
     """Finer detail than this is grain rather than ground."""
     placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
@@ -161,6 +164,7 @@ def coarse_pass(
         reduction=reduction_for(at_place, gsd),
         template_half_px=options.coarse_template_half_px,
         operators=options.operators,
+        network=options.network,
     )
     outcome, _ = resected(at_place, reference, points, placed.covariance, matching, options, rng)
     return outcome
@@ -218,6 +222,7 @@ def fine_passes(
             template_half_px=options.template_half_px,
             min_search_px=10,
             operators=options.operators,
+            network=options.network,
         )
         at_result = opened.at(result.exterior)
         outcome, seen = resected(

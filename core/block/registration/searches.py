@@ -174,6 +174,7 @@ def planned(
         reduction=reduction,
         template_half_px=orientation.template_half_px,
         operators=orientation.operators[:1],
+        network=orientation.network,
         min_search_px=wide,
         max_search_px=wide,
     )

@@ -5,6 +5,7 @@ angles, so that a dark road matches a bright one. `core/block/registration/opera
 is compared.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -93,6 +94,35 @@ def ncc_surface(window: Image, template: Template) -> Surface:
 def gradient_surface(window: Field, template: TemplateField) -> Surface:
     """Re sum(conj(z_T) z_S) / sqrt(sum |z_T|^2 sum |z_S|^2) at every place within a window."""
     return finite(cv2.matchTemplate(window, template, cv2.TM_CCORR_NORMED))
+
+
+def channel_surface(window: Description, template: Description) -> Surface:
+    """Correlation of many channels at every place within a window.
+
+    Args:
+        window: Channels in groups, then the squared length of each pixel's.
+        template: The same of the template.
+    """
+    product = sum_of_products(window[:-1], template[:-1])
+    ones = np.ones(template[-1].shape, np.float32)
+    energy = cv2.matchTemplate(window[-1], ones, cv2.TM_CCORR)
+    return normalised(product, energy, float(template[-1].sum()))
+
+
+def sum_of_products(around: Sequence[np.ndarray], patch: Sequence[np.ndarray]) -> Surface:
+    """Sum over all channels of the products at every place."""
+    first, *others = zip(around, patch, strict=True)
+    total = cv2.matchTemplate(*first, cv2.TM_CCORR)
+    for one, other in others:
+        total += cv2.matchTemplate(one, other, cv2.TM_CCORR)
+    return np.asarray(total, dtype=np.float32)
+
+
+def normalised(product: np.ndarray, energy: np.ndarray, template_energy: float) -> Surface:
+    """Products over the geometric mean of both energies; nought where there is none."""
+    scale = np.sqrt(np.maximum(energy, 0.0) * template_energy)
+    flat = scale < 1e-3 * float(scale.max()) + 1e-9
+    return finite(np.where(flat, 0.0, product / np.where(flat, 1.0, scale)).astype(np.float32))
 
 
 def finite(surface: np.ndarray) -> Surface:
