@@ -51,10 +51,9 @@ def judged(
     for kind in sorted(set(kinds)):
         rows = [row for row, other in enumerate(kinds) if other == kind]
         chosen = [searches[row] for row in rows]
-        right, resting[kind] = probabilities(
-            together := pooled(chosen), mapped=kind[0] == "junction"
-        )
-        found = resting[kind]
+        together = pooled(chosen)
+        right, found = probabilities(together, mapped=kind[0] == "junction")
+        resting[kind] = found
         aside = np.zeros(len(right)) if found is None else displaced(together, found)
         first = np.cumsum([0, *(len(search.peaks) for search in chosen)])
         for row, search, start, end in zip(rows, chosen, first[:-1], first[1:], strict=True):

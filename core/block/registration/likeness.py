@@ -6,7 +6,12 @@ import numpy as np
 from scipy.stats import norm
 
 from core.arrays import PixelPoints, locked
-from core.block.registration.matching import SEPARATION_PX, MatchingOptions, prepared
+from core.block.registration.matching import (
+    SEPARATION_PX,
+    MatchingOptions,
+    parts_about,
+    prepared,
+)
 from core.block.registration.orientation import OrientationOptions, finest_reduction
 from core.block.registration.patches import OpenPhoto, Window, read_pair
 from core.block.registration.similarity import FLAT, Image, detect_peaks
@@ -115,11 +120,7 @@ def likeness_about(
     side = 2 * (half + inner + 3) + 1
     window = Window(int(low[0]), int(low[1]), side, side, reduction)
     images = prepared(read_pair(opened, reference, window), options)
-    column, row = (int(v) for v in window.window_from_pixel(pixel)[0])
-    outer = inner + half
-    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
-    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
-    if images.pair.known[patch].mean() < 0.9:
+    parts = parts_about(images, pixel[0], half, inner)
+    if parts is None:
         return Failure("the reference is not known about the point")
-    surface = images.surface(OPERATOR, around, patch)
-    return Likeness(surface, locked(pixel - half * reduction), reduction)
+    return Likeness(images.surface(OPERATOR, *parts), locked(pixel - half * reduction), reduction)
