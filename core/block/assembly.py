@@ -14,6 +14,8 @@ from core.block.control import borne_out, judged, surveyed_of, with_proposals
 from core.block.least_squares.terrain import Terrain
 from core.block.registration.borne_out import Bin
 from core.block.registration.datum import DatumOptions, lay_on_reference
+from core.block.registration.joint_surfaces import joint_searches
+from core.block.registration.kept_surfaces import KeptSurfaces
 from core.block.registration.orientation import OrientationOptions, OrientedPhoto
 from core.block.registration.patches import OpenPhoto
 from core.block.registration.searches import ControlOptions, Search, search_points
@@ -98,17 +100,26 @@ def assemble_block(
         doubts = (*doubts, Doubt("datum", "block", laid.reason, 0.9, laid.evidence))
     else:
         standing = laid
-    report, searches, resting = None, (), {}
-    for turn in range(options.rounds):
-        watch.report(turn + 2, options.rounds + 2, "control")
-        searches = searched(standing, site, options, mapper, searches)
-        proposed, resting = judged(searches, site.sources, options.control)
-        standing = with_proposals(standing, site.points, site.sources, proposed)
-        report = adjusted_without_gross(standing, options.adjustment)
-        standing = report.block
+    report, searches, seen, resting = None, (), (), {}
+    with KeptSurfaces() as kept:
+        for turn in range(options.rounds):
+            watch.report(turn + 2, options.rounds + 2, "control")
+            searches = searched(standing, site, options, mapper, searches, kept)
+            # Before the first adjustment the photos do not agree well enough to be laid together.
+            seen = (
+                searches
+                if turn == 0
+                else joint_searches(
+                    standing, site, options.orientation, options.control, searches, kept, mapper
+                )
+            )
+            proposed, resting = judged(seen, site.sources, options.control)
+            standing = with_proposals(standing, site.points, site.sources, proposed)
+            report = adjusted_without_gross(standing, options.adjustment)
+            standing = report.block
     assert report is not None
     report, told = with_true_worth(report, options.adjustment)
-    reliability = borne_out(searches, site.sources, resting)
+    reliability = borne_out(seen, site.sources, resting)
     return Assembly(report, (*doubts, *told), reliability)
 
 
@@ -158,8 +169,12 @@ def searched(
     options: AssemblyOptions,
     mapper: Callable[..., Iterable[Any]],
     before: Sequence[Search] = (),
+    kept: KeptSurfaces | None = None,
 ) -> tuple[Search, ...]:
-    """Search the reference points in every oriented photo, or look again at what was found."""
+    """Search the reference points in every oriented photo, or look again at what was found.
+
+    Surfaces are laid by where `kept` is given.
+    """
     known: dict[str, list[Search]] = {}
     for search in before:
         known.setdefault(search.photo_id, []).append(search)
@@ -173,6 +188,7 @@ def searched(
             options.orientation,
             options.control,
             before=known.get(photo.photo_id, ()),
+            keep=None if kept is None else kept.keep,
         )
 
     photos = [photo for photo in block.photos.values() if photo.oriented]

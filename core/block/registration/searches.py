@@ -6,13 +6,13 @@ that is known, later rounds look no further than a right candidate can lie; and 
 hardly moved, what was found is only measured from the new prediction.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from core.arrays import PixelPoints, Scalars
+from core.arrays import Flags, PixelPoints, Scalars
 from core.block.block import Peak
 from core.block.registration.matching import (
     DULL,
@@ -37,6 +37,8 @@ from core.block.registration.similarity import FLAT, Surface, detect_peaks
 from core.progress import Progress
 from core.reference.reference import Reference
 
+Keep = Callable[[str, str, Surface], None]
+"""Is told the surface of a point in a photo, by their names."""
 MATCH_FLOOR_PX = 0.35
 """No match is better than this, in pixels of the pass."""
 CANDIDATES = 8
@@ -131,6 +133,7 @@ def search_points(
     options: ControlOptions,
     progress: Progress | None = None,
     before: Sequence[Search] = (),
+    keep: Keep | None = None,
 ) -> tuple[Search, ...]:
     """Search all reference points in one photo of an oriented block.
 
@@ -142,6 +145,7 @@ def search_points(
         options: How far to look.
         progress: Told as the work goes on.
         before: What was found in this photo before the block moved last.
+        keep: Told every surface; whatever is searched then is searched far around.
     """
     plan = planned(opened, reference, points, orientation, options)
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
@@ -155,7 +159,7 @@ def search_points(
         ]
     else:
         known = {} if away_px * plan.pixel_m > options.search_m else known
-        found = searched(opened, reference, points, plan, prediction, known, progress)
+        found = searched(opened, reference, points, plan, prediction, known, progress, keep)
     return tuple(sorted(found, key=lambda search: search.point_id))
 
 
@@ -198,10 +202,12 @@ def searched(
     prediction: Prediction,
     known: Mapping[str, Search],
     progress: Progress | None,
+    keep: Keep | None = None,
 ) -> list[Search]:
     """Search every point: far around, or as far as needed where chance is known already."""
     matching = plan.matching
-    halves = np.array([plan.narrow if name in known else plan.wide for name in points.ids])
+    near = set(known) if keep is None else set[str]()
+    halves = np.array([plan.narrow if name in near else plan.wide for name in points.ids])
     found: list[Search] = []
     for images, point in looked_at(opened, reference, prediction, halves, matching, progress):
         pixel, name = prediction.pixels[point], points.ids[point]
@@ -211,6 +217,8 @@ def searched(
         if seen is None:
             continue
         surface, mirrored, roads = seen
+        if keep is not None:
+            keep(name, opened.photo.photo_id, surface)
         chance = chance_of(surface, mirrored, plan) if before is None else before.chance
         peaks = candidates_near(surface, plan, chance)
         place = float(pixel[0]), float(pixel[1])
@@ -238,13 +246,25 @@ def seen_from(
 ) -> Search:
     """A search with its candidates measured from where the point is expected now."""
     places = np.array([[peak.column, peak.row] for peak in search.peaks]).reshape(-1, 2)
-    floor_px = MATCH_FLOOR_PX * plan.matching.reduction
-    match_px = np.clip([peak.sigma_px for peak in search.peaks], floor_px, DULL * floor_px)
     return replace(
         search,
         distance_m=np.hypot(*(places - pixel).T) * opened.ground_pixel_m,
-        sigma_m=np.hypot(match_px * opened.ground_pixel_m, plan.point_sigma_m[point]),
+        sigma_m=sigma_on_ground_m(
+            search.peaks,
+            plan.matching.reduction,
+            opened.ground_pixel_m,
+            float(plan.point_sigma_m[point]),
+        ),
     )
+
+
+def sigma_on_ground_m(
+    peaks: Sequence[Peak], reduction: int, pixel_m: float, point_sigma_m: float
+) -> Scalars:
+    """Standard deviation per axis of the distance of candidates from the prediction, metres."""
+    floor_px = MATCH_FLOOR_PX * reduction
+    match_px = np.clip([peak.sigma_px for peak in peaks], floor_px, DULL * floor_px)
+    return np.hypot(match_px * pixel_m, point_sigma_m)
 
 
 def surfaces_about(
@@ -285,6 +305,11 @@ def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, f
     outside = np.ones(surface.shape, bool)
     row, column = rows // 2, columns // 2
     outside[row - inner : row + inner + 1, column - inner : column + inner + 1] = False
+    return decoys_outside(surface, outside)
+
+
+def decoys_outside(surface: Surface, outside: Flags) -> tuple[tuple[float, ...], float, float]:
+    """Heights of all maxima where nothing can be right, and the middle and spread there."""
     values = surface[outside]
     middle = float(np.median(values))
     spread = 1.4826 * float(np.median(np.abs(values - middle))) + FLAT
