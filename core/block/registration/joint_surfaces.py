@@ -13,9 +13,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
-from core.arrays import Flags, PixelPoints
+from core.arrays import Mask, PixelPoints
 from core.block.block import Block, Peak
 from core.block.registration.kept_surfaces import KeptSurfaces
 from core.block.registration.matching import SEPARATION_PX, predict_pixels
@@ -37,7 +37,11 @@ OWN_PX = 2.5
 """The peak of a photo's own surface that is meant lies no further from that of all together
 (pixels of the pass); where it has none, the place is that of all together."""
 
-Covered = tuple[Surface, Flags]
+Heights = Float32[np.ndarray, "..."]
+"""A surface of whichever photo."""
+Elsewhere = Float32[np.ndarray, "other_rows other_columns"]
+"""A surface in the frame of another photo."""
+Covered = tuple[Surface, Mask]
 """A surface, and where it is known."""
 
 
@@ -168,7 +172,7 @@ def heights_of(sight: Sight, kept: KeptSurfaces) -> Surface:
     return np.asarray((surface - middle) / spread, dtype=np.float32)
 
 
-def in_photo(own: int, sights: Sequence[Sight], heights: Sequence[Surface]) -> Search:
+def in_photo(own: int, sights: Sequence[Sight], heights: Sequence[Heights]) -> Search:
     """One photo's search with what all say together; its own where it was not looked far enough."""
     sight, shape = sights[own], heights[own].shape
     column, row = (round(value) for value in expected_in(sight, shape))
@@ -199,7 +203,7 @@ def expected_in(sight: Sight, shape: tuple[int, ...]) -> tuple[float, float]:
     return float(away[0]) + shape[1] // 2, float(away[1]) + shape[0] // 2
 
 
-def resampled(other: Sight, heights: Surface, own: Sight, shape: tuple[int, ...]) -> Covered:
+def resampled(other: Sight, heights: Elsewhere, own: Sight, shape: tuple[int, ...]) -> Covered:
     """Another photo's surface in the frame of a photo's own.
 
     A place of the own frame and one of the other are the same where they are as far from the
@@ -233,7 +237,7 @@ def mean_of(own: Surface, others: Sequence[Covered]) -> Covered:
     return total / np.float32(1 + len(others)), known
 
 
-def chance_in(joint: Surface, outside: Flags, sight: Sight) -> Chance:
+def chance_in(joint: Surface, outside: Mask, sight: Sight) -> Chance:
     """What the mean says of chance, where it is known and nothing can be right."""
     decoys, middle, spread = decoys_outside(joint, outside)
     pixel_m2 = (sight.search.pixel_m * sight.reduction) ** 2

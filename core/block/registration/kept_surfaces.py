@@ -8,7 +8,6 @@ import math
 import tempfile
 from threading import Lock
 from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class KeptSurfaces:
         self.slots: dict[tuple[str, str], tuple[int, tuple[int, ...]]] = {}
         self.end = 0
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "KeptSurfaces":
         return self
 
     def __exit__(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from core.arrays import Flags, PixelPoints, Scalars
+from core.arrays import Mask, PixelPoints, Scalars
 from core.block.block import Peak
 from core.block.registration.matching import (
     DULL,
@@ -308,7 +308,7 @@ def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, f
     return decoys_outside(surface, outside)
 
 
-def decoys_outside(surface: Surface, outside: Flags) -> tuple[tuple[float, ...], float, float]:
+def decoys_outside(surface: Surface, outside: Mask) -> tuple[tuple[float, ...], float, float]:
     """Heights of all maxima where nothing can be right, and the middle and spread there."""
     values = surface[outside]
     middle = float(np.median(values))
