@@ -5,6 +5,7 @@ and tells what chance brings about in these very photos: from that comes the pro
 candidate (`core.block.registration.probability`).
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -46,6 +47,7 @@ def judged(
     kinds: list[Kind] = [
         (sources.get(search.point_id, "surveyed"), search.roads) for search in searches
     ]
+    photos = Counter(search.point_id for search in searches)
     measured: dict[int, Measurement] = {}
     resting: dict[Kind, Calibration | None] = {}
     for kind in sorted(set(kinds)):
@@ -58,7 +60,8 @@ def judged(
         first = np.cumsum([0, *(len(search.peaks) for search in chosen)])
         for row, search, start, end in zip(rows, chosen, first[:-1], first[1:], strict=True):
             if search.peaks:
-                measured[row] = measurement_of(search, right[start:end], aside[start:end], options)
+                shared = aside[start:end] * photos[search.point_id]
+                measured[row] = measurement_of(search, right[start:end], shared, options)
     return tuple(measured[row] for row in sorted(measured)), resting
 
 
@@ -108,7 +111,14 @@ def measurement_of(
     """The most probable candidate, used when it is probable enough; if none is, the highest.
 
     Where it may stand aside of its place, its standard deviation says so: else the adjustment would
-    take it for a gross error, or follow it.
+    take it for a gross error, or follow it. It stands aside in all its photos alike, so that as
+    many times the variance goes to each: together they know no more of it than one.
+
+    Args:
+        search: The search.
+        right: Probability of each candidate.
+        aside: Probability that each stands aside, times the photos that were searched for it.
+        options: What is used.
     """
     best = int(np.argmax(right)) if right.max() >= EVEN else 0
     peak, probability = search.peaks[best], float(right[best])

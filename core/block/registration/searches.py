@@ -60,7 +60,7 @@ class ControlOptions:
     """Half-width of the first search; what lies beyond `search_m` is wrong, metres."""
     prediction_sigma_m: float = 0.5
     """Standard deviation per axis of the block's prediction, metres."""
-    accept: float = 0.95
+    accept: float = 0.9
     """A candidate as probable as this is used."""
 
 
