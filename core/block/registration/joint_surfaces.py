@@ -33,7 +33,10 @@ from core.block.registration.searches import (
 from core.block.registration.similarity import Surface, SurfacePeak, detect_peaks, measure_peak
 from core.block.registration.standing import Site
 
-OWN_PX = 2.5
+APART_PX = 2
+"""No two peaks of the mean are closer than this (pixels of the pass): a row of trees beside a road
+would hide the road's own peak, which the mean of all photos shows sharply enough."""
+OWN_PX = 1.5
 """The peak of a photo's own surface that is meant lies no further from that of all together
 (pixels of the pass); where it has none, the place is that of all together."""
 
@@ -192,7 +195,7 @@ def in_photo(own: int, sights: Sequence[Sight], heights: Sequence[Heights]) -> S
     ]
     known[inner] = False
     chance = chance_in(joint, known, sight)
-    peaks = detect_peaks(np.ascontiguousarray(joint[near]), CANDIDATES, SEPARATION_PX)
+    peaks = detect_peaks(np.ascontiguousarray(joint[near]), CANDIDATES, APART_PX)
     places = [(peak.column + column - rim, peak.row + row - rim) for peak in peaks]
     return told_by(sight, heights[own], peaks, places, chance, 1 + len(others))
 
@@ -239,7 +242,7 @@ def mean_of(own: Surface, others: Sequence[Covered]) -> Covered:
 
 def chance_in(joint: Surface, outside: Mask, sight: Sight) -> Chance:
     """What the mean says of chance, where it is known and nothing can be right."""
-    decoys, middle, spread = decoys_outside(joint, outside)
+    decoys, middle, spread = decoys_outside(joint, outside, APART_PX)
     pixel_m2 = (sight.search.pixel_m * sight.reduction) ** 2
     inner = float((2 * sight.inner + 1) ** 2)
     return Chance(decoys, float(outside.sum()) * pixel_m2, middle, spread, inner * pixel_m2)

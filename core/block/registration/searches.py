@@ -305,15 +305,23 @@ def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, f
     outside = np.ones(surface.shape, bool)
     row, column = rows // 2, columns // 2
     outside[row - inner : row + inner + 1, column - inner : column + inner + 1] = False
-    return decoys_outside(surface, outside)
+    return decoys_outside(surface, outside, SEPARATION_PX)
 
 
-def decoys_outside(surface: Surface, outside: Mask) -> tuple[tuple[float, ...], float, float]:
-    """Heights of all maxima where nothing can be right, and the middle and spread there."""
+def decoys_outside(
+    surface: Surface, outside: Mask, separation_px: int
+) -> tuple[tuple[float, ...], float, float]:
+    """Heights of all maxima where nothing can be right, and the middle and spread there.
+
+    Args:
+        surface: Likeness by place.
+        outside: Where nothing can be right.
+        separation_px: A maximum is the highest within so many pixels.
+    """
     values = surface[outside]
     middle = float(np.median(values))
     spread = 1.4826 * float(np.median(np.abs(values - middle))) + FLAT
-    kernel = np.ones((2 * SEPARATION_PX + 1, 2 * SEPARATION_PX + 1), np.uint8)
+    kernel = np.ones((2 * separation_px + 1, 2 * separation_px + 1), np.uint8)
     maxima = (surface >= cv2.dilate(surface, kernel)) & outside & (surface > middle)
     heights = (surface[maxima] - middle) / spread
     return tuple(float(height) for height in heights), middle, spread

@@ -8,6 +8,7 @@ import pytest
 
 from core.block.assembly import AssemblyOptions, searched
 from core.block.registration.joint_surfaces import (
+    APART_PX,
     Sight,
     joint_searches,
     moves_of,
@@ -17,7 +18,7 @@ from core.block.registration.joint_surfaces import (
 from core.block.registration.kept_surfaces import KeptSurfaces
 from core.block.registration.orientation import OrientationOptions, ReferencePoints
 from core.block.registration.patches import object_on_ground
-from core.block.registration.searches import Chance, Search, decoys_of
+from core.block.registration.searches import Chance, Search, decoys_outside
 from core.block.registration.standing import Site
 from tests.tiny import ground_over
 
@@ -130,8 +131,11 @@ def test_one_photo_alone_says_what_its_surface_says__law():
     surface = noise(3) + bump(one, 1.0, 0.5)
     (found,) = judged_together([(one, surface)])
     half = surface.astype(np.float16).astype(np.float32)
-    assert found.chance.heights == pytest.approx(decoys_of(half, INNER)[0])
-    best = half[HALF - INNER : HALF + INNER + 1, HALF - INNER : HALF + INNER + 1].max()
+    middle = np.s_[HALF - INNER : HALF + INNER + 1, HALF - INNER : HALF + INNER + 1]
+    outside = np.ones(half.shape, bool)
+    outside[middle] = False
+    assert found.chance.heights == pytest.approx(decoys_outside(half, outside, APART_PX)[0])
+    best = half[middle].max()
     height = (best - found.chance.middle) / found.chance.spread
     assert found.peaks[0].score == pytest.approx(height, rel=1e-3)
 
@@ -146,6 +150,17 @@ def test_chance_together_is_as_high_as_chance_alone__property():
             decoys += judged_together(surfaces)[0].chance.heights
         counts[photos] = np.quantile(decoys, [0.5, 0.9, 0.99])
     assert counts[4] == pytest.approx(counts[1], rel=0.12)
+
+
+def test_a_right_peak_close_beside_a_higher_one_is_a_candidate__truth():
+    """A row of trees three pixels beside the road."""
+    one = sight("1")
+    rows, columns = np.mgrid[: 2 * HALF + 1, : 2 * HALF + 1] - HALF
+    surface = np.zeros(rows.shape, np.float32)
+    for column, height in ((0, 5.0), (3, 6.0)):
+        surface += height * np.exp(-((columns - column) ** 2 + rows**2) / 1.5).astype(np.float32)
+    (found,) = judged_together([(one, surface + 0.01 * noise(6))])
+    assert found.distance_m[:2] == pytest.approx([3 * PIXEL_M, 0.0], abs=0.4 * PIXEL_M)
 
 
 def test_the_latest_surface_is_kept__law():
