@@ -98,7 +98,7 @@ def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
         Part(work.progress, *share)
         for share in ((0.0, 0.15), (0.15, 0.3), (0.3, 0.85), (0.85, 1.0))
     )
-    features = detect_block_features(placed.block, given.ties, seeing, usable)
+    features = detect_block_features(placed.block, given.ties, seeing, usable, work.mapper)
     rough, told = match_roughly(
         placed.block, features, given.ties, first, random_for(given.name, "rough ties")
     )

@@ -1,6 +1,6 @@
 """Tie points of a block: features, matches, chains, thinning and fine measurement in turn."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -65,15 +65,22 @@ def match_ties(
 
 
 def detect_block_features(
-    block: Block, options: TieOptions, progress: Progress, usable: Mapping[str, Usable]
+    block: Block,
+    options: TieOptions,
+    progress: Progress,
+    usable: Mapping[str, Usable],
+    mapper: Callable[..., Iterable[Features]] = map,
 ) -> dict[str, Features]:
-    """Features of every photo, by name."""
-    found: dict[str, Features] = {}
-    for name in tracked(sorted(block.photos), len(block.photos), progress, "finding features"):
+    """Features of every photo, by name; `mapper` runs a function over photos."""
+
+    def detected(name: str) -> Features:
         photo = block.photos[name]
         area = usable.get(name) or picture_area(photo, block.camera_of(name))
-        found[name] = detect_features(open_scan(photo.scan), area, options.features)
-    return found
+        return detect_features(open_scan(photo.scan), area, options.features)
+
+    names = sorted(block.photos)
+    found = tracked(mapper(detected, names), len(names), progress, "finding features")
+    return dict(zip(names, found, strict=True))
 
 
 def match_block_features(
