@@ -6,35 +6,25 @@ value. Nothing here knows of folders, sessions or screens; `app.run` walks this 
 
 from dataclasses import replace
 
-import numpy as np
-
 from core.block.assembly import Assembly, assemble_block
-from core.block.block import Block
 from core.block.published import CHAINS, assemble_published
-from core.block.registration.patches import OpenPhoto
-from core.block.registration.reference_points import ReferenceFeatures, gather_reference_points
-from core.block.registration.standing import Site
-from core.block.tie_points import match_ties
+from core.block.tie_points import detect_block_features, match_block_features, match_roughly
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
-from core.geometry.crs import read_crs
-from core.reference.junctions import JunctionOptions, find_junctions
-from core.reference.planar import planar_graph
-from core.reference.roads import read_roads
-from core.reference.vectors import read_mask_polygons
+from core.progress import Part
 from core.scan.family import settle_family
 from core.scan.look import same_photo
 from core.scan.orientation import ScanOrientation, orient_scan
 from core.stages import BlockInput, Georeferenced, Made, ScanInput, ScanSet, Stage, Tied, Work
 from core.whereabouts import (
+    find_reference_points,
+    first_look,
     georeference_photos,
-    open_reference,
     orient_photos,
     place_blocks,
     random_for,
-    scan_of,
-    search_bounds,
+    site_of,
 )
 
 
@@ -94,61 +84,42 @@ def _by_camera(
     return settled, cameras, doubts
 
 
-def find_reference_points(given: BlockInput, made: Made, work: Work) -> ReferenceFeatures:
-    """Junctions of the roads, and salient points of the ortho where those are few."""
-    placed: Georeferenced = made["georeference"]
-    block, bounds = placed.block, search_bounds(placed.block)
-    reference = open_reference(given, bounds)
-    crs = read_crs(given.crs, "block.toml")
-    mask = read_mask_polygons(given.mask, crs, bounds) if given.mask else None
-    bridges = read_mask_polygons(given.bridges, crs, bounds) if given.bridges else None
-    options = JunctionOptions(ortho_sigma_m=given.ortho_sigma_m, dem_sigma_m=given.dem_sigma_m)
-    roads = read_roads(given.roads, given.crs, bounds)
-    graph = planar_graph(roads)
-    junctions = find_junctions(graph, reference.dem, options, bounds, mask, bridges)
-    sizes = [
-        (opened.width_m, opened.ground_pixel_m)
-        for photo in block.photos.values()
-        for opened in [OpenPhoto(photo, block.cameras[photo.camera], scan_of(made, photo))]
-    ]
-    width, pixel = np.median(np.array(sizes), axis=0)
-    features = gather_reference_points(
-        reference, junctions, bounds, float(width), float(pixel), mask, work.progress
-    )
-    return replace(features, doubts=roads.notes)
-
-
 def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
-    """Tie points between all photos that may overlap."""
+    """Tie points between all photos that may overlap, looked for twice.
+
+    The archive's georeference only leads a first look; what follows begins where that found the
+    photos, so that its faults leave no traces.
+    """
     placed: Georeferenced = made["georeference"]
     scans: ScanSet = made["scans"]
     areas = {name: scans.oriented[name].scan.usable for name in placed.block.photos}
     usable = {name: area.at for name, area in areas.items() if area is not None}
-    rng = random_for(given.name, "ties")
-    open_ways = {name: found.hypotheses for name, found in placed.approximations.items()}
-    ties, _, doubts = match_ties(placed.block, given.ties, work.progress, rng, usable, open_ways)
-    return Tied(ties, doubts)
+    seeing, first, looking, last = (
+        Part(work.progress, *share)
+        for share in ((0.0, 0.15), (0.15, 0.3), (0.3, 0.85), (0.85, 1.0))
+    )
+    features = detect_block_features(placed.block, given.ties, seeing, usable, work.mapper)
+    rough, told = match_roughly(
+        placed.block, features, given.ties, first, random_for(given.name, "rough ties")
+    )
+    start = first_look(
+        given, {**made, "ties": Tied(rough, (), placed)}, replace(work, progress=looking)
+    )
+    ties, _, doubts = match_block_features(
+        start.block, features, given.ties, last, random_for(given.name, "ties")
+    )
+    return Tied(ties, (*told, *doubts), start)
 
 
 def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
     """Bring the block together and propose control until it agrees with itself."""
-    placed: Georeferenced = made["georeference"]
-    features: ReferenceFeatures = made["reference"]
     tied: Tied = made["ties"]
-    block = Block(
-        given.crs,
-        placed.block.cameras,
-        placed.block.photos,
-        {point.point_id: point for point in given.surveyed},
-        {},
-        tied.ties,
+    block = replace(
+        tied.start.block,
+        surveyed={point.point_id: point for point in given.surveyed},
+        ties=tied.ties,
     )
-    site = Site(
-        open_reference(given, search_bounds(placed.block)),
-        {name: scan_of(made, photo) for name, photo in block.photos.items()},
-        features.points,
-        features.sources,
-    )
+    site = site_of(given, made)
     if given.preset != "gruber":
         chain, rng = CHAINS[given.preset], random_for(given.name, given.preset)
         return Assembly(*assemble_published(block, site, chain, given.adjustment, rng, work.mapper))
@@ -180,25 +151,36 @@ STAGES: tuple[Stage, ...] = (
         georeference_photos,
     ),
     Stage(
+        "ties",
+        "Tie points between the scans",
+        ("georeference",),
+        lambda given: (
+            given.ties,
+            given.roads,
+            given.mask,
+            given.bridges,
+            given.ortho_sigma_m,
+            given.dem_sigma_m,
+            given.placement,
+            given.orientation,
+            given.assembly,
+        ),
+        tie_photos,
+        version=4,
+    ),
+    Stage(
         "reference",
         "Junctions and salient points",
-        ("georeference",),
+        ("ties",),
         lambda given: (
             given.roads,
             given.mask,
             given.bridges,
             given.ortho_sigma_m,
             given.dem_sigma_m,
+            given.orientation.finest_gsd_m,
         ),
         find_reference_points,
-        version=2,
-    ),
-    Stage(
-        "ties",
-        "Tie points between the scans",
-        ("georeference",),
-        lambda given: (given.ties,),
-        tie_photos,
         version=3,
     ),
     Stage(
@@ -207,7 +189,7 @@ STAGES: tuple[Stage, ...] = (
         ("ties",),
         lambda given: (given.placement, given.assembly.adjustment),
         place_blocks,
-        version=2,
+        version=3,
     ),
     Stage(
         "orientation",
@@ -215,7 +197,7 @@ STAGES: tuple[Stage, ...] = (
         ("reference", "placement"),
         lambda given: (given.orientation,),
         orient_photos,
-        version=7,
+        version=8,
     ),
     Stage(
         "control",

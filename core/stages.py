@@ -114,12 +114,14 @@ class Georeferenced:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tied:
-    """The tie points of the block."""
+    """The tie points of the block, and where its photos are from here on."""
 
     ties: TiePoints
     """All rays."""
     doubts: tuple[Doubt, ...]
     """Photos and pairs that tie badly."""
+    start: Georeferenced
+    """The photos where a first look found them, in coarse steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,29 +3,38 @@
 Three stages of `core.pipeline`, each narrowing what the one before left open.
 """
 
+from dataclasses import replace
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
 from core.block.approximation import Approximation
+from core.block.assembly import held_together
 from core.block.block import Block, Photo
 from core.block.block_placement import PlacedBlock, place_block
 from core.block.free_block import free_blocks
+from core.block.fresh_start import started_anew
 from core.block.georeference import Archive, georeference_photo, open_archive
 from core.block.registration.orientation import OrientedPhoto, orient_photo, orient_placed_photo
 from core.block.registration.patches import OpenPhoto
-from core.block.registration.reference_points import ReferenceFeatures
+from core.block.registration.reference_points import ReferenceFeatures, gather_reference_points
+from core.block.registration.standing import Site, stand_up
 from core.block.ties.pairs import footprint, position_sigma_m
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, distance_m
+from core.geometry.crs import Bounds, distance_m, read_crs
+from core.progress import Part
 from core.reference.coverage import check_coverage
 from core.reference.dem import Dem, open_dem
+from core.reference.junctions import JunctionOptions, find_junctions
 from core.reference.ortho import open_ortho
+from core.reference.planar import planar_graph
 from core.reference.reference import Reference
 from core.reference.road_lines import lines_on_ground
 from core.reference.roads import read_roads
+from core.reference.vectors import read_mask_polygons
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
 from core.stages import BlockInput, Georeferenced, Made, PlacedBlocks, ScanSet, Tied, Work
@@ -180,10 +189,88 @@ def scan_of(made: Made, photo: Photo) -> ScanFile:
     return made["scans"].oriented[photo.photo_id].scan
 
 
+def first_look(given: BlockInput, made: Made, work: Work) -> Georeferenced:
+    """Where the photos stand by a first look, in coarse steps; all that follows begins there.
+
+    Args:
+        given: The block.
+        made: The scans, and rough ties with the archive's word as their start.
+        work: Progress and threads.
+
+    Returns:
+        The archive's word itself where nothing stands: the stages that follow say why.
+    """
+    tied: Tied = made["ties"]
+    given = coarsely(given, tied.start.block)
+    look: dict[str, Any] = dict(made)
+    steps = (
+        ("reference", find_reference_points),
+        ("placement", place_blocks),
+        ("orientation", orient_photos),
+    )
+    for done, (name, step) in enumerate(steps):
+        part = Part(work.progress, done / len(steps), (done + 1) / len(steps))
+        look[name] = step(given, look, replace(work, progress=part))
+    block, site = replace(tied.start.block, ties=tied.ties), site_of(given, look)
+    oriented = look["orientation"]
+    try:
+        standing, _ = stand_up(block, site, oriented, random_for(given.name, "first look"))
+    except OrientationError:
+        return tied.start
+    standing = held_together(standing, site, oriented, given.assembly)
+    heights = open_reference(given).dem.mean_height
+    photos, found = started_anew(standing, tied.start.approximations, heights)
+    return replace(tied.start, block=tied.start.block.with_photos(photos), approximations=found)
+
+
+def coarsely(given: BlockInput, block: Block) -> BlockInput:
+    """The description of a block of which no finer detail is looked at than in a first pass."""
+    widths = [photo.width_m(block.camera_of(name)) for name, photo in block.photos.items()]
+    coarse = float(np.median(widths)) / given.orientation.coarse_width_px
+    finest = max(given.orientation.finest_gsd_m, coarse)
+    return replace(given, orientation=replace(given.orientation, finest_gsd_m=finest))
+
+
+def site_of(given: BlockInput, made: Made) -> Site:
+    """All that the photos are compared with, as far as it was made."""
+    block, features = made["ties"].start.block, made["reference"]
+    return Site(
+        open_reference(given, search_bounds(block)),
+        {name: scan_of(made, photo) for name, photo in block.photos.items()},
+        features.points,
+        features.sources,
+    )
+
+
+def find_reference_points(given: BlockInput, made: Made, work: Work) -> ReferenceFeatures:
+    """Junctions of the roads, and salient points of the ortho where those are few."""
+    placed: Georeferenced = made["ties"].start
+    block, bounds = placed.block, search_bounds(placed.block)
+    reference = open_reference(given, bounds)
+    crs = read_crs(given.crs, "block.toml")
+    mask = read_mask_polygons(given.mask, crs, bounds) if given.mask else None
+    bridges = read_mask_polygons(given.bridges, crs, bounds) if given.bridges else None
+    options = JunctionOptions(ortho_sigma_m=given.ortho_sigma_m, dem_sigma_m=given.dem_sigma_m)
+    roads = read_roads(given.roads, given.crs, bounds)
+    graph = planar_graph(roads)
+    junctions = find_junctions(graph, reference.dem, options, bounds, mask, bridges)
+    sizes = [
+        (opened.width_m, opened.ground_pixel_m)
+        for photo in block.photos.values()
+        for opened in [OpenPhoto(photo, block.cameras[photo.camera], scan_of(made, photo))]
+    ]
+    width, pixel = np.median(np.array(sizes), axis=0)
+    gsd = max(float(pixel), given.orientation.finest_gsd_m)
+    features = gather_reference_points(
+        reference, junctions, bounds, float(width), gsd, mask, work.progress
+    )
+    return replace(features, doubts=roads.notes)
+
+
 def place_blocks(given: BlockInput, made: Made, work: Work) -> PlacedBlocks:
     """Bring the photos together by their ties, and find each connected part on the reference."""
-    placed: Georeferenced = made["georeference"]
     tied: Tied = made["ties"]
+    placed = tied.start
     block = Block(given.crs, placed.block.cameras, placed.block.photos, ties=tied.ties)
     reference = open_reference(given, search_bounds(placed.block))
     hypotheses = {name: found.hypotheses for name, found in placed.approximations.items()}
@@ -210,7 +297,7 @@ def orient_photos(given: BlockInput, made: Made, work: Work) -> dict[str, Orient
     A photo is sought by itself, each of its hypotheses tried, only where no photo stands that is
     tied to it: others are brought to their place by tie points, which leaves less to chance.
     """
-    placed: Georeferenced = made["georeference"]
+    placed: Georeferenced = made["ties"].start
     features: ReferenceFeatures = made["reference"]
     together: PlacedBlocks = made["placement"]
     photos = list(placed.block.photos.values())

@@ -15,21 +15,15 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from core.arrays import ObjectPoints, PlanPosition, Scalars
+from core.arrays import PlanPosition, Scalars
 from core.block.adjusted import AdjustmentOptions
 from core.block.adjustment import adjust_block
 from core.block.block import Block, ExteriorPrior, Photo
 from core.block.ties.chains import with_rays
-from core.block.ties.pairs import ground_of
 from core.geometry.exterior import ExteriorOrientation
 
 MIN_COMMON = 8
 """Photos with fewer common tie points do not hold each other."""
-APART = 0.03
-"""Photos that lie further from where they should, in widths of a photo or radians of a turn, are
-matched again: other parts of them overlap."""
-TOGETHER = 0.01
-"""How well the free block knows where its photos lie to each other, in the same units."""
 PASSES = 6
 SEARCH_SIGMAS = 2.5
 """A turn is possible when the sources are off by no more than this on the average."""
@@ -66,56 +60,6 @@ def free_blocks(
     return tuple(
         _free_block(part(block, names), hypotheses, options) for names in connected_photos(block)
     )
-
-
-def brought_together(
-    block: Block, hypotheses: Mapping[str, Sequence[ExteriorOrientation]]
-) -> Block | None:
-    """The block with its photos where ties show that they lie to each other, surer than before.
-
-    Args:
-        block: Photos with approximate orientations and priors, and the tie points.
-        hypotheses: By photo, all orientations its source leaves open.
-
-    Returns:
-        The same photos, those that ties join with new approximate orientations and priors; None
-        where the sources had them in each other's right place already.
-    """
-    moved: dict[str, Photo] = {}
-    apart = False
-    for free in free_blocks(block, hypotheses, AdjustmentOptions()):
-        if free.tied:
-            apart |= _most_apart(block, free.block) > APART
-            moved |= {name: _surer(free.block, name) for name in free.block.photos}
-    return block.with_photos({**block.photos, **moved}) if apart else None
-
-
-def _most_apart(block: Block, free: Block) -> float:
-    """How far photos lie from where they should to each other, in widths or radians, at most."""
-    names = list(free.photos)
-    shift = _middles(free, names) - _middles(block, names)
-    widths = np.array([free.photos[name].width_m(free.camera_of(name)) for name in names])
-    away = np.hypot(*(shift - shift.mean(axis=0)).T) / widths
-    kappa = np.array([[at.photos[name].exterior.kappa for name in names] for at in (free, block)])
-    turned = np.abs(np.angle(np.exp(1j * (kappa[0] - kappa[1]))))
-    return float(max(away.max(), turned.max()))
-
-
-def _middles(block: Block, names: Sequence[str]) -> Float64[np.ndarray, "photos 2"]:
-    """Ground under the middle of each picture, easting and northing, metres."""
-    rows: list[ObjectPoints] = []
-    for name in names:
-        photo, camera = block.photos[name], block.camera_of(name)
-        rows.append(ground_of(photo, camera, photo.interior.pixel_from_film(np.zeros((1, 2)))))
-    return np.vstack(rows)[:, :2]
-
-
-def _surer(block: Block, name: str) -> Photo:
-    """A photo of a free block as one whose orientation is known that well beforehand."""
-    photo = block.photos[name]
-    sigma_m = TOGETHER * photo.width_m(block.camera_of(name))
-    prior = ExteriorPrior(np.full(3, sigma_m), np.full(3, TOGETHER))
-    return replace(photo, approximate=photo.exterior, prior=prior)
 
 
 def connected_photos(block: Block) -> list[tuple[str, ...]]:

@@ -1,12 +1,11 @@
 """Tie points of a block: features, matches, chains, thinning and fine measurement in turn."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from core.block.block import Block, TiePoints
-from core.block.free_block import brought_together
 from core.block.ties.chains import PairKey, chain_matches, consistent, with_rays
 from core.block.ties.features import FeatureOptions, Features, Usable, detect_features, picture_area
 from core.block.ties.fine_matching import GivenTies, PairGeometry
@@ -14,9 +13,13 @@ from core.block.ties.matches import VerifiedMatches
 from core.block.ties.pair_search import PairResult, SearchOptions, match_pairs
 from core.block.ties.thinning import ThinningOptions, thin_ties
 from core.block.ties.tie_measurement import MeasurementOptions, measure_ties
-from core.block.ties.tie_report import PairReport, assess_ties, report_pair
-from core.doubts import Doubt, Failure
-from core.geometry.exterior import ExteriorOrientation
+from core.block.ties.tie_report import (
+    PairReport,
+    assess_ties,
+    misplaced,
+    report_pair,
+)
+from core.doubts import Doubt
 from core.progress import Progress, Silent, tracked
 from core.scan.raster import open_scan
 
@@ -45,7 +48,6 @@ def match_ties(
     progress: Progress | None = None,
     rng: np.random.Generator | None = None,
     usable: Mapping[str, Usable] | None = None,
-    hypotheses: Mapping[str, Sequence[ExteriorOrientation]] | None = None,
 ) -> tuple[TiePoints, tuple[PairReport, ...], tuple[Doubt, ...]]:
     """Tie points of all photos of a block.
 
@@ -56,24 +58,29 @@ def match_ties(
         rng: Seeds the random searches; the same seed gives the same tie points.
         usable: By photo, where features may lie (scan pixels); the camera's picture area without
             fiducials for photos that are not in it.
-        hypotheses: By photo, all orientations its source leaves open. Where they are given and the
-            tie points show that photos lie elsewhere, they are matched once more from there.
     """
     options, progress = options or TieOptions(), progress or Silent()
     features = detect_block_features(block, options, progress, usable or {})
-    return match_block_features(block, features, options, progress, rng, hypotheses)
+    return match_block_features(block, features, options, progress, rng)
 
 
 def detect_block_features(
-    block: Block, options: TieOptions, progress: Progress, usable: Mapping[str, Usable]
+    block: Block,
+    options: TieOptions,
+    progress: Progress,
+    usable: Mapping[str, Usable],
+    mapper: Callable[..., Iterable[Features]] = map,
 ) -> dict[str, Features]:
-    """Features of every photo, by name."""
-    found: dict[str, Features] = {}
-    for name in tracked(sorted(block.photos), len(block.photos), progress, "finding features"):
+    """Features of every photo, by name; `mapper` runs a function over photos."""
+
+    def detected(name: str) -> Features:
         photo = block.photos[name]
         area = usable.get(name) or picture_area(photo, block.camera_of(name))
-        found[name] = detect_features(open_scan(photo.scan), area, options.features)
-    return found
+        return detect_features(open_scan(photo.scan), area, options.features)
+
+    names = sorted(block.photos)
+    found = tracked(mapper(detected, names), len(names), progress, "finding features")
+    return dict(zip(names, found, strict=True))
 
 
 def match_block_features(
@@ -82,37 +89,32 @@ def match_block_features(
     options: TieOptions | None = None,
     progress: Progress | None = None,
     rng: np.random.Generator | None = None,
-    hypotheses: Mapping[str, Sequence[ExteriorOrientation]] | None = None,
 ) -> tuple[TiePoints, tuple[PairReport, ...], tuple[Doubt, ...]]:
     """Tie points from features that have been detected before (see `match_ties`)."""
     options, progress = options or TieOptions(), progress or Silent()
     rng = rng or np.random.default_rng(0)
     results = match_pairs(block, features, options.search, progress, rng)
     ties, verified = _chained(block, features, results, options)
-    tied = replace(block, ties=ties)
-    if hypotheses and (together := brought_together(tied, hypotheses)) is not None:
-        block = together
-        again = match_pairs(block, features, options.search, progress, rng)
-        results = _matched_twice(results, again)
-        ties, verified = _chained(block, features, results, options)
     ties = _measured(block, ties, features, verified, options, progress)
     reports = tuple(report_pair(result, ties) for result in results.values())
     return ties, reports, assess_ties(block, ties, reports, options.few_ties)
 
 
-def _matched_twice(
-    first: Mapping[PairKey, PairResult], again: Mapping[PairKey, PairResult]
-) -> dict[PairKey, PairResult]:
-    """What the second matching gave, what only the first one tied, and what nobody had expected."""
-    results = dict(again)
-    for pair, before in first.items():
-        after = again.get(pair)
-        if isinstance(before.found, VerifiedMatches):
-            if after is None or isinstance(after.found, Failure):
-                results[pair] = before
-            else:
-                results[pair] = replace(after, unexpected=before.unexpected)
-    return dict(sorted(results.items()))
+def match_roughly(
+    block: Block,
+    features: Mapping[str, Features],
+    options: TieOptions,
+    progress: Progress,
+    rng: np.random.Generator,
+) -> tuple[TiePoints, tuple[Doubt, ...]]:
+    """Tie points as their features have them, which places photos that may lie elsewhere.
+
+    Returns:
+        The points, and photos that share ground though by their sources they should not.
+    """
+    results = match_pairs(block, features, options.search, progress, rng)
+    ties, _ = _chained(block, features, results, options)
+    return ties, misplaced([report_pair(result, ties) for result in results.values()])
 
 
 def _chained(

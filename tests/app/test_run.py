@@ -130,7 +130,7 @@ def test_only_one_walks_at_a_time__law(kitchen):
 
 def test_the_engine_s_stages_come_before_what_needs_decisions__law():
     assert (
-        *("scans", "georeference", "reference", "ties", "placement", "orientation", "control"),
+        *("scans", "georeference", "ties", "reference", "placement", "orientation", "control"),
         *("adjustment", "orthos", "mosaic", "report"),
     ) == STAGE_NAMES
 
@@ -139,9 +139,10 @@ def test_each_value_is_told_in_one_line__truth():
     flight = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0))
     block = flight.block
     doubts: tuple[Doubt, ...] = ()
-    assert told(Georeferenced(block, {}, {"x": "why"}, doubts)) == "6 photos placed, 1 set aside"
+    start = Georeferenced(block, {}, {"x": "why"}, doubts)
+    assert told(start) == "6 photos placed, 1 set aside"
     assert told(ScanSet({}, {}, doubts)) == "0 scans, no fiducials"
-    assert told(Tied(block.ties, doubts)).startswith("40 tie points")
+    assert told(Tied(block.ties, doubts, start)).startswith("40 tie points")
     assert told({"a": Failure("x")}) == "1 photo searched"
     assert (counted(1, "scan"), counted(0, "scan")) == ("1 scan", "0 scans")
 

@@ -23,7 +23,7 @@ from core.synthetic.archive import make_block
 from core.synthetic.lasting import lasting_junctions
 from core.synthetic.options import Size, SyntheticOptions
 from core.synthetic.truth import Truth, read_truth
-from core.whereabouts import open_reference, scan_of, search_bounds
+from core.whereabouts import site_of
 from sessions.session import Session
 
 LEVELS = {"strong": 0.5, "ordinary": 0.33, "slight": 0.1}
@@ -97,18 +97,12 @@ def prepared(name: str, level: str, folder: Path, options: SyntheticOptions | No
     with Session.open(folder, "prover") as session:
         made = {
             stage: session.products.latest_value(stage)
-            for stage in ("scans", "georeference", "reference", "ties", "placement")
+            for stage in ("scans", "georeference", "ties", "reference", "placement")
         }
     features = cast("ReferenceFeatures", made["reference"])
-    block = made["georeference"].block
-    ties = cast("Tied", made["ties"]).ties
-    block = Block(given.crs, given.cameras, block.photos, {}, {}, ties)
-    site = Site(
-        open_reference(given, search_bounds(block)),
-        {photo_id: scan_of(made, photo) for photo_id, photo in block.photos.items()},
-        features.points,
-        features.sources,
-    )
+    tied = cast("Tied", made["ties"])
+    block = Block(given.crs, given.cameras, tied.start.block.photos, {}, {}, tied.ties)
+    site = site_of(given, made)
     assert isinstance(made["placement"], PlacedBlocks)
     known = None if options is None else lasting_junctions(folder)
     lasting = {

@@ -164,7 +164,7 @@ def compared(ends: np.ndarray) -> str:
     return (
         f"beside good files: {np.median(ratio):.2f} times as far off in the median, "
         f"{ratio.max():.2f} at most, RMS {rms[0]:.2f} m and {rms[1]:.2f} m; "
-        f"{int(np.sum(ratio <= 1.05))} of {len(ratio)} no more than 5 % worse"
+        f"{int(np.sum(np.abs(ratio - 1) <= 0.05))} of {len(ratio)} within 5 %"
     )
 
 

@@ -11,11 +11,12 @@ from core.block.registration.orientation import OrientedPhoto
 from core.doubts import Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.exterior import ExteriorOrientation
-from core.pipeline import STAGES, find_reference_points, orient_scans
+from core.pipeline import STAGES, orient_scans
 from core.progress import Silent
-from core.stages import BlockInput, Georeferenced, ScanInput, ScanSet, Work
+from core.stages import BlockInput, Georeferenced, ScanInput, ScanSet, Tied, Work
 from core.whereabouts import (
     block_bounds,
+    find_reference_points,
     georeference_photos,
     likelier,
     open_reference,
@@ -142,7 +143,7 @@ def test_the_search_has_room_for_what_the_photos_may_be_off__law(placed):
 
 
 def test_reference_points_lie_in_what_is_searched__truth(given, scans, placed):
-    made = {"scans": scans, "georeference": placed}
+    made = {"scans": scans, "ties": Tied(placed.block.ties, (), placed)}
     found = find_reference_points(given, made, WORK)
     west, south, east, north = search_bounds(placed.block)
     places = found.points.positions

@@ -1,5 +1,6 @@
 """What the tie points of a block amount to: a report of each pair, and the doubts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +71,11 @@ def assess_ties(
     block: Block, ties: TiePoints, reports: tuple[PairReport, ...], few_ties: int
 ) -> tuple[Doubt, ...]:
     """What is doubtful about the tie points: loose photos, few ties, a block in parts."""
-    doubts = [*_photo_doubts(block, ties, reports, few_ties), *_pair_doubts(reports, few_ties)]
+    doubts = [
+        *_photo_doubts(block, ties, reports, few_ties),
+        *misplaced(reports),
+        *_pair_doubts(reports, few_ties),
+    ]
     parts = connected_parts(block, reports)
     if len(parts) > 1:
         sizes = ", ".join(str(len(part)) for part in parts)
@@ -127,8 +132,6 @@ def _pair_doubts(reports: tuple[PairReport, ...], few_ties: int) -> list[Doubt]:
     """Pairs that should have tied and did not, or hardly did."""
     doubts: list[Doubt] = []
     for report in reports:
-        if report.unexpected and report.tied:
-            doubts.append(_misplaced(report))
         subject = f"{report.first} {report.second}"
         evidence = {
             "overlap": report.overlap,
@@ -150,6 +153,11 @@ def _pair_doubts(reports: tuple[PairReport, ...], few_ties: int) -> list[Doubt]:
             message = f"Only {report.ties} tie points; the expected overlap is {share}."
             doubts.append(Doubt("pair-few-ties", subject, message, 0.2, evidence))
     return doubts
+
+
+def misplaced(reports: Sequence[PairReport]) -> tuple[Doubt, ...]:
+    """Pairs that tie although their sources put them apart."""
+    return tuple(_misplaced(report) for report in reports if report.unexpected and report.tied)
 
 
 def _misplaced(report: PairReport) -> Doubt:

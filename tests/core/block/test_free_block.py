@@ -9,8 +9,6 @@ from core.block.adjusted import AdjustmentOptions
 from core.block.approximation import Ground, approximate_in_area
 from core.block.block import ExteriorPrior
 from core.block.free_block import (
-    FreeBlock,
-    brought_together,
     connected_photos,
     free_blocks,
     part,
@@ -151,29 +149,3 @@ def test_photos_without_common_ties_stay_apart__law():
     assert not alone.tied
     assert list(alone.block.photos) == [lonely]
     assert alone.block.ties.count == 0
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_photos_far_from_each_others_place_are_brought_together__truth(seed):
-    """Of poor sources the regions in which photos overlap are right afterwards, and surer."""
-    rng = np.random.default_rng(seed)
-    flight = fly(FlightPlan(control=0, check=0), rng)
-    block, hypotheses = scattered(flight, rng, quarters=True)
-    together = brought_together(block, hypotheses)
-    assert together is not None
-    assert list(together.photos) == list(block.photos)
-    assert shape_error_m(FreeBlock(together, np.zeros(1), True), flight.truth) < 8.0
-    sure = max(float(photo.prior.sigma_centre_m.max()) for photo in together.photos.values())
-    assert sure < 40.0
-
-
-def test_photos_that_lie_right_stay__truth():
-    rng = np.random.default_rng(5)
-    flight = fly(FlightPlan(control=0, check=0), rng)
-    block, _ = scattered(flight, rng)
-    exact = {
-        name: replace(photo, exterior=flight.truth.photos[name].exterior)
-        for name, photo in block.photos.items()
-    }
-    known = {name: (photo.exterior,) for name, photo in exact.items()}
-    assert brought_together(block.with_photos(exact), known) is None

@@ -9,7 +9,6 @@ import pytest
 from core.block.tie_points import TieOptions, match_ties
 from core.block.ties.chains import common_rays, rays_per_point
 from core.block.ties.features import FeatureOptions
-from core.block.ties.pairs import find_pairs
 from tests.core.block.judging import intersected, sigma_nought
 from tests.core.block.rendered import rendered_block, terrain, write
 
@@ -120,21 +119,3 @@ def test_positions_off_by_hundreds_of_metres_do_not_matter__truth(hilly):
     _, residual = intersected(true, ties)
     assert ties.count > 200
     assert np.abs(residual).max() < 1.0
-
-
-def test_photos_a_quarter_of_their_width_off_tie_wherever_they_overlap__truth(hilly):
-    """Wrong sources name wrong parts of the photos as common: they are matched once more."""
-    given = hilly[0]
-    moved, known = {}, {}
-    for number, (name, photo) in enumerate(sorted(given.photos.items())):
-        aside = np.array([0.0, 0.25 * photo.width_m(given.camera_of(name)) * (-1) ** number, 0.0])
-        exterior = replace(photo.exterior, centre=photo.exterior.centre + aside)
-        moved[name] = replace(photo, exterior=exterior, approximate=exterior)
-        known[name] = (exterior,)
-    far = given.with_photos(moved)
-    ties, reports, _ = match_ties(far, OPTIONS, rng=np.random.default_rng(1), hypotheses=known)
-    told = {(report.first, report.second): report for report in reports}
-    for pair in find_pairs(given):
-        numbers = tuple(ties.photo_ids.index(name) for name in (pair.first, pair.second))
-        assert len(common_rays(ties, *numbers)[0]) >= 15
-        assert told[pair.first, pair.second].overlap == pytest.approx(pair.overlap, abs=0.1)
