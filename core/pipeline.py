@@ -205,7 +205,7 @@ STAGES: tuple[Stage, ...] = (
         ("orientation", "ties"),
         lambda given: (given.assembly, given.surveyed, given.preset),
         find_control,
-        version=7,
+        version=8,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

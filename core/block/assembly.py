@@ -100,27 +100,35 @@ def assemble_block(
         doubts = (*doubts, Doubt("datum", "block", laid.reason, 0.9, laid.evidence))
     else:
         standing = laid
+    report, reliability = proposed_in_rounds(standing, site, options, mapper, watch)
+    report, told = with_true_worth(report, options.adjustment)
+    return Assembly(report, (*doubts, *told), reliability)
+
+
+def proposed_in_rounds(
+    standing: Block,
+    site: Site,
+    options: AssemblyOptions,
+    mapper: Callable[..., Iterable[Any]],
+    watch: Progress,
+) -> tuple[AdjustmentReport, tuple[Bin, ...]]:
+    """Control searched, judged and adjusted again and again; how far it was borne out."""
     report, searches, seen, resting = None, (), (), {}
     with KeptSurfaces() as kept:
         for turn in range(options.rounds):
             watch.report(turn + 2, options.rounds + 2, "control")
-            searches = searched(standing, site, options, mapper, searches, kept)
-            # Before the first adjustment the photos do not agree well enough to be laid together.
-            seen = (
-                searches
-                if turn == 0
-                else joint_searches(
+            searches = seen = searched(standing, site, options, mapper, searches, kept)
+            # Before the first adjustment photos do not agree well enough to be laid together.
+            if turn > 0:
+                seen = joint_searches(
                     standing, site, options.orientation, options.control, searches, kept, mapper
                 )
-            )
             proposed, resting = judged(seen, site.sources, options.control)
             standing = with_proposals(standing, site.points, site.sources, proposed)
             report = adjusted_without_gross(standing, options.adjustment)
             standing = report.block
     assert report is not None
-    report, told = with_true_worth(report, options.adjustment)
-    reliability = borne_out(seen, site.sources, resting)
-    return Assembly(report, (*doubts, *told), reliability)
+    return report, borne_out(seen, site.sources, resting)
 
 
 def with_true_worth(

@@ -140,7 +140,7 @@ def test_one_photo_alone_says_what_its_surface_says__law():
     assert found.peaks[0].score == pytest.approx(height, rel=1e-3)
 
 
-def test_chance_together_is_as_high_as_chance_alone__property():
+def test_chance_together_is_as_high_as_chance_alone__law():
     """Each mean is counted in its own deviations, so that decoys of few and many photos agree."""
     counts = {}
     for photos in (1, 4):
