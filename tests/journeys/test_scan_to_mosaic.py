@@ -68,12 +68,15 @@ def test_control_that_is_used_is_right__truth(tiny_run, report):
 
     Not none: where a third of the roads and most parcels have changed since 1938, a wrong peak
     within the gate of five pixels looks like a right one, and one that the block does not
-    contradict does not harm it either.
+    contradict does not harm it either. Nor do junctions that stand a little aside of the map, which
+    weigh less: the photos lie much better than their control.
     """
     judged = judge_control(tiny_run.truth, report.block)
     assert judged.used >= 30
     assert judged.wrong_share <= 0.05
-    assert judged.rms_m < SCAN_PIXEL_M
+    assert judged.rms_m < 1.1 * SCAN_PIXEL_M
+    ground_m = judge_orientations(tiny_run.truth, report.block).ground_m
+    assert np.sqrt(np.mean(ground_m**2)) < 0.45 * SCAN_PIXEL_M
 
 
 def test_the_mosaic_lies_on_the_true_ground__truth(tiny_run):
