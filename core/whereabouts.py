@@ -262,7 +262,7 @@ def find_reference_points(given: BlockInput, made: Made, work: Work) -> Referenc
     width, pixel = np.median(np.array(sizes), axis=0)
     gsd = max(float(pixel), given.orientation.finest_gsd_m)
     features = gather_reference_points(
-        reference, junctions, bounds, float(width), gsd, mask, work.progress
+        reference, junctions, bounds, float(width), gsd, mask, work.progress, work.mapper
     )
     return replace(features, doubts=roads.notes)
 

@@ -5,6 +5,7 @@ when lines of several directions meet within a template, not when single pixels 
 a forest are busy and gone in the next epoch.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -19,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from core.arrays import Mask, Position, locked
 from core.geometry.crs import Bounds, shared_bounds
 from core.geometry.grid import Grid
-from core.progress import Progress, Silent
+from core.progress import Progress, Silent, tracked
 from core.reference.dem import Dem
 from core.reference.ortho import Ortho
 
@@ -101,6 +102,7 @@ def find_salient_points(
     options: SalientOptions = SalientOptions(),
     mask: BaseGeometry | None = None,
     progress: Progress = SILENT,
+    mapper: Callable[..., Iterable[list[SalientPoint]]] = map,
 ) -> tuple[SalientPoint, ...]:
     """Salient points spread over the bounds, a few in each cell.
 
@@ -114,6 +116,7 @@ def find_salient_points(
         options: How they are looked for.
         mask: Area where nothing may be matched.
         progress: Told of every tile that is looked at.
+        mapper: Runs a function over tiles, such as the `map` of a thread pool.
 
     Returns:
         The points, best first within a cell.
@@ -125,14 +128,16 @@ def find_salient_points(
     cell_px = max(options.template_px, round(spacing_m / gsd))
     step = cell_px * max(1, TILE_PX // cell_px)
     tiles = _tiles((west, south, east, north), gsd, cell_px, step)
-    found: list[SalientPoint] = []
-    for done, grid in enumerate(tiles):
-        progress.report(float(done), float(len(tiles)), "salient points")
+
+    def in_grid(grid: Grid) -> list[SalientPoint]:
         tile = _look_at(ortho, grid, options, mask)
-        if tile is not None:
-            places = np.zeros((0, 2)) if existing is None else grid.grid_from_object(existing)
-            found += _in_tile(tile, dem, cell_px, places, options)
-    return tuple(found)
+        if tile is None:
+            return []
+        places = np.zeros((0, 2)) if existing is None else grid.grid_from_object(existing)
+        return _in_tile(tile, dem, cell_px, places, options)
+
+    found = tracked(mapper(in_grid, tiles), len(tiles), progress, "salient points")
+    return tuple(point for points in found for point in points)
 
 
 def _tiles(bounds: Bounds, gsd_m: float, cell_px: int, step_px: int) -> list[Grid]:

@@ -1,6 +1,8 @@
 """Which places of the reference are looked for in the photos: junctions, and salient points."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -40,6 +42,7 @@ def gather_reference_points(
     gsd_m: float,
     mask: BaseGeometry | None,
     progress: Progress,
+    mapper: Callable[..., Iterable[Any]] = map,
 ) -> ReferenceFeatures:
     """Junctions with a height, and salient points where junctions are missing or few.
 
@@ -51,6 +54,7 @@ def gather_reference_points(
         gsd_m: Ground sample distance of the scans, metres.
         mask: Area where nothing may be matched.
         progress: Told as the ortho is looked through.
+        mapper: Runs a function over parts of the ortho.
     """
     # Sizes in steps, so that a georeference whose scale is a little off leads to the same points.
     finest = reference.ortho.ground_sample_distance_m
@@ -66,7 +70,7 @@ def gather_reference_points(
     )
     places = np.array([junction.position[:2] for junction in junctions]).reshape(-1, 2)
     salient = find_salient_points(
-        reference.ortho, reference.dem, bounds, spacing, places, options, mask, progress
+        reference.ortho, reference.dem, bounds, spacing, places, options, mask, progress, mapper
     )
     return joined(junctions, salient)
 
