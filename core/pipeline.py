@@ -114,11 +114,10 @@ def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
 def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
     """Bring the block together and propose control until it agrees with itself."""
     tied: Tied = made["ties"]
-    block = replace(
-        tied.start.block,
-        surveyed={point.point_id: point for point in given.surveyed},
-        ties=tied.ties,
-    )
+    # The published chains look no further than a repaired georeference may be off.
+    begun: Georeferenced = tied.start if given.preset == "gruber" else made["georeference"]
+    surveyed = {point.point_id: point for point in given.surveyed}
+    block = replace(begun.block, surveyed=surveyed, ties=tied.ties)
     site = site_of(given, made)
     if given.preset != "gruber":
         chain, rng = CHAINS[given.preset], random_for(given.name, given.preset)
@@ -202,10 +201,10 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         "control",
         "Control points and the block",
-        ("orientation", "ties"),
+        ("orientation", "ties", "georeference"),
         lambda given: (given.assembly, given.surveyed, given.preset),
         find_control,
-        version=8,
+        version=9,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

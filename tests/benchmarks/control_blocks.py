@@ -101,7 +101,7 @@ def prepared(name: str, level: str, folder: Path, options: SyntheticOptions | No
         }
     features = cast("ReferenceFeatures", made["reference"])
     tied = cast("Tied", made["ties"])
-    block = Block(given.crs, given.cameras, tied.start.block.photos, {}, {}, tied.ties)
+    block = Block(given.crs, given.cameras, made["georeference"].block.photos, {}, {}, tied.ties)
     site = site_of(given, made)
     assert isinstance(made["placement"], PlacedBlocks)
     known = None if options is None else lasting_junctions(folder)

@@ -7,7 +7,9 @@ import pytest
 
 from app.described import described
 from app.project import read_project
-from core.block.registration.orientation import OrientedPhoto
+from core import pipeline
+from core.block.registration.orientation import OrientedPhoto, ReferencePoints
+from core.block.registration.reference_points import ReferenceFeatures
 from core.doubts import Failure
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.exterior import ExteriorOrientation
@@ -150,6 +152,33 @@ def test_reference_points_lie_in_what_is_searched__truth(given, scans, placed):
     assert len(places) > 60
     assert ((places[:, :2] >= [west, south]) & (places[:, :2] <= [east, north])).all()
     assert set(found.sources.values()) == {"junction", "salient"}
+
+
+def test_only_gruber_begins_at_the_rounded_start__law(given, scans, placed, monkeypatch):
+    """The published chains look a few dozen metres about a georeference, no further."""
+    begun = []
+
+    def assembled(block, *_rest, **_options):
+        begun.append(next(iter(block.photos.values())).exterior)
+        raise InterruptedError
+
+    monkeypatch.setattr(pipeline, "assemble_published", assembled)
+    monkeypatch.setattr(pipeline, "assemble_block", assembled)
+    name, photo = next(iter(placed.block.photos.items()))
+    moved = replace(photo.exterior, centre=photo.exterior.centre + 100.0)
+    photos = {**placed.block.photos, name: photo.with_exterior(moved, False)}
+    start = replace(placed, block=placed.block.with_photos(photos))
+    made = {
+        "scans": scans,
+        "georeference": placed,
+        "ties": Tied(placed.block.ties, (), start),
+        "reference": ReferenceFeatures(ReferencePoints((), np.empty((0, 3)), np.empty((0, 3))), {}),
+        "orientation": {},
+    }
+    for preset in ("gruber", "thesis-2024"):
+        with pytest.raises(InterruptedError):
+            pipeline.find_control(replace(given, preset=preset), made, WORK)
+    assert begun == [moved, photo.exterior]
 
 
 def test_heights_held_in_memory_are_those_on_disk__law(given, placed):
