@@ -46,8 +46,8 @@ def started_anew(
 ) -> tuple[dict[str, Photo], dict[str, Approximation]]:
     """Approximate orientations of the photos that stand, rounded to coarse steps.
 
-    Photos that do not stand, and those whose perspective centre was measured in flight, keep what
-    is known of them.
+    Photos that do not stand, those that were placed by clicks, and those whose perspective centre
+    was measured in flight keep what is known of them: it may be all that lets them stand.
 
     Args:
         standing: The block as a first look found it; `approximate` is what its source told.
@@ -61,7 +61,11 @@ def started_anew(
     options = options or StartOptions()
     photos = {name: _as_it_came(photo) for name, photo in standing.photos.items()}
     found = dict(known)
-    anew = {name: photo for name, photo in standing.photos.items() if _begins_anew(photo)}
+    anew = {
+        name: photo
+        for name, photo in standing.photos.items()
+        if known[name].source != "points" and _begins_anew(photo)
+    }
     if not anew:
         return photos, found
     widths = [photo.width_m(standing.camera_of(name)) for name, photo in anew.items()]

@@ -96,16 +96,17 @@ def test_half_a_turn_is_one_direction_whichever_its_sign__law(standing):
     assert kappas == [{np.pi}, {np.pi}]
 
 
-def test_what_was_measured_in_flight_or_does_not_stand_stays__law(standing):
+def test_what_is_known_better_or_does_not_stand_stays__law(standing):
     block, known = standing
-    first, second = sorted(block.photos)[:2]
+    first, second, third = sorted(block.photos)[:3]
+    known = {**known, third: replace(known[third], source="points")}
     photos = {
         **block.photos,
         first: replace(block.photos[first], prior=MEASURED),
         second: replace(block.photos[second], oriented=False),
     }
     begun, found = started_anew(block.with_photos(photos), known, level)
-    for name in (first, second):
+    for name in (first, second, third):
         assert begun[name].exterior is block.photos[name].approximate
         assert begun[name].prior is photos[name].prior
         assert found[name] is known[name]
