@@ -25,6 +25,7 @@ from core.whereabouts import (
     random_for,
     search_bounds,
 )
+from sessions.session import Session
 
 WORK = Work(Silent(), map)
 
@@ -152,6 +153,31 @@ def test_reference_points_lie_in_what_is_searched__truth(given, scans, placed):
     assert len(places) > 60
     assert ((places[:, :2] >= [west, south]) & (places[:, :2] <= [east, north])).all()
     assert set(found.sources.values()) == {"junction", "salient"}
+
+
+def test_a_georeference_that_is_off_leaves_no_trace__truth(given, scans, placed, tiny_run):
+    """Ties from poor georeferences are those from good world files, to the last bit."""
+    off = np.array([90.0, -70.0, 40.0])
+    photos, known = {}, {}
+    for number, (name, photo) in enumerate(placed.block.photos.items()):
+        exterior = replace(
+            photo.exterior,
+            centre=photo.exterior.centre + off * (-1) ** number,
+            kappa=photo.exterior.kappa + np.radians(2.0),
+        )
+        photos[name] = replace(photo, exterior=exterior, approximate=exterior)
+        known[name] = replace(
+            placed.approximations[name], exterior=exterior, hypotheses=(exterior,)
+        )
+    poor = replace(placed, block=placed.block.with_photos(photos), approximations=known)
+    tied = pipeline.tie_photos(given, {"scans": scans, "georeference": poor}, WORK)
+    with Session.open(tiny_run.folder, "test") as session:
+        good = session.products.latest_value("ties")
+    for name, photo in tied.start.block.photos.items():
+        other = good.start.block.photos[name].exterior
+        np.testing.assert_array_equal(photo.exterior.centre, other.centre)
+        assert photo.exterior.kappa == other.kappa
+    np.testing.assert_array_equal(tied.ties.pixels, good.ties.pixels)
 
 
 def test_only_gruber_begins_at_the_rounded_start__law(given, scans, placed, monkeypatch):
