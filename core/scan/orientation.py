@@ -35,6 +35,7 @@ from core.scan.judging import FiducialOptions
 from core.scan.layouts import UPRIGHT, Way
 from core.scan.look import Look, look_of
 from core.scan.raster import ScanFile, check_fits_camera, open_scan, photo_id_of
+from core.scan.scratches import find_scratches
 from core.scan.usable import usable_mask
 from core.scan.usable_area import UsableArea
 
@@ -89,7 +90,10 @@ class ScanOrientation:
     def masked(self) -> "ScanOrientation":
         """The same with its scan knowing which part of it is photograph."""
         reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, 8))
-        area = UsableArea.of(self.usable(reduction), self.size_px)
+        photograph = self.usable(reduction)
+        pixel_mm = self.interior.pixel_size_mm
+        scratches = find_scratches(self.scan, self.area.corners, photograph, pixel_mm)
+        area = UsableArea.of(photograph, self.size_px, scratches)
         return replace(self, scan=replace(self.scan, usable=area))
 
 

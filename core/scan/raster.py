@@ -133,9 +133,8 @@ def read_window(
     shape = (rows // reduction, columns // reduction)
     first_j, last_j = _cells_inside(column, shape[1], reduction, scan.size_px[0])
     first_i, last_i = _cells_inside(row, shape[0], reduction, scan.size_px[1])
-    values = np.full(shape, np.nan, dtype=np.float32)
     if first_j >= last_j or first_i >= last_i:
-        return values
+        return np.full(shape, np.nan, dtype=np.float32)
     window = Window(
         column + first_j * reduction,  # pyright: ignore[reportCallIssue]
         row + first_i * reduction,
@@ -143,11 +142,12 @@ def read_window(
         (last_i - first_i) * reduction,
     )
     inside = _read_gray(scan, window, (last_i - first_i, last_j - first_j))
-    values[first_i:last_i, first_j:last_j] = inside
+    if inside.shape == shape:
+        return inside
+    margins = ((first_i, shape[0] - last_i), (first_j, shape[1] - last_j))
     if outside == "edge":
-        margins = ((first_i, shape[0] - last_i), (first_j, shape[1] - last_j))
         return np.pad(inside, margins, mode="edge")
-    return values
+    return np.pad(inside, margins, constant_values=np.nan)
 
 
 def read_overview(scan: ScanFile, reduction: int) -> GrayWindow:
@@ -178,6 +178,8 @@ def _read_gray(scan: ScanFile, window: Window, shape: tuple[int, int]) -> GrayWi
             ) from error
         if dataset.colorinterp[0] == ColorInterp.palette:
             values = _through_palette(values, dataset.colormap(1))
+    if len(bands) == 1:
+        return values[0]
     return np.einsum("b,bij->ij", np.array(bands, dtype=np.float32), values)
 
 

@@ -1,4 +1,4 @@
-"""Which part of a scan is photograph, kept small: a mask of a reduced scan, packed."""
+"""Which part of a scan is photograph, kept small: a packed mask of cells, and scratches."""
 
 import zlib
 from dataclasses import dataclass
@@ -7,6 +7,29 @@ import numpy as np
 from jaxtyping import UInt8
 
 from core.arrays import Flags, Indices, Mask, PixelPoints, locked
+
+SCRATCH_PX = 3.0
+"""What is no farther than this from a scratch is not used, pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scratch:
+    """A thin line along the film that is no part of the picture."""
+
+    axis: int
+    """0 when it runs along the rows of the scan, 1 along its columns."""
+    first: float
+    """Column (of axis 1, row) of its beginning, pixels."""
+    last: float
+    """The same of its end."""
+    course: tuple[float, float, float]
+    """Its row (of axis 1, column): the factors of the square, of the column, and the constant."""
+
+    def near(self, pixels: PixelPoints, reach_px: float) -> Flags:
+        """Which pixels lie no farther from it."""
+        along, across = pixels[:, self.axis], pixels[:, 1 - self.axis]
+        beside = np.abs(across - np.polyval(self.course, along)) <= reach_px
+        return beside & (along >= self.first - reach_px) & (along <= self.last + reach_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,16 +42,20 @@ class UsableArea:
     """Rows and columns of cells."""
     packed: UInt8[np.ndarray, "n"]
     """The cells as bits, row by row, deflated."""
+    scratches: tuple[Scratch, ...] = ()
+    """Lines that are left out, thinner than a cell."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "packed", locked(self.packed, np.uint8))
 
     @staticmethod
-    def of(mask: Mask, size_px: tuple[int, int]) -> "UsableArea":
+    def of(
+        mask: Mask, size_px: tuple[int, int], scratches: tuple[Scratch, ...] = ()
+    ) -> "UsableArea":
         """A mask of any resolution that covers the whole scan."""
         rows, columns = mask.shape
         deflated = zlib.compress(np.packbits(mask).tobytes())
-        return UsableArea(size_px, (rows, columns), np.frombuffer(deflated, np.uint8))
+        return UsableArea(size_px, (rows, columns), np.frombuffer(deflated, np.uint8), scratches)
 
     @property
     def mask(self) -> Mask:
@@ -42,10 +69,16 @@ class UsableArea:
         places = np.where(np.isfinite(pixels), pixels, -1.0)
         column, across = self._cells(places[:, 0], 0)
         row, down = self._cells(places[:, 1], 1)
-        return across & down & self.mask[row, column]
+        usable = across & down & self.mask[row, column]
+        for scratch in self.scratches:
+            usable &= ~scratch.near(places, SCRATCH_PX)
+        return usable
 
     def within(self, column: int, row: int, columns: int, rows: int, reduction: int) -> Mask:
-        """The same for all pixels of a window of the reduced scan that begins at a scan pixel."""
+        """The same for all pixels of a window of the reduced scan that begins at a scan pixel.
+
+        Asked by what looks at areas, such as templates, to which a scratch matters little.
+        """
         cells, across = self._cells(column + (np.arange(columns) + 0.5) * reduction, 0)
         lines, down = self._cells(row + (np.arange(rows) + 0.5) * reduction, 1)
         return self.mask[np.ix_(lines, cells)] & np.outer(down, across)

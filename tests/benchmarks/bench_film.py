@@ -62,7 +62,7 @@ def measured(path: Path) -> tuple[int, int, float, int]:
     camera = Camera("made", 150.0, (230.0, 230.0), fiducials_mm=MARKS)
     began = process_time()
     found = orient_scan(path, camera, FILM.pixel_mm * 1000)
-    found.usable()
+    found.masked()
     seconds = process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return found.size_px[0], len(found.fiducials), seconds, peak
