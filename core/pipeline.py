@@ -140,7 +140,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         orient_scans,
-        version=5,
+        version=6,
     ),
     Stage(
         "georeference",

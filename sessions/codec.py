@@ -58,7 +58,7 @@ from core.scan.film_area import FilmArea
 from core.scan.found_marks import FiducialMeasurement
 from core.scan.orientation import ScanOrientation
 from core.scan.raster import ScanFile
-from core.scan.usable_area import UsableArea
+from core.scan.usable_area import Scratch, UsableArea
 from core.stages import Georeferenced, PlacedBlocks, ScanSet, Tied
 from sessions.decisions import DECISIONS, Recorded
 
@@ -110,6 +110,7 @@ REGISTERED: tuple[type, ...] = (
     Tied,
     TiePoints,
     Turn,
+    Scratch,
     UsableArea,
 )
 """Every dataclass that may be stored; a new one is added here and nowhere else."""
