@@ -101,8 +101,8 @@ def _tilt(sides: PixelPoints) -> float:
     return float(np.mean(sides[:, 1] / sides[:, 0]))
 
 
-def _profiles(scan: ScanFile, piece: int, step: int) -> tuple[Profile, Profile]:
-    """Means of the pieces of rows, and of columns, `step` of which are put together."""
+def _profiles(scan: ScanFile, piece: int, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """Means (`Profile`) of the pieces of rows, and of columns, `step` of which make one."""
     unit = piece * step
     columns, rows = (side // unit * unit for side in scan.size_px)
     along_rows = np.empty((rows // step, columns // piece), np.float32)

@@ -126,3 +126,19 @@ def test_coarse_prints_of_wild_film__real(shared_data: Path, name: str) -> None:
     assert all(mark.kind.startswith("ring") for mark in oriented.fiducials)
     assert max(mark.disagreement_px for mark in oriented.fiducials) < 0.05
     assert oriented.interior.rms_um < 127
+
+
+def test_scratches_of_an_old_film_are_those_an_eye_sees__real(shared_data: Path) -> None:
+    """Three lines down the film of 1972, read in enlarged crops; none in 1985, as none is seen."""
+    camera = Camera("unknown", 152.4, (230.0, 230.0))
+    frames = shared_data / "act-canberra-film" / "frames"
+    scratched = orient_scan(frames / "1972_r01_f85.jpg", camera, 127.0).masked().scan.usable
+    clean = orient_scan(frames / "1985_r02_f100.jpg", camera, 127.0).masked().scan.usable
+    assert scratched is not None
+    assert clean is not None
+    assert not clean.scratches
+    for column, row in ((384.5, 800.0), (913.0, 1300.0), (941.5, 1300.0)):
+        across = column + np.arange(-12.0, 13.0)
+        left_out = ~scratched.at(np.column_stack([across, np.full(25, row)]))
+        assert left_out[12]
+        assert 4 <= left_out.sum() <= 8

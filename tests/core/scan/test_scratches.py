@@ -24,7 +24,7 @@ DARK = np.array([[150.5, 1100.5], [1000.5, 1094.5]])
 def drawn(lines: list[tuple[np.ndarray, int, int]], path: Path, depth: type = np.uint8) -> Path:
     """A film with lines (places, tone, width) upon it."""
     make_film(path, FILM)
-    gray = read_overview(open_scan(path), 1)
+    gray = read_overview(open_scan(path), 1)[:1500]
     for line, tone, width in lines:
         places = np.round((line - 0.5) * 256).astype(np.int32)
         cv2.polylines(gray, [places], False, float(tone), width, cv2.LINE_AA, 8)
