@@ -75,8 +75,10 @@ def find_scratches(
     options = options or ScratchOptions()
     piece = int(np.clip(round(options.piece_mm / pixel_mm), *PIECE_PX))
     step = max(round(options.row_mm / pixel_mm), 1)
-    profiles = _profiles(scan, piece, step)
     least = int(np.ceil(options.least_mm / (pixel_mm * piece)))
+    if min(scan.size_px) < max(least, step) * piece:
+        return ()
+    profiles = _profiles(scan, piece, step)
     sides = np.roll(corners, -1, axis=0) - corners
     tilts = (_tilt(sides[[0, 2]]), _tilt(sides[[1, 3], ::-1]))
     limit = float(np.tan(np.radians(options.turn_deg)))

@@ -87,6 +87,11 @@ def test_outside_the_photograph_none_is_sought__truth(tmp_path: Path) -> None:
     assert np.abs(course(found, DARK)).max() < 2.0
 
 
+def test_a_scan_shorter_than_a_scratch_has_none__truth(tmp_path: Path) -> None:
+    write_gray(tmp_path / "scrap.tif", np.full((12, 500), 90, np.uint8))
+    assert find_scratches(open_scan(tmp_path / "scrap.tif"), SQUARE, WHOLE, 0.04) == ()
+
+
 def test_the_mask_of_a_scan_leaves_out_its_scratches_alone__truth(tmp_path: Path) -> None:
     path = drawn([(BRIGHT, 235, 1)], tmp_path / "film.tif")
     camera = Camera("little", 60.0, (60.0, 60.0), fiducials_mm={})
