@@ -165,7 +165,7 @@ STAGES: tuple[Stage, ...] = (
             given.assembly,
         ),
         tie_photos,
-        version=4,
+        version=5,
     ),
     Stage(
         "reference",
@@ -188,7 +188,7 @@ STAGES: tuple[Stage, ...] = (
         ("ties",),
         lambda given: (given.placement, given.assembly.adjustment),
         place_blocks,
-        version=3,
+        version=4,
     ),
     Stage(
         "orientation",

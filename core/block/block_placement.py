@@ -5,7 +5,7 @@ much room. Tied together, the photos leave four unknowns between them (turn, sca
 their ground speaks.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -13,9 +13,17 @@ from typing import Any
 import numpy as np
 
 from core.arrays import PlanPosition, Scalars
-from core.block.block import Block, Photo
+from core.block.block import Block
 from core.block.free_block import FreeBlock
-from core.block.registration.ground_search import Backdrop, Laid, Level, Turn, distinct, steps_of
+from core.block.registration.ground_search import (
+    Backdrop,
+    Laid,
+    Level,
+    Turn,
+    apart,
+    distinct,
+    steps_of,
+)
 from core.block.registration.patches import OpenPhoto
 from core.block.registration.placement import (
     Placement,
@@ -47,6 +55,10 @@ class BlockPlacementOptions:
     """Largest side of the block in pixels when the best places are sought again."""
     search_sigmas: float = 2.5
     """Half-width of the search in standard deviations of the prior."""
+    near_sigmas: float = 1.0
+    """Half-width of a second search, where the first had to be coarser than `photo_px` says."""
+    near_candidates: int = 12
+    """Places of that second search that are sought again more finely."""
     most_scale: float = 0.2
     """Largest change of scale that is tried, 1 = 100 %."""
     hypotheses: int = 3
@@ -89,24 +101,78 @@ def place_block(
         for name, photo in block.photos.items()
     }
     about = np.mean([photo.exterior.centre[:2] for photo in block.photos.values()], axis=0)
-    reach = block_reach_m(block, about)
-    room = _Room.of(list(block.photos.values()), free.turns, options)
-    width = min(opened.width_m for opened in photos.values())
-    finest = max(width / options.photo_px, 2 * reach / options.block_px)
-    gsd = room.first_gsd_m(finest, reach, options)
-    finer = max(1, round(min(gsd * options.fine_px / (2 * reach), 2.5)))
-    laid = laid_block(photos, reference, about, reach, gsd, mapper)
-    backdrop = Backdrop.read(reference.ortho, about, laid.half_m + room.shift_m, gsd / finer)
-    level = Level(laid, backdrop.coarser(finer), Turn(0.0, 1.0), room.shift_m)
-    turns = level.search(room.trials(reach / gsd), 2, mapper)
-    best = distinct(turns, options.candidates if gsd > finest else options.hypotheses, reach)
+    view = _View(photos, reference, about, block_reach_m(block, about), mapper)
+    finest = view.finest_gsd_m(options)
+    room = _Room.of(free, options.search_sigmas, options)
+    gsd = room.first_gsd_m(finest, view.reach_m, options)
+    finer = max(1, round(min(gsd * options.fine_px / (2 * view.reach_m), 2.5)))
+    laid = view.laid(gsd)
+    backdrop = view.backdrop(laid.half_m + room.shift_m, gsd / finer)
+    count = options.candidates if gsd > finest else options.hypotheses
+    best = view.sought(laid, backdrop.coarser(finer), room, count)
+    if gsd > finest:
+        near = _Room.of(free, options.near_sigmas, options)
+        best += view.sought_near(near, gsd, best, options)
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
-    fine = laid_block(photos, reference, about, reach, gsd / finer, mapper)
-    step = 1.5 * gsd / reach
+    fine = view.laid(gsd / finer)
+    step = 1.5 * gsd / view.reach_m
     found = list(mapper(lambda turn: refined_turn(fine, backdrop, turn, step), best))
     found.sort(key=lambda turn: -turn.score)
-    return _placed(photos, about, tuple(found[: options.hypotheses]), gsd / finer, options)
+    likeliest = apart(found, options.hypotheses, view.reach_m)
+    return _placed(photos, about, tuple(likeliest), gsd / finer, options)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """The block's photos and the reference they are sought on."""
+
+    photos: Mapping[str, OpenPhoto]
+    reference: Reference
+    about: PlanPosition
+    reach_m: float
+    mapper: Callable[..., Iterable[Any]]
+
+    def finest_gsd_m(self, options: BlockPlacementOptions) -> float:
+        """Ground sample distance of a first search that may take as long as it wants."""
+        width = min(opened.width_m for opened in self.photos.values())
+        return max(width / options.photo_px, 2 * self.reach_m / options.block_px)
+
+    def laid(self, gsd_m: float) -> Laid:
+        """The block on the ground."""
+        return laid_block(self.photos, self.reference, self.about, self.reach_m, gsd_m, self.mapper)
+
+    def backdrop(self, half_m: float, gsd_m: float) -> Backdrop:
+        """The reference about the block."""
+        return Backdrop.read(self.reference.ortho, self.about, half_m, gsd_m)
+
+    def sought(
+        self,
+        laid: Laid,
+        backdrop: Backdrop,
+        room: "_Room",
+        count: int,
+        beside: Sequence[Turn] = (),
+    ) -> list[Turn]:
+        """The best places within a room, none of them one that is known already."""
+        level = Level(laid, backdrop, Turn(0.0, 1.0), room.shift_m)
+        trials = room.trials(self.reach_m / laid.grid.ground_sample_distance_m)
+        return distinct(level.search(trials, 2, self.mapper), count, self.reach_m, beside)
+
+    def sought_near(
+        self, near: "_Room", gsd_m: float, known: Sequence[Turn], options: BlockPlacementOptions
+    ) -> list[Turn]:
+        """The best places about where the sources put the block, as finely as its room allows.
+
+        Over wide room a coarse search finds by chance what is as like as the true place. That lies
+        close to what the sources say more often than not, and there is time for more detail there.
+        """
+        own = near.first_gsd_m(self.finest_gsd_m(options), self.reach_m, options)
+        if own >= gsd_m:
+            return []
+        laid = self.laid(own)
+        backdrop = self.backdrop(laid.half_m + near.shift_m, own)
+        return self.sought(laid, backdrop, near, options.near_candidates, known)
 
 
 def block_reach_m(block: Block, about: PlanPosition) -> float:
@@ -128,14 +194,16 @@ class _Room:
     scale: float
 
     @staticmethod
-    def of(photos: list[Photo], turns: Scalars, options: BlockPlacementOptions) -> "_Room":
+    def of(free: FreeBlock, sigmas: float, options: BlockPlacementOptions) -> "_Room":
         """The room of the surest photo alone: sources of one archive may all err the same way."""
+        photos = list(free.block.photos.values())
         above = np.array([p.approximate.centre[2] - p.ground_height_m for p in photos])
         tilt = above * [float(np.max(p.prior.sigma_angles[:2])) for p in photos]
         plan = np.hypot([float(np.max(p.prior.sigma_centre_m[:2])) for p in photos], tilt)
         height = np.array([p.prior.sigma_centre_m[2] for p in photos]) / above
-        scale = min(options.search_sigmas * float(np.min(height)), options.most_scale)
-        return _Room(turns, options.search_sigmas * float(np.min(plan)), scale)
+        scale = min(sigmas * float(np.min(height)), options.most_scale)
+        turns = free.turns[free.turn_sigmas <= sigmas]
+        return _Room(turns, sigmas * float(np.min(plan)), scale)
 
     def first_gsd_m(self, gsd: float, reach_m: float, options: BlockPlacementOptions) -> float:
         """A ground sample distance, or the finest above it at which the search is not too long."""

@@ -41,6 +41,8 @@ class FreeBlock:
     """These photos alone, with their ties."""
     turns: Scalars
     """Turns about the middle (radians) under which their sources agree best, likeliest first."""
+    turn_sigmas: Scalars
+    """By turn, how far it puts the sources off on the average, standard deviations."""
     tied: bool
     """Whether ties brought them together; False for one photo by itself."""
 
@@ -104,10 +106,10 @@ def _free_block(
     if len(names) == 1:
         kappas = [known.kappa for known in hypotheses[names[0]]]
         turns = np.array(kappas) - block.photos[names[0]].exterior.kappa
-        return FreeBlock(block, turns, False)
+        return FreeBlock(block, turns, np.zeros(len(turns)), False)
     plane = plane_block(block)
     sources = [_Source.of(block.photos[name], hypotheses[name]) for name in names]
-    turns = likely_turns(plane, sources)
+    turns, sigmas = likely_turns(plane, sources)
     placed, _ = laid_by_sources(plane, sources, float(turns[0]))
     standing = block.with_photos(
         {
@@ -123,7 +125,7 @@ def _free_block(
                 for name, photo in standing.photos.items()
             }
         )
-    return FreeBlock(standing, np.asarray(turns - turns[0]), True)
+    return FreeBlock(standing, np.asarray(turns - turns[0]), sigmas, True)
 
 
 def plane_block(block: Block) -> Similarities:
@@ -242,18 +244,23 @@ def laid_by_sources(
     return placed, apart + turned + scale_weight * (scale - 1) ** 2
 
 
-def likely_turns(plane: Similarities, sources: Sequence[_Source]) -> Scalars:
+def likely_turns(plane: Similarities, sources: Sequence[_Source]) -> tuple[Scalars, Scalars]:
     """Turns of the whole block that its sources leave possible, likeliest first, radians.
 
     Sources of one archive may all err the same way, so that many are no surer than one; and where
     they contradict each other by more than they admit, they leave more open.
+
+    Returns:
+        The turns, and how far each puts the sources off on the average, standard deviations.
     """
     turns = np.arange(-np.pi, np.pi, TURN_STEP)
     costs = np.array([laid_by_sources(plane, sources, float(turn))[1] for turn in turns])
     freedom = max(3 * len(sources) - 4, 1)
-    allowed = SEARCH_SIGMAS**2 * len(sources) * max(1.0, float(costs.min()) / freedom)
+    usual = len(sources) * max(1.0, float(costs.min()) / freedom)
+    sigmas = np.sqrt((costs - costs.min()) / usual)
     order = np.argsort(costs, kind="stable")
-    return turns[order[costs[order] <= costs.min() + allowed]]
+    likely = order[sigmas[order] <= SEARCH_SIGMAS]
+    return turns[likely], sigmas[likely]
 
 
 def _stood_up(block: Block, name: str, values: np.ndarray, source: _Source) -> Photo:

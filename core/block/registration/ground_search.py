@@ -45,6 +45,12 @@ class Turn:
     z: float = 0.0
     """Height of the similarity above that of other places in robust standard deviations."""
 
+    def near(self, other: "Turn", width_m: float) -> bool:
+        """Whether two put a picture of a width to about the same place, whatever their scale."""
+        apart = np.hypot(self.east_m - other.east_m, self.north_m - other.north_m)
+        turned = abs(np.angle(np.exp(1j * (self.kappa - other.kappa))))
+        return bool(apart <= 0.05 * width_m and turned <= 0.1)
+
     def moved(
         self, exterior: ExteriorOrientation, about: PlanPosition, ground_height_m: float
     ) -> ExteriorOrientation:
@@ -237,18 +243,30 @@ def shifted_grid(grid: Grid, start: Turn, rim_px: int) -> Grid:
     )
 
 
-def distinct(turns: Iterable[Turn], count: int, width_m: float) -> list[Turn]:
-    """The best turns that differ in turn or shift, by their height above other places."""
+def distinct(
+    turns: Iterable[Turn], count: int, width_m: float, beside: Sequence[Turn] = ()
+) -> list[Turn]:
+    """The best turns that lie apart, by their height above other places; as `apart`."""
+    return apart(sorted(turns, key=lambda turn: -turn.z), count, width_m, beside)
+
+
+def apart(
+    turns: Iterable[Turn], count: int, width_m: float, beside: Sequence[Turn] = ()
+) -> list[Turn]:
+    """The first turns that differ from those before them in turn or shift.
+
+    Args:
+        turns: Any number, the best one first.
+        count: How many at most.
+        width_m: Width of the picture on the ground, metres.
+        beside: Turns from which they must differ as well.
+    """
     kept: list[Turn] = []
-    for turn in sorted(turns, key=lambda turn: -turn.z):
-        if all(
-            np.hypot(turn.east_m - other.east_m, turn.north_m - other.north_m) > 0.05 * width_m
-            or abs(np.angle(np.exp(1j * (turn.kappa - other.kappa)))) > 0.1
-            for other in kept
-        ):
-            kept.append(turn)
+    for turn in turns:
         if len(kept) == count:
             break
+        if not any(turn.near(other, width_m) for other in (*beside, *kept)):
+            kept.append(turn)
     return kept
 
 

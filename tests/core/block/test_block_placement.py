@@ -81,6 +81,24 @@ def test_a_block_of_poor_sources_is_found_as_one_body__truth(tiny, sigma_m, kapp
         assert (np.abs(error) < 3.5 * sigma).all()
 
 
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_where_the_whole_room_is_too_wide_the_sources_are_looked_at_more_finely__truth(tiny, seed):
+    """So little time that a first search finds another place; the sources are off by a sigma."""
+    free = lost(tiny, np.random.default_rng(seed), 250.0, 8.0, True)
+    hurried = replace(OPTIONS, most_work=3e6, candidates=1)
+    away = {}
+    for near in (0, hurried.near_candidates):
+        options = replace(hurried, near_candidates=near)
+        placed = place_block(free, tiny.scans, tiny.reference, options)
+        assert not isinstance(placed, Failure)
+        ends = [astray_m(tiny, name, placed.placements[name][0].exterior) for name in tiny.names]
+        away[near] = np.sqrt(np.mean(np.square(ends)))
+    assert away[0] > 500
+    assert away[hurried.near_candidates] < 20
+    places = [(turn.east_m, turn.north_m, turn.kappa) for turn in placed.turns]
+    assert len(set(places)) == len(places) == options.hypotheses
+
+
 def test_nothing_but_the_scale_is_enough__truth(tiny):
     """No position and no kappa: the whole ortho is searched, a thirtieth off in scale."""
     camera, bounds = tiny.truth.camera, tiny.reference.ortho.bounds

@@ -83,6 +83,9 @@ def test_a_block_turned_as_a_whole_leaves_its_turn_open__truth():
     away = np.abs(np.angle(np.exp(1j * (free.turns - off))))
     assert away.min() < np.radians(1.0)
     assert len(free.turns) < 120
+    assert free.turn_sigmas[0] == 0
+    assert (np.diff(free.turn_sigmas) >= 0).all()
+    assert free.turn_sigmas[np.argmin(away)] < 1.5
 
 
 def test_sources_that_name_one_place_for_all_do_not_draw_the_block_together__truth():

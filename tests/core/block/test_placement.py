@@ -7,7 +7,7 @@ import pytest
 
 from core.arrays import locked
 from core.block.block import ExteriorPrior
-from core.block.registration.ground_search import Laid, Turn, angle_field, distinct, turned
+from core.block.registration.ground_search import Laid, Turn, angle_field, apart, distinct, turned
 from core.block.registration.patches import OpenPhoto
 from core.block.registration.placement import (
     NARROW,
@@ -192,6 +192,8 @@ def test_the_best_turns_differ__law():
     assert distinct(turns[::-1], 5, 1000.0) == [turns[0], turns[2], turns[4]]
     assert distinct(turns, 1, 1000.0) == [turns[0]]
     assert distinct([], 3, 1000.0) == []
+    assert distinct(turns, 5, 1000.0, beside=turns[:1]) == [turns[2], turns[4]]
+    assert apart([turns[4], *turns], 2, 1000.0) == [turns[4], turns[0]]
 
 
 def test_a_placed_photo_knows_its_middle_better_than_its_corners__truth(tiny):
