@@ -47,9 +47,9 @@ class Turn:
 
     def near(self, other: "Turn", width_m: float) -> bool:
         """Whether two put a picture of a width to about the same place, whatever their scale."""
-        apart = np.hypot(self.east_m - other.east_m, self.north_m - other.north_m)
+        shift = np.hypot(self.east_m - other.east_m, self.north_m - other.north_m)
         turned = abs(np.angle(np.exp(1j * (self.kappa - other.kappa))))
-        return bool(apart <= 0.05 * width_m and turned <= 0.1)
+        return bool(shift <= 0.05 * width_m and turned <= 0.1)
 
     def moved(
         self, exterior: ExteriorOrientation, about: PlanPosition, ground_height_m: float
