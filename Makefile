@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PIP_USER := 0
 
 # Two files of tests at a time; those in a browser watch the clock and run alone.
-UNSEEN := $(BIN)/python -m pytest -m "not browser" -n 2 --dist loadfile
+UNSEEN := $(BIN)/python -m pytest -m "not browser" -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint browser bench clean

@@ -14,6 +14,12 @@ from core.synthetic.options import SyntheticOptions
 from tests.tiny import Tiny, open_tiny, with_check_points
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+LONG = ("real", "journeys")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of minutes first, so that no worker waits at the end for the other's last one."""
+    items.sort(key=lambda item: item.path.parent.name not in LONG)
 
 
 @pytest.fixture(scope="session")
