@@ -165,7 +165,7 @@ STAGES: tuple[Stage, ...] = (
             given.assembly,
         ),
         tie_photos,
-        version=5,
+        version=6,
     ),
     Stage(
         "reference",

@@ -60,6 +60,20 @@ def test_first_looks_that_differ_little_begin_alike_to_the_last_digit__law(stand
     assert alike >= 18
 
 
+@pytest.mark.parametrize("flown_m", [600, 1000, 1200, 1500, 1800, 2000, 2500, 3000, 3500, 6000])
+def test_round_heights_do_not_lie_on_the_border_of_two_steps__law(standing, flown_m):
+    block, known = standing
+    usual = np.median(
+        [photo.exterior.centre[2] - photo.ground_height_m for photo in block.photos.values()]
+    )
+    begun = []
+    for off in (0.993, 1.007):
+        looked = moved(block, 0.0, 0.0, off * flown_m / usual)
+        photos, _ = started_anew(looked, known, level)
+        begun.append([photo.exterior.centre[2] for photo in photos.values()])
+    assert begun[0] == begun[1]
+
+
 def test_no_photo_begins_further_off_than_half_a_step__law(standing):
     block, known = standing
     begun, found = started_anew(block, known, level)
