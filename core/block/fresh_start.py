@@ -22,8 +22,10 @@ from core.geometry.exterior import ExteriorOrientation
 
 UNDER_M = 1500.0
 """The ground under a photo is what lies within this of its middle, metres."""
-ROUND_M = 1000.0
-"""Flights are ordered at round heights: those must not lie on the border of two steps."""
+STEPS_FROM_M = 1000.0
+"""What steps of the height are counted from: so those of `StartOptions` have their borders aside of
+heights that are flown most, 1000, 1200, 1500, 1800, 2000, 2500, 3000 and 5000 m, and of photos
+1 : 10 000 and 1 : 20 000 with 153 and 210 mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +36,8 @@ class StartOptions:
     """Step of a photo's place along either axis, as a share of its width on the ground."""
     kappa: float = float(np.radians(5.0))
     """Step of kappa, radians."""
-    height: float = 2 ** (1 / 7) - 1
-    """Step of the height over ground, as a share of it; of seven to a doubling, counted from
-    `ROUND_M`, the borders lie 1 % or more from 1200, 1500, 1800, 2000, 2500, 3000 and 3500 m."""
+    height: float = 0.09
+    """Step of the height over ground, as a share of it."""
     tilt: float = float(np.radians(3.0))
     """Standard deviation of omega and phi, which begin at nought, radians."""
 
@@ -81,7 +82,7 @@ def started_anew(
         ground = photo.ground_height_m if np.isnan(height) else height
         # Photos of one flight stand equally high: only how high the flight was is rounded by
         # itself, or photos near the border of two steps would begin at heights of their own.
-        flown = ROUND_M * _stepped(usual / ROUND_M, options.height)
+        flown = STEPS_FROM_M * _stepped(usual / STEPS_FROM_M, options.height)
         above = flown * _stepped(_above_m(photo) / usual, options.height)
         kappa = _direction(photo.exterior.kappa, options.kappa)
         exterior = ExteriorOrientation(np.array([*middle, ground + above]), 0.0, 0.0, kappa)

@@ -60,8 +60,10 @@ def test_first_looks_that_differ_little_begin_alike_to_the_last_digit__law(stand
     assert alike >= 18
 
 
-@pytest.mark.parametrize("flown_m", [600, 1000, 1200, 1500, 1800, 2000, 2500, 3000, 3500, 6000])
-def test_round_heights_do_not_lie_on_the_border_of_two_steps__law(standing, flown_m):
+@pytest.mark.parametrize(
+    "flown_m", [1000, 1200, 1500, 1530, 1800, 2000, 2100, 2500, 3000, 3060, 4200, 5000]
+)
+def test_usual_heights_do_not_lie_on_the_border_of_two_steps__law(standing, flown_m):
     block, known = standing
     usual = np.median(
         [photo.exterior.centre[2] - photo.ground_height_m for photo in block.photos.values()]
