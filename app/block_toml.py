@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from core.errors import ProjectError
-from core.reference.vectors import LAYER_MARK
+from core.formats.vectors import LAYER_MARK
 
 FILE = "block.toml"
 """Name of the file in a block's folder."""

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 
 from app.project import Project
-from core.ground.change import find_change, write_change
-from core.ground.mosaic import MosaicProduct
+from core.mosaic.change import find_change, write_change
+from core.mosaic.composition import MosaicProduct
 from core.progress import Progress
-from core.reference.ortho import open_ortho
+from core.raster.ortho import open_ortho
+from sessions.atomic_write import whole_file
 from sessions.session import Session
-from sessions.whole import whole_file
 
 FILE = "change.gpkg"
 

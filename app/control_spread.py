@@ -5,46 +5,47 @@ from typing import Any
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentReport
-from core.block.control_needs import Want, wanted_control
-from core.block.control_rules import ControlLimits, ControlSpread, count_control
-from core.block.foresight import Foresight
+from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.influence import Influence
+from core.quality.control_count import ControlSpread, count_control
+from core.quality.control_design import Want, wanted_control
+from core.quality.rules import EDGE_BASES, PER_MODEL, STRIP_POINTS
 
 PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")
 """The nine places of a photo, as they lie on the film."""
 
 
-def spread_figures(report: AdjustmentReport, foresight: Foresight | None) -> dict[str, Any]:
+def spread_figures(report: AdjustmentReport, influence: Influence | None) -> dict[str, Any]:
     """Control against the rules, and the places where one more point would help most.
 
     Args:
         report: The adjusted block.
-        foresight: Its equations; None where no photo took part.
+        influence: Its equations; None where no photo took part.
     """
-    count, limits = count_control(report), ControlLimits()
+    count = count_control(report)
     scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
-    wants = () if foresight is None else wanted_control(foresight)
+    wants = () if influence is None else wanted_control(influence)
     rules = None if count is None else {
         "base_m": count.base_m,
         "models": count.models,
-        "strip_points_least": limits.strip_points,
+        "strip_points_least": STRIP_POINTS,
         "poorest_strip": {"scan": count.poorest_strip[0], "points": count.poorest_strip[1]},
-        "plan": _spread(count.plan, limits, 0),
-        "heights": _spread(count.heights, limits, 1),
+        "plan": _spread(count.plan, 0),
+        "heights": _spread(count.heights, 1),
         "check_share": count.check_share,
     }  # fmt: skip
     return {"rules": rules, "wanted": [_want(want, scale) for want in wants]}
 
 
-def _spread(spread: ControlSpread, limits: ControlLimits, kind: int) -> dict[str, Any]:
+def _spread(spread: ControlSpread, kind: int) -> dict[str, Any]:
     return {
         "points": spread.points,
         "edge_gap_bases": spread.gap.bases,
-        "edge_gap_most": limits.edge_bases[kind],
+        "edge_gap_most": EDGE_BASES[kind],
         "edge_gap_at": spread.gap.middle.tolist(),
         "edge_gap_scan": spread.gap.photo_id,
         "per_model": spread.per_model,
-        "per_model_least": limits.per_model[kind],
+        "per_model_least": PER_MODEL[kind],
     }
 
 

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from app.terminal import Voice
-from core.block.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport
 from core.errors import StorageError
-from core.ground.comparison import compare_orthos
+from core.mosaic.comparison import compare_orthos
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import judge_control, judge_orientations, read_truth
+from sessions.atomic_write import whole_file
 from sessions.disk import told as disk_told
 from sessions.products import digest_of
-from sessions.whole import whole_file
 
 STAMP = ".demo"
 

@@ -11,9 +11,9 @@ import pyproj
 import rasterio
 from pyproj.transformer import TransformerGroup
 
-from app.described import described
+from app.block_input import described
 from app.project import read_project
-from core.whereabouts import open_reference
+from core.matching.reference import open_reference
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 GIB = 1024**3
@@ -66,11 +66,11 @@ def of_block(block: Path) -> Iterator[str]:
     """What a block lacks: files, space for its results."""
     project = read_project(block)
     given = described(project)
-    reference = open_reference(given)
+    reference = open_reference(given.reference)
     yield f"Block {given.name}: {len(given.scans)} scans, {given.crs}"
     gsd = reference.ortho.ground_sample_distance_m
     yield f"Reference: ortho {gsd:g} m, DEM {reference.dem.ground_sample_distance_m:g} m"
-    if not given.roads:
+    if not given.reference.roads:
         yield "No road layers: control comes from salient points of the ortho alone"
     if not all(given.cameras[scan.camera].fiducials_mm for scan in given.scans):
         yield (

@@ -10,9 +10,10 @@ from core.formats.micmac_measures import (
     write_image_measures,
 )
 from core.geometry.interior import film_shape
-from core.scan.orientation import ScanOrientation
-from core.stages import BlockInput, ScanSet
-from sessions.whole import whole_file
+from core.results import BlockInput
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.stage import ScanSet
+from sessions.atomic_write import whole_file
 
 FIDUCIAL_COLUMNS = (
     "scan,fiducial,status,col,row,sigma_px,score,disagreement_px,kind,"

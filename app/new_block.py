@@ -11,7 +11,7 @@ import numpy as np
 from pyproj import CRS
 
 from app.block_toml import FILE
-from app.finding import Findings, FoundLayer, FoundRaster, Kind, find
+from app.folder_scan import Findings, FoundLayer, FoundRaster, Kind, find
 from app.project import Georeference
 from core.errors import CrsError, ProjectError
 from core.geometry.crs import parse_crs, short_name

@@ -9,13 +9,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from app.described import described
-from app.desk import lasting_token
+from app.block_input import described
+from app.desk.inputs import lasting_token
 from app.placing_run import Running
 from app.project import Project
 from app.scan_files import ScanFiles
-from core.block.block import Block, ExteriorPrior, Photo
-from core.block.ties.pairs import footprint
+from core.block import Block, ExteriorPrior, Photo, footprint
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, ScanError
 from core.formats.qgis_points import (
@@ -28,12 +27,13 @@ from core.geometry.camera import Camera
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.transforms import fit_similarity, rotation_and_scale
-from core.reference.reference import Reference
-from core.scan.orientation import ScanOrientation
-from core.stages import BlockInput, Georeferenced, ScanSet
-from core.whereabouts import open_reference
+from core.georeference.stage import Georeferenced
+from core.matching.reference import Reference, open_reference
+from core.results import BlockInput
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.stage import ScanSet
+from sessions.atomic_write import clean_leftovers, whole_file
 from sessions.session import HIDDEN, Session
-from sessions.whole import clean_leftovers, whole_file
 from ui.review.compare import DrawnPhoto
 from ui.review.palette import page_palette
 from ui.review.placement import NOWHERE
@@ -82,9 +82,11 @@ def placeable(project: Project, session: Session) -> Placeable | None:
     given = described(project)
     placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
     if placed is None:
-        return Placeable(given, scans, open_reference(given))
+        return Placeable(given, scans, open_reference(given.reference))
     nowhere = {n for n, one in placed.approximations.items() if one.source in NOWHERE}
-    return Placeable(given, scans, open_reference(given), placed.block, frozenset(nowhere))
+    return Placeable(
+        given, scans, open_reference(given.reference), placed.block, frozenset(nowhere)
+    )
 
 
 class Placing:

@@ -5,11 +5,11 @@ import time
 from pathlib import Path
 from typing import Any, Literal
 
+from app.desk.background import survived
 from app.project import read_project
 from app.run import LAST_STAGES, STAGE_NAMES, Run, RunOptions
 from app.settings import Settings
 from app.terminal import JsonLines
-from app.worker import survived
 from core.errors import Cancelled
 from core.pipeline import STAGES
 from sessions.session import Session

@@ -13,15 +13,15 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from app.adjustment_section import adjustment_options
 from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
 from app.camera_table import read_camera
-from core.block.adjusted import AdjustmentOptions
-from core.block.published import Preset
-from core.block.registration.descriptors import has_akaze
-from core.block.registration.learned import LEARNED, check_network
-from core.block.registration.matching import USUAL
-from core.block.registration.operators import OPERATORS
+from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
+from core.literature.published_chains import Preset
+from core.matching.descriptors import has_akaze
+from core.matching.learned import LEARNED, check_network
+from core.matching.local_search import USUAL
+from core.matching.operators import OPERATORS
 
 Georeference = Literal["world-file", "points", "footprints", "none"]
 """What the approximate exterior orientation begins from."""

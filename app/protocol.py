@@ -8,11 +8,11 @@ from typing import Any, cast
 
 from app.control_spread import spread_lines
 from app.protocol_figures import protocol_figures
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.foresight import Foresight
-from core.block.least_squares.terrain import Terrain
-from core.reference.dem import Dem
-from sessions.whole import whole_file
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.influence import Influence
+from core.adjustment.terrain import Terrain
+from core.raster.dem import Dem
+from sessions.atomic_write import whole_file
 
 CLASSES = {
     "tie": "tie points, image",
@@ -31,7 +31,7 @@ def write_protocol(
     name: str,
     report: AdjustmentReport,
     options: AdjustmentOptions,
-    foresight: Foresight | None,
+    influence: Influence | None,
 ) -> tuple[Path, Path]:
     """Write the protocol of an adjustment, each file whole or not at all.
 
@@ -40,9 +40,9 @@ def write_protocol(
         name: Name of the block.
         report: The adjusted block.
         options: What it was adjusted with.
-        foresight: Its equations; None where no photo took part.
+        influence: Its equations; None where no photo took part.
     """
-    figures = cast("dict[str, Any]", plain(protocol_figures(name, report, options, foresight)))
+    figures = cast("dict[str, Any]", plain(protocol_figures(name, report, options, influence)))
     text_path, json_path = folder / "adjustment.txt", folder / "adjustment.json"
     with whole_file(json_path) as temporary:
         text = json.dumps(figures, indent=1, ensure_ascii=False, allow_nan=False)

@@ -8,12 +8,12 @@ import numpy as np
 
 from app.control_spread import PLACES, spread_figures
 from app.results import final_status
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
-from core.block.effects import Effect, LeftOut
-from core.block.foresight import Foresight
-from core.block.least_squares.reliability import TestLimits
-from core.block.methods import compare_methods
-from core.block.ray_counts import RayCounts, ray_counts_of
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
+from core.adjustment.influence import Influence, LeftOut, Reliability
+from core.adjustment.reliability import TestLimits
+from core.literature.methods import compare_methods
+from core.quality.ray_counts import RayCounts, ray_counts_of
+from core.quality.rules import doubts_of
 
 AXES = ("X", "Y", "Z")
 
@@ -22,7 +22,7 @@ def protocol_figures(
     name: str,
     report: AdjustmentReport,
     options: AdjustmentOptions,
-    foresight: Foresight | None,
+    influence: Influence | None,
 ) -> dict[str, Any]:
     """All figures of an adjustment.
 
@@ -30,10 +30,10 @@ def protocol_figures(
         name: Name of the block.
         report: The adjusted block.
         options: What it was adjusted with.
-        foresight: Its equations; None where no photo took part.
+        influence: Its equations; None where no photo took part.
     """
     counts = ray_counts_of(report)
-    corners = {} if foresight is None else foresight.corner_sigmas()
+    corners = {} if influence is None else influence.corner_sigmas()
     scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
     return {
         "block": {"name": name, **_block(report, counts)},
@@ -43,8 +43,8 @@ def protocol_figures(
         "parameters": [_parameter(parameter) for parameter in report.parameters],
         "ties": _ties(report, counts),
         "photos": _photos(report, counts, {n: scale * s for n, s in corners.items()}),
-        "control": _control(report, foresight, scale),
-        "control_spread": spread_figures(report, foresight),
+        "control": _control(report, influence, scale),
+        "control_spread": spread_figures(report, influence),
         "checks": _checks(report),
         "methods": _methods(report) if options.compare_methods else [],
         "rms_m": dict(report.rms_m),
@@ -52,7 +52,7 @@ def protocol_figures(
         "excluded": _excluded(report),
         "doubts": [
             {"kind": d.kind, "subject": d.subject, "message": d.message, "gravity": d.gravity}
-            for d in sorted(report.doubts, key=lambda doubt: -doubt.gravity)
+            for d in sorted(doubts_of(report), key=lambda doubt: -doubt.gravity)
         ],
     }
 
@@ -194,12 +194,11 @@ def _photos(
     return rows
 
 
-def _control(report: AdjustmentReport, foresight: Foresight | None, scale: float) -> dict[str, Any]:
+def _control(report: AdjustmentReport, influence: Influence | None, scale: float) -> dict[str, Any]:
     """Residuals, reliability and the point without itself."""
     block = report.block
-    smallest = {} if foresight is None else foresight.smallest_errors()
-    effects = {} if foresight is None else foresight.effects(sorted(report.redundancy_numbers))
-    left_out = {} if foresight is None else {p.point_id: p for p in foresight.leave_one_out()}
+    reliabilities = {} if influence is None else influence.reliabilities()
+    left_out = {} if influence is None else {p.point_id: p for p in influence.leave_one_out()}
     points = [
         {
             "point_id": name,
@@ -216,7 +215,7 @@ def _control(report: AdjustmentReport, foresight: Foresight | None, scale: float
             "residual_px": list(report.residuals_px[key]),
             "redundancy_number": number,
             "says": _checked(number),
-            **_reliable(smallest.get(key), effects.get(key), scale),
+            **_reliable(reliabilities.get(key), scale),
         }
         for key, number in sorted(report.redundancy_numbers.items())
     ]
@@ -242,14 +241,12 @@ def _without(left_out: LeftOut | None, scale: float) -> dict[str, Any]:
     }
 
 
-def _reliable(
-    smallest: tuple[float, float] | None, effect: Effect | None, scale: float
-) -> dict[str, Any]:
+def _reliable(found: Reliability | None, scale: float) -> dict[str, Any]:
     return {
-        "test": None if effect is None else effect.test / scale,
-        "shift_if_rejected_m": None if effect is None else effect.shift_m,
-        "smallest_detectable_px": None if smallest is None else scale * smallest[0],
-        "its_effect_on_the_ground_m": None if smallest is None else scale * smallest[1],
+        "test": None if found is None else found.test / scale,
+        "shift_if_rejected_m": None if found is None else found.shift_m,
+        "smallest_detectable_px": None if found is None else scale * found.smallest_error_px,
+        "its_effect_on_the_ground_m": None if found is None else scale * found.its_shift_m,
     }
 
 

@@ -22,7 +22,7 @@ from app.report_drawing import (
 )
 from app.report_figures import gather
 from app.report_wording import findings, tell
-from sessions.whole import whole_file
+from sessions.atomic_write import whole_file
 
 THUMBNAIL_PX = 1400
 LONGEST_TABLE = 300

@@ -7,7 +7,8 @@ from scipy import stats
 
 from app.report_content import ReportContent
 from core.arrays import ObjectPoints
-from core.ground.comparison import OUTLIER_RULE, MosaicAccuracy, rms_interval
+from core.geometry.robust import robust_sigma
+from core.mosaic.comparison import OUTLIER_RULE, MosaicAccuracy, rms_interval
 
 ASPRS_LEAST = 30
 """Check points below which the ASPRS standard (Ed. 2, 2023) allows no statement."""
@@ -59,7 +60,7 @@ def horizontal(differences: ObjectPoints) -> dict[str, Any]:
         "deviation": deviation.tolist(),
         "mean_significant": [_differs_from_nought(axis) for axis in plan.T],
         "median_shift": median.tolist(),
-        "nmad": (1.4826 * np.median(np.abs(plan - median), axis=0)).tolist(),
+        "nmad": [robust_sigma(axis) for axis in (plan - median).T],
         "mean_length": float(lengths.mean()),
         "largest": float(lengths.max()),
         "circular_error_90": float(1.5175 * m_p / np.sqrt(2)),

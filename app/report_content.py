@@ -6,13 +6,13 @@ from pathlib import Path
 
 from shapely.geometry import Polygon
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.block import Block
-from core.block.foresight import Foresight
-from core.block.registration.borne_out import Bin
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.influence import Influence
+from core.block import Block
+from core.control.calibration_check import Bin
 from core.doubts import Doubt
-from core.ground.comparison import MosaicAccuracy
-from core.ground.seams import Seam
+from core.mosaic.comparison import MosaicAccuracy
+from core.mosaic.seams import Seam
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class ReportContent:
     """Scans that could not be used, with the reason."""
     reference_sigma_m: tuple[float, float] | None = None
     """Accuracy of the reference ortho and DEM, metres."""
-    foresight: Foresight | None = None
+    influence: Influence | None = None
     """Equations of the adjusted block, to tell where control would help; None: it is not told."""
     reliability: Sequence[Bin] = ()
     """How far the probabilities of control proposals are borne out."""

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,13 @@ from app.control_spread import spread_figures
 from app.report_accuracy import check_accuracy, comparison_accuracy
 from app.report_content import ReportContent
 from app.results import final_status
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement, Photo
-from core.block.certificate import certify
-from core.block.displacement import displacement
-from core.block.registration.borne_out import calibration_error
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block, Measurement, Photo
+from core.control.calibration_check import calibration_error
 from core.geometry.camera import Camera
-from core.ground.seams import Seam
+from core.mosaic.seams import Seam
+from core.quality.displacement import displacement
+from core.quality.rules import check_release
 
 CELLS = 3
 """Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
@@ -45,11 +45,11 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "control": _control_figures(report),
         "reliability": _reliability(content),
         "coverage": _coverage(report),
-        "control_spread": spread_figures(report, content.foresight),
-        "certificate": _certificate(content),
+        "control_spread": spread_figures(report, content.influence),
+        "certificate": _release(content),
         "ties": _tie_figures(report),
         "overlaps": _overlaps(block, footprints),
-        "exterior": _exterior_figures(report),
+        "exterior": _exterior_figures(report, content.before),
         "interior": [_interior_figures(photo) for photo in block.photos.values()],
         "cameras": _camera_figures(content),
         "doubts": [
@@ -74,12 +74,21 @@ def gather(content: ReportContent) -> dict[str, Any]:
     return _plain(figures)
 
 
-def _certificate(content: ReportContent) -> dict[str, Any] | None:
+def _release(content: ReportContent) -> dict[str, Any] | None:
     """Whether the block may be given out; None where that was not asked."""
-    if content.foresight is None and content.report.exterior_sigmas:
+    if content.influence is None and content.report.exterior_sigmas:
         return None
     ortho_sigma_m = content.reference_sigma_m[0] if content.reference_sigma_m else 0.0
-    return asdict(certify(content.report, content.foresight, ortho_sigma_m))
+    found = check_release(content.report, content.influence, ortho_sigma_m)
+    return {
+        "relative_m": found.relative_m,
+        "predicted_m": found.predicted_m,
+        "worst_m": found.worst_m,
+        "worst_photo": found.worst_photo,
+        "limit_m": found.limit_m,
+        "reasons": [finding.kind for finding in found.reasons],
+        "sentences": [finding.sentence for finding in found.reasons],
+    }
 
 
 def _block_figures(content: ReportContent) -> dict[str, Any]:
@@ -220,11 +229,14 @@ def _overlaps(block: Block, footprints: Mapping[str, Polygon]) -> list[dict[str,
     return pairs
 
 
-def _exterior_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
+def _exterior_figures(report: AdjustmentReport, before: Block | None) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for name, photo in report.block.photos.items():
         exterior, sigmas = photo.exterior, report.exterior_sigmas.get(name)
-        off = displacement(photo, report.block.camera_of(name))
+        # How far the georeference was off, not where localisation began.
+        given = None if before is None else before.photos.get(name)
+        came = photo if given is None else replace(photo, approximate=given.exterior)
+        off = displacement(came, report.block.camera_of(name))
         rows.append(
             {
                 "scan": name,

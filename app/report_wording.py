@@ -3,6 +3,8 @@
 from statistics import median
 from typing import Any
 
+from core.quality.rules import SIGMA_NOUGHT
+
 Figures = dict[str, Any]
 
 TEXT = {
@@ -17,19 +19,12 @@ TEXT = {
         "ortho{sigma}, not how well the mosaic lies on the ground."
     ),
     "certified": (
-        "Position on the ground is predicted to {predicted_m:.2f} m, at worst {worst_m:.2f} m "
-        "({worst_photo}), the reference included; up to {limit_m:.2f} m a block is certified."
+        "Position is predicted to {relative_m:.2f} m relative to the reference ortho, and to "
+        "{predicted_m:.2f} m on the ground with the reference's own error, at worst "
+        "{worst_m:.2f} m ({worst_photo}); up to {limit_m:.2f} m a block is certified."
     ),
-    "not_certified": "This block is not certified: {reasons}.",
-    "not_certified_nothing": "no photo took part in an adjustment",
-    "not_certified_diverged": "the adjustment did not settle",
-    "not_certified_sigma-nought": "residuals and weights do not fit each other",
-    "not_certified_loose": "not all of its photos are oriented",
-    "not_certified_control-few": "it has too few control points",
-    "not_certified_predicted": (
-        "position on the ground is predicted to {predicted_m:.2f} m, which is more than "
-        "{limit_m:.2f} m"
-    ),
+    "not_certified": "This block is not certified. {sentences}",
+    "not_certified_nothing": "No photo took part in an adjustment.",
     "sigma_of_reference": " (sigma {ortho:g} m, DEM {dem:g} m)",
     "sigma_fits": (
         "Sigma nought {value:.2f}: residuals are as large as the a-priori standard deviations say."
@@ -192,20 +187,20 @@ def _certificate(certificate: Figures | None) -> str:
     if certificate is None:
         return ""
     if certificate["predicted_m"] is None:
-        return tell("not_certified", reasons=tell("not_certified_nothing"))
+        return tell("not_certified", sentences=tell("not_certified_nothing"))
     if not certificate["reasons"]:
         return tell("certified", **certificate)
-    why = [tell(f"not_certified_{reason}", **certificate) for reason in certificate["reasons"]]
-    return tell("not_certified", reasons="; ".join(why))
+    return tell("not_certified", sentences=" ".join(certificate["sentences"]))
 
 
 def _sigma(adjustment: Figures) -> str:
     value = adjustment["sigma_nought"]
     if value is None or adjustment["redundancy"] <= 0:
         return tell("sigma_none")
-    if value > 1.2:
+    low, high = SIGMA_NOUGHT
+    if value > high:
         return tell("sigma_large", value=value)
-    return tell("sigma_small" if value < 0.8 else "sigma_fits", value=value)
+    return tell("sigma_small" if value < low else "sigma_fits", value=value)
 
 
 def _doubts(doubts: list[Figures]) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement
-from sessions.whole import whole_file
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block, Measurement
+from sessions.atomic_write import whole_file
 
 Cell = str | int | float | None
 CONTROL_COLUMNS = (

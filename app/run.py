@@ -1,41 +1,42 @@
 """Walk the stages in their order; what is fresh is not made again."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any
+from typing import cast
 
+from app.block_input import described
 from app.change_layer import make_change
-from app.described import described
 from app.executors import Threads
 from app.fiducial_tables import write_fiducials
 from app.interruption import Interruption, interruptible
 from app.project import Project
 from app.protocol import terrain_of, write_protocol
-from app.remarks import remarks
 from app.report import write_report
 from app.report_content import ReportContent
 from app.results import write_results
+from app.run_summary import remarks
 from app.terminal import Voice
+from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.influence import influence_of
 from core.arrays import Mask
-from core.block.adjusted import AdjustmentReport
-from core.block.assembly import Assembly, adjusted_without_gross
-from core.block.block import Block
-from core.block.foresight import foresee
-from core.doubts import Doubt
+from core.block import Block
+from core.control.stage import ControlFound, adjusted_without_gross
 from core.errors import Cancelled
-from core.ground.mosaic import MosaicProduct, compose_mosaic, mosaic_grid
-from core.ground.ortho import OrthoProduct, rectify_photo
-from core.ground.picture import footprint_of
-from core.pipeline import STAGES
-from core.progress import Part, Progress
-from core.reference.dem import Dem
-from core.stages import BlockInput, Georeferenced, PlacedBlocks, ScanSet, Stage, Tied, Work
-from core.whereabouts import open_reference, search_bounds
+from core.localisation.stage import Localised
+from core.matching.reference import open_reference
+from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
+from core.orthos.picture import footprint_of
+from core.orthos.rectification import OrthoProduct, rectify_photo
+from core.pipeline import STAGES, Stage, made
+from core.progress import Part, Progress, Work
+from core.raster.dem import Dem
+from core.results import BlockInput, StageResults
+from core.scans.stage import ScanSet
+from sessions.atomic_write import whole_file
 from sessions.fiducials import Films, judged_scans, mark_changes, with_effect
 from sessions.session import Session
-from sessions.whole import whole_file
 
 LAST_STAGES = {
     "adjustment": "Adjustment with your decisions",
@@ -68,7 +69,8 @@ class Run:
         self.project, self.session, self.voice, self.options = project, session, voice, options
         self.given: BlockInput = described(project)
         self.digest_of = session.products.digest_of
-        self.made: dict[str, Any] = {}
+        self.results = StageResults()
+        self.passes = 1
         self.digests: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
         self.threads = Threads(options.workers)
@@ -80,25 +82,42 @@ class Run:
         with self.session.running(), interruptible() as self.interruption:
             waits = True
             try:
-                for name in STAGE_NAMES:
+                for name in self.names_in_turn():
                     self.step(name)
-                    if name == self.options.last:
+                    if name == self.options.last and not self.again(name):
                         break
             except (KeyboardInterrupt, Cancelled):
                 waits = False
                 raise
             finally:
                 self.threads.close(waits)
-        for line in remarks(self.set_aside(), self.doubts(), str(self.session.results / PAGE)):
+        page = str(self.session.results / PAGE)
+        for line in remarks(self.results.set_aside, self.results.doubts, page):
             self.voice.say(line)
+
+    def names_in_turn(self) -> Iterator[str]:
+        """The stages in the order they are walked; the repeated ones until control is final."""
+        repeated = [stage.name for stage in STAGES if stage.repeated]
+        for name in STAGE_NAMES:
+            yield name
+            while self.again(name):
+                self.passes += 1
+                yield from repeated
+
+    def again(self, name: str) -> bool:
+        """Whether the photos have not settled with this stage, so that a pass follows."""
+        control = self.results.control
+        return name == "control" and control is not None and not control.final
 
     def step(self, name: str) -> None:
         """One stage, made or found fresh, with one line said about it."""
-        title = LAST_STAGES.get(name) or next(s.title for s in STAGES if s.name == name)
+        stage = next((stage for stage in STAGES if stage.name == name), None)
+        title = LAST_STAGES[name] if stage is None else stage.title
+        if stage is not None and stage.repeated and self.passes > 1:
+            title = f"{title} (pass {self.passes})"
         started = time.monotonic()
         self.interruption.check()
         progress = self.interruption.watching(self.voice.stage(name, title))
-        stage = next((stage for stage in STAGES if stage.name == name), None)
         last: Mapping[str, Callable[[Progress], str]] = {
             "adjustment": self.adjust,
             "orthos": self.rectify,
@@ -106,8 +125,9 @@ class Run:
             "report": self.report,
         }
         said = last[name](progress) if stage is None else self.compute(stage, progress)
-        self.seconds[name] = time.monotonic() - started
-        self.voice.ended(name, title, self.seconds[name], said)
+        took = time.monotonic() - started
+        self.seconds[name] = self.seconds.get(name, 0.0) + took
+        self.voice.ended(name, title, took, said)
 
     def anew(self, name: str) -> bool:
         """Whether the operator wants this stage made again whatever is there."""
@@ -116,20 +136,26 @@ class Run:
 
     def compute(self, stage: Stage, progress: Progress) -> str:
         """A stage of the engine."""
-        needed = [self.digests[name] for name in stage.needs]
+        repeats = stage.repeated and self.passes > 1
+        product = f"{stage.name}/{self.passes}" if repeats else stage.name
+        # What is walked again begins where control put the photos in the last pass.
+        needs = (*stage.needs, "control") if repeats else stage.needs
+        needed = [self.digests[name] for name in needs]
         digest = self.digest_of(stage.name, stage.version, stage.inputs(self.given), needed)
         self.digests[stage.name] = digest
-        value = (
-            None if self.anew(stage.name) else self.session.products.load_value(stage.name, digest)
-        )
+        products = self.session.products
+        value = None if self.anew(stage.name) else products.load_value(product, digest)
         fresh = value is not None
         if value is None:
-            value = stage.run(self.given, self.made, Work(progress, self.threads.map))
-            self.session.products.save_value(stage.name, digest, value)
+            work = Work(progress, self.threads.map, self.given.name)
+            value = stage.run(self.given, self.results, work)
+            products.save_value(product, digest, value)
         if isinstance(value, ScanSet):
             value = self.corrected(value)
-        self.made[stage.name] = value
-        return told(value) + (" (as before)" if fresh else "")
+        elif isinstance(value, Localised) and fresh and self.results.localisation is not None:
+            value = replace(value, features=self.results.localisation.features)
+        self.results = replace(self.results, **{stage.name: value})
+        return SUMMARIES[stage.name](self.results) + (" (as before)" if fresh else "")
 
     def corrected(self, found: ScanSet) -> ScanSet:
         """The scans with the fiducials that operators corrected: what follows depends on them."""
@@ -157,23 +183,23 @@ class Run:
             terrain = terrain_of(self.dem()) if options.dem_sigma_m > 0 else None
             report = adjusted_without_gross(block, options, progress, terrain)
             self.session.products.save_value("adjustment", digest, report)
-        self.made["adjustment"] = report
-        return told(report)
+        self.results = replace(self.results, adjustment=report)
+        return adjusted_line(report)
 
     @property
-    def assembly(self) -> Assembly:
+    def assembly(self) -> ControlFound:
         """The block as the engine proposes it."""
-        return self.made["control"]
+        return made(self.results.control)
 
     @property
     def adjusted(self) -> AdjustmentReport:
         """The block as it stands with the operator's decisions."""
-        return self.made["adjustment"]
+        return made(self.results.adjustment)
 
     def dem(self) -> Dem:
         """Heights under the block, held in memory."""
-        placed: Georeferenced = self.made["georeference"]
-        return open_reference(self.given, search_bounds(placed.block)).dem
+        placed = made(self.results.georeference).block
+        return open_reference(self.given.reference, placed.search_bounds).dem
 
     def rectify(self, progress: Progress) -> str:
         """One ortho of every oriented photo."""
@@ -185,26 +211,25 @@ class Run:
             progress,
             self.anew("orthos"),
         )
-        self.made["orthos"] = orthos
+        self.results = replace(self.results, orthos=tuple(orthos))
         return f"{counted(len(orthos), 'ortho')} at {orthos[0].grid.ground_sample_distance_m:g} m"
 
     def compose(self, progress: Progress) -> str:
         """The mosaic and its seams."""
         anew = self.anew("mosaic")
         first, second = Part(progress, 0.0, 0.7), Part(progress, 0.7, 1.0)
-        mosaic = make_mosaic(self.session, self.made["orthos"], first, anew)
-        self.made["mosaic"] = mosaic
-        self.made["change"] = make_change(self.session, self.project, mosaic, second, anew)
+        mosaic = make_mosaic(self.session, list(made(self.results.orthos)), first, anew)
+        change = make_change(self.session, self.project, mosaic, second, anew)
+        self.results = replace(self.results, mosaic=mosaic, change=change)
         return str(self.session.results / "mosaic.tif")
 
     def stand_in(
         self, report: AdjustmentReport, mosaic: MosaicProduct, change: Mapping[str, float]
     ) -> None:
         """Take what was made last instead of walking, with another adjustment and mosaic."""
-        for stage in STAGES:
-            self.made[stage.name] = self.session.products.latest_value(stage.name)
-        self.made["scans"] = self.corrected(self.made["scans"])
-        self.made |= {"adjustment": report, "mosaic": mosaic, "change": change}
+        latest = {stage.name: self.session.products.latest_value(stage.name) for stage in STAGES}
+        latest["scans"] = self.corrected(cast("ScanSet", latest["scans"]))
+        self.results = StageResults(**latest, adjustment=report, mosaic=mosaic, change=change)
 
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
@@ -213,41 +238,26 @@ class Run:
 
     def content(self) -> ReportContent:
         """What the report tells."""
-        mosaic: MosaicProduct = self.made["mosaic"]
+        mosaic, files = made(self.results.mosaic), self.given.reference
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
             adjustment=self.given.adjustment,
-            before=self.made["georeference"].block,
+            before=made(self.results.georeference).block,
             heights=self.project.block.heights,
-            doubts=self.doubts(),
-            set_aside=self.set_aside(),
-            reference_sigma_m=(self.given.ortho_sigma_m, self.given.dem_sigma_m),
+            doubts=self.results.doubts,
+            set_aside=self.results.set_aside,
+            reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m),
             reliability=self.assembly.reliability,
             mosaic=self.session.results / "mosaic.tif",
             seams=mosaic.seams,
-            change=self.made["change"],
+            change=made(self.results.change),
             timings_s=self.seconds,
             provenance={
                 "gruber": version("gruber"),
                 **{f"digest of {name}": digest[:16] for name, digest in self.digests.items()},
             },
         )
-
-    def doubts(self) -> tuple[Doubt, ...]:
-        """Everything doubtful, gravest first."""
-        every: list[Doubt] = []
-        names = ("scans", "georeference", "reference", "ties", "placement", "control", "adjustment")
-        for name in names:
-            every.extend(self.made[name].doubts if name in self.made else ())
-        return tuple(sorted(every, key=lambda doubt: -doubt.gravity))
-
-    def set_aside(self) -> dict[str, str]:
-        """Scans that could not be used, with the reason."""
-        reasons: dict[str, str] = {}
-        for name in ("scans", "georeference"):
-            reasons.update(self.made[name].set_aside if name in self.made else {})
-        return reasons
 
 
 def make_orthos(
@@ -352,42 +362,62 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
         for name, photo in block.photos.items()
     }
     write_results(session.results, content.report)
-    ahead = foresee(content.report, content.adjustment, terrain=terrain_of(dem))
+    ahead = influence_of(content.report, content.adjustment, terrain=terrain_of(dem))
     write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
     session.write_layers(block, content.report, outlines)
-    write_report(session.results, replace(content, footprints=outlines, foresight=ahead))
+    write_report(session.results, replace(content, footprints=outlines, influence=ahead))
 
 
-def told(value: Any) -> str:
-    """One line about what a stage made."""
-    match value:
-        case ScanSet():
-            rms = [scan.interior.rms_um for scan in value.oriented.values() if scan.interior.names]
-            fiducials = f"fiducials {sum(rms) / len(rms):.1f} um rms" if rms else "no fiducials"
-            aside = f", {len(value.set_aside)} set aside" if value.set_aside else ""
-            return f"{counted(len(value.oriented), 'scan')}{aside}, {fiducials}"
-        case Georeferenced():
-            aside = f", {len(value.set_aside)} set aside" if value.set_aside else ""
-            return f"{counted(len(value.block.photos), 'photo')} placed{aside}"
-        case Tied():
-            return f"{value.ties.count} tie points, {len(value.ties.point)} rays"
-        case PlacedBlocks():
-            photos = sum(len(part.photo_ids) for part in value.found)
-            return f"{counted(photos, 'photo')} in {counted(len(value.found), 'part')}"
-        case Assembly():
-            return told(value.report)
-        case AdjustmentReport():
-            photos = value.block.photos.values()
-            used = sum(item.used for item in value.block.measurements.values())
-            standing = sum(photo.oriented for photo in photos)
-            return (
-                f"{standing} of {len(photos)} photos oriented, {used} control measurements, "
-                f"sigma nought {value.sigma_nought:.2f}"
-            )
-        case dict():
-            return f"{counted(len(value), 'photo')} searched"
-        case _:
-            return f"{len(value.sources)} points" if hasattr(value, "sources") else ""
+def scans_line(results: StageResults) -> str:
+    """How many scans, and how well their fiducials fit."""
+    scans = made(results.scans)
+    rms = [scan.interior.rms_um for scan in scans.oriented.values() if scan.interior.names]
+    fiducials = f"fiducials {sum(rms) / len(rms):.1f} um rms" if rms else "no fiducials"
+    return f"{counted(len(scans.oriented), 'scan')}{_aside(scans.set_aside)}, {fiducials}"
+
+
+def georeference_line(results: StageResults) -> str:
+    """How many photos have a place."""
+    placed = made(results.georeference)
+    return f"{counted(len(placed.block.photos), 'photo')} placed{_aside(placed.set_aside)}"
+
+
+def _aside(set_aside: Mapping[str, str]) -> str:
+    return f", {len(set_aside)} set aside" if set_aside else ""
+
+
+def localisation_line(results: StageResults) -> str:
+    """How many photos stand on the reference."""
+    photos = made(results.localisation).block.photos.values()
+    return f"{sum(photo.oriented for photo in photos)} of {counted(len(photos), 'photo')} found"
+
+
+def ties_line(results: StageResults) -> str:
+    """How many tie points."""
+    ties = made(results.ties).ties
+    return f"{ties.count} tie points, {len(ties.point)} rays"
+
+
+def adjusted_line(report: AdjustmentReport) -> str:
+    """What became of an adjustment."""
+    photos = report.block.photos.values()
+    used = sum(item.used for item in report.block.measurements.values())
+    standing = sum(photo.oriented for photo in photos)
+    return (
+        f"{standing} of {len(photos)} photos oriented, {used} control measurements, "
+        f"sigma nought {report.sigma_nought:.2f}"
+    )
+
+
+SUMMARIES: Mapping[str, Callable[[StageResults], str]] = {
+    "scans": scans_line,
+    "georeference": georeference_line,
+    "reference": lambda results: f"{len(made(results.reference).sources)} points",
+    "localisation": localisation_line,
+    "ties": ties_line,
+    "control": lambda results: adjusted_line(made(results.control).report),
+}
+"""One line about what each stage of the engine made."""
 
 
 def counted(number: int, thing: str) -> str:

@@ -4,7 +4,7 @@ import threading
 from pathlib import Path
 
 from core.arrays import Raster
-from core.scan.raster import ScanFile, open_scan, read_window
+from core.raster.scan_file import ScanFile, open_scan, read_window
 
 
 class ScanFiles:

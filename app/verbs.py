@@ -5,14 +5,14 @@ import webbrowser
 from pathlib import Path
 
 from app.demo import make_demo, tell_truth
-from app.desk import desk_inputs
+from app.desk.inputs import desk_inputs
+from app.desk.wiring import open_desk
 from app.doctor import examine
 from app.new_block import recognise, write_block_toml
 from app.placing import open_placing, placeable
 from app.project import Project, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.terminal import Voice
-from app.wiring import open_desk
 from core.synthetic.options import SyntheticOptions
 from sessions.session import Session
 

@@ -1,136 +1,132 @@
 """The stages in their order: the table of contents of the engine.
 
 Each stage takes the block as its owner describes it and what earlier stages made, and returns a
-value. Nothing here knows of folders, sessions or screens; `app.run` walks this list.
+value. Nothing here knows of folders, sessions or screens; `app.run` walks this list. Localisation,
+ties and control are walked again from where control put the photos, until those have settled.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
-from core.block.assembly import Assembly, assemble_block
-from core.block.published import CHAINS, assemble_published
-from core.block.tie_points import detect_block_features, match_block_features, match_roughly
-from core.doubts import Doubt
-from core.errors import PhotogrammetryError
-from core.geometry.camera import Camera
-from core.progress import Part
-from core.scan.family import settle_family
-from core.scan.look import same_photo
-from core.scan.orientation import ScanOrientation, orient_scan
-from core.stages import BlockInput, Georeferenced, Made, ScanInput, ScanSet, Stage, Tied, Work
-from core.whereabouts import (
-    find_reference_points,
-    first_look,
-    georeference_photos,
-    orient_photos,
-    place_blocks,
-    random_for,
-    site_of,
-)
+from core.control.stage import ControlFound, find_control
+from core.georeference.stage import Georeferenced, georeference_photos
+from core.literature.published_chains import CHAINS, assemble_published
+from core.localisation.initial_orientation import Site
+from core.localisation.stage import Localised, detect_features, localise_again, localise_photos
+from core.matching.reference import open_reference
+from core.progress import Work
+from core.reference.points import ReferenceFeatures
+from core.reference.stage import find_reference_points
+from core.results import BlockInput, StageResults
+from core.scans.stage import ScanSet, orient_scans
+from core.ties.stage import Tied, tie_photos
+
+T = TypeVar("T")
 
 
-def orient_scans(given: BlockInput, made: Made, work: Work) -> ScanSet:
-    """Read every scan, find picture area and fiducials, fit its interior orientation.
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One entry of the table of contents."""
 
-    A scan that cannot be used is set aside with its reason; the rest goes on.
-
-    Raises:
-        PhotogrammetryError: No scan can be used.
-    """
-
-    def one(scan: ScanInput) -> ScanOrientation | PhotogrammetryError:
-        try:
-            return orient_scan(
-                scan.path, given.cameras[scan.camera], scan.scan_pixel_um, by_hand=scan.marks
-            )
-        except PhotogrammetryError as error:
-            return error
-
-    oriented: dict[str, ScanOrientation] = {}
-    failed: dict[str, PhotogrammetryError] = {}
-    results = zip(given.scans, work.mapper(one, given.scans), strict=True)
-    for done, (scan, result) in enumerate(results):
-        work.progress.report(done + 1, len(given.scans), scan.path.name)
-        if isinstance(result, PhotogrammetryError):
-            failed[scan.path.stem] = result
-        else:
-            oriented[result.photo_id] = result
-    if not oriented:
-        raise next(iter(failed.values()))
-    oriented, cameras, doubts = _by_camera(given, oriented)
-    masked = work.mapper(ScanOrientation.masked, oriented.values())
-    oriented = dict(zip(oriented, masked, strict=True))
-    doubts += [doubt for result in oriented.values() for doubt in result.doubts]
-    doubts += same_photo({name: scan.look for name, scan in oriented.items()})
-    doubts += [Doubt("scan-set-aside", name, str(error), 0.8) for name, error in failed.items()]
-    reasons = {name: str(error) for name, error in failed.items()}
-    return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts), cameras)
+    name: str
+    """Word used on the command line, for the folder in core, and in the names of products."""
+    title: str
+    """What the operator reads while it runs."""
+    needs: tuple[str, ...]
+    """Stages whose values it takes."""
+    inputs: Callable[[BlockInput], tuple[Any, ...]]
+    """The parts of the description that its value depends on."""
+    run: Callable[[BlockInput, StageResults, Work], Any]
+    """The work."""
+    version: int = 1
+    """Counted up when the same inputs give another value than before."""
+    repeated: bool = False
+    """Whether it is walked again until the block has settled."""
 
 
-def _by_camera(
-    given: BlockInput, oriented: dict[str, ScanOrientation]
-) -> tuple[dict[str, ScanOrientation], dict[str, Camera], list[Doubt]]:
-    """The scans of each camera settled together; cameras as their photos show them; doubts."""
-    settled: dict[str, ScanOrientation] = {}
-    cameras: dict[str, Camera] = dict(given.cameras)
-    doubts: list[Doubt] = []
-    scans = {scan.path.stem: scan for scan in given.scans}
-    for name, camera in given.cameras.items():
-        own = {photo: one for photo, one in oriented.items() if scans[photo].camera == name}
-        pixels_mm = {photo: scans[photo].scan_pixel_um / 1000 for photo in own}
-        family = settle_family(own, camera, pixels_mm)
-        settled |= family.oriented
-        cameras[name] = family.camera
-        doubts += family.doubts
-    return settled, cameras, doubts
+def made(value: T | None) -> T:
+    """What an earlier stage made, which the walk has seen to."""
+    assert value is not None, "a stage was run before one it needs"
+    return value
 
 
-def tie_photos(given: BlockInput, made: Made, work: Work) -> Tied:
-    """Tie points between all photos that may overlap, looked for twice.
+def _scans(given: BlockInput, results: StageResults, work: Work) -> ScanSet:
+    return orient_scans(given.scans, given.cameras, work)
 
-    The archive's georeference only leads a first look; what follows begins where that found the
-    photos, so that its faults leave no traces.
-    """
-    placed: Georeferenced = made["georeference"]
-    scans: ScanSet = made["scans"]
-    areas = {name: scans.oriented[name].scan.usable for name in placed.block.photos}
-    usable = {name: area.at for name, area in areas.items() if area is not None}
-    seeing, first, looking, last = (
-        Part(work.progress, *share)
-        for share in ((0.0, 0.15), (0.15, 0.3), (0.3, 0.85), (0.85, 1.0))
+
+def _georeference(given: BlockInput, results: StageResults, work: Work) -> Georeferenced:
+    return georeference_photos(
+        made(results.scans),
+        given.scan_cameras,
+        given.cameras,
+        given.georeference,
+        given.reference,
+        work,
     )
-    features = detect_block_features(placed.block, given.ties, seeing, usable, work.mapper)
-    rough, told = match_roughly(
-        placed.block, features, given.ties, first, random_for(given.name, "rough ties")
-    )
-    start = first_look(
-        given, {**made, "ties": Tied(rough, (), placed)}, replace(work, progress=looking)
-    )
-    ties, _, doubts = match_block_features(
-        start.block, features, given.ties, last, random_for(given.name, "ties")
-    )
-    return Tied(ties, (*told, *doubts), start)
 
 
-def find_control(given: BlockInput, made: Made, work: Work) -> Assembly:
-    """Bring the block together and propose control until it agrees with itself."""
-    tied: Tied = made["ties"]
-    # The published chains look no further than a repaired georeference may be off.
-    begun: Georeferenced = tied.start if given.preset == "gruber" else made["georeference"]
-    surveyed = {point.point_id: point for point in given.surveyed}
-    block = replace(begun.block, surveyed=surveyed, ties=tied.ties)
-    site = site_of(given, made)
+def _reference(given: BlockInput, results: StageResults, work: Work) -> ReferenceFeatures:
+    return find_reference_points(
+        made(results.georeference).block,
+        results.opened_scans,
+        given.reference,
+        given.localisation.orientation.finest_gsd_m,
+        work,
+    )
+
+
+def _localisation(given: BlockInput, results: StageResults, work: Work) -> Localised:
+    features, scans = made(results.reference), results.opened_scans
+    if results.control is not None:
+        adjusted = results.control.report.block
+        return localise_again(
+            made(results.localisation), adjusted, scans, features, given.reference, work
+        )
+    placed = made(results.georeference)
+    return localise_photos(placed, scans, features, given.reference, given.localisation, work)
+
+
+def _ties(given: BlockInput, results: StageResults, work: Work) -> Tied:
+    localised = made(results.localisation)
+    if results.ties is not None and results.ties.still_hold(localised.block):
+        return results.ties
+    features = localised.features or detect_features(
+        localised.block, results.opened_scans, given.localisation, work.part(0.0, 0.3)
+    )
+    return tie_photos(localised.block, features, given.localisation.ties, work)
+
+
+def _control(given: BlockInput, results: StageResults, work: Work) -> ControlFound:
     if given.preset != "gruber":
-        chain, rng = CHAINS[given.preset], random_for(given.name, given.preset)
-        return Assembly(*assemble_published(block, site, chain, given.adjustment, rng, work.mapper))
-    return assemble_block(
-        block,
-        site,
-        made["orientation"],
-        given.assembly,
-        random_for(given.name, "assembly"),
-        work.mapper,
-        work.progress,
+        return _published_control(given, results, work)
+    return find_control(
+        made(results.localisation),
+        made(results.ties).ties,
+        results.opened_scans,
+        made(results.reference),
+        given.reference,
+        given.surveyed,
+        results.control,
+        given.control,
+        work,
     )
+
+
+def _published_control(given: BlockInput, results: StageResults, work: Work) -> ControlFound:
+    """Control as a published chain finds it, from where the archive puts the photos.
+
+    Those chains look no further than a repaired georeference may be off, and do not repeat.
+    """
+    block, features = made(results.georeference).block, made(results.reference)
+    points = {point.point_id: point for point in given.surveyed}
+    block = replace(block, surveyed=points, ties=made(results.ties).ties)
+    reference = open_reference(given.reference, block.search_bounds)
+    site = Site(reference, results.opened_scans, features.points, features.sources)
+    report, doubts = assemble_published(
+        block, site, CHAINS[given.preset], given.adjustment, work.random(given.preset), work.mapper
+    )
+    return ControlFound(report, doubts, moved=0.0)
 
 
 STAGES: tuple[Stage, ...] = (
@@ -139,72 +135,50 @@ STAGES: tuple[Stage, ...] = (
         "Interior orientation of the scans",
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
-        orient_scans,
+        _scans,
         version=6,
     ),
     Stage(
         "georeference",
         "Approximate exterior orientation",
         ("scans",),
-        lambda given: (given.crs, given.georeference, given.ortho, given.dem),
-        georeference_photos,
-    ),
-    Stage(
-        "ties",
-        "Tie points between the scans",
-        ("georeference",),
-        lambda given: (
-            given.ties,
-            given.roads,
-            given.mask,
-            given.bridges,
-            given.ortho_sigma_m,
-            given.dem_sigma_m,
-            given.placement,
-            given.orientation,
-            given.assembly,
-        ),
-        tie_photos,
-        version=6,
+        lambda given: (given.georeference, given.reference),
+        _georeference,
+        version=2,
     ),
     Stage(
         "reference",
         "Junctions and salient points",
-        ("ties",),
-        lambda given: (
-            given.roads,
-            given.mask,
-            given.bridges,
-            given.ortho_sigma_m,
-            given.dem_sigma_m,
-            given.orientation.finest_gsd_m,
-        ),
-        find_reference_points,
-        version=3,
-    ),
-    Stage(
-        "placement",
-        "The whole block on the reference",
-        ("ties",),
-        lambda given: (given.placement, given.assembly.adjustment),
-        place_blocks,
+        ("georeference",),
+        lambda given: (given.reference, given.localisation.orientation.finest_gsd_m),
+        _reference,
         version=4,
     ),
     Stage(
-        "orientation",
-        "Single photos on the reference",
-        ("reference", "placement"),
-        lambda given: (given.orientation,),
-        orient_photos,
-        version=8,
+        "localisation",
+        "The photos on the reference",
+        ("georeference", "reference"),
+        lambda given: (given.localisation,),
+        _localisation,
+        repeated=True,
+    ),
+    Stage(
+        "ties",
+        "Tie points between the scans",
+        ("localisation",),
+        lambda given: (given.localisation.ties,),
+        _ties,
+        version=7,
+        repeated=True,
     ),
     Stage(
         "control",
         "Control points and the block",
-        ("orientation", "ties", "georeference"),
-        lambda given: (given.assembly, given.surveyed, given.preset),
-        find_control,
-        version=9,
+        ("localisation", "ties", "reference"),
+        lambda given: (given.control, given.surveyed, given.preset),
+        _control,
+        version=10,
+        repeated=True,
     ),
 )
 """What is computed before any decision; the adjustment with decisions, the orthos and the mosaic

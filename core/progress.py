@@ -1,9 +1,15 @@
-"""How long work reports how far it is and learns that it shall stop."""
+"""How long work reports how far it is, learns that it shall stop, and shares its pieces."""
 
-from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar, runtime_checkable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
 
 T = TypeVar("T")
+Mapper = Callable[..., Iterable[Any]]
+"""Runs a function over items, such as `map` or the `map` of a pool of threads."""
 
 
 @runtime_checkable
@@ -41,3 +47,24 @@ def tracked(items: Iterable[T], total: int, progress: Progress, what: str = "") 
         progress.report(float(done), float(total), what)
         yield item
     progress.report(float(total), float(total), what)
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """How a stage is to run: what it tells, what runs its pieces, and where its chance is from."""
+
+    progress: Progress = field(default_factory=Silent)
+    """Told how far it is; asks it to stop."""
+    mapper: Mapper = map
+    """Runs independent pieces side by side."""
+    seed: str = ""
+    """Name of the block: the same block gives the same result."""
+
+    def part(self, begin: float, end: float) -> "Work":
+        """The work of one part of a stage, from `begin` to `end`, shares of the whole."""
+        return replace(self, progress=Part(self.progress, begin, end))
+
+    def random(self, *names: str) -> np.random.Generator:
+        """A generator that depends on names alone, whichever thread asks first."""
+        digest = sha256("/".join((self.seed, *names)).encode()).digest()
+        return np.random.default_rng(int.from_bytes(digest[:8], "big"))

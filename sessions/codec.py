@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from core.block.adjusted import (
+from core.adjustment.adjusted import (
     AdjustmentOptions,
     AdjustmentReport,
     CheckResult,
@@ -26,9 +26,7 @@ from core.block.adjusted import (
     ExteriorSigmas,
     SharedParameter,
 )
-from core.block.approximation import Approximation
-from core.block.assembly import Assembly
-from core.block.block import (
+from core.block import (
     Block,
     ExteriorPrior,
     Measurement,
@@ -37,29 +35,30 @@ from core.block.block import (
     SurveyedPoint,
     TiePoints,
 )
-from core.block.block_placement import PlacedBlock
-from core.block.registration.borne_out import Bin
-from core.block.registration.ground_search import Turn
-from core.block.registration.matching import Found
-from core.block.registration.orientation import OrientedPhoto, ReferencePoints
-from core.block.registration.placement import Placement
-from core.block.registration.reference_points import ReferenceFeatures
+from core.control.calibration_check import Bin
+from core.control.stage import ControlFound
 from core.doubts import Doubt, Failure
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
-from core.ground.mosaic import MosaicProduct
-from core.ground.ortho import OrthoProduct
-from core.ground.radiometry import Balance
-from core.ground.seams import Seam
-from core.scan.film_area import FilmArea
-from core.scan.found_marks import FiducialMeasurement
-from core.scan.orientation import ScanOrientation
-from core.scan.raster import ScanFile
-from core.scan.usable_area import Scratch, UsableArea
-from core.stages import Georeferenced, PlacedBlocks, ScanSet, Tied
+from core.georeference.approximation import Approximation
+from core.georeference.stage import Georeferenced
+from core.localisation.joined_block import WeakControl
+from core.localisation.stage import Localised
+from core.mosaic.composition import MosaicProduct
+from core.mosaic.radiometry import Balance
+from core.mosaic.seams import Seam
+from core.orthos.rectification import OrthoProduct
+from core.raster.grid import Grid
+from core.raster.scan_file import ScanFile
+from core.raster.usable_area import Scratch, UsableArea
+from core.reference.points import ReferenceFeatures, ReferencePoints
+from core.scans.film_area import FilmArea
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.measured_marks import FiducialMeasurement
+from core.scans.stage import ScanSet
+from core.ties.stage import Tied
 from sessions.decisions import DECISIONS, Recorded
 
 FORMAT = 1
@@ -70,13 +69,13 @@ REGISTERED: tuple[type, ...] = (
     AdjustmentOptions,
     AdjustmentReport,
     Approximation,
-    Assembly,
     Atmosphere,
     Bin,
     Block,
     Camera,
     CheckResult,
     ClassFigures,
+    ControlFound,
     Doubt,
     ExteriorOrientation,
     ExteriorPrior,
@@ -84,19 +83,15 @@ REGISTERED: tuple[type, ...] = (
     Failure,
     FiducialMeasurement,
     FilmArea,
-    Found,
     Georeferenced,
     Grid,
     InteriorOrientation,
+    Localised,
     Measurement,
     MosaicProduct,
-    OrientedPhoto,
     OrthoProduct,
     Peak,
     Photo,
-    PlacedBlock,
-    PlacedBlocks,
-    Placement,
     Recorded,
     ReferenceFeatures,
     ReferencePoints,
@@ -109,14 +104,16 @@ REGISTERED: tuple[type, ...] = (
     SurveyedPoint,
     Tied,
     TiePoints,
-    Turn,
     Scratch,
     UsableArea,
+    WeakControl,
 )
 """Every dataclass that may be stored; a new one is added here and nowhere else."""
 
 _TYPES = {kind.__name__: kind for kind in REGISTERED}
 assert len(_TYPES) == len(REGISTERED), "two registered dataclasses share a name"
+_FORMER = {"Assembly": ControlFound}
+"""Names under which earlier versions wrote what is called otherwise now."""
 
 
 class CodecError(ValueError):
@@ -279,10 +276,16 @@ def _object_to_json(value: Any, form: _Form) -> Any:
     if isinstance(value, BaseGeometry):
         return {"@wkb": shapely.to_wkb(value, hex=True, byte_order=1, include_srid=True)}
     if is_dataclass(value) and not isinstance(value, type):
-        kept = {field.name: getattr(value, field.name) for field in fields(value) if field.init}
+        stored = [field.name for field in fields(value) if _is_stored(field)]
+        kept = {name: getattr(value, name) for name in stored}
         name = {"@": form.name_of(type(value))}
         return name | {key: _to_json(item, form) for key, item in kept.items()}
     raise CodecError(f"a {type(value).__name__} cannot be stored")
+
+
+def _is_stored(field: Field[Any]) -> bool:
+    """False for what is computed from other fields, or too large to be kept."""
+    return field.init and bool(field.metadata.get("stored", True))
 
 
 _Read = Callable[[Any], Any]
@@ -290,7 +293,7 @@ _Read = Callable[[Any], Any]
 
 
 def _dataclass_from_json(data: dict[str, Any], read: _Read) -> Any:
-    kind = _TYPES.get(data["@"])
+    kind = (_TYPES | _FORMER).get(data["@"])
     if kind is None:
         raise CodecError(f"unknown type {data['@']}: written by a newer Gruber?")
     given = {key: read(item) for key, item in data.items() if key != "@"}

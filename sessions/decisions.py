@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from core.block.block import Measurement, Role
+from core.block import Measurement, Role
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
 """Why a measurement is rejected."""

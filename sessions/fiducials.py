@@ -5,17 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.block.block import Block
+from core.block import Block
 from core.geometry.interior import InteriorOrientation
-from core.scan.corrected_marks import (
+from core.results import BlockInput
+from core.scans.corrected_marks import (
     Changes,
     MarkChange,
     corrected_interior,
     corrected_scan,
     corrected_scans,
 )
-from core.scan.orientation import ScanOrientation
-from core.stages import BlockInput, ScanSet
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.stage import ScanSet
 from sessions.decisions import FiducialDecision, JudgeFiducial, PlaceFiducial, Recorded, standing
 
 MarkChanges = dict[str, dict[str, MarkChange]]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.block.block import Block, TiePoints
+from core.block import Block, TiePoints
 from sessions.decisions import JudgePhoto, JudgeTie
 
 SAME_RAY_PX = 1.0

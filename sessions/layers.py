@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import shapely
 
+from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Position, locked
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement, Status
+from core.block import Block, Measurement, Status
 from sessions.geopackage import Feature, Layer, register_crs, replace_layer
 from sessions.store import Store
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from core.reference.vectors import LAYER_MARK
+from core.formats.vectors import LAYER_MARK
+from sessions.atomic_write import whole_file, whole_folder
 from sessions.codec import CodecError, canonical, decode, encode, path_to_json
 from sessions.disk import told
-from sessions.whole import whole_file, whole_folder
 
 __all__ = ["Products", "digest_of", "whole_file", "whole_folder"]
 
@@ -86,9 +86,10 @@ class Products:
     def latest_value(self, stage: str) -> Any | None:
         """The value of the stage that was made last, from whatever inputs; None if there is none.
 
-        For showing what was, until what is has been made.
+        For showing what was, until what is has been made. A repeated stage has a product for each
+        pass, in folders below its own.
         """
-        found = self._stage_path(stage).glob("*.value")
+        found = self._stage_path(stage).rglob("*.value")
         newest = max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
         return None if newest is None else _value_in(newest, self._here)
 

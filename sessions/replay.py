@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block.block import Block, Measurement, Peak, Photo, SurveyedPoint
-from core.scan.corrected_marks import MarkChange
+from core.block import Block, Measurement, Peak, Photo, SurveyedPoint
+from core.scans.corrected_marks import MarkChange
 from sessions.decisions import (
     NOT_VISIBLE,
     Accept,

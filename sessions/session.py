@@ -10,9 +10,10 @@ from typing import Self
 
 import shapely
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
 from core.errors import StorageError
+from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import Decision, Recorded, Withdraw, last_to_redo, last_to_undo
 from sessions.disk import told
@@ -22,7 +23,6 @@ from sessions.processes import only_run
 from sessions.products import Products
 from sessions.replay import Replayed, replay_all, with_place
 from sessions.store import Row, Store
-from sessions.whole import clean_leftovers
 
 FILE = "session.gpkg"
 """The session file in the block's folder."""

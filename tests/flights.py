@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint, TiePoints
+from core.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint, TiePoints
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation

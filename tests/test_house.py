@@ -17,6 +17,7 @@ from app.results import (
     TIE_COLUMNS,
 )
 from app.verbs import stage_names
+from core.doubts import GRAVITY
 from sessions import replay
 from sessions.decisions import DECISIONS
 from sessions.layers import FOOTPRINTS, MEASUREMENTS, PHOTOS, POINTS
@@ -24,9 +25,11 @@ from ui.review.wording import ENGLISH, KEYS
 
 HOME = Path(__file__).resolve().parents[1]
 ROOMS = ("app", "core", "sessions", "ui")
-LONGEST_FILE, LONGEST_FUNCTION = 400, 60
+LONGEST_FILE, LONGEST_FUNCTION, LONGEST_LINE = 500, 60, 100
+MOST_WORDS = 9_000
+"""Of the manual: what a user reads in an hour."""
 HOMELESS = {"utils", "common", "helpers", "types", "misc"}
-BROAD = {"app/worker.py", "ui/views/server.py"}
+BROAD = {"app/desk/background.py", "ui/views/server.py"}
 """Where an error may be caught whatever it is, and not raised again."""
 MACHINE_PATHS = re.compile(r"(?<![\w.])/(?:work|root|tmp|home)/")
 FROM_NETWORK = re.compile(
@@ -72,9 +75,9 @@ def imported(name: str) -> set[str]:
     return found
 
 
-def manual() -> str:
-    """README and all of docs as one text."""
-    return "\n".join(text_of(name) for name in named(".md") if name.startswith(("README", "docs/")))
+def manual() -> list[str]:
+    """Pages of the manual; the notebook below `docs/measurements` is none of it."""
+    return [name for name in named(".md") if Path(name).parent.as_posix() == "docs"]
 
 
 def table_under(page: str, heading: str) -> list[list[str]]:
@@ -150,6 +153,29 @@ def _raises(handler: ast.ExceptHandler) -> bool:
     return any(isinstance(node, ast.Raise) for node in ast.walk(handler))
 
 
+def test_every_kind_of_doubt_stands_in_the_table__law() -> None:
+    """And each of the table is raised somewhere: `coverage` kinds are made up of two words."""
+    named_in = {
+        node.value
+        for name in named(".py", rooms=("app", "core", "sessions", "ui"))
+        if name != "core/doubts.py"
+        for node in ast.walk(tree_of(name))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    raised = {
+        node.args[0].value
+        for name in named(".py", rooms=("app", "core", "sessions", "ui"))
+        for node in ast.walk(tree_of(name))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "Doubt"
+        and node.args
+        and isinstance(node.args[0], ast.Constant)
+    }
+    assert raised <= set(GRAVITY)
+    assert set(GRAVITY) - named_in <= {"ortho-coverage", "dem-coverage"}
+
+
 def test_tests_say_where_their_expectation_comes_from__law() -> None:
     ending = re.compile(r"__(truth|law|oracle|paper|real)$")
     unsaid = [
@@ -180,6 +206,12 @@ def test_pages_need_no_network__law() -> None:
     assert not [name for name in pages if FROM_NETWORK.search(text_of(name))]
 
 
+def test_lines_of_pages_are_short__law() -> None:
+    pages = {name: text_of(name).splitlines() for name in named(".html", ".css", rooms=("ui",))}
+    assert pages
+    assert not [name for name, lines in pages.items() if max(map(len, lines)) > LONGEST_LINE]
+
+
 def test_every_decision_is_replayed__law() -> None:
     handled = {
         node.cls.id
@@ -190,7 +222,7 @@ def test_every_decision_is_replayed__law() -> None:
 
 
 def test_every_verb_and_option_is_in_the_manual__law() -> None:
-    told = manual()
+    told = "\n".join(text_of(name) for name in ["README.md", *manual()])
     verbs = next(a for a in parser()._actions if a.metavar == "VERB").choices
     assert verbs is not None
     for verb, own in verbs.items():
@@ -204,6 +236,14 @@ def test_every_verb_and_option_is_in_the_manual__law() -> None:
 def test_every_stage_is_in_the_manual__law() -> None:
     rows = table_under("docs/index.md", "## The stages")
     assert [row[0].strip("`") for row in rows] == list(stage_names())
+    pages = [re.findall(r"\]\((\w+)\.md\)", row[1]) for row in rows]
+    assert pages == [[name] for name in stage_names()]
+
+
+def test_the_manual_is_short__law() -> None:
+    """What a user reads, without the signs of tables."""
+    words = [word for name in manual() for word in text_of(name).split() if re.search(r"\w", word)]
+    assert len(words) <= MOST_WORDS
 
 
 def test_keys_in_the_manual_are_those_of_the_desk__law() -> None:
@@ -273,10 +313,18 @@ def _texts(tree: ast.Module) -> list[str]:
 def test_links_between_documents_lead_somewhere__law() -> None:
     lost = []
     for name in named(".md"):
-        for target in re.findall(r"\]\(([^)#\s]+)", text_of(name)):
-            if "://" not in target and not (HOME / name).parent.joinpath(target).exists():
-                lost.append((name, target))
+        for target, anchor in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", text_of(name)):
+            page = (HOME / name).parent.joinpath(target) if target else HOME / name
+            if "://" not in target and not (page.exists() and _has_anchor(page, anchor)):
+                lost.append((name, target, anchor))
     assert not lost
+
+
+def _has_anchor(page: Path, anchor: str) -> bool:
+    """True when a heading of the page has the anchor, as GitHub makes it."""
+    headings = re.findall(r"(?m)^#+ (.+)$", page.read_text(encoding="utf-8")) if anchor else []
+    plain = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+    return not anchor or anchor in plain
 
 
 def test_the_readme_is_found_and_the_version_is_told_in_the_changelog__law() -> None:

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import locked
-from core.block.block import Block, ExteriorPrior, Photo, TiePoints
-from core.block.registration.patches import OpenPhoto
+from core.block import Block, ExteriorPrior, Photo, TiePoints
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
-from core.reference.dem import Dem, open_dem
-from core.reference.ortho import open_ortho
-from core.reference.reference import Reference
-from core.scan.raster import ScanFile, open_scan
-from core.synthetic.orthos import CRS
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference
+from core.raster.dem import Dem, open_dem
+from core.raster.ortho import open_ortho
+from core.raster.scan_file import ScanFile, open_scan
+from core.synthetic.options import CRS
 from core.synthetic.truth import Truth, read_truth
 from sessions.decisions import Place
 from sessions.session import Session

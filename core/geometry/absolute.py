@@ -7,6 +7,7 @@ import numpy as np
 from core.arrays import ObjectPoints, Position, Rotation, Scalars
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 
+# source: three shifts, three turns, one scale.
 UNKNOWNS = 7
 
 

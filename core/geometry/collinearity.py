@@ -9,6 +9,7 @@ from core.geometry.deformation import deformation_of
 from core.geometry.exterior import ExteriorOrientation
 
 VACUUM = Atmosphere()
+# design: a micrometre in front of the camera nothing stands.
 BEHIND = 1e-6
 """A depth below this (metres) counts as behind the camera: its film point is NaN."""
 

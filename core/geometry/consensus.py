@@ -2,7 +2,7 @@
 
 Candidates are many per place and mostly wrong. Hypotheses come from few of them and a Gaussian
 prior together, are scored by MSAC with one candidate a place, and an agreement is believed only
-when it could not be chance (a-contrario, METHODS 5).
+when its e-value is large (`core.geometry.evidence`): chance seldom brings such a one about.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,13 @@ Costs = Float64[np.ndarray, "hypotheses"]
 """One cost a hypothesis."""
 Chosen = Int[np.ndarray, "chosen"]
 """Indices of candidates, at most one a point."""
+# source: three points fix six unknowns.
 SAMPLE = 3
+# design: by definition of idle, see the words below.
 IDLE = 0.5
 """A point whose gate covers this share of its search window agrees by chance as often as not:
 whether it does says nothing."""
+# design: larger than any scan.
 NOWHERE_PX = 1e9
 """Offset of a candidate whose point has no predicted place: it never agrees."""
 
@@ -50,12 +53,16 @@ class Candidates:
 class ConsensusOptions:
     """How the hypotheses are made and judged."""
 
+    # design: a quarter of right ones gives 90 samples of three right ones.
     hypotheses: int = 6000
     """Samples of three points."""
+    # design: one good candidate in 8,000 lies beyond.
     gate: float = 3.0
     """A candidate agrees within this many standard deviations per axis."""
-    log10_nfa_limit: float = -3.0
-    """Accepted when fewer false alarms than 10 to this power are expected from chance."""
+    # design: one photo in a thousand by chance.
+    least_log10_e_value: float = 3.0
+    """Least e-value, log10: chance alone reaches it at most once in 10 to this power."""
+    # design: the best of many are neighbours; a dozen hold several places.
     refined: int = 12
     """Best hypotheses that are refined."""
 
@@ -163,11 +170,10 @@ class Consensus:
             chosen, cost = self.agreeing(self.offset - self.design @ step)
         return cost + float(step @ self.prior_information @ step), step, chosen
 
-    def log10_nfa(self, residual: PixelPoints, design: Design, at: Step) -> float:
-        """Expected number of false alarms of an agreement, as a power of ten.
+    def log10_e_value(self, residual: PixelPoints, design: Design, at: Step) -> float:
+        """E-value of an agreement, log10: the Bayes factor of `core.geometry.evidence`.
 
-        The inverse of the Bayes factor of `core.geometry.evidence`. A point whose gate fills its
-        search window agrees wherever it lies, and is left out.
+        A point whose gate fills its search window agrees wherever it lies, and is left out.
 
         Args:
             residual: Measured minus computed of every candidate, pixels.
@@ -180,4 +186,4 @@ class Consensus:
         evidence = Evidence(
             self.first, known.weight, known.sigma_px, known.chance, telling, self.limit
         )
-        return -evidence.log10_bayes(residual, design, at, self.prior_information)
+        return evidence.log10_e_value(residual, design, at, self.prior_information)

@@ -26,13 +26,18 @@ Bounds = tuple[float, float, float, float]
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
 
+# design: blocks are tens of kilometres wide and may lie across a border.
 OUTSIDE_AREA_M = 100_000.0
 """Coordinates this far outside the area a CRS is made for are a mistake, not a large block."""
+# design: below any accuracy asked for.
 SAME_PLACE_M = 0.001
 """Two CRS whose coordinates agree to this are one and the same for us."""
+# source: EPSG code of S-JTSK / Krovak East North.
 KROVAK = 5514
+# source: extent of Czechia and Slovakia in S-JTSK.
 KROVAK_RANGE = ((160e3, 910e3), (920e3, 1340e3))
 """|E| and |N| of Czechia and Slovakia in S-JTSK; they do not overlap, so the order shows."""
+# source: the areas of use that PROJ lists.
 KNOWN_RANGES: tuple[tuple[str, Bounds], ...] = (
     ("EPSG:5514", (-905e3, -1230e3, -430e3, -935e3)),
     ("EPSG:32633", (290e3, 5380e3, 790e3, 5660e3)),
@@ -63,6 +68,7 @@ def parse_crs(text: str, where: str | Path) -> CRS:
             "Name its variant that counts east and north; for S-JTSK that is EPSG:5514, "
             "with coordinates E = -Y, N = -X (both negative).",
         )
+    # design: units that differ by less are metres.
     if any(abs(axis.unit_conversion_factor - 1) > 1e-9 for axis in crs.axis_info[:2]):
         raise CrsError(
             where,
@@ -176,13 +182,13 @@ def operation_between(
     )
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=64)  # design: more than any block has.
 def _pipeline(text: str) -> Transformer:
     """PROJ's operation by its description; ours are all given east before north."""
     return Transformer.from_pipeline(text)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=64)  # design: more than any block has.
 def _transformer(source: str, target: str) -> Transformer:
     """PROJ's own choice wherever a point lies: for judging coordinates, not for moving them."""
     return Transformer.from_crs(source, target, always_xy=True)
@@ -289,7 +295,7 @@ def _outside_m(crs: CRS, points: PlanePoints) -> float:
     return float(np.hypot(beyond_east, beyond_north).max())
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=64)  # design: more than any block has.
 def _area_bounds(wkt: str) -> Bounds:
     """Bounds of the CRS's area of use in its own coordinates, metres."""
     crs = CRS(wkt)
@@ -298,8 +304,10 @@ def _area_bounds(wkt: str) -> Bounds:
     area = crs.area_of_use or (CRS.from_authority(*authority).area_of_use if authority else None)
     if area is None:
         # A CRS written out by hand names no area: whatever fits on the Earth is taken.
+        # source: half the Earth's circumference and a little, metres.
         return -2.1e7, -2.1e7, 2.1e7, 2.1e7
     to_plane = _transformer(_geodetic(crs).to_wkt(), wkt)
+    # source: PROJ's own default.
     return to_plane.transform_bounds(*area.bounds, densify_pts=21, errcheck=False)
 
 

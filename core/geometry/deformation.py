@@ -18,10 +18,12 @@ from jaxtyping import Float64, Int
 
 from core.arrays import FilmPoints, Scalars
 
+# source: Gruen 1978 takes powers 0 to 4.
 DEGREES = 5
 """Powers 0 to 4 of each coordinate."""
 TERMS = DEGREES * DEGREES
 COEFFICIENTS = 2 * TERMS
+# source: 2 (1 - 0.6) of half the side.
 BASE = 0.8
 """Image base in units of h, at 60 % overlap."""
 

@@ -3,9 +3,10 @@
 Were all candidates chance, each would lie anywhere in the window that was searched for its point.
 Were the model true, a share w of the points would have one where the model says, to its standard
 deviation. The ratio of the two likelihoods, averaged over the prior of the model and over w, is the
-Bayes factor B. In pure chance its mean is one, so that it exceeds 1/e at most once in 1/e photos,
-whatever the number of hypotheses that were tried (Ville 1939; Gruenwald et al. 2024, "Safe
-testing"): 1/B bounds the expected number of false alarms. The prior volume counts as what it is:
+Bayes factor, an e-value: in pure chance its mean is one, so that it reaches 1000 in at most one of
+1000 photos, whatever the number of hypotheses that were tried (Ville 1939; Gruenwald et al. 2024,
+"Safe testing"). It is no number of false alarms: that one is counted from binomial chances, as for
+relative orientation in `core.geometry.relative`. The prior volume counts as what it is:
 a photo that is known to tens of metres has less room for chance than one that may lie anywhere.
 
 The average over the prior is taken by Laplace's approximation about the best step: the volume of
@@ -26,8 +27,10 @@ Starts = Int[np.ndarray, "points"]
 """Index of the first candidate of each point."""
 OfPoints = Bool[np.ndarray, "points"]
 """True or false for each point."""
+# design: doubled each time, from one right point in twenty to nearly all.
 SHARES = (0.05, 0.1, 0.2, 0.4, 0.8)
 """w: shares of points found in their right place, one as likely as the other beforehand."""
+# design: from a refined start one step is enough.
 STEPS = 3
 """Steps towards the best place under each share, from one that is nearly there."""
 
@@ -61,7 +64,7 @@ class Evidence:
         self.density = np.where(np.repeat(telling, self.count), density, 0.0)
         self.precision = 1 / sigma_px**2
 
-    def log10_bayes(
+    def log10_e_value(
         self, residual: PixelPoints, design: Design, at: Step, prior_information: Matrix
     ) -> float:
         """Bayes factor of the model against chance, log10.

@@ -14,6 +14,7 @@ from core.doubts import Failure
 from core.geometry.atmosphere import EARTH_RADIUS_M
 from core.geometry.exterior import ExteriorOrientation
 
+# source: 1 / 3.6.
 KM_H = 0.2778
 """Metres a second of one kilometre an hour, as the notes round it."""
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float64
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
@@ -65,6 +66,12 @@ class InteriorOrientation:
         matrix = self.film_from_pixel_matrix
         flat = unwarped(film, self.warp, self.model)
         return np.linalg.solve(matrix[:, :2], (flat - matrix[:, 2]).T).T
+
+    def film_by_pixel(self, pixels: PixelPoints) -> Float64[np.ndarray, "n 2 2"]:
+        """Derivatives of the film point (rows) by the scan pixel (columns), millimetres."""
+        matrix = self.film_from_pixel_matrix
+        slopes = film_slopes(pixels, matrix, self.warp, self.model).reshape(-1, 2, 8)
+        return slopes[:, :, [2, 5]] @ matrix[:, :2]
 
     def film_sigmas(self, pixels: PixelPoints) -> FilmPoints:
         """Standard deviation (x, y) of film points that follows from the fit alone, mm."""
@@ -131,19 +138,26 @@ def film_shape(interior: InteriorOrientation, scan_pixel_mm: float) -> FilmShape
     return FilmShape(length_x, length_y, 1000 * float(np.arcsin(slant)))
 
 
+# design: film shrunk evenly fits to 10 um, two pixels of a usual scan are 30.
 LIMIT_UM = 30.0
 """A fit whose residuals have a greater RMS (scan pixels up to 15 um) does not stand, METHODS 2."""
+# design: a mark is measured to a tenth; two pixels are another place.
 LIMIT_PX = 2.0
 """The same limit in scan pixels, for coarser scans."""
+# design: a wrong mark makes the most of the RMS, two thirds of it go with it.
 CLEARED = 0.35
 """Leaving a mark out must bring the RMS down to this share before the mark counts as wrong."""
+# design: what a symmetric mark is measured to.
 USUAL_SIGMA_PX = 0.1
 """A-priori sigma of a mark whose own is not known, pixels."""
+# design: to a ten millionth of the first interval.
 FILM_STEPS = 24
 """Halvings in the search for how much film and scanner are bent."""
+# design: in the words below.
 BENT_CHANCE = 0.1
 """Chance below which residuals are laid to bends of film and scanner: those of good marks alone
 exceed what is expected of them in every second film."""
+# source: as Baarda's risk.
 WARP_CHANCE = 0.001
 """Chance below which eight marks or more call for a warp beyond an affine film."""
 
@@ -235,6 +249,7 @@ def nominal_interior(
 def _stands_upright(size_px: tuple[int, int], frame_mm: tuple[float, float]) -> bool:
     """False when an oblong frame lies across an oblong scan."""
     across = (size_px[0] - size_px[1]) * (frame_mm[0] - frame_mm[1])
+    # design: frames nominally square differ by a twentieth in a scan.
     return across >= -0.05 * min(size_px) * min(frame_mm)
 
 
@@ -246,6 +261,7 @@ def _fit(
         return fit_film(model, pixels, film, sigmas_mm, mirrored)
     plain = "affine" if len(pixels) >= 4 else "similarity"
     best = fit_film(plain, pixels, film, sigmas_mm, mirrored)
+    # design: eight parameters of sixteen equations leave eight to judge them by.
     if isinstance(best, Failure) or len(pixels) < 8:
         return best
     affine = best
@@ -287,6 +303,7 @@ def _with_film(
 def _called_for(affine: FilmFit, larger: FilmFit) -> bool:
     """F-test of two more parameters."""
     left, gained = larger.weighted_square_sum, affine.weighted_square_sum
+    # design: keeps a division from failing.
     ratio = (gained - left) / 2 / max(left / larger.redundancy, 1e-30)
     return bool(fisher.sf(ratio, 2, larger.redundancy) < WARP_CHANCE)
 
@@ -305,6 +322,7 @@ def _kept(
             without[left_out] = np.inf if isinstance(fit, Failure) else fit.rms * 1000
         wrong = min(without, key=without.__getitem__)
         # Two wrong marks of many only heal together: half the way counts where many remain.
+        # design: words above; of seven one left out leaves twelve equations.
         needed = CLEARED if keep.sum() < 7 else 0.75
         if without[wrong] > needed * rms_um:
             break

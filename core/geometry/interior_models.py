@@ -16,11 +16,13 @@ from core.doubts import Failure
 from core.geometry.transforms import PlaneTransform, fit_affine, fit_similarity
 
 FilmModel = Literal["similarity", "affine", "projective", "bilinear"]
+# source: definition of the models.
 PARAMETERS: dict[str, int] = {"similarity": 4, "affine": 6, "projective": 8, "bilinear": 8}
 Warp = Float64[np.ndarray, "2"]
 """The two parameters beyond the affine part, per millimetre."""
 Parameters = Float64[np.ndarray, "parameters"]
 Equations = Float64[np.ndarray, "equations"]
+# design: linear models take one, warps of film three.
 STEPS = 8
 
 
@@ -94,12 +96,14 @@ def fit_film(
         residual, slopes = _linearised(values, pixels, film, shift, model)
         design = (slopes @ scaled) * weights[:, None]
         left, singular, right = np.linalg.svd(design, full_matrices=False)
+        # design: far above rounding.
         if singular[-1] < 1e-9 * singular[0]:
             return Failure(f"The marks lie too much in one line for a {model} model.")
         step = -(right.T / singular) @ (left.T @ (residual * weights))
         values = _uncentred(scaled @ step, shift) + values
         back = np.column_stack([_uncentred(column, shift) for column in scaled.T])
         cofactor = back @ ((right.T / singular**2) @ right) @ back.T
+        # design: a femtometre.
         if np.abs(step).max() < 1e-12:
             break
     residual, _ = _linearised(values, pixels, film, shift, model)

@@ -184,6 +184,7 @@ def _ideal(offsets: Offsets, rays: RayModel) -> tuple[Scalars, Scalars, Scalars]
 
 def _factor_and_slope(s: Scalars, rays: RayModel) -> tuple[Scalars, Scalars]:
     """Factor f on the ideal image vector, and 2 df/ds."""
+    # source: rows of RayModel.constants.
     c, k1, k2, k3 = (rays.constants[row] for row in (0, 3, 4, 5))
     bend = rays.atmosphere[0]
     factor = 1 + s * (k1 + s * (k2 + s * k3)) + bend * (1 + s / c**2)
@@ -220,6 +221,7 @@ def _through_lens(
 def rotations_from_increments(increments: Vectors) -> Rotations:
     """exp[w]: rotation matrices of rotation vectors (radians), Rodrigues' formula."""
     angle = np.linalg.norm(increments, axis=1)
+    # design: sin x / x is one in doubles.
     small = angle < 1e-8
     safe = np.where(small, 1.0, angle)
     sine = np.where(small, 1.0, np.sin(safe) / safe)
@@ -245,12 +247,20 @@ def angles_from_rotations(rotations: Rotations) -> Vectors:
 def angles_by_increments(rotations: Rotations) -> Rotations:
     """Derivatives of omega, phi, kappa (rows) by the increment w of R exp[w] (columns).
 
+    Undefined at phi = 90 degrees, where no aerial photo is.
+    """
+    return np.linalg.inv(increments_by_angles(rotations))
+
+
+def increments_by_angles(rotations: Rotations) -> Rotations:
+    """Derivatives of the increment w of R exp[w] (rows) by omega, phi, kappa (columns).
+
     From R^T dR = [w]: w = (first row of R) d omega + (sin kappa, cos kappa, 0) d phi
-    + (0, 0, 1) d kappa, inverted. Undefined at phi = 90 degrees, where no aerial photo is.
+    + (0, 0, 1) d kappa.
     """
     kappa = angles_from_rotations(rotations)[:, 2]
     turns = np.zeros_like(rotations)
     turns[:, :, 0] = rotations[:, 0, :]
     turns[:, 0, 1], turns[:, 1, 1] = np.sin(kappa), np.cos(kappa)
     turns[:, 2, 2] = 1.0
-    return np.linalg.inv(turns)
+    return turns

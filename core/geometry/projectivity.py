@@ -12,6 +12,7 @@ PlanePoints = Float64[np.ndarray, "n 2"]
 """Points of a plane, any unit."""
 Projectivity = Float64[np.ndarray, "3 3"]
 """Homogeneous matrix, target from source."""
+# source: four points fix eight unknowns.
 MINIMAL = 4
 
 

@@ -18,8 +18,10 @@ from core.geometry.exterior import ExteriorOrientation
 
 Rays = Float64[np.ndarray, "n 3"]
 """Directions in image space with z = -1."""
+# source: OpenCV's camera axes.
 OPENCV_FROM_IMAGE = np.diag([1.0, -1.0, -1.0])
 """OpenCV looks along +z with y down: half a turn about the x axis."""
+# source: five correspondences fix five unknowns.
 MINIMAL = 5
 """Correspondences that fix a relative orientation."""
 
@@ -28,14 +30,19 @@ MINIMAL = 5
 class RelativeOptions:
     """How a relative orientation is looked for and when it stands."""
 
+    # design: matches of features are good to a pixel.
     tolerance_px: float = 2.0
     """A match belongs when its y-parallax is below this, in pixels of the matched scale."""
+    # design: one failure in ten thousand pairs.
     confidence: float = 0.9999
     """Wanted probability that the random search has met a good sample."""
+    # design: a share of right matches of a fifth has six good samples then.
     max_samples: int = 20_000
     """Random samples at most."""
+    # design: four times what fixes the orientation.
     min_inliers: int = 20
     """Fewer matches that agree are never believed."""
+    # design: one pair in a million by chance.
     max_log10_nfa: float = -6.0
     """log10 of the number of false alarms below which agreement could not be chance."""
 
@@ -194,6 +201,7 @@ def model_depths(rays: RayPairs, orientation: RelativeOrientation) -> tuple[Scal
     uu, vv = np.sum(first * first, axis=1), np.sum(turned * turned, axis=1)
     uv = np.sum(first * turned, axis=1)
     ub, vb = first @ orientation.base, turned @ orientation.base
+    # design: rays within a microradian are parallel.
     determinant = np.maximum(uu * vv - uv * uv, 1e-12)
     return (vv * ub - uv * vb) / determinant, (uv * ub - uu * vb) / determinant
 
@@ -210,6 +218,7 @@ def _gradient(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
     by_first = (rays.second @ essential.T)[:, :2] * rays.pixel_angles[0]
     by_second = (rays.first @ essential)[:, :2] * rays.pixel_angles[1]
     squared = np.sum(by_first**2, axis=1) + np.sum(by_second**2, axis=1)
+    # design: keeps a division from failing.
     return np.sqrt(np.maximum(squared, 1e-24))
 
 
@@ -228,6 +237,7 @@ def adjust_relative(
         orientation, step = _step(rays, orientation, weights)
         residual = parallax(rays, orientation)
         # A hundredth of a second of arc: a ten thousandth of a pixel.
+        # design: in the words above.
         if scale <= tolerance_px / 2 and step < 5e-8:
             break
         scale = max(tolerance_px / 2, scale / 2)
@@ -246,8 +256,10 @@ def _step(
     misclosure = _coplanarity(rays, orientation) / gradient
     normal = design.T @ (design * weights[:, None])
     # A whisper of damping: flat ground leaves one direction all but undetermined.
+    # design: far below what any match says.
     normal += np.eye(5) * 1e-9 * max(float(np.trace(normal)), 1e-30)
     change = -np.linalg.solve(normal, design.T @ (weights * misclosure))
+    # design: a step of more than eleven degrees leaves what was linearised.
     change *= min(1.0, 0.2 / max(float(np.linalg.norm(change)), 1e-12))
     turn = cast(np.ndarray, cv2.Rodrigues(change[:3])[0])
     base = orientation.base + _tangents(orientation.base) @ change[3:]
@@ -266,6 +278,7 @@ def _sampled(
     params.confidence, params.maxIterations = options.confidence, options.max_samples
     params.threshold, params.randomGeneratorState = scale, int(rng.integers(1, 2**31 - 1))
     params.score, params.sampler = cv2.SCORE_METHOD_MAGSAC, cv2.SAMPLING_UNIFORM
+    # source: OpenCV's own defaults.
     params.loMethod, params.loIterations, params.loSampleSize = cv2.LOCAL_OPTIM_SIGMA, 10, 50
     found: list[RelativeOrientation] = []
     eye, none = np.eye(3), np.zeros(5)

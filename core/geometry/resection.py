@@ -16,9 +16,9 @@ from core.geometry.collinearity import film_from_object
 from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions, Step
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
+from core.geometry.partials import film_partials, increments_by_angles
 
-STEPS = np.array([0.1, 0.1, 0.1, 1e-5, 1e-5, 1e-5])
-"""Steps of the numerical derivative: metres and radians."""
+# design: the linear model ranks the best nearly right; three leave room for a change of order.
 FULL = 3
 """So many of the best refined by the linear model are refined by the full one, which is slow."""
 
@@ -43,14 +43,12 @@ class PhotoModel:
         self, points: ObjectPoints, exterior: ExteriorOrientation
     ) -> tuple[PixelPoints, np.ndarray]:
         """Pixels and their derivatives (n, 2, 6) by X, Y, Z, omega, phi, kappa."""
-        derivatives = np.empty((len(points), 2, 6))
-        for column in range(6):
-            step = np.zeros(6)
-            step[column] = STEPS[column]
-            ahead = self.pixels(points, moved(exterior, step))
-            behind = self.pixels(points, moved(exterior, -step))
-            derivatives[:, :, column] = (ahead - behind) / (2 * STEPS[column])
-        return self.pixels(points, exterior), derivatives
+        film = film_partials(points, exterior, self.camera, self.atmosphere)
+        pixels = self.interior.pixel_from_film(film.film.T)
+        by_angles = increments_by_angles(exterior.object_from_image[None])[0]
+        by_rotation = np.einsum("fwn,wa->fan", film.by_rotation, by_angles)
+        design = np.moveaxis(np.concatenate([film.by_centre, by_rotation], axis=1), 2, 0)
+        return pixels, np.linalg.solve(self.interior.film_by_pixel(pixels), design)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +63,8 @@ class Resection:
     """Indices of the candidates that agree, at most one a point."""
     residuals_px: PixelPoints
     """Computed minus measured of the chosen, pixels."""
-    log10_nfa: float
-    """Expected number of false alarms, as a power of ten."""
+    log10_e_value: float
+    """How many times likelier than chance the agreement is (e-value), log10."""
 
 
 def moved(exterior: ExteriorOrientation, step: np.ndarray) -> ExteriorOrientation:
@@ -174,23 +172,25 @@ class Search:
         count = len(self.consensus.first)
         if len(chosen) <= SAMPLE:
             return Failure(f"no orientation agrees with more than {len(chosen)} points")
-        nfa = self.false_alarms(exterior)
-        evidence = {"points": count, "agreeing": len(chosen), "log10_nfa": round(nfa, 2)}
-        if nfa > self.options.log10_nfa_limit:
+        e_value = self.log10_e_value(exterior)
+        evidence = {
+            "points": count, "agreeing": len(chosen), "log10_e_value": round(e_value, 2),
+        }  # fmt: skip
+        if e_value < self.options.least_log10_e_value:
             return Failure(
                 f"{len(chosen)} of {count} points agree, which chance alone could bring about",
                 evidence,
             )
         covariance = self.solved(exterior, chosen, residual)[1]
-        return Resection(exterior, covariance, chosen, residual, nfa)
+        return Resection(exterior, covariance, chosen, residual, e_value)
 
-    def false_alarms(self, exterior: ExteriorOrientation) -> float:
-        """Expected number of false alarms of an orientation, as a power of ten."""
+    def log10_e_value(self, exterior: ExteriorOrientation) -> float:
+        """E-value of an orientation, log10."""
         pixels, derivatives = self.model.linearised(self.points, exterior)
         point = self.candidates.point
         residual = self.candidates.pixels - pixels[point]
         change = difference(exterior, self.start)
-        return self.consensus.log10_nfa(residual, derivatives[point], change)
+        return self.consensus.log10_e_value(residual, derivatives[point], change)
 
 
 def difference(exterior: ExteriorOrientation, start: ExteriorOrientation) -> Step:

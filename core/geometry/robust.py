@@ -1,11 +1,33 @@
-"""Robust weights: what keeps a gross error from pulling the good observations."""
+"""What keeps a gross error from pulling the good measurements."""
+
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
+from jaxtyping import Num
 
 from core.arrays import Scalars
 
-MAD_TO_SIGMA = 1.4826
+Solution = TypeVar("Solution")
+
+# source: 1 / the 0.75 quantile of the normal distribution, as in scipy.stats.median_abs_deviation.
+MAD_TO_SIGMA = 1.482602218505602
 """Median absolute deviation to standard deviation, for normal residuals."""
+SMALLEST_SHARE = 1e-9  # design: far above rounding, far below any measurement.
+"""The least scale of residuals, as a share of the largest: an exact fit has none."""
+TINY = 1e-12  # design: only keeps a division from failing.
+"""The least scale where all residuals are nought."""
+SETTLED = 1e-7  # design: a solution changes less than its weights do.
+"""Relative change of weights that is no more."""
+
+
+def robust_sigma(residuals: Num[np.ndarray, "..."]) -> float:
+    """Standard deviation of finite residuals about nought by their median; 0 where none is.
+
+    For the spread about the median, pass the values less their median.
+    """
+    sound = np.abs(residuals[np.isfinite(residuals)])
+    return MAD_TO_SIGMA * float(np.median(sound)) if sound.size else 0.0
 
 
 def huber_weights(standardised: Scalars, limit: float) -> Scalars:
@@ -19,7 +41,34 @@ def huber_costs(standardised: Scalars, limit: float) -> Scalars:
     return inside * (2 * standardised - inside)
 
 
-def robust_sigma(residuals: Scalars) -> float:
-    """Standard deviation of residuals about nought by their median; 0 where there are none."""
-    sound = np.abs(residuals[np.isfinite(residuals)])
-    return MAD_TO_SIGMA * float(np.median(sound)) if len(sound) else 0.0
+def cauchy_weights(standardised: Scalars, limit: float) -> Scalars:
+    """Half the weight at the limit, falling with the residual's square beyond it (Cauchy)."""
+    return 1 / (1 + (standardised / limit) ** 2)
+
+
+def solve_robustly(
+    solve: Callable[[Scalars], tuple[Solution, Scalars]],
+    lengths: Scalars,
+    weigh: Callable[[Scalars], Scalars],
+    *,
+    passes: int,
+    least_scale: float = 0.0,
+) -> Solution:
+    """A least squares solution in which residuals far beyond the others' scale lose weight.
+
+    Args:
+        solve: The solution with given weights, and the length of each residual there.
+        lengths: Lengths of the residuals to begin with; all alike where none are known.
+        weigh: Weights by residual over scale, such as `huber_weights` with a limit.
+        passes: Solutions at most.
+        least_scale: Residuals have at least this standard deviation.
+    """
+    weights: Scalars | None = None
+    while True:
+        least = max(least_scale, SMALLEST_SHARE * float(np.max(lengths, initial=0.0)), TINY)
+        scale = max(robust_sigma(lengths), least)
+        before, weights = weights, weigh(lengths / scale) / scale**2
+        solution, lengths = solve(weights)
+        passes -= 1
+        if passes < 1 or (before is not None and np.allclose(before, weights, SETTLED, 0)):
+            return solution

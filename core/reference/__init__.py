@@ -1,1 +1,1 @@
-"""What is known of the ground today."""
+"""Stage reference: junctions and salient points of the ground."""

@@ -13,8 +13,8 @@ from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Position, Scalars, locked
 from core.geometry.crs import Bounds
-from core.reference.dem import Dem
-from core.reference.planar import RoadGraph, clusters, planar_graph
+from core.raster.dem import Dem
+from core.reference.road_graph import RoadGraph, clusters, planar_graph
 
 __all__ = ["Junction", "JunctionOptions", "find_junctions", "planar_graph"]
 

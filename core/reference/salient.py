@@ -19,10 +19,10 @@ from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask, Position, locked
 from core.geometry.crs import Bounds, shared_bounds
-from core.geometry.grid import Grid
 from core.progress import Progress, Silent, tracked
-from core.reference.dem import Dem
-from core.reference.ortho import Ortho
+from core.raster.dem import Dem
+from core.raster.grid import Grid
+from core.raster.ortho import Ortho
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""

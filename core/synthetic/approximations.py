@@ -3,14 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import shapely
-from pyogrio.raw import write as write_vector
 from shapely.geometry import Polygon
 
 from core.arrays import Affine2, ObjectPoints, PixelPoints, Scalars
 from core.synthetic.flight import Exposure, Flight
-from core.synthetic.options import SyntheticOptions, seeded
-from core.synthetic.orthos import CRS
+from core.synthetic.options import CRS, SyntheticOptions, seeded
+from core.synthetic.reference import write_layer
 
 
 def write_approximations(folder: Path, flight: Flight, options: SyntheticOptions) -> None:
@@ -89,19 +87,9 @@ def _write_footprints(path: Path, flight: Flight, options: SyntheticOptions) -> 
     shapes = []
     for exposure in flight.exposures:
         _, ground = _frame(exposure, flight)
-        plan = _displaced(ground[:, :2], options, f"footprint {exposure.photo_id}")
-        shapes.append(shapely.to_wkb(Polygon(plan)))
+        shapes.append(Polygon(_displaced(ground[:, :2], options, f"footprint {exposure.photo_id}")))
     names = [f"{exposure.photo_id}.tif" for exposure in flight.exposures]
-    write_vector(
-        path,
-        geometry=np.array(shapes, dtype=object),
-        field_data=[np.array(names, dtype=object)],
-        fields=["LMS_TIF_UP"],
-        geometry_type="Polygon",
-        crs=CRS,
-        driver="GPKG",
-        layer="footprints",
-    )
+    write_layer(path, shapes, {"LMS_TIF_UP": np.array(names, dtype=object)})
 
 
 def _write_points(

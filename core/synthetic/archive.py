@@ -1,33 +1,31 @@
 """Writes a synthetic block as the folder a user's archive would be, with the truth beside it."""
 
-import json
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 
-from core.geometry.grid import Grid
 from core.progress import Progress, Silent
+from core.raster.grid import Grid
 from core.synthetic.approximations import write_approximations
 from core.synthetic.film import FilmOptions, make_scan
 from core.synthetic.flight import Exposure, Flight, make_flight
 from core.synthetic.landscape import Landscape, make_landscape
 from core.synthetic.marks import draw_margin, draw_scars
-from core.synthetic.options import SCALES, Scale, Size, SyntheticOptions, seeded
-from core.synthetic.orthos import (
-    CRS,
+from core.synthetic.options import CRS, SCALES, Scale, Size, SyntheticOptions, seeded
+from core.synthetic.painting import Ground, Picture, paint
+from core.synthetic.reference import (
     softened,
     write_dem,
+    write_roads,
     write_sheets,
     write_terrain,
     write_truth_ortho,
 )
-from core.synthetic.painting import Ground, Picture, paint
-from core.synthetic.roads import write_roads
+from core.synthetic.truth import write_truth
 
 PRESENT_YEAR = 2022
 FILM: dict[Size, FilmOptions] = {
@@ -63,7 +61,7 @@ def make_block(
     _write_scans(folder, flight, ground, options, progress)
     write_approximations(folder, flight, options)
     (folder / "block.toml").write_text(_block_toml(flight, options), encoding="utf-8")
-    (folder / "truth" / "truth.json").write_text(_truth_json(flight, options), encoding="utf-8")
+    write_truth(folder, flight, landscape.network, options)
     progress.report(100.0, 100.0, "block written")
 
 
@@ -170,55 +168,3 @@ def _block_toml(flight: Flight, options: SyntheticOptions) -> str:
         "",
     ]
     return "\n".join(lines)
-
-
-def _truth_json(flight: Flight, options: SyntheticOptions) -> str:
-    """Everything that is true of the flight; pixels here count from pixel centres."""
-    camera, scale = flight.camera, SCALES[options.size]
-    photos: dict[str, Any] = {}
-    for exposure in flight.exposures:
-        true = exposure.exterior
-        to_pixel = np.array(exposure.pixel_from_film)
-        to_pixel[:, 2] -= 0.5
-        photos[exposure.photo_id] = {
-            "X": float(true.centre[0]),
-            "Y": float(true.centre[1]),
-            "Z": float(true.centre[2]),
-            "omega_deg": float(np.degrees(true.omega)),
-            "phi_deg": float(np.degrees(true.phi)),
-            "kappa_deg": float(np.degrees(true.kappa)),
-            "refraction_K": exposure.atmosphere.refraction,
-            "size_px": list(exposure.size_px),
-            "film_to_pixel": to_pixel.tolist(),
-        }
-    refraction = float(np.mean([e.atmosphere.refraction for e in flight.exposures]))
-    truth = {
-        "camera": {
-            "focal_mm": camera.principal_distance_mm,
-            "half_mm": camera.frame_mm[0] / 2,
-            "pp": list(camera.principal_point_mm),
-            "k": list(camera.radial_distortion[:2]),
-            "fiducials": {name: list(place) for name, place in camera.fiducials_mm.items()},
-        },
-        "nominal_focal_mm": flight.nominal.principal_distance_mm,
-        "refraction_K": refraction,
-        "curvature_per_m": flight.exposures[0].atmosphere.curvature_per_m,
-        "scan_um": scale.scan_pixel_um,
-        "pixel_origin": "centre of the first pixel",
-        "crs": CRS,
-        "eo": photos,
-        "args": {
-            "size": options.size,
-            "epoch": options.epoch,
-            "relief_m": options.relief_m,
-            "seed": options.seed,
-            "georeference": options.georeference,
-            "georeference_quality": options.georeference_quality,
-            "road_change": options.road_change,
-            "parcel_change": options.parcel_change,
-            "strips": options.strips,
-            "photos_per_strip": options.photos_per_strip,
-        },
-        "gsd_scan": scale.scan_ground_m,
-    }
-    return json.dumps(truth, indent=1) + "\n"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32
 
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from core.synthetic.fields import Tract, make_profiles, make_tracts
 from core.synthetic.network import Network, Road, make_network
 from core.synthetic.noise import fractal, smooth_step

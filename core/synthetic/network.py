@@ -94,6 +94,13 @@ class Network:
             nearest = np.minimum(nearest, away)
         return nearest
 
+    def lasting_junctions(self) -> PlanPoints:
+        """Nodes of which three arms or more stood in the archival epoch and still stand."""
+        both = [r for r in self.roads if r.exists_now and r.existed_then]
+        ends = np.array([(road.start, road.end) for road in both], dtype=np.int64)
+        arms = np.bincount(ends.ravel(), minlength=len(self.nodes))
+        return self.nodes[arms >= 3]
+
 
 def make_network(bounds: Bounds, change: float, rng: np.random.Generator) -> Network:
     """Roads of both epochs over an area.

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from core.synthetic.options import seeded
 
 Field = Float32[np.ndarray, "_ _"]

@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+CRS = "EPSG:5514"
+"""S-JTSK, in which all synthetic places lie."""
 Size = Literal["tiny", "small", "full"]
 Georeference = Literal["world-file", "footprints", "points", "exterior", "none"]
 Quality = Literal["good", "bad"]

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
 from core.arrays import Scalars
-from core.geometry.grid import Grid
 from core.progress import Progress, Silent
+from core.raster.grid import Grid
 from core.synthetic.fields import PROFILE_LENGTH, PROFILE_STEP_M
 from core.synthetic.landscape import Field, RoadLook, Scene
 from core.synthetic.network import Road

@@ -7,7 +7,7 @@ from jaxtyping import Float64
 from scipy import ndimage
 
 from core.arrays import Matrix, Scalars, locked
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 
 PlanPoints = Float64[np.ndarray, "_ 2"]
 """Easting and northing in the block's CRS, metres."""

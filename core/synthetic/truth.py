@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,15 @@ import rasterio
 from scipy import ndimage
 
 from core.arrays import Affine2, ObjectPoints, PixelPoints, Scalars, locked
-from core.block.block import Block, Measurement, Photo
+from core.block import Block, Measurement, Photo
 from core.errors import ReferenceDataError
 from core.geometry.atmosphere import EARTH_RADIUS_M, Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.grid import Grid
-from core.synthetic.flight import Exposure
+from core.raster.grid import Grid
+from core.synthetic.flight import Exposure, Flight
+from core.synthetic.network import Network
+from core.synthetic.options import CRS, SCALES, SyntheticOptions
 from core.synthetic.terrain import PlanPoints
 
 WRONG_M = 3.0
@@ -40,6 +42,8 @@ class Truth:
     """The true ground of the archival epoch, a GeoTIFF."""
     heights: tuple[Grid, np.ndarray] | None
     """True heights on a grid where they were written, else None."""
+    lasting_junctions: PlanPoints | None
+    """Junctions that stood when the photos were taken and still stand; None where not known."""
 
     def heights_at(self, points: ObjectPoints) -> Scalars:
         """True height below points, metres; their own height where the truth does not know."""
@@ -109,6 +113,8 @@ def read_truth(folder: Path) -> Truth:
         camera = _camera(data)
         photos = {name: _photo(name, eo, data) for name, eo in data["eo"].items()}
         pixel_um = float(data["scan_um"])
+        known = data.get("lasting_junctions")
+        lasting = None if known is None else np.array(known, dtype=np.float64).reshape(-1, 2)
     except FileNotFoundError as error:
         raise ReferenceDataError(
             path, "There is no truth.", "Only synthetic blocks have one; see `gruber demo`."
@@ -119,7 +125,7 @@ def read_truth(folder: Path) -> Truth:
         ) from error
     heights = _heights(folder / "truth" / "terrain.tif")
     ortho = folder / "truth" / "archival_ortho.tif"
-    return Truth(folder, camera, pixel_um, dict(sorted(photos.items())), ortho, heights)
+    return Truth(folder, camera, pixel_um, dict(sorted(photos.items())), ortho, heights, lasting)
 
 
 def _camera(data: Mapping[str, Any]) -> Camera:
@@ -164,6 +170,56 @@ def _heights(path: Path) -> tuple[Grid, np.ndarray] | None:
         west, north, gsd = raster.transform.c, raster.transform.f, raster.transform.a
         grid = Grid(float(west), float(north), float(gsd), int(raster.width), int(raster.height))
         return grid, raster.read(1).astype(np.float64)
+
+
+def write_truth(folder: Path, flight: Flight, network: Network, options: SyntheticOptions) -> None:
+    """Everything that is true of a flight, as `read_truth` reads it.
+
+    Args:
+        folder: The block's folder, which holds `truth/`.
+        flight: The true flight.
+        network: Roads of both epochs.
+        options: What the block was made with.
+    """
+    camera, scale = flight.camera, SCALES[options.size]
+    photos: dict[str, Any] = {}
+    for exposure in flight.exposures:
+        true = exposure.exterior
+        to_pixel = np.array(exposure.pixel_from_film)
+        to_pixel[:, 2] -= 0.5
+        photos[exposure.photo_id] = {
+            "X": float(true.centre[0]),
+            "Y": float(true.centre[1]),
+            "Z": float(true.centre[2]),
+            "omega_deg": float(np.degrees(true.omega)),
+            "phi_deg": float(np.degrees(true.phi)),
+            "kappa_deg": float(np.degrees(true.kappa)),
+            "refraction_K": exposure.atmosphere.refraction,
+            "size_px": list(exposure.size_px),
+            "film_to_pixel": to_pixel.tolist(),
+        }
+    refraction = float(np.mean([e.atmosphere.refraction for e in flight.exposures]))
+    truth = {
+        "camera": {
+            "focal_mm": camera.principal_distance_mm,
+            "half_mm": camera.frame_mm[0] / 2,
+            "pp": list(camera.principal_point_mm),
+            "k": list(camera.radial_distortion[:2]),
+            "fiducials": {name: list(place) for name, place in camera.fiducials_mm.items()},
+        },
+        "nominal_focal_mm": flight.nominal.principal_distance_mm,
+        "refraction_K": refraction,
+        "curvature_per_m": flight.exposures[0].atmosphere.curvature_per_m,
+        "scan_um": scale.scan_pixel_um,
+        "pixel_origin": "centre of the first pixel",
+        "crs": CRS,
+        "eo": photos,
+        "lasting_junctions": network.lasting_junctions().tolist(),
+        "args": asdict(options),
+        "gsd_scan": scale.scan_ground_m,
+    }
+    text = json.dumps(truth, indent=1) + "\n"
+    (folder / "truth" / "truth.json").write_text(text, encoding="utf-8")
 
 
 def judge_control(truth: Truth, block: Block) -> ControlJudgement:

@@ -9,10 +9,10 @@ from affine import Affine
 from shapely.geometry import box
 
 from app.report_content import ReportContent
-from core.block.adjustment import adjust_block
+from core.adjustment.block_adjustment import adjust_block
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation
-from core.ground.seams import Seam
+from core.mosaic.seams import Seam
 from tests.flights import FlightPlan, fly
 
 MARKS = ("1", "2", "3", "4")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.described import described
+from app.block_input import described
 from app.fiducial_tables import write_fiducials
 from app.project import read_project
 from core.errors import PhotogrammetryError
@@ -15,10 +15,10 @@ from core.formats.micmac_measures import (
     write_camera_measures,
     write_image_measures,
 )
-from core.pipeline import orient_scans
-from core.progress import Silent
-from core.stages import BlockInput, ScanSet, Work
-from tests.core.scan.film_maker import FIDUCIALS, Film, make_film
+from core.progress import Work
+from core.results import BlockInput
+from core.scans.stage import ScanSet, orient_scans
+from tests.core.scans.film_maker import FIDUCIALS, Film, make_film
 
 TOML = """
 [block]
@@ -54,7 +54,7 @@ def read(folder: Path, camera: str, scans: str = "") -> BlockInput:
 
 
 def oriented(given: BlockInput) -> ScanSet:
-    return orient_scans(given, {}, Work(Silent(), map))
+    return orient_scans(given.scans, given.cameras, Work())
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 import app.doctor
 from app.doctor import examine
 from core.errors import PhotogrammetryError
-from tests.app.test_described import own_toml
+from tests.app.test_block_input import own_toml
 
 
 def test_a_machine_is_examined_without_a_block__truth():

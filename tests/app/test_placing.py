@@ -5,15 +5,15 @@ import shutil
 import numpy as np
 import pytest
 
-from app.described import described
+from app.block_input import described
 from app.placing import Clicking, Placeable, in_crs
 from app.placing_run import Running
 from app.project import read_project
-from core.block.approximation import Ground, approximate_from_points
 from core.errors import ScanError
 from core.formats.qgis_points import QgisPoints, read_qgis_points, write_qgis_points
-from core.scan.orientation import orient_scan
-from core.stages import ScanSet
+from core.georeference.approximation import Ground, approximate_from_points
+from core.scans.interior_orientation import orient_scan
+from core.scans.stage import ScanSet
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import pyogrio
 import pytest
 import shapely
 
-from app.described import described
+from app.block_input import described
 from app.project import Project, read_project
-from core.block.adjusted import AdjustmentOptions
+from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
 from sessions.products import digest_of
 from tests.onnx_files import write_convolution
@@ -213,7 +213,7 @@ def test_the_learned_operator_needs_a_network__truth(folder: Path) -> None:
     file = write_convolution(folder / "net.onnx", np.ones((2, 1, 3, 3), np.float32))
     project = read(folder, TOML + asked)
     assert project.control.learned == file
-    given = described(project).orientation
+    given = described(project).localisation.orientation
     assert given.network == file
     before = digest_of(given)
     write_convolution(file, np.full((2, 1, 3, 3), 2.0, np.float32))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from app.protocol import write_protocol
-from core.block.adjusted import AdjustmentOptions
-from core.block.adjustment import adjust_block
-from core.block.foresight import foresee
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.adjustment.influence import influence_of
 
 PLAIN = AdjustmentOptions()
 PARTS = (
@@ -22,7 +22,7 @@ PARTS = (
 @pytest.fixture(scope="module")
 def written(report, tmp_path_factory):
     folder = tmp_path_factory.mktemp("protocol")
-    text, figures = write_protocol(folder, "block", report, PLAIN, foresee(report, PLAIN))
+    text, figures = write_protocol(folder, "block", report, PLAIN, influence_of(report, PLAIN))
     return text.read_text(encoding="utf-8"), json.loads(figures.read_text(encoding="utf-8"))
 
 
@@ -96,6 +96,6 @@ def test_places_for_more_control_are_told_the_most_useful_first__law(written):
 def test_a_block_without_orientation_has_a_protocol_too__law(report, tmp_path):
     photos = {n: replace(p, oriented=False) for n, p in report.block.photos.items()}
     bare = adjust_block(report.block.with_photos(photos))
-    text, figures = write_protocol(tmp_path, "block", bare, PLAIN, foresee(bare, PLAIN))
+    text, figures = write_protocol(tmp_path, "block", bare, PLAIN, influence_of(bare, PLAIN))
     assert "no-photo-oriented" in text.read_text(encoding="utf-8")
     assert json.loads(figures.read_text(encoding="utf-8"))["quality"]["sigma_nought"] is None

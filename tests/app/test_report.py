@@ -12,9 +12,9 @@ from app.report import render, write_report
 from app.report_accuracy import horizontal
 from app.report_content import ReportContent
 from app.report_wording import findings
-from core.block.block import TiePoints
-from core.block.foresight import foresee
-from core.ground.comparison import ComparedPlaces, MosaicAccuracy
+from core.adjustment.influence import influence_of
+from core.block import TiePoints
+from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
 
 
 @pytest.fixture(scope="module")
@@ -186,8 +186,8 @@ def test_comparison_with_truth_is_told__law(content, tmp_path):
 
 
 def test_it_says_where_more_control_would_help__law(content, tmp_path):
-    ahead = foresee(content.report, content.adjustment)
-    html, figures = write_report(tmp_path, replace(content, foresight=ahead))
+    ahead = influence_of(content.report, content.adjustment)
+    html, figures = write_report(tmp_path, replace(content, influence=ahead))
     wanted = json.loads(figures.read_text(encoding="utf-8"))["control_spread"]["wanted"]
     told = text_of(html.read_text(encoding="utf-8"))
     assert wanted[0]["worst_then_m"] < 10

@@ -1,5 +1,6 @@
 """Walking the stages: what is fresh is kept, what is not is made, what breaks is resumed."""
 
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,21 @@ import pytest
 
 import app.run
 from app.project import read_project
-from app.run import STAGE_NAMES, Run, RunOptions, counted, default_gsd_m, told
-from core.doubts import Doubt, Failure
+from app.run import STAGE_NAMES, SUMMARIES, Run, RunOptions, counted, default_gsd_m
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.block import TiePoints
+from core.control.stage import ControlFound
+from core.doubts import Doubt
 from core.errors import Cancelled, OrientationError, StorageError
-from core.pipeline import STAGES
+from core.georeference.stage import Georeferenced
+from core.localisation.joined_block import WeakControl
+from core.localisation.stage import Localised
+from core.pipeline import STAGES, Stage
 from core.progress import Progress, Silent
-from core.stages import Georeferenced, ScanSet, Stage, Tied
+from core.results import StageResults
+from core.scans.stage import ScanSet
+from core.ties.stage import Tied
 from sessions.session import Session
 from tests.flights import FlightPlan, fly
 
@@ -35,6 +45,20 @@ class Listener:
         self.lines.append(text)
 
 
+def value_of(stage: str, text: str) -> Any:
+    """What a stage makes, as small as can be, with a word in it."""
+    block = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0)).block
+    match stage:
+        case "scans":
+            return ScanSet({}, {"x": text}, ())
+        case "georeference":
+            return Georeferenced(block, {}, {"x": text}, ())
+        case "localisation":
+            return Localised(block, WeakControl.none(), (Doubt("datum", "x", text),))
+        case _:
+            return Tied(TiePoints.none(), (Doubt("datum", "x", text),), {})
+
+
 class Kitchen:
     """Two stages that count how often they run; the second needs the first."""
 
@@ -45,13 +69,14 @@ class Kitchen:
         self.folder = folder
         stages = tuple(self.stage(stage) for stage in STAGES[:2])
         monkeypatch.setattr(app.run, "STAGES", stages)
+        monkeypatch.setattr(app.run, "SUMMARIES", defaultdict(lambda: str))
+        monkeypatch.setattr(Run, "corrected", lambda walk, scans: scans)
         self.stages = stages
 
     def stage(self, stage: Stage) -> Stage:
-        def run(given, made, work):
+        def run(given, results, work):
             self.made.append(stage.name)
-            before = [made[name] for name in stage.needs]
-            return Doubt("made", stage.name, f"{self.inputs[stage.name]} of {before}")
+            return value_of(stage.name, f"{self.inputs[stage.name]} of {results}")
 
         return replace(stage, inputs=lambda given: (self.inputs[stage.name],), run=run)
 
@@ -60,8 +85,6 @@ class Kitchen:
         self.made.clear()
         with Session.open(self.folder, "cook") as session:
             walk = Run(self.project, session, Listener(), RunOptions(first, last))
-            walk.set_aside = dict  # type: ignore[method-assign]
-            walk.doubts = list  # type: ignore[method-assign, assignment]
             walk.walk()
         return list(self.made)
 
@@ -130,7 +153,7 @@ def test_only_one_walks_at_a_time__law(kitchen):
 
 def test_the_engine_s_stages_come_before_what_needs_decisions__law():
     assert (
-        *("scans", "georeference", "ties", "reference", "placement", "orientation", "control"),
+        *("scans", "georeference", "reference", "localisation", "ties", "control"),
         *("adjustment", "orthos", "mosaic", "report"),
     ) == STAGE_NAMES
 
@@ -139,11 +162,14 @@ def test_each_value_is_told_in_one_line__truth():
     flight = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0))
     block = flight.block
     doubts: tuple[Doubt, ...] = ()
-    start = Georeferenced(block, {}, {"x": "why"}, doubts)
-    assert told(start) == "6 photos placed, 1 set aside"
-    assert told(ScanSet({}, {}, doubts)) == "0 scans, no fiducials"
-    assert told(Tied(block.ties, doubts, start)).startswith("40 tie points")
-    assert told({"a": Failure("x")}) == "1 photo searched"
+    results = StageResults(
+        scans=ScanSet({}, {}, doubts),
+        georeference=Georeferenced(block, {}, {"x": "why"}, doubts),
+        ties=Tied(block.ties, doubts, {}),
+    )
+    assert SUMMARIES["georeference"](results) == "6 photos placed, 1 set aside"
+    assert SUMMARIES["scans"](results) == "0 scans, no fiducials"
+    assert SUMMARIES["ties"](results).startswith("40 tie points")
     assert (counted(1, "scan"), counted(0, "scan")) == ("1 scan", "0 scans")
 
 
@@ -151,3 +177,34 @@ def test_orthos_are_as_fine_as_the_scans__truth():
     """15 um at 1 : 15 000 is 22 cm on the ground, and the next round figure 25 cm."""
     flight = fly(FlightPlan(ties=40), np.random.default_rng(0))
     assert default_gsd_m(flight.block) == 0.25
+
+
+def test_the_engine_repeats_until_control_is_final__law(kitchen, monkeypatch):
+    """Localisation, ties and control are walked again; `--until ties` ends in the first pass."""
+
+    flight = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0))
+    report = adjust_block(flight.block, AdjustmentOptions())
+
+    def control(given, results, work):
+        kitchen.made.append("control")
+        before = results.control
+        return ControlFound(report, (), passes=1 if before is None else before.passes + 1)
+
+    def other(name):
+        def run(given, results, work):
+            kitchen.made.append(name)
+            return value_of(name, str(len(kitchen.made)))
+
+        return run
+
+    runs = {"localisation": other("localisation"), "ties": other("ties"), "control": control}
+    repeated = tuple(
+        replace(stage, needs=(), inputs=lambda given: (), run=runs[stage.name])
+        for stage in STAGES
+        if stage.repeated
+    )
+    monkeypatch.setattr(app.run, "STAGES", (*kitchen.stages, *repeated))
+    monkeypatch.setattr(app.run, "STAGE_NAMES", tuple(s.name for s in app.run.STAGES))
+    assert kitchen.walk("ties") == ["scans", "georeference", "localisation", "ties"]
+    assert kitchen.walk("control") == ["control", *["localisation", "ties", "control"] * 2]
+    assert kitchen.walk("control") == []

@@ -17,15 +17,15 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentOptions
-from core.block.adjustment import adjust_block, adjust_with_solution, one_thread
-from core.block.block import Block
-from core.block.foresight import Foresight
-from core.block.least_squares.banded import invert_bordered
-from core.block.least_squares.minimum import begin, minimise
-from core.block.least_squares.network import network_of
-from core.block.least_squares.solver import normals_of, pattern_of
-from core.block.least_squares.start import initial_state
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.banded import invert_bordered
+from core.adjustment.block_adjustment import adjust_block, adjust_with_solution, one_thread
+from core.adjustment.gauss_newton import begin, minimise
+from core.adjustment.influence import Influence
+from core.adjustment.network import network_of
+from core.adjustment.solver import normals_of, pattern_of
+from core.adjustment.start import initial_state
+from core.block import Block
 from core.progress import Silent
 from tests.benchmarks.blocks import comparable, sized
 from tests.flights import fly
@@ -144,13 +144,12 @@ def decisions() -> bool:
         kept.append(promise(what, busy, limit, " s"))
     report, solution = adjust_with_solution(adjusted, SNOOPING)
     assert solution is not None
-    ahead = Foresight(report.block, solution)
-    keys = sorted(report.redundancy_numbers)
+    ahead = Influence(report.block, solution)
     wall, busy = timed(ahead.leave_one_out)
     say(f"| 100 photos, all control without itself, by the clock | {wall:.3g} s | | |")
     kept.append(promise("100 photos, all control without itself, one processor", busy, 0.05, " s"))
-    one = timed(lambda: ahead.effects(keys))[0] / len(keys)
-    kept.append(promise("100 photos, effect of one decision ahead", one, 0.02, " s"))
+    one = timed(ahead.reliabilities)[0] / len(report.redundancy_numbers)
+    kept.append(promise("100 photos, what one control measurement steers", one, 0.02, " s"))
     return all(kept)
 
 

@@ -29,9 +29,9 @@ import rasterio
 from threadpoolctl import threadpool_limits
 
 from app.executors import Threads
-from core.block.block import Photo
-from core.block.registration.descriptors import has_akaze
-from core.block.registration.matching import (
+from core.block import Photo
+from core.matching.descriptors import has_akaze
+from core.matching.local_search import (
     TILE_PX,
     MatchingOptions,
     Prediction,
@@ -39,9 +39,9 @@ from core.block.registration.matching import (
     parts_about,
     predict_pixels,
 )
-from core.block.registration.operators import OPERATORS
-from core.block.registration.patches import OpenPhoto
-from core.reference.reference import Reference
+from core.matching.operators import OPERATORS
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference
 from tests.benchmarks.control_scene import (
     CAMERA,
     CRS,
@@ -249,10 +249,9 @@ def beside_arosics(
         theirs = one.points / one.cpu
         right = rate * share / max(theirs * one.right, 1e-9)
         say(
-            f"  AROSICS, windows of {window:3d} pixels: {theirs:7.1f} points per second of CPU, "
-            f"{one.points / one.wall:6.1f} of wall, {one.right:6.1%} right of {one.points} "
-            f"({one.returned} returned; {one.kept} kept, {one.kept_right:.1%} of them right); ours "
-            f"{rate / theirs:.1f} times as fast, {right:.1f} times as many right ones a second"
+            f"| AROSICS | {window} pixels | {theirs:.1f} | {one.points / one.wall:.1f} "
+            f"| {one.right:.1%} of {one.points} | {rate / theirs:.1f} times | {right:.1f} times "
+            f"| {one.returned}; {one.kept}, {one.kept_right:.1%} of them right |"
         )
     best = max(runs, key=lambda one: one.right)
     if share < best.right or rate < FASTER * best.points / best.cpu:
@@ -269,12 +268,17 @@ def searches(given: argparse.Namespace, folder: Path) -> list[str]:
     count = len(task.points)
     say(f"{count} junctions, {len(every)} operators, {given.workers} workers: {wall:.1f} s, "
         f"{cpu:.1f} s of CPU; {PROMISED_S:.0f} s on {CORES} cores are promised")  # fmt: skip
+    say(f"\n| operator | within {NEAR_M:.0f} m |\n|---|---|")
     for operator, share in shares.items():
-        say(f"  {operator:14s} {share:6.1%} within {NEAR_M:.0f} m")
+        say(f"| {operator} | {share:.1%} |")
     broken = [f"{cpu:.1f} s of CPU for the whole stage"] if cpu > PROMISED_S * CORES else []
     fused, wall, cpu = searched(task_of(*parts, ["fused"]), given.workers)
-    say(f"points per second\n  fused, the whole stage: {count / cpu:.1f} points per second of "
-        f"CPU, {count / wall:.1f} of wall, {fused['fused']:.1%} right of {count}")  # fmt: skip
+    say(
+        "\n| program | windows | points per s of CPU | points per s by the clock | right | "
+        "fused is faster | right ones per s | returned; kept |\n|---|---|---|---|---|---|---|---|"
+    )
+    say(f"| fused, the whole stage | 160 m, template 51 m | {count / cpu:.1f} | {count / wall:.1f} "
+        f"| {fused['fused']:.1%} of {count} | | | |")  # fmt: skip
     windows = [int(word) for word in given.windows.split(",")]
     broken += beside_arosics(given.arosics, windows, folder, task, fused["fused"], count / cpu)
     share, cpu = phase_correlated(task)

@@ -17,8 +17,8 @@ import rasterio
 from rasterio.transform import from_origin
 from rasterio.windows import Window
 
-from app.wiring import open_desk
-from core.reference.ortho import open_ortho
+from app.desk.wiring import open_desk
+from core.raster.ortho import open_ortho
 from tests.benchmarks.desk_browser import (
     browser,
     click_for_mark,
@@ -27,7 +27,7 @@ from tests.benchmarks.desk_browser import (
     sit_down,
     told,
 )
-from tests.benchmarks.large_desk import NORTH, WEST, say
+from tests.benchmarks.large_desk import NORTH, WEST, say, say_row
 from tests.browser.conftest import SIZE, scene_of
 from tests.browser.hands import press
 from tests.ui.desk_block import desk_inputs
@@ -66,9 +66,9 @@ def keys(folder: Path) -> bool:
             page.wait_for_timeout(1000 * rng.uniform(*PAUSES_S))
         decided = page.evaluate("gruber.parts.status.decided")
         came = page.evaluate("watched.adjusted")
-    say(f"key to new point drawn           {told(first)}")
-    say(f"key to new point, all its tiles  {told(whole)}")
-    say(f"  decided {decided}, {came} adjustments came in meanwhile")
+    say_row("key to the new point drawn", told(first))
+    say_row("key to the new point with all its tiles", told(whole))
+    say(f"decided {decided}, {came} adjustments came in meanwhile")
     middle, most = PROMISES_MS["keys"]
     return bool(np.median(first) <= middle and np.percentile(first, 95) <= most)
 
@@ -82,7 +82,7 @@ def click(folder: Path) -> bool:
         for number in range(30):
             times.append(click_for_mark(page, (-60, 60, 0)[number % 3], (40, -40)[number % 2]))
             page.wait_for_timeout(400)
-    say(f"click to placed mark             {told(times)}")
+    say_row("click to the placed mark", told(times))
     return bool(np.median(times) <= PROMISES_MS["click"])
 
 
@@ -112,8 +112,8 @@ def filtered(folder: Path) -> bool:
             for state in ("unused", "open", "all", "review")
         ]
     painted, answered = np.array(pairs).T
-    say(f"filter of {rows} rows, on screen  {told(painted)}")
-    say(f"filter, and the desk's answer    {told(answered)}")
+    say_row(f"filter of {rows} rows, on screen", told(painted))
+    say_row("filter, and the desk's answer", told(answered))
     return bool(np.median(painted) <= PROMISES_MS["filter"])
 
 
@@ -147,7 +147,7 @@ def large(folder: Path) -> bool:
             name,
         )
         side = page.evaluate("gruber.parts.point.scan.size[0]")
-    say(f"scan of {side} px, all tiles in sight    {times[1]:6.0f} ms")
+    say_row("large scan without overviews, all tiles in sight", f"{side} px: {times[1]:.0f} ms")
     return bool(times[1] <= PROMISES_MS["large"])
 
 
@@ -191,8 +191,8 @@ def ties(folder: Path) -> bool:
         here = time.perf_counter() - begun
         page.locator("#scene").screenshot(timeout=90_000)
         painted = time.perf_counter() - begun
-    say(f"100,000 tie points with vectors  in the scene {1000 * here:.0f} ms, painted "
-        f"{1000 * painted:.0f} ms")  # fmt: skip
+    printed = f"in the scene {1000 * here:.0f} ms, painted {1000 * painted:.0f} ms"
+    say_row("100,000 tie points with vectors, painted", printed)
     return bool(1000 * painted <= PROMISES_MS["ties"])
 
 
@@ -208,7 +208,7 @@ def sigma(folder: Path) -> bool:
                 times.append(1000 * press(page, key)[2])
                 page.wait_for_timeout(200)
     inputs.session.close()
-    say(f"decision to new sigma nought     {told(times)}")
+    say_row("decision to new sigma nought", told(times))
     return bool(np.median(times) <= PROMISES_MS["sigma"])
 
 

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from core.geometry.camera import Camera
-from core.scan.orientation import orient_scan
-from tests.core.scan import film_maker
-from tests.core.scan.film_maker import Film, film_from_pixel, write_gray
+from core.scans.interior_orientation import orient_scan
+from tests.core.scans import film_maker
+from tests.core.scans.film_maker import Film, film_from_pixel, write_gray
 
 MARKS = {"1": (-106.0, 106.1), "2": (106.2, 106.0), "3": (105.9, -106.0), "4": (-106.0, -106.3)}
 FILM = Film(kind="cross", pixel_mm=0.02, half_mm=115.0, fiducials=MARKS, turn_deg=0.3)

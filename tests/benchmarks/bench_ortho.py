@@ -23,15 +23,15 @@ from rasterio.enums import Resampling
 from rasterio.rpc import RPC
 from rasterio.warp import reproject
 
-from core.block.block import ExteriorPrior, Photo
+from core.block import ExteriorPrior, Photo
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
-from core.ground.comparison import ComparisonOptions, compare_orthos
-from core.ground.mosaic import compose_mosaic, mosaic_grid
-from core.ground.ortho import OrthoOptions, ortho_grid, rectify_photo
-from core.reference.dem import Dem, open_dem
+from core.mosaic.comparison import ComparisonOptions, compare_orthos
+from core.mosaic.composition import compose_mosaic, mosaic_grid
+from core.orthos.rectification import OrthoOptions, ortho_grid, rectify_photo
+from core.raster.dem import Dem, open_dem
+from core.raster.grid import Grid
 
 CRS = "EPSG:32633"
 EAST, NORTH = 500_000.0, 5_400_000.0

@@ -24,12 +24,12 @@ import cv2
 import numpy as np
 import rasterio
 
-from core.block.tie_points import TieOptions, detect_block_features, match_block_features
-from core.block.ties.features import FeatureOptions, detect_features
-from core.block.ties.matches import VerifiedMatches
-from core.block.ties.pair_search import SearchOptions, match_pairs
 from core.progress import Silent
-from core.scan.raster import open_scan
+from core.raster.scan_file import open_scan
+from core.ties.features import FeatureOptions, detect_features
+from core.ties.matches import VerifiedMatches
+from core.ties.pair_search import match_pairs
+from core.ties.tie_points import TieOptions, detect_block_features, match_block_features
 
 HOME = Path(__file__).resolve().parents[2]
 FASTER = 3.0
@@ -93,10 +93,10 @@ def our_run(folder: Path) -> dict[str, float]:
     begun, busy = perf_counter(), process_time()
     options = TieOptions()
     features = detect_block_features(case.block, options, Silent(), case.usable)
-    found = match_pairs(case.block, features, SearchOptions(), Silent(), np.random.default_rng(1))
+    found = match_pairs(case.block, features, np.random.default_rng(1), Silent())
     told = {"wall_s": perf_counter() - begun, "busy_s": process_time() - busy}
     verified = [r.found for r in found.values() if isinstance(r.found, VerifiedMatches)]
-    match_block_features(case.block, features, options)
+    match_block_features(case.block, features, options, Silent(), np.random.default_rng(0))
     return told | {"matches": float(sum(len(pair.matches.first) for pair in verified))}
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.block.block import Block, Photo
+from core.block import Block, Photo
 from core.geometry.atmosphere import Atmosphere
 from tests.flights import FlightPlan, fly
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from core.block.adjusted import AdjustmentOptions
-from core.block.least_squares.network import Network, State, network_of
-from core.block.least_squares.start import initial_state
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.network import Network, State, network_of
+from core.adjustment.start import initial_state
 from tests.benchmarks.blocks import comparable
 
 CERES_FROM_IMAGE = np.diag([1.0, -1.0, -1.0])

@@ -1,29 +1,26 @@
-"""Blocks of the control benchmark, run up to their placement, with what is true of them."""
+"""Blocks of the control benchmark, run up to their ties, with what is true of them."""
 
 import contextlib
 import io
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 from scipy.spatial import KDTree
 
+from app.block_input import described
 from app.cli import main as gruber
-from app.described import described
 from app.project import read_project
-from core.block.block import Block
-from core.block.registration.patches import OpenPhoto
-from core.block.registration.reference_points import ReferenceFeatures
-from core.block.registration.standing import Site
-from core.reference.reference import Reference
-from core.stages import BlockInput, PlacedBlocks, Tied
+from core.block import Block
+from core.localisation.initial_orientation import Site
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference, open_reference
+from core.pipeline import made
+from core.results import BlockInput, StageResults
 from core.synthetic.archive import make_block
-from core.synthetic.lasting import lasting_junctions
 from core.synthetic.options import Size, SyntheticOptions
 from core.synthetic.truth import Truth, read_truth
-from core.whereabouts import site_of
 from sessions.session import Session
 
 LEVELS = {"strong": 0.5, "ordinary": 0.33, "slight": 0.1}
@@ -42,7 +39,8 @@ class Case:
     truth: Truth
     block: Block
     site: Site
-    made: dict[str, Any]
+    results: StageResults
+    """Up to the ties of the first pass."""
     lasting: frozenset[str]
     """Junctions that stood then and stand now; of a real place, all."""
 
@@ -88,32 +86,30 @@ def quietly(*words: str) -> int:
 
 
 def prepared(name: str, level: str, folder: Path, options: SyntheticOptions | None) -> Case:
-    """Make a block where it is not there yet, and run it up to its placement."""
+    """Make a block where it is not there yet, and run it up to its ties."""
     if not (folder / "block.toml").is_file():
         assert options is not None
         make_block(folder, options)
-    assert quietly("run", str(folder), "--until", "placement", "--workers", "1") == 0
+    assert quietly("run", str(folder), "--until", "ties", "--workers", "1") == 0
     given = described(read_project(folder))
     with Session.open(folder, "prover") as session:
-        made = {
-            stage: session.products.latest_value(stage)
-            for stage in ("scans", "georeference", "ties", "reference", "placement")
-        }
-    features = cast("ReferenceFeatures", made["reference"])
-    tied = cast("Tied", made["ties"])
-    block = Block(given.crs, given.cameras, made["georeference"].block.photos, {}, {}, tied.ties)
-    site = site_of(given, made)
-    assert isinstance(made["placement"], PlacedBlocks)
-    known = None if options is None else lasting_junctions(folder)
+        stages = ("scans", "georeference", "reference", "localisation", "ties")
+        results = StageResults(**{name: session.products.latest_value(name) for name in stages})
+    features, photos = made(results.reference), made(results.georeference).block.photos
+    block = Block(given.crs, given.cameras, photos, {}, {}, made(results.ties).ties)
+    reference = open_reference(given.reference, block.search_bounds)
+    site = Site(reference, results.opened_scans, features.points, features.sources)
+    truth = read_truth(folder)
     lasting = {
         point_id
         for point_id, place in zip(features.points.ids, features.points.positions, strict=True)
         if features.sources[point_id] == "junction"
-        and (known is None or KDTree(known).query(place[:2])[0] < NEAR_M)
+        and (
+            truth.lasting_junctions is None
+            or KDTree(truth.lasting_junctions).query(place[:2])[0] < NEAR_M
+        )
     }
-    return Case(
-        name, level, folder, given, read_truth(folder), block, site, made, frozenset(lasting)
-    )
+    return Case(name, level, folder, given, truth, block, site, results, frozenset(lasting))
 
 
 def true_pixel(truth: Truth, photo_id: str, start: np.ndarray, place: np.ndarray) -> np.ndarray:

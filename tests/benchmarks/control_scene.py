@@ -11,17 +11,17 @@ import cv2
 import numpy as np
 import rasterio
 
-from core.block.block import ExteriorPrior, Photo
-from core.block.registration.patches import OpenPhoto
+from core.block import ExteriorPrior, Photo
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.geometry.resection import moved
-from core.reference.dem import open_dem
-from core.reference.ortho import open_ortho
-from core.reference.reference import Reference
-from core.reference.road_lines import RoadLines
-from core.scan.raster import open_scan
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference
+from core.matching.road_lines import RoadLines
+from core.raster.dem import open_dem
+from core.raster.ortho import open_ortho
+from core.raster.scan_file import open_scan
 
 CRS = "EPSG:5514"
 SCAN_PX, PIXEL_MM, FOCAL_MM = 12_000, 0.015, 210.0

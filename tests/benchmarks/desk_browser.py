@@ -110,6 +110,6 @@ def click_for_mark(page: Page, right: float, down: float) -> float:
 def told(times: list[float]) -> str:
     """Median, 95 % and largest."""
     return (
-        f"median {np.median(times):6.0f}   95 % {np.percentile(times, 95):6.0f}"
-        f"   largest {max(times):6.0f} ms  (n {len(times)})"
+        f"median {np.median(times):.0f} ms, 95 % {np.percentile(times, 95):.0f} ms, "
+        f"largest {max(times):.0f} ms (n {len(times)})"
     )

@@ -10,25 +10,24 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
 
-from app.desk import Comparing
+from app.desk.inputs import Comparing, DeskInputs
 from app.scan_files import ScanFiles
-from app.wiring import DeskInputs
-from core.block.block import Photo
-from core.block.registration.orientation import OrientationOptions
+from core.block import Photo
 from core.geometry.camera import Camera
-from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation, fit_interior
+from core.localisation.photo_orientation import OrientationOptions
+from core.matching.reference import Reference
 from core.progress import Silent
-from core.reference.dem import open_dem
-from core.reference.ortho import open_ortho
-from core.reference.reference import Reference
-from core.scan.film_area import area_from_interior
-from core.scan.found_marks import FiducialMeasurement
-from core.scan.orientation import ScanOrientation
-from core.scan.raster import open_scan
+from core.raster.dem import open_dem
+from core.raster.grid import Grid
+from core.raster.ortho import open_ortho
+from core.raster.scan_file import open_scan
+from core.scans.film_area import area_from_interior
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.measured_marks import FiducialMeasurement
 from tests.benchmarks.large_desk import write_scan
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho
-from ui.review.origins import Origins
+from ui.review.initial_state import InitialState
 
 EDGE_MM, ARM_PX, NOISE_PX = 84.0, 5, 0.1
 MARKS = {
@@ -54,7 +53,7 @@ def with_film(inputs: DeskInputs, folder: Path) -> DeskInputs:
     )
     return replace(
         inputs, block=marked, report=inputs.adjust(marked, Silent()), likeness=comparing,
-        origins=Origins(films, pixels_mm),
+        initial=InitialState(films, pixels_mm),
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """A block for measuring the desk: 24 scans as small tiled TIFFs, 1,500 proposals, blunders."""
 
+import os
 import sys
 import warnings
 from dataclasses import dataclass, replace
@@ -11,11 +12,10 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.windows import Window
 
-from app.desk import Adjusting, lasting_token
+from app.desk.inputs import Adjusting, DeskInputs, lasting_token
 from app.scan_files import ScanFiles
-from app.wiring import DeskInputs
-from core.block.adjusted import AdjustmentOptions
-from core.block.block import (
+from core.adjustment.adjusted import AdjustmentOptions
+from core.block import (
     Block,
     ExteriorPrior,
     Measurement,
@@ -26,9 +26,9 @@ from core.block.block import (
 )
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
 from core.progress import Silent
+from core.raster.grid import Grid
 from sessions.session import HIDDEN, Session
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho, keep_for_reduction
 
@@ -316,6 +316,12 @@ def say(text: str) -> None:
     """A line on the terminal, at once."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
+
+
+def say_row(what: str, printed: str) -> None:
+    """A table of one row for the notebook, with the load of the machine."""
+    say("\n| what | printed | load |\n|---|---|---|")
+    say(f"| {what} | {printed} | {os.getloadavg()[0]:.1f} |")
 
 
 def write_scan(path: Path, values: np.ndarray) -> None:

@@ -12,12 +12,12 @@ from time import perf_counter
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block, adjust_with_solution
-from core.block.block import Block, TiePoints
-from core.block.foresight import Foresight
-from core.block.least_squares.equations import Equations
-from core.block.least_squares.solution import Solution
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block, adjust_with_solution
+from core.adjustment.equations import Equations
+from core.adjustment.influence import Influence
+from core.adjustment.solution import Solution
+from core.block import Block, TiePoints
 from tests.flights import Flight, FlightPlan, fly
 
 PLAIN = AdjustmentOptions(robust=False)
@@ -156,16 +156,12 @@ def tell(tally: Tally) -> None:
             f"variance component {name}, found over put in", np.mean(tally.of(f"vce {name}")),
             0.85, 1.15,
         )  # fmt: skip
-    tally.tell("leave-one-out against adjustment, mm, 99 %", _high(tally.of("loo_mm"), 99), 0, 1)
-    tally.tell(
-        "leave-one-out against adjustment, mm, largest", _high(tally.of("loo_mm"), 100), 0, 1
-    )
-    tally.tell(
-        "effect ahead, centres, share of the change, 99 %", _high(tally.of("ahead"), 99), 0, 0.02
-    )
-    tally.tell(
-        "effect ahead, sigma nought, largest difference", _high(tally.of("ahead0"), 100), 0, 1e-4
-    )
+    for percent in (99, 100):
+        share = _high(tally.of("left out"), percent)
+        what = f"leave-one-out against adjustment, share of its sigma, {percent} %"
+        tally.tell(what, share, 0, 0.02)
+    what = "what a measurement says against all others, against adjustment, sigmas, largest"
+    tally.tell(what, _high(tally.of("test"), 100), 0, 0.01)
 
 
 def _high(values: np.ndarray, percent: float) -> float:
@@ -309,28 +305,23 @@ def with_sigmas(block: Block, plan: FlightPlan) -> Block:
 
 
 def judge_decisions(tally: Tally, flight: Flight, rng: np.random.Generator) -> None:
-    """Leave-one-out and effects ahead against the adjustment made again."""
+    """Leave-one-out and tests of single measurements against the adjustment made again."""
     block = flight.block
     report, solution = adjust_with_solution(block, PLAIN)
-    ahead = Foresight(report.block, solution)
+    ahead = Influence(report.block, solution)
     judged = {item.point_id: item for item in ahead.leave_one_out()}
     for name in rng.choice(sorted(judged), 10, replace=False).tolist():
         known, free = block.surveyed[name], np.isfinite(judged[name].difference_m)
         loose = replace(known, sigma_m=np.where(free, 1e7, known.sigma_m))
         again = adjust_block(replace(block, surveyed={**block.surveyed, name: loose}), PLAIN)
         off = again.surveyed_positions[name] - known.position - judged[name].difference_m
-        tally.add("loo_mm", 1000 * np.abs(off[free]).max())
-    keys = sorted(report.redundancy_numbers)
-    for row in rng.choice(len(keys), 5, replace=False):
-        effect = ahead.effect(keys[row])
-        out = replace(block.measurements[keys[row]], status="rejected")
-        again = adjust_block(block.with_measurement(out), PLAIN)
-        told, now = ahead.exteriors_after(effect), report.block.photos
-        after = {name: again.block.photos[name].exterior.centre for name in told}
-        change = max(np.linalg.norm(after[n] - now[n].exterior.centre) for n in told)
-        off = max(np.linalg.norm(after[n] - told[n].centre) for n in told)
-        tally.add("ahead", off / max(change, 1e-3))
-        tally.add("ahead0", abs(effect.sigma_nought - again.sigma_nought))
+        tally.add("left out", (np.abs(off) / judged[name].sigma_m)[free].max())
+    told, cost = ahead.reliabilities(), solution.fit.cost()
+    for row in rng.choice(len(told), 5, replace=False):
+        key = sorted(told)[row]
+        out = replace(block.measurements[key], status="rejected")
+        _, again = adjust_with_solution(block.with_measurement(out), PLAIN)
+        tally.add("test", abs(told[key].test - np.sqrt(max(cost - again.fit.cost(), 0.0))))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from core.geometry.camera import Camera
-from core.scan.orientation import ScanOrientation, orient_scan
+from core.scans.interior_orientation import ScanOrientation, orient_scan
 
 SEEN = {
     "1961_r01_f1": ("right", (-3, 1422), (1451, 14)),

@@ -12,27 +12,24 @@ import shutil
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.stats import ncx2
 
-from core.block.adjusted import AdjustmentReport
-from core.block.published import CHAINS, Preset, assemble_published
-from core.block.registration.descriptors import has_akaze
-from core.block.registration.matching import MatchingOptions, looked_at, parts_about, predict_pixels
-from core.block.registration.matching import reduction_for as reduced
-from core.block.registration.operators import OPERATORS
-from core.block.registration.orientation import ReferencePoints
-from core.block.registration.searches import ControlOptions
-from core.pipeline import find_control
-from core.progress import Silent
-from core.stages import Work
+from core.adjustment.adjusted import AdjustmentReport
+from core.control.search import ControlOptions
+from core.literature.published_chains import CHAINS, Preset, assemble_published
+from core.matching.descriptors import has_akaze
+from core.matching.local_search import MatchingOptions, looked_at, parts_about, predict_pixels
+from core.matching.local_search import reduction_for as reduced
+from core.matching.operators import OPERATORS
+from core.pipeline import STAGES, made
+from core.reference.points import ReferencePoints
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import WRONG_M, judge_control, judge_orientations
-from core.whereabouts import orient_photos
 from tests.benchmarks.control_blocks import Case, plans, prepared, strong_plans, true_pixel
 
 SLOW = ("akaze",)
@@ -160,11 +157,15 @@ def near_anyway(probability: float, away_m: float, sigma_m: float) -> float:
 
 
 def ours(case: Case) -> Row:
-    """Orientation and control as the program runs them."""
+    """Control as the program finds it, in passes until the block has settled."""
     started = time.process_time()
-    work = Work(Silent(), map)
-    made = {**case.made, "orientation": orient_photos(case.given, case.made, work)}
-    report = find_control(case.given, made, work).report
+    results, work = case.results, Work(seed=case.given.name)
+    repeated = [stage for stage in STAGES if stage.repeated]
+    while results.control is None or not results.control.final:
+        begun = results.control is not None
+        for stage in repeated if begun else repeated[-1:]:
+            results = replace(results, **{stage.name: stage.run(case.given, results, work)})
+    report = made(results.control).report
     return judged(case, report, time.process_time() - started)
 
 
@@ -185,12 +186,12 @@ def calibration(
     Returns:
         The error of what is stated to lie within 3 m, the same of p itself, and the precision.
     """
-    say("\nprobability   proposals   mean p   stated within 3 m   within 3 m")
+    say("\n| p | proposals | mean p | stated within 3 m | within 3 m |\n|---|---|---|---|---|")
     for b in range(10):
         own = np.clip((told * 10).astype(int), 0, 9) == b
         if own.any():
-            say(f"{b / 10:.1f} to {b / 10 + 0.1:.1f} {own.sum():11d} {told[own].mean():8.2f} "
-                f"{within[own].mean():19.2f} {came[own].mean():12.2f}")  # fmt: skip
+            say(f"| {b / 10:.1f} to {b / 10 + 0.1:.1f} | {own.sum()} | {told[own].mean():.2f} | "
+                f"{within[own].mean():.2f} | {came[own].mean():.2f} |")  # fmt: skip
     sure = told >= 0.9
     precision = float(came[sure].mean()) if sure.any() else float("nan")
     return expected_error(within, came), expected_error(told, came), precision
@@ -248,10 +249,13 @@ class Proof:
         rows = {"gruber": ours(case)}
         for chain in (thesis, "hoehle-2001"):
             rows[chain] = theirs(case, chain)
+        say("\n| block | chain | control used | wrong | recall | ground error | photos | CPU |")
+        say("|---|---|---|---|---|---|---|---|")
+        seed = "" if case.level == "real" else case.folder.name.replace("p", ", ")
         for chain, row in rows.items():
-            say(f"  {chain:18s} used {row.used:4d}, wrong {row.wrong / max(row.used, 1):6.1%}, "
-                f"recall {row.recall:5.1%}, ground {row.ground_m:6.2f} m, "
-                f"{row.photos} photos, {row.seconds:6.1f} s of CPU")  # fmt: skip
+            say(f"| {case.name}{seed} | {chain} | {row.used} | "
+                f"{row.wrong / max(row.used, 1):.1%} | {row.recall:.1%} | {row.ground_m:.2f} m | "
+                f"{row.photos} | {row.seconds:.0f} s |")  # fmt: skip
         own, other = rows["gruber"], rows[thesis]
         self.used, self.wrong = self.used + own.used, self.wrong + own.wrong
         self.grounds.append(own.ground_m)
@@ -306,10 +310,11 @@ def summary(proof: Proof) -> None:
     total, used, wrong, broken = proof.hits, proof.used, proof.wrong, proof.broken
     levels = sorted({level for _, level in total})
     if total:
-        say("\nhit rate within 3 m" + "".join(f"{level:>12s}" for level in levels))
+        say("\nhit rate within 3 m\n\n| operator | " + " | ".join(levels) + " |")
+        say("|" + "---|" * (1 + len(levels)))
         for operator in dict.fromkeys(name for name, _ in total):
             cells = [total.get((operator, level), np.zeros(3)) for level in levels]
-            say(f"{operator:19s}" + "".join(f"{c[0] / max(c[1], 1):12.1%}" for c in cells))
+            say(f"| {operator} | " + " | ".join(f"{c[0] / max(c[1], 1):.1%}" for c in cells) + " |")
         if "strong" in levels:
             own, ncc = (total[name, "strong"] for name in ("fused", "ncc"))
             ratio = (own[0] / own[1]) / max(ncc[0] / ncc[1], 1e-9)

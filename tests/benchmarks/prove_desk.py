@@ -27,17 +27,17 @@ from pathlib import Path
 import aiohttp
 import numpy as np
 
-from app.desk import Adjusting
-from app.wiring import open_desk
-from core.block.adjusted import AdjustmentOptions
+from app.desk.inputs import Adjusting
+from app.desk.wiring import open_desk
+from core.adjustment.adjusted import AdjustmentOptions
 from sessions.decisions import Accept, Reject
 from sessions.session import Session
-from tests.benchmarks.large_desk import Size, large_block, say
+from tests.benchmarks.large_desk import Size, large_block, say, say_row
 from tests.ui.desk_block import desk_inputs
 from ui.review.compare import made_with
 from ui.review.queue import queue_rows
 from ui.review.state import DeskState
-from ui.review.trial import largest_shift, trial_of, tried_block
+from ui.review.trial import largest_shift, trial_of, turn_measurement
 
 TOKEN = "benchmark-token-benchmark-token-0"
 
@@ -55,7 +55,7 @@ def effect(count: int) -> bool:
         while told < count:
             rows = [row for row in queue_rows(state) if row.role == "control" and not row.human]
             key = rng.choice(rows).key
-            block = tried_block(state, key)
+            block = turn_measurement(state, key)
             assert block is not None
             trial = trial_of(state, key, adjust(block))
             if trial is None:
@@ -71,8 +71,8 @@ def effect(count: int) -> bool:
                 row = next(row for row in queue_rows(then) if row.key == beside.key)
                 _worse(worst, "neighbours' misfits", beside.then_px, row.misfit_px)
             state, told = then, told + 1
-    for name, off in worst.items():
-        say(f"effect foretold against come true, {name:20} worst of {told}: {100 * off:.3f} %")
+    printed = ", ".join(f"{name} {100 * off:.3f} %" for name, off in worst.items())
+    say_row("what a decision would do, against what it did", f"worst of {told}: {printed}")
     return max(worst.values()) <= 0.01
 
 
@@ -150,8 +150,9 @@ def kills(count: int) -> bool:
                 say(f"LOST: {known} were shown, {len(recorded)} are there")
                 return False
             shown, sent = shown + 1, sent + asked
-    say(f"kill -9, {shown} times between and within {sent} decisions: none lost that was shown;")
-    say(f"  {len(recorded)} on disk; open again after median {np.median(back):.2f} s")
+    printed = f"kill -9 {shown} times between and within {sent} decisions: none lost that was shown"
+    printed += f"; {len(recorded)} on disk; open again after {np.median(back):.2f} s in the median"
+    say_row("decisions kept when the desk is killed", printed)
     return True
 
 
@@ -199,8 +200,8 @@ def pages(count: int) -> bool:
         recorded = inputs.session.decisions()
         inputs.session.close()
     by_name = {name: sum(item.who == name for item in recorded) for name in ("berta", "cyril")}
-    say(f"two pages, {count} decisions each at once: {len(recorded)} on disk, {by_name}, "
-        f"{seconds:.0f} s")  # fmt: skip
+    printed = f"{count} each: {len(recorded)} on disk, {by_name}, {seconds:.0f} s"
+    say_row("two clients deciding at the same time", printed)
     return len(recorded) == 2 * count and set(by_name.values()) == {count}
 
 
@@ -234,8 +235,8 @@ def memory(count: int) -> bool:
         with open_desk(inputs) as desk:
             first, last = asyncio.run(_work(desk.port, count))
         inputs.session.close()
-    say(f"resident memory after {count // 4} gestures {first:.0f} MB, after {count}: {last:.0f} MB "
-        f"({100 * (last / first - 1):+.1f} %)")  # fmt: skip
+    printed = f"{first:.0f} MB and {last:.0f} MB ({100 * (last / first - 1):+.1f} %)"
+    say_row(f"memory after {count} gestures against {count // 4}", printed)
     return last <= 1.1 * first
 
 

@@ -26,7 +26,7 @@ from sessions.decisions import Accept, MarkDubious, Recorded, Reject
 from sessions.session import Session
 from tests.benchmarks.bench_desk import NARROW
 from tests.benchmarks.desk_browser import browser, served, sit_down
-from tests.benchmarks.large_desk import say
+from tests.benchmarks.large_desk import say_row
 
 NAMES = ("berta", "cyril")
 SMALL = {"width": 1366, "height": 768}
@@ -63,8 +63,9 @@ def pages(count: int) -> bool:
         if isinstance(one, Accept | Reject | MarkDubious)
     ]
     doubled = len(places) - len(set(places))
-    say(f"two Chromiums, {count} keystrokes each at once: {len(kept)} decisions on disk, {by_name}")
-    say(f"  {len(set(places))} measurements judged, {doubled} judged twice; {seconds:.0f} s")
+    printed = f"{count} keystrokes each: {len(kept)} decisions on disk, {by_name}, "
+    printed += f"{len(set(places))} measurements judged, {doubled} twice; {seconds:.0f} s"
+    say_row("two Chromiums deciding at the same time", printed)
     whole = len(kept) == len(places) == len(NAMES) * count
     return whole and doubled == 0 and set(by_name.values()) == {count}
 
@@ -107,10 +108,8 @@ def back(times: int) -> bool:
             page.wait_for_function(THERE, arg=here, polling=10)
             seconds.append(time.perf_counter() - begun)
         desk.__exit__(None, None, None)
-    say(
-        f"desk killed {times} times, page back by itself at the same point with its pictures: "
-        f"median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s after the desk answers"
-    )
+    printed = f"{times} times: median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s"
+    say_row("page back by itself after the desk was killed", printed)
     return max(seconds) <= BACK_S
 
 

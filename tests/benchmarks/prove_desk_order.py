@@ -27,11 +27,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block
-from core.block.block import Block
-from core.block.expected_gain import expected_gains, known_gains
-from core.block.foresight import foresee
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block
+from core.adjustment.expected_gain import expected_gains
+from core.adjustment.influence import influence_of
+from core.block import Block
 from tests.benchmarks.large_desk import CAMERA, LargeBlock, Size, large_block, say
 from ui.review.compare import made_with
 from ui.review.misfit import misfits
@@ -148,11 +148,11 @@ def worths(
         state = DeskState(block, report, made=made_with(report.block))
         found = misfits(state, used)
         return {key: float(np.hypot(*found[key].pixels)) for key in used}
-    foresight = foresee(report, case.options)
-    assert foresight is not None
+    influence = influence_of(report, case.options)
+    assert influence is not None
     if order == "gain":
-        return {key: gain.expected_m for key, gain in expected_gains(foresight).items()}
-    known = known_gains(foresight, case.wrong)
+        return {key: gain.expected_m for key, gain in expected_gains(influence).items()}
+    known = expected_gains(influence, case.wrong)
     return {key: gain.expected_m for key, gain in known.items() if key in case.wrong}
 
 

@@ -18,8 +18,8 @@ from time import monotonic, process_time
 import numpy as np
 
 from core.geometry.camera import Camera
-from core.scan.orientation import ScanOrientation, orient_scan
-from tests.core.scan.film_maker import Film, film_from_pixel, make_film
+from core.scans.interior_orientation import ScanOrientation, orient_scan
+from tests.core.scans.film_maker import Film, film_from_pixel, make_film
 
 KINDS = (
     "cross", "gapped-cross", "dotted-cross", "dot", "ringed-dot", "ringed-saltire",

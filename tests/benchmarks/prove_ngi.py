@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from app.settings import Settings
-from core.block.registration.patches import object_on_ground
-from core.reference.dem import open_dem
+from core.matching.patches import object_on_ground
+from core.raster.dem import open_dem
 from sessions.session import Session
 from tests.benchmarks.control_blocks import quietly
-from tests.core.block.ngi import ngi_block as published_block
+from tests.core.ties.ngi import ngi_block as published_block
 from tests.real.blocks import ngi_block
 
 NEAR_M, LEAST = 10.0, 15

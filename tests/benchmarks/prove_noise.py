@@ -15,17 +15,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.block.assembly import AssemblyOptions
-from core.block.control import judged
-from core.block.registration.ground_search import Turn
-from core.block.registration.orientation import (
+from core.control.proposals import judged
+from core.control.search import search_points
+from core.control.stage import ControlStageOptions
+from core.localisation.photo_orientation import (
     OrientationOptions,
     OrientedPhoto,
     orient_placed_photo,
 )
-from core.block.registration.patches import OpenPhoto
-from core.block.registration.placement import Placement, prior_covariance
-from core.block.registration.searches import search_points
+from core.localisation.photo_placement import Placement, prior_covariance
+from core.matching.global_search import Turn
+from core.matching.patches import OpenPhoto
 from tests.benchmarks.control_blocks import Case, plans, prepared
 
 NOWHERE = Turn(0.0, 1.0)
@@ -59,7 +59,7 @@ def accepted(ground: Case, opened: OpenPhoto, seed: int) -> bool:
 
 def believed(ground: Case, photos: list[OpenPhoto]) -> tuple[int, int]:
     """Control of a whole wrong block: used, and measured."""
-    options = AssemblyOptions()
+    options = ControlStageOptions()
     searches = [
         search
         for opened in photos

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentOptions
-from core.block.assembly import adjusted_without_gross
+from core.adjustment.adjusted import AdjustmentOptions
+from core.control.stage import adjusted_without_gross
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(ties=200, control=60, check=0, camera_errors=False, start_m=3.0, start_rad=0.001)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block
-from core.block.block import Block
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block
+from core.block import Block
 from tests.real.readers import (
     ADDIS,
     RC30,

@@ -11,11 +11,11 @@ import sys
 
 import numpy as np
 
-from core.block.registration.likeness import OPERATOR, Likeness
-from core.block.registration.matching import cut
-from core.block.registration.operators import Operator, operator_named
-from core.block.registration.orientation import OrientationOptions
+from core.control.likeness import OPERATOR, Likeness
 from core.doubts import Failure
+from core.localisation.photo_orientation import OrientationOptions
+from core.matching.local_search import cut
+from core.matching.operators import Operator, operator_named
 from tests.benchmarks.large_desk import say
 
 SIDE, REACH, PROMISE_PX = 201, 10, 0.05

@@ -24,9 +24,9 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 
 from app.cli import main as gruber
-from core.block.block import Block
+from core.block import Block
 from core.formats.world_file import read_world_file, write_world_file
-from core.ground.comparison import compare_orthos
+from core.mosaic.comparison import compare_orthos
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import judge_orientations, read_truth
@@ -99,6 +99,7 @@ def run(options: SyntheticOptions, positions: bool, folder: Path) -> Outcome:
     with Session.open(folder, "prover") as session:
         start = session.products.latest_value("georeference").block
         assembly = session.products.latest_value("control") if code == 0 else None
+        found = session.products.latest_value("localisation") if code == 0 else None
     begun = start.with_photos(
         {name: replace(photo, oriented=True) for name, photo in start.photos.items()}
     )
@@ -107,7 +108,7 @@ def run(options: SyntheticOptions, positions: bool, folder: Path) -> Outcome:
         nothing = np.full(len(before), np.nan)
         return Outcome(before, nothing, np.ones(len(before), bool), np.nan, seconds)
     block = assembly.report.block
-    told = {doubt.subject for doubt in assembly.doubts if doubt.gravity >= 0.5}
+    told = {doubt.subject for doubt in (*found.doubts, *assembly.doubts) if doubt.gravity >= 0.5}
     after = ground_m(block, folder)
     flagged = np.array([name in told or "block" in told for name in sorted(block.photos)])
     return Outcome(before, after, flagged, float(np.sqrt(np.nanmean(after**2))), seconds)
@@ -189,7 +190,8 @@ def main() -> int:
         return film_block(given.film, given.seed)
     placed = wrong = photos = 0
     ends: list[tuple[float, float]] = []
-    say("block  source            relief  epoch   before m   after m   good files m")
+    say("| block | source | epoch | relief | before | after | from good files | placed | time |")
+    say("|---|---|---|---|---|---|---|---|---|")
     for number in range(given.first, given.blocks):
         kind, options = options_of(number, given.size)
         options = replace(options, strips=given.strips, photos_per_strip=given.photos)
@@ -204,11 +206,11 @@ def main() -> int:
         silent = int((~near & np.isfinite(spoilt.after) & ~spoilt.told).sum())
         wrong += silent
         ends.append((spoilt.m_p, sound.m_p))
+        before_m = np.sqrt(np.mean(spoilt.before**2))
         say(
-            f"{number:5d}  {kind:16s}  {options.relief_m:6.0f}  {options.epoch}  "
-            f"{np.sqrt(np.mean(spoilt.before**2)):9.1f} {spoilt.m_p:9.2f} {sound.m_p:14.2f}  "
-            f"{int(near.sum())}/{len(near)} placed, {silent} silent  "
-            f"{spoilt.seconds:6.0f} s"
+            f"| {number} | {kind} | {options.epoch} | {options.relief_m:.0f} m | "
+            f"{before_m:.1f} m | {spoilt.m_p:.2f} m | {sound.m_p:.2f} m | "
+            f"{int(near.sum())} of {len(near)}, {silent} silent | {spoilt.seconds:.0f} s |"
         )
     say(compared(np.array(ends)))
     share = placed / max(photos, 1)

@@ -15,15 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentOptions
-from core.block.adjustment import adjust_block
-from core.block.block import Block, TiePoints
-from core.block.tie_points import match_ties
-from core.block.ties.chains import rays_per_point, with_rays
-from core.block.ties.pairs import ground_of
-from core.block.ties.thinning import GRUBER_SIDE, frame_cells
-from core.block.ties.tie_report import PairReport, connected_parts
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.block import Block, TiePoints, ground_of
 from core.synthetic.options import Size, SyntheticOptions
+from core.ties.chains import rays_per_point, with_rays
+from core.ties.thinning import GRUBER_SIDE, frame_cells
+from core.ties.tie_points import match_ties
+from core.ties.tie_report import PairReport, connected_parts
 from tests.benchmarks.tie_blocks import (
     TieCase,
     canberra,

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from core.block.block import Photo
-from core.block.registration.orientation import OrientationOptions
+from core.block import Photo
 from core.doubts import Failure
 from core.geometry.consensus import Candidates, ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, moved, resect_photo
+from core.localisation.photo_orientation import OrientationOptions
 from tests.benchmarks.control_scene import (
     ABOVE_M,
     CAMERA,
@@ -76,7 +76,7 @@ def resected(
 
 def ours(photo: Photo, points: np.ndarray, known: Candidates, seed: int) -> Photo | None:
     """What our resection finds, whether it would be accepted or not, as PoseLib does."""
-    return resected(photo, points, known, seed, ConsensusOptions(log10_nfa_limit=np.inf))
+    return resected(photo, points, known, seed, ConsensusOptions(least_log10_e_value=-np.inf))
 
 
 def accepted(photo: Photo, points: np.ndarray, known: Candidates, seed: int) -> Photo | None:

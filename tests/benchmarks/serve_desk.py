@@ -5,7 +5,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-from app.wiring import open_desk
+from app.desk.wiring import open_desk
 from tests.benchmarks.desk_film import with_film
 from tests.benchmarks.large_desk import Size, large_inputs, say, with_huge_scan
 

@@ -7,30 +7,30 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from app.described import described
+from app.block_input import described
 from app.project import read_project
-from core.block.block import (
+from core.block import (
     Block,
     ExteriorPrior,
     Measurement,
     Photo,
     SurveyedPoint,
     TiePoints,
+    ground_of,
 )
-from core.block.ties.features import Usable
-from core.block.ties.pairs import ground_of
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.grid import Grid
 from core.geometry.interior import InteriorOrientation
-from core.pipeline import STAGES
-from core.progress import Silent
-from core.scan.orientation import ScanOrientation, orient_scan
-from core.scan.usable_area import UsableArea
-from core.stages import Work
+from core.pipeline import STAGES, made
+from core.progress import Work
+from core.raster.grid import Grid
+from core.raster.usable_area import UsableArea
+from core.results import StageResults
+from core.scans.interior_orientation import ScanOrientation, orient_scan
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import Truth, read_truth
+from core.ties.features import Usable
 from tests.real.readers import SXB, read_sxb
 
 WILD_MM = 106.0
@@ -59,12 +59,10 @@ def synthetic(folder: Path, options: SyntheticOptions) -> TieCase:
 def known(name: str, folder: Path) -> TieCase:
     """A block with a `block.toml` and a truth, up to its approximate orientation."""
     given = described(read_project(folder))
-    made: dict[str, object] = {}
-    work = Work(Silent(), map)
-    for stage in STAGES:
-        if stage.name in ("scans", "georeference"):
-            made[stage.name] = stage.run(given, made, work)
-    scans, block = made["scans"].oriented, made["georeference"].block  # pyright: ignore
+    results, work = StageResults(), Work(seed=given.name)
+    for stage in STAGES[:2]:
+        results = replace(results, **{stage.name: stage.run(given, results, work)})
+    scans, block = made(results.scans).oriented, made(results.georeference).block
     masks = {photo: usable_of(scans[photo]) for photo in block.photos}
     truth = read_truth(folder)
     if truth.heights is None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.desk import desk_inputs as run_inputs
+from app.desk.inputs import desk_inputs as run_inputs
+from app.desk.wiring import OpenDesk, open_desk
 from app.project import read_project
-from app.wiring import Desk, open_desk
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs
 
@@ -62,7 +62,7 @@ def desk(tmp_path):
 class RealDesk:
     """A desk open on a copy of the block that was run."""
 
-    desk: Desk
+    desk: OpenDesk
     session: Session
     folder: Path
 

@@ -9,7 +9,7 @@ import urllib.request
 import pytest
 from viser import _messages as viser_messages
 
-from app.wiring import open_desk
+from app.desk.wiring import open_desk
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of
 from tests.browser.hands import current, press, sigma, state_of
 from tests.ui.desk_block import desk_inputs, tiny_block

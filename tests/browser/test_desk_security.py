@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.wiring import open_desk
+from app.desk.wiring import open_desk
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs, tiny_block
 

@@ -7,12 +7,12 @@ import urllib.request
 import numpy as np
 import pytest
 
-from app.described import described
+from app.block_input import described
 from app.placing import Placeable, open_placing
 from app.project import read_project
 from core.formats.qgis_points import read_qgis_points
-from core.stages import ScanSet
-from core.whereabouts import open_reference
+from core.matching.reference import open_reference
+from core.scans.stage import ScanSet
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS
 
@@ -86,7 +86,7 @@ def unplaced(run_folder):
         placed = session.products.latest_value("georeference")
     assert isinstance(scans, ScanSet)
     given = described(project)
-    found = Placeable(given, scans, open_reference(given), placed.block)
+    found = Placeable(given, scans, open_reference(given.reference), placed.block)
     with open_placing(project, found, "127.0.0.1", 0) as page:
         yield page
 

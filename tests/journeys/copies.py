@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 
 from app.cli import main
+from core.pipeline import STAGES
+from sessions.session import Session
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -116,3 +118,10 @@ def started(*arguments: object, **given: Any) -> subprocess.Popen[str]:
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         **given,
     )
+
+
+def stages_walked(folder: Path) -> int:
+    """How often a stage of the engine was made or found fresh: the repeated ones in each pass."""
+    with Session.open(folder, "reader") as session:
+        passes = session.products.latest_value("control").passes
+    return sum(passes if stage.repeated else 1 for stage in STAGES)

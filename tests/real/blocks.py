@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from app.cli import main
-from core.block.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport
 from sessions.session import Session
 
 NGI_TOML = """[block]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint, TiePoints
+from core.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint, TiePoints
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation

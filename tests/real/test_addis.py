@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block
 from tests.real.readers import ADDIS, read_addis, read_addis_orientation
 
 # ERDAS: unknown exterior orientation, fixed camera and ground, no blunder check.

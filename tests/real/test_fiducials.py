@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.scan.orientation import orient_scan
-from core.scan.raster import read_overview
+from core.raster.scan_file import read_overview
+from core.scans.interior_orientation import orient_scan
 
 VOVCHA = [f"LMSA08.1984.SIMU03.00{number}" for number in (150, 151, 152, 170, 171, 172)]
 WILD = Camera(

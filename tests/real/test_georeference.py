@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block.georeference import Georeference, georeference_photo, open_archive
 from core.doubts import Failure
 from core.geometry.camera import Camera
-from core.reference.dem import open_dem
-from core.scan.orientation import orient_scan
+from core.georeference.archive import Georeference, georeference_photo, open_archive
+from core.raster.dem import open_dem
+from core.scans.interior_orientation import orient_scan
 
 
 def test_vovcha_world_files_and_footprints__real(shared_data: Path) -> None:

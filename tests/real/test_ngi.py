@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.ground.comparison import compare_orthos
+from core.mosaic.comparison import compare_orthos
 from tests.real.blocks import ngi_block, ngi_published, run_block
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from core.ground.comparison import ComparisonOptions, compare_orthos
-from core.ground.mosaic import compose_mosaic, mosaic_grid
-from core.ground.ortho import rectify_photo
-from core.reference.dem import open_dem
-from tests.core.block.ngi import ngi_block
-from tests.core.block.vovcha import true_block, vovcha_block
+from core.mosaic.comparison import ComparisonOptions, compare_orthos
+from core.mosaic.composition import compose_mosaic, mosaic_grid
+from core.orthos.rectification import rectify_photo
+from core.raster.dem import open_dem
+from tests.core.ties.ngi import ngi_block
+from tests.core.ties.vovcha import true_block, vovcha_block
 
 
 def test_vovcha_with_true_orientation_is_its_truth__real(shared_data, tmp_path):

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.block.adjusted import AdjustmentOptions
-from core.block.adjustment import adjust_block
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
 from core.geometry.interior import InteriorOrientation, fit_interior
 from tests.real.readers import RC30, read_rc30, read_rc30_orientation
 

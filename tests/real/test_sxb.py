@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.block.adjusted import AdjustmentOptions, AdjustmentReport
-from core.block.adjustment import adjust_block
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block
 from tests.real.readers import (
     SXB,
     SXB_MARK_SIGMA_PX,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from core.block.tie_points import match_ties
-from core.block.ties.chains import rays_per_point
-from core.block.ties.pairs import ground_of
-from core.block.ties.thinning import frame_cells
-from tests.core.block.judging import intersected, sigma_nought
-from tests.core.block.ngi import ngi_block
-from tests.core.block.vovcha import true_block, vovcha_block
+from core.block import ground_of
+from core.ties.chains import rays_per_point
+from core.ties.thinning import frame_cells
+from core.ties.tie_points import match_ties
+from tests.core.ties.judging import intersected, sigma_nought
+from tests.core.ties.ngi import ngi_block
+from tests.core.ties.vovcha import true_block, vovcha_block
 
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 

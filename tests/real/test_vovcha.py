@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from core.ground.comparison import compare_orthos
+from core.mosaic.comparison import compare_orthos
 from core.synthetic.truth import judge_control, read_truth
 from tests.real.blocks import run_block
 

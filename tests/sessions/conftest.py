@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.block.adjusted import AdjustmentReport, CheckResult, ExteriorSigmas
-from core.block.block import (
+from core.adjustment.adjusted import AdjustmentReport, CheckResult, ExteriorSigmas
+from core.block import (
     Block,
     ExteriorPrior,
     Measurement,

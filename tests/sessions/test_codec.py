@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from core.block.block import Block, Peak
+from core.block import Block, Peak
 from core.doubts import Doubt
 from sessions.codec import REGISTERED, CodecError, canonical, decode, encode
 
@@ -98,9 +98,9 @@ def test_a_big_endian_array_comes_back_in_the_machines_order__truth() -> None:
 
 
 def test_a_field_that_was_added_later_takes_its_default__truth() -> None:
-    data = json.loads(encode(Doubt("kind", "subject", "message", 0.2)))
+    data = json.loads(encode(Doubt("datum", "subject", "message", 0.2)))
     del data["value"]["gravity"]
-    assert decode(json.dumps(data).encode()).gravity == 0.5
+    assert decode(json.dumps(data).encode()).gravity == 0.9
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
 from core.errors import CrsError
 from sessions.layers import write_layers
 from sessions.store import Store

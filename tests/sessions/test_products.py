@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.block.block import Block
+from core.block import Block
 from sessions.codec import CodecError, encode
 from sessions.products import Products, digest_of
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from core.block.block import Block, Measurement, Peak
+from core.block import Block, Measurement, Peak
 from sessions.codec import encode
 from sessions.decisions import (
     REASONS,

@@ -8,8 +8,8 @@ from pathlib import Path
 import pyogrio
 import pytest
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block, Measurement
 from core.errors import StorageError
 from sessions.decisions import (
     DECISIONS,

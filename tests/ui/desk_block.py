@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from app.wiring import DeskInputs
-from core.block.adjusted import AdjustmentOptions
-from core.block.adjustment import adjust_block
-from core.block.block import (
+from app.desk.inputs import DeskInputs
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.block import (
     Block,
     ExteriorPrior,
     Measurement,
@@ -24,8 +24,10 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from sessions.session import Session
 from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST, ArrayDem, Landscape, landscape
-from ui.review.compare import drawn_from_block
+from ui.review.compare import drawn_from_block, made_with
+from ui.review.queue import NO_ROWS
 from ui.review.scene import Footprints, Segments
+from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState
 
 FLYING_HEIGHT_M = 1650.0
@@ -204,6 +206,15 @@ def outlines(state: DeskState) -> Segments:
     """Outlines of the photos as they stand now."""
     oriented = state.oriented
     return Footprints(tiny_block().land.dem).of(drawn_from_block(oriented), oriented.origin)
+
+
+@cache
+def tiny_snapshot() -> DeskSnapshot:
+    """The desk over the tiny block, adjusted, before anybody sat down."""
+    tiny = tiny_block()
+    state = DeskState(tiny.block, _report(1200), made=made_with(_report(1200).block))
+    drawn = drawn_from_block(state.oriented)
+    return DeskSnapshot(tiny.block, state, tiny.land.dem, drawn, table=NO_ROWS.renewed(state))
 
 
 def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> DeskInputs:

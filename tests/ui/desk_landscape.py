@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 
 WEST, NORTH = -742000.0, -1040000.0
 EXTENT_M = (2400.0, 2000.0)

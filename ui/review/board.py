@@ -6,20 +6,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from core.block.block import Photo
+from core.block import Photo
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.interior import limit_um
-from core.scan.corrected_marks import MarkChange, corrected_scan
-from core.scan.found_marks import FiducialMeasurement
-from core.scan.orientation import ScanOrientation
+from core.scans.corrected_marks import MarkChange, corrected_scan
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.measured_marks import FiducialMeasurement
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
 from sessions.fiducials import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
 from ui.review.films import films_part
+from ui.review.initial_state import InitialState
 from ui.review.numbers import short, shortened
-from ui.review.origins import Origins
 from ui.review.state import DeskState
 
 Part = dict[str, Any]
@@ -37,7 +37,7 @@ APART_PX = 1.0
 
 
 def board_part(
-    state: DeskState, origins: Origins, drawn: Drawn, recorded: Sequence[Recorded]
+    state: DeskState, initial: InitialState, drawn: Drawn, recorded: Sequence[Recorded]
 ) -> Part:
     """Rows of photos, worst first, each with a cell for every mark of its camera.
 
@@ -47,7 +47,7 @@ def board_part(
     photos: list[Part] = []
     for name, photo in state.block.photos.items():
         camera = state.block.camera_of(name)
-        film, own = origins.films.get(name), changes.get(name, {})
+        film, own = initial.films.get(name), changes.get(name, {})
         row = _Row(photo, camera, film, own, _doubts(film, camera, own))
         cells = [row.cell(mark, last.get((name, mark))) for mark in row.names]
         interior = photo.interior
@@ -70,7 +70,7 @@ def board_part(
     photos.sort(
         key=lambda row: (not row["cells"], -row["doubt"], -sum(c["doubt"] for c in row["cells"]))
     )
-    return {"photos": photos, "films": films_part(state, origins)}
+    return {"photos": photos, "films": films_part(state, initial)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from core.frames import HALF_PIXEL
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from ui.review.tiles import Colour, OrthoSource
 
 LONGEST_PX = 3072

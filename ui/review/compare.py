@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.arrays import ObjectPoints, PixelPoints, Scalars
-from core.block.block import Block, Photo
-from core.block.registration.likeness import Likeness
+from core.block import Block, Photo
+from core.control.likeness import Likeness
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from ui.review.state import DeskState, Key, Made

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from core.block.block import Block, Measurement, Photo, Status, SurveyedPoint
+from core.block import Block, Measurement, Photo, Status, SurveyedPoint
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation
 from sessions.decisions import (

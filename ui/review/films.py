@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from core.arrays import FilmPoints
-from core.block.block import Photo
+from core.block import Photo
 from core.geometry.camera import Camera
 from core.geometry.interior import film_shape
 from core.geometry.transforms import PlaneTransform, fit_similarity
-from ui.review.origins import Origins
+from ui.review.initial_state import InitialState
 from ui.review.state import DeskState
 
 Part = dict[str, Any]
@@ -18,11 +18,11 @@ LEAST_FILMS = 2
 """Films of a camera from which there is a mean over the roll."""
 
 
-def films_part(state: DeskState, origins: Origins) -> Part:
+def films_part(state: DeskState, initial: InitialState) -> Part:
     """Vectors and figures of every film, and of every camera the mean over its roll."""
     block = state.block
     films = [
-        _film(photo, block.camera_of(name), origins.pixel_mm.get(name))
+        _film(photo, block.camera_of(name), initial.pixel_mm.get(name))
         for name, photo in block.photos.items()
         if photo.interior.names
     ]

@@ -123,7 +123,7 @@ class Sorted:
 
 @dataclass(frozen=True, slots=True)
 class Filtered:
-    """The queue sieved anew."""
+    """The queue filtered anew."""
 
     seat_id: str
     state: StateFilter

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Measurement, Photo, SurveyedPoint
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from ui.review.state import DeskState, Key
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from core.arrays import Position
-from core.block.block import Block
+from core.block import Block
 from core.frames import object_from_local
 
 POINT_ANGLE = np.radians(0.9)

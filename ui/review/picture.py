@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Measurement
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
 from ui.review.misfit import misfits
 from ui.review.numbers import short, shortened
@@ -22,19 +22,8 @@ AHEAD = 2
 Part = dict[str, Any] | list[Any] | None
 
 
-def rows_part(rows: Mapping[Key, Row]) -> Part:
-    """The table, one short list per measurement, in the order of `rows`."""
-    return [row_line(row) for row in rows.values()]
-
-
-def row_line(row: Row) -> list[Any]:
-    """One line of the table."""
-    return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
-            short(row.misfit_px, 2), short(row.score, 2)]  # fmt: skip
-
-
 def order_part(seat: Seat, places: Mapping[Key, int]) -> Part:
-    """The seat's order as places in the rows; the page sieves by itself."""
+    """The seat's order as places in the rows; the page filters by itself."""
     return [places[key] for key in seat.order if key in places]
 
 
@@ -46,7 +35,7 @@ def queue_part(
         "current": places.get(seat.current, -1) if seat.current else -1,
         "taken": [[places[key], name] for key, name in others if key in places],
         "filter": {
-            "state": seat.sieve.state, "photo": seat.sieve.photo_id, "role": seat.sieve.role,
+            "state": seat.filter.state, "photo": seat.filter.photo_id, "role": seat.filter.role,
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": list(seat.explaining) if seat.explaining else None,

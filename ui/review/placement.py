@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from core.block.block import Photo
-from core.block.displacement import displacement
-from core.block.ties.pairs import ground_of
+from core.block import Photo, ground_of
 from core.doubts import Doubt
 from core.geometry.camera import Camera
-from ui.review.origins import Origins
+from core.quality.displacement import displacement
+from ui.review.initial_state import InitialState
 from ui.review.state import DeskState
 
 Part = dict[str, Any]
@@ -20,25 +19,30 @@ NOWHERE = ("area",)
 """Sources that say nothing of where a photo lies."""
 
 
-def placement_part(state: DeskState, origins: Origins, doubts: Iterable[Doubt]) -> Part:
+def placement_part(state: DeskState, initial: InitialState, doubts: Iterable[Doubt]) -> Part:
     """Footprints by the given georeference and as placed, furthest first, and what has no place.
 
     Args:
         state: The block with its newest adjustment.
-        origins: What the photos began from.
+        initial: What the photos began from.
         doubts: What the engine was unsure of.
     """
     oriented = state.oriented
     messages = _by_photo(doubts)
     photos = [
-        _photo(photo, oriented.camera_of(name), origins.sources.get(name, ""), messages)
+        _photo(
+            replace(photo, approximate=initial.exterior.get(name, photo.approximate)),
+            oriented.camera_of(name),
+            initial.sources.get(name, ""),
+            messages,
+        )
         for name, photo in oriented.photos.items()
     ]
     photos.sort(key=lambda row: (row["oriented"], -(row["rms"] or 0.0)))
     off = [row["rms"] for row in photos if row["rms"] is not None]
     return {
         "photos": photos,
-        "set_aside": [[name, why] for name, why in sorted(origins.set_aside.items())],
+        "set_aside": [[name, why] for name, why in sorted(initial.set_aside.items())],
         "median": round(median(off), 1) if off else None,
         "worst": max(off, default=None),
     }

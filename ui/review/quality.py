@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from core.block.quality import BlockQuality, assess_block
-from core.block.verdict import judge_block
-from ui.review.milestones import Milestone, milestone_line, shifts_m
+from core.quality.assessment import BlockQuality, assess_block
+from core.quality.rules import judge_block
+from ui.review.adjustment_history import AdjustmentRecord, record_line, shifts_m
 from ui.review.picture import Part, position_error_m
 from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.state import DeskState
@@ -20,7 +20,7 @@ PAIRS_TOLD = 80
 def quality_part(
     state: DeskState,
     outlines: Segments,
-    milestones: tuple[Milestone, ...],
+    adjustments: tuple[AdjustmentRecord, ...],
     pair: tuple[int, int] | None = None,
 ) -> Part:
     """Everything the view shows; outlines are the footprints in the local frame."""
@@ -30,7 +30,7 @@ def quality_part(
     findings = judge_block(found, report)
     return {
         "verdict": max((f.grave for f in findings), default=0),
-        "findings": [[f.text, f.grave, dict(f.values)] for f in findings],
+        "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],
         "sigma": _number(report.sigma_nought, 3),
         "mp": _number(position_error_m(report), 3),
         "free": list(state.free),
@@ -43,8 +43,8 @@ def quality_part(
         "pattern_counts": found.pattern_counts.tolist(),
         "control_cells": found.control_cells.tolist(),
         "map": _map(state, polygons),
-        "milestones": [milestone_line(one) for one in milestones],
-        "compared": _compared(milestones, pair),
+        "milestones": [record_line(one) for one in adjustments],
+        "compared": _compared(adjustments, pair),
     }
 
 
@@ -111,9 +111,9 @@ def _map(state: DeskState, polygons: dict[str, shapely.Polygon]) -> dict[str, An
     }
 
 
-def _compared(milestones: tuple[Milestone, ...], pair: tuple[int, int] | None) -> Part:
+def _compared(adjustments: tuple[AdjustmentRecord, ...], pair: tuple[int, int] | None) -> Part:
     """Two adjustments side by side: how far each photo moved between them, furthest first."""
-    by_number = {one.number: one for one in milestones}
+    by_number = {one.number: one for one in adjustments}
     if not by_number:
         return None
     numbers = (

@@ -1,20 +1,22 @@
-"""The queue: one row per measurement, how doubtful each is and why, sorted and sieved."""
+"""The queue: one row per measurement, how doubtful each is and why, sorted and filtered."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-from core.block.block import Measurement
-from core.block.expected_gain import Gain
+from core.adjustment.expected_gain import Gain
+from core.block import Measurement
 from ui.review.misfit import Misfit, controllability, misfits
+from ui.review.numbers import short
 from ui.review.palette import ShownState
 from ui.review.state import (
     POINT_KINDS,
     DeskState,
     Key,
     Kind,
+    QueueFilter,
     Seat,
-    Sieve,
     Sorting,
 )
 
@@ -66,7 +68,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Away:
+class QueueFigures:
     """How every measurement lies to one adjustment; found once for each."""
 
     misfits: Mapping[Key, Misfit]
@@ -77,35 +79,110 @@ class Away:
     """What looking at one is expected to bring; empty where that was not found."""
 
 
-def away_of(state: DeskState, gains: Gains | None = None) -> Away:
+@dataclass(frozen=True, slots=True, eq=False)
+class QueueTable:
+    """Rows of everything that can be judged, and the same as lines for the pages."""
+
+    rows: Mapping[Key, Row]
+    """Rows by key, in their order."""
+    places: Mapping[Key, int]
+    """Number of each row in that order."""
+    lines: list[list[Any]]
+    """The rows as the pages get them."""
+    by_point: Mapping[str, Sequence[Key]]
+    """Keys of each point."""
+    figures: QueueFigures
+    """What the rows were made of."""
+
+    def renewed(self, state: DeskState, gains: Gains | None = None) -> "QueueTable":
+        """After an adjustment, or when rows came or went.
+
+        Lines that say the same are the same objects, so that they are not written again.
+        """
+        figures = queue_figures(state, self.figures.gains if gains is None else gains)
+        rows = {row.key: row for row in queue_rows(state, figures)}
+        by_point: dict[str, list[Key]] = {}
+        for key in rows:
+            by_point.setdefault(key[0], []).append(key)
+        places = {key: number for number, key in enumerate(rows)}
+        lines = [self._line(key, row_line(row)) for key, row in rows.items()]
+        return QueueTable(rows, places, lines, by_point, figures)
+
+    def with_changes(self, before: DeskState, after: DeskState) -> "QueueTable":
+        """After a decision, in the same adjustment: only the rows that it was about."""
+        keys = changed_keys(before, after)
+        if keys is None or not keys <= self.rows.keys():
+            return self.renewed(after)
+        fresh = {**self.figures.misfits, **misfits(after, keys)}
+        figures = replace(self.figures, misfits=fresh)
+        rows, lines = dict(self.rows), list(self.lines)
+        for key in keys:
+            rows[key] = queue_row(after, figures, key)
+            lines[self.places[key]] = row_line(rows[key])
+        return replace(self, rows=rows, lines=lines, figures=figures)
+
+    def _line(self, key: Key, line: list[Any]) -> list[Any]:
+        place = self.places.get(key)
+        return self.lines[place] if place is not None and self.lines[place] == line else line
+
+
+NO_ROWS = QueueTable({}, {}, [], {}, QueueFigures({}, {}))
+
+
+def changed_keys(before: DeskState, after: DeskState) -> set[Key] | None:
+    """Rows that a decision changed; None when rows came or went."""
+    one, other = before.block, after.block
+    if one.measurements.keys() != other.measurements.keys():
+        return None
+    extra, fresh = before.extra.measurements, after.extra.measurements
+    if extra.keys() != fresh.keys():
+        return None
+    changed = _differing(one.measurements, other.measurements) | _differing(extra, fresh)
+    turned = {
+        name
+        for name, point in other.surveyed.items()
+        if (known := one.surveyed.get(name)) is not point
+        and (known is None or known.role != point.role)
+    }
+    return changed | {key for key in other.measurements if turned and key[0] in turned}
+
+
+def _differing(one: Mapping[Key, object], other: Mapping[Key, object]) -> set[Key]:
+    """Keys whose value is another; the same object is never looked into."""
+    return {key for key, value in other.items() if one[key] is not value and one[key] != value}
+
+
+def row_line(row: Row) -> list[Any]:
+    """One line of the table."""
+    return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
+            short(row.misfit_px, 2), short(row.score, 2)]  # fmt: skip
+
+
+def queue_figures(state: DeskState, gains: Gains | None = None) -> QueueFigures:
     """Misfits and controllability of all measurements of a state."""
     keys = (*state.block.measurements, *state.extra.measurements)
-    return Away(misfits(state, keys), controllability(state), gains or {})
+    return QueueFigures(misfits(state, keys), controllability(state), gains or {})
 
 
-def moved_away(away: Away, state: DeskState, keys: Iterable[Key]) -> Away:
-    """The same with the misfits of a few measurements found anew, in the same adjustment."""
-    fresh = {**away.misfits, **misfits(state, keys)}
-    return Away(fresh, away.controlled, away.gains)
-
-
-def queue_rows(state: DeskState, away: Away | None = None) -> tuple[Row, ...]:
+def queue_rows(state: DeskState, figures: QueueFigures | None = None) -> tuple[Row, ...]:
     """Every measurement of a surveyed point, in the order of point and photo; then the rest."""
-    away = away or away_of(state)
+    figures = figures or queue_figures(state)
     keys = [key for key in sorted(state.block.measurements) if key[0] in state.block.surveyed]
-    return tuple(queue_row(state, away, key) for key in (*keys, *sorted(state.extra.measurements)))
+    return tuple(
+        queue_row(state, figures, key) for key in (*keys, *sorted(state.extra.measurements))
+    )
 
 
-def queue_row(state: DeskState, away: Away, key: Key) -> Row:
+def queue_row(state: DeskState, figures: QueueFigures, key: Key) -> Row:
     """One row."""
     measurement = state.measurement_of(key)
     assert measurement is not None, "rows are made of measurements"
     if key in state.extra.measurements:
-        return _extra_row(state, measurement, away.misfits.get(key))
-    return _row(state, measurement, away)
+        return _extra_row(state, measurement, figures.misfits.get(key))
+    return _row(state, measurement, figures)
 
 
-def ordered(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
+def sort_keys(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
     """Keys of all rows in the order asked for; rows without the figure come last."""
 
     def place(row: Row) -> tuple[bool, float | tuple[str, str]]:
@@ -122,16 +199,16 @@ def ordered(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
 
 def visible(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
     """Keys the seat's queue shows, in its own order."""
-    return tuple(key for key in seat.order if key in rows and passes(rows[key], seat.sieve))
+    return tuple(key for key in seat.order if key in rows and passes(rows[key], seat.filter))
 
 
-def passes(row: Row, sieve: Sieve) -> bool:
-    """True when a sieve lets a row through."""
-    if sieve.photo_id and sieve.photo_id != row.key[1]:
+def passes(row: Row, wanted: QueueFilter) -> bool:
+    """True when a filter lets a row through."""
+    if wanted.photo_id and wanted.photo_id != row.key[1]:
         return False
-    if row.role != sieve.role if sieve.role else row.role not in POINT_KINDS:
+    if row.role != wanted.role if wanted.role else row.role not in POINT_KINDS:
         return False
-    match sieve.state:
+    match wanted.state:
         case "all":
             return True
         case "review":
@@ -139,7 +216,7 @@ def passes(row: Row, sieve: Sieve) -> bool:
         case "open":
             return row.state == "auto"
         case _:
-            return row.state == sieve.state
+            return row.state == wanted.state
 
 
 def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
@@ -169,9 +246,43 @@ def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> 
     return tuple(key for key in turned if rows[key].state == "auto" and key not in taken)
 
 
-def _row(state: DeskState, measurement: Measurement, away: Away) -> Row:
-    misfit = away.misfits.get(measurement.key)
-    controlled = away.controlled.get(measurement.key)
+def seat_down(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) -> Seat:
+    """The seat with its queue sorted and something to look at that nobody else looks at."""
+    order = sort_keys(rows.values(), seat.sorting)
+    current = seat.current if seat.current in rows else None
+    seat = replace(seat, order=order, current=current)
+    if current is None:
+        shown = visible(rows, seat)
+        undecided = [key for key in shown if rows[key].state == "auto"]
+        free = [key for key in undecided if key not in taken]
+        seat = replace(seat, current=next(iter(free or undecided or shown), None))
+    return seat
+
+
+def keep_seat_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
+    """The seat with measurements that are new at the end of its queue, and no vanished ones."""
+    known = set(seat.order)
+    if len(known) == len(rows) and all(key in known for key in rows):
+        return seat
+    order = tuple(key for key in seat.order if key in rows)
+    fresh = tuple(sorted(key for key in rows if key not in known))
+    current = seat.current if seat.current in rows else _beside(seat, rows)
+    return replace(seat, order=order + fresh, current=current)
+
+
+def _beside(seat: Seat, rows: Mapping[Key, Row]) -> Key | None:
+    """What stood beside a measurement that has vanished: the next in the queue, or the first."""
+    if seat.current is None:
+        return None
+    shown = visible(rows, seat)
+    here = seat.order.index(seat.current) if seat.current in seat.order else 0
+    behind = {key for key in seat.order[here:] if key in rows}
+    return next((key for key in shown if key in behind), next(iter(shown), None))
+
+
+def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> Row:
+    misfit = figures.misfits.get(measurement.key)
+    controlled = figures.controlled.get(measurement.key)
     shown = state.shown_state(measurement)
     grounds = _grounds(measurement, misfit, controlled)
     doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
@@ -182,7 +293,7 @@ def _row(state: DeskState, measurement: Measurement, away: Away) -> Row:
         # What the block nearly agrees with is the likeliest to be taken in after all.
         gain = UNUSED_GAIN / (1 + (misfit.ratio if misfit else 9.0))
     else:
-        gain = _gain(doubt, controlled, away, measurement.key)
+        gain = _gain(doubt, controlled, figures, measurement.key)
     return Row(
         key=measurement.key,
         role=state.block.surveyed[measurement.point_id].role,
@@ -197,15 +308,15 @@ def _row(state: DeskState, measurement: Measurement, away: Away) -> Row:
     )
 
 
-def _gain(doubt: float, controlled: float | None, away: Away, key: Key) -> float:
+def _gain(doubt: float, controlled: float | None, figures: QueueFigures, key: Key) -> float:
     """Doubt times influence: in metres of m_p where the block was asked, else by rule of thumb."""
-    if key in away.gains:
-        expected = away.gains[key].expected_m
+    if key in figures.gains:
+        expected = figures.gains[key].expected_m
         return expected / (1 + expected)
     influence = 1 - (controlled if controlled is not None else 0.8)
     gain = doubt * (INFLUENCE_FLOOR + (1 - INFLUENCE_FLOOR) * influence)
     # Check points and the like move nothing.
-    return MOVES_NOTHING * gain if away.gains else gain
+    return MOVES_NOTHING * gain if figures.gains else gain
 
 
 def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None) -> Row:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.arrays import ObjectPoints, Position
-from core.block.block import Block
+from core.block import Block
 from core.frames import local_from_object
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.misfit import Misfit, misfits

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import Block, Measurement, Photo, SurveyedPoint
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from ui.review.palette import ShownState
 
@@ -44,7 +44,7 @@ class Sorting:
 
 
 @dataclass(frozen=True, slots=True)
-class Sieve:
+class QueueFilter:
     """What a queue lets through."""
 
     state: StateFilter = "review"
@@ -76,10 +76,10 @@ class Seat:
     current: Key | None = None
     """The measurement being looked at."""
     left: Key | None = None
-    """The one looked at before the queue was sieved down to nothing."""
+    """The one looked at before a filter left nothing in the queue."""
     sorting: Sorting = Sorting()
     """Order of the queue."""
-    sieve: Sieve = Sieve()
+    filter: QueueFilter = QueueFilter()
     """Filter of the queue."""
     order: tuple[Key, ...] = ()
     """Queue in the order it had when it was last sorted: decisions do not shuffle it underfoot."""

@@ -17,7 +17,7 @@ from jaxtyping import Float32, Float64, UInt8
 
 from core.arrays import Raster
 from core.frames import HALF_PIXEL
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from ui.review.compare import DrawnPhoto, HeightSource
 
 TILE = 256

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block.adjusted import AdjustmentReport
-from core.block.block import USED, Block, Measurement
-from core.scan.corrected_marks import MarkChange
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import USED, Block, Measurement
+from core.scans.corrected_marks import MarkChange
 from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
 from sessions.fiducials import with_changes
 from sessions.judging import judged
@@ -49,7 +49,25 @@ class Trial:
     """The nearest measurements in the same photo."""
 
 
-def tried_block(state: DeskState, key: Key) -> Block | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialWork:
+    """One measurement of a state, to be turned in a trial adjustment."""
+
+    state: DeskState
+    """The desk with the adjustment on screen."""
+    key: Key
+    """The measurement."""
+
+    def block(self) -> Block | None:
+        """The block with the measurement turned; None where that can change nothing."""
+        return turn_measurement(self.state, self.key)
+
+    def conclude(self, report: AdjustmentReport) -> Trial | None:
+        """The figures of the trial; None when it did not settle."""
+        return trial_of(self.state, self.key, report)
+
+
+def turn_measurement(state: DeskState, key: Key) -> Block | None:
     """The block with one measurement turned; None where that can change nothing."""
     measurement, point = state.measurement_of(key), state.point_of(key[0])
     if measurement is None or point is None or point.role == "check":

@@ -1,5 +1,7 @@
 """More words of the desk: whole block, people, new points, history, first steps."""
 
+from core.quality.rules import SENTENCES
+
 MORE: dict[str, str] = {
     # kinds beside points
     "role.photo.one": "place of the photo",
@@ -137,44 +139,6 @@ MORE: dict[str, str] = {
     "verdict.0": "The block is sound.",
     "verdict.1": "The block can be used; what is doubtful is named below.",
     "verdict.2": "The block is not good enough yet.",
-    "verdict.diverged": "The adjustment did not converge.",
-    "verdict.sigma": "Sigma nought {value}: residuals are as expected.",
-    "verdict.sigma-off": "Sigma nought {value} lies outside {low} to {high}: weights and residuals "
-    "do not fit.",
-    "verdict.control": "{count} control points in {cells} of nine parts of the block.",
-    "verdict.control-gaps": "{count} control points, but in {cells} of nine parts only.",
-    "verdict.control-few": "{count} control points; a block needs {least}.",
-    "verdict.strip-few": "The strip of {worst} shows {count} control points; it needs {least}.",
-    "verdict.edge-plan": "Along the block's edge control is at most {bases} bases apart.",
-    "verdict.edge-heights": "Along the edge known heights are at most {bases} bases apart.",
-    "verdict.edge-gap-plan": "{bases} bases of the block's edge have no control ({most} at most): "
-    "add a point by {worst}, about E {east} N {north}.",
-    "verdict.edge-gap-heights": "{bases} bases of the block's edge have no known height ({most} at "
-    "most): add one by {worst}, about E {east} N {north}.",
-    "verdict.inside-few-plan": "Inside the block {value} control points for each stereo model; "
-    "{least} are the rule.",
-    "verdict.inside-few-heights": "Inside the block {value} known heights for each stereo model; "
-    "{least} are the rule.",
-    "verdict.unchecked": "Control measurements that no other could find wrong: {count}.",
-    "verdict.no-checks": "No check points: the accuracy is not independently known.",
-    "verdict.no-ties": "No tie points bind the photos.",
-    "verdict.rays": "{share} % of the tie points are seen in three photos or more.",
-    "verdict.rays-few": "Only {share} % of the tie points are seen in three photos or more.",
-    "verdict.bare": "Photos with several empty areas, without ties or control: {count} ({worst}).",
-    "verdict.systematic": "Residuals are systematic on the film: up to {value} px in a part of it.",
-    "verdict.no-pattern": "No systematic residuals on the film (at most {value} px).",
-    "verdict.loose": "Photos that are not oriented: {count} ({worst}).",
-    "verdict.tilt": "Tilts up to {value}\u00b0, within {limit}\u00b0.",
-    "verdict.tilt-over": "Photos that tilt by more than {limit}\u00b0: {over}, up to "
-    "{value}\u00b0 ({worst}).",
-    "verdict.crab": "Crab up to {value}\u00b0, within {limit}\u00b0.",
-    "verdict.crab-over": "Photos with a crab of more than {limit}\u00b0: {over}, up to "
-    "{value}\u00b0 ({worst}).",
-    "verdict.along": "Overlap along the strips {low} to {high} %.",
-    "verdict.along-small": "Overlap along the strips {low} to {high} %; below {least} % in "
-    "{small} photos.",
-    "verdict.across": "Overlap between strips {low} to {high} %.",
-    "verdict.across-small": "Overlap between strips {low} to {high} %; below {least} % in "
-    "{small} photos.",
+    **{f"verdict.{kind}": sentence for kind, sentence in SENTENCES.items()},
 }
 """English."""

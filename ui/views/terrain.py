@@ -13,7 +13,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from core.arrays import Position
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from ui.review.tiles import Colour, OrthoSource, ortho_tile
 
 SHOWN = (0, 14, 51, 141, 200, 226)

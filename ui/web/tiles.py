@@ -14,10 +14,10 @@ import numpy as np
 from aiohttp import web
 
 from core.arrays import ObjectPoints
-from core.block.registration.likeness import Likeness
+from core.control.likeness import Likeness
 from core.doubts import Failure
 from core.errors import PhotogrammetryError
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource
 from ui.review.tiles import (
     LARGE_PX,

@@ -17,7 +17,7 @@ from core.formats.world_file import (
     write_world_file,
 )
 from core.geometry.transforms import PlaneTransform, fit_affine, rotation_and_scale
-from tests.core.scan.film_maker import write_gray
+from tests.core.scans.film_maker import write_gray
 
 finite = st.floats(-1e3, 1e3, allow_nan=False)
 

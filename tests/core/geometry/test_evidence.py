@@ -28,7 +28,7 @@ def weighed(offset, each, at, prior_px=PRIOR_PX, idle=0):
         np.arange(points) * each, ones, SIGMA_PX * ones, CHANCE * ones, telling, LIMIT
     )
     design = np.tile(np.eye(2)[None], (len(offset), 1, 1))
-    return evidence.log10_bayes(offset - at, design, at, np.eye(2) / prior_px**2)
+    return evidence.log10_e_value(offset - at, design, at, np.eye(2) / prior_px**2)
 
 
 def integrated(offset, each, step=0.25):

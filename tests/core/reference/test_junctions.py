@@ -8,12 +8,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.reference.dem import open_dem
+from core.formats.roads import Roads, read_roads
+from core.raster.dem import open_dem
 from core.reference.junctions import find_junctions
-from core.reference.planar import clusters, planar_graph
-from core.reference.roads import Roads, read_roads
-
-from .conftest import CRS, NORTH, WEST, place, write_raster
+from core.reference.road_graph import clusters, planar_graph
+from tests.core.raster_files import CRS, NORTH, WEST, place, write_raster
 
 
 def roads_of(*lines, levels=None, kinds=None, layers=None) -> Roads:

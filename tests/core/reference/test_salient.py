@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 import shapely
 
-from core.geometry.grid import Grid
-from core.reference.dem import open_dem
-from core.reference.ortho import open_ortho
+from core.raster.dem import open_dem
+from core.raster.grid import Grid
+from core.raster.ortho import open_ortho
 from core.reference.salient import (
     SalientOptions,
     find_salient_points,
     line_structure,
     self_similarity,
 )
-
-from .conftest import CRS, NORTH, WEST, place, write_raster
+from tests.core.raster_files import CRS, NORTH, WEST, place, write_raster
 
 
 def lines_drawn(*segments, size=400, width=3.0, noise=2.0) -> np.ndarray:

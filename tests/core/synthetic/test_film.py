@@ -8,7 +8,7 @@ import pytest
 import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 
-from core.geometry.grid import Grid
+from core.raster.grid import Grid
 from core.synthetic.film import expose_band, pixel_maps
 from core.synthetic.flight import make_flight
 from core.synthetic.options import SyntheticOptions

@@ -8,7 +8,9 @@ from shapely.geometry import Polygon
 from core.synthetic.fields import make_tracts
 from core.synthetic.flight import make_flight
 from core.synthetic.landscape import make_landscape
+from core.synthetic.network import Network, Road
 from core.synthetic.options import SyntheticOptions
+from core.synthetic.truth import read_truth
 
 
 def _footprints(flight):
@@ -97,3 +99,25 @@ def test_most_parcels_of_1938_are_gone_and_few_of_1984__truth():
         kept[epoch] = np.mean([tract.outline.tobytes() in outlines for tract in then])
     assert kept[1938] < 0.25
     assert kept[1984] > 0.4
+
+
+def test_three_arms_in_both_epochs_make_a_lasting_junction__law():
+    places = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0], [-100.0, 0.0], [0.0, -100.0]])
+
+    def road(end: int, **epochs: bool) -> Road:
+        line = places[[0, end]]
+        return Road(0, end, "track", 0, line, line, **epochs)
+
+    def lasting(*roads: Road) -> list[list[float]]:
+        return Network(places, roads, ()).lasting_junctions().tolist()
+
+    both = [road(1), road(2)]
+    ploughed, built = road(3, exists_now=False), road(4, existed_then=False)
+    assert lasting(*both, road(3)) == [[0.0, 0.0]]
+    assert lasting(*both, ploughed, built) == []
+
+
+def test_the_truth_names_the_junctions_that_lasted__truth(tiny_block):
+    places = read_truth(tiny_block).lasting_junctions
+    assert len(places) >= 5
+    assert len(np.unique(places, axis=0)) == len(places)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from core.block.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint
+from core.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint
 from core.errors import ReferenceDataError
 from core.geometry.atmosphere import Atmosphere
 from core.geometry.exterior import ExteriorOrientation

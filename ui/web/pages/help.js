@@ -1,17 +1,33 @@
 // The sheet of keys and marks.
-import { byId, element, glyph, start, stateGlyph, word } from "/pages/words.js";
+import { byId, element, first, glyph, start, stateGlyph, word } from "./words.js";
+
+/** @type {State[]} */
+const STATES = ["auto", "accepted", "dubious", "rejected", "unused"];
 
 export function toggleHelp() {
   const dialog = byId("help");
-  if (dialog.open) { dialog.close(); return; }
-  const lines = start.keys.map(([key, name]) => element("tr", {}, element("td", {}, element("kbd", {}, key)), element("td", {}, word(name), element("span", {}, start.words[`${name}.tip`] ?? ""))));
+  if (dialog.open) return dialog.close();
+  const lines = start.keys.map(([key, name]) => element("tr", {},
+    element("td", {}, element("kbd", {}, key)),
+    element("td", {}, word(name), element("span", {}, start.words[`${name}.tip`] ?? ""))));
   const half = Math.ceil(lines.length / 2);
-  const palette = start.palette;
-  const looks = ["auto", "accepted", "dubious", "rejected", "unused"].map((state) => element("span", { title: word(`state.${state}.long`) }, stateGlyph(state, 15), word(`state.${state}`)));
+  const { current, check, predicted, peak } = start.palette;
+  const looks = STATES.map((state) => element("span", { title: word(`state.${state}.long`) },
+    stateGlyph(state, 15), word(`state.${state}`)));
+  const marks = [
+    ["control", current, word("role.control")], ["check", check, word("role.check")],
+    ["circle", predicted, word("mark.predicted")], ["square", peak, word("mark.peak")],
+  ].map(([shape, colour, text]) => element("span", {}, glyph(shape, colour, 15), text));
+  const tour = () => {
+    dialog.close();
+    first("[data-act=tour]").click();
+  };
   dialog.replaceChildren(element("h2", {}, word("help.title")),
-    element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)), element("table", {}, ...lines.slice(half))),
-    element("div", { class: "marks-key" }, ...looks, element("span", {}, glyph("control", palette.current, 15), word("role.control")), element("span", {}, glyph("check", palette.check, 15), word("role.check")), element("span", {}, glyph("circle", palette.predicted, 15), word("mark.predicted")), element("span", {}, glyph("square", palette.peak, 15), word("mark.peak"))),
-    element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")),
-    element("p", {}, element("button", { onclick: () => { dialog.close(); document.querySelector("[data-act=tour]").click(); } }, word("tour"))));
+    element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)),
+      element("table", {}, ...lines.slice(half))),
+    element("div", { class: "marks-key" }, ...looks, ...marks),
+    element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")),
+    element("p", {}, word("help.camera")),
+    element("p", {}, element("button", { onclick: tour }, word("tour"))));
   dialog.showModal();
 }

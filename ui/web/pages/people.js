@@ -1,23 +1,20 @@
 // Who sits at the desk, under which name one decides, and who looks at the same point.
-import { byId, element, start, word } from "/pages/words.js";
+import { byId, element, start, word } from "./words.js";
+import { send } from "./wire.js";
 
-let send = () => {};
-
-export function setUpPeople(sender) {
-  send = sender;
+export function setUpPeople() {
   byId("who").addEventListener("click", askName);
   byId("who").title = word("people.name.tip");
-  const form = element("form", { method: "dialog", onsubmit: chosen },
-    element("h2", {}, word("people.name")),
-    element("p", {}, word("people.name.tip")),
-    element("input", { id: "name-field", maxlength: "40", autocomplete: "off", "aria-label": word("people.name") }),
-    element("button", { type: "submit" }, word("people.take")));
-  byId("naming").replaceChildren(form);
+  const label = word("people.name");
+  const field = { id: "name-field", maxlength: "40", autocomplete: "off", "aria-label": label };
+  byId("naming").replaceChildren(element("form", { method: "dialog", onsubmit: takeName },
+    element("h2", {}, label), element("p", {}, word("people.name.tip")), element("input", field),
+    element("button", { type: "submit" }, word("people.take"))));
   const kept = localStorage.getItem("gruber.name");
   if (kept && !start.guest) sendLater(kept);
 }
 
-// The wire may not be open yet.
+/** The wire may not be open yet. @param {string} name */
 function sendLater(name, tries = 20) {
   if (!send({ kind: "name", name }) && tries) setTimeout(() => sendLater(name, tries - 1), 250);
 }
@@ -28,19 +25,24 @@ function askName() {
   byId("naming").showModal();
 }
 
-function chosen() {
+function takeName() {
   const name = byId("name-field").value.trim();
   if (!name) return;
   localStorage.setItem("gruber.name", name);
   send({ kind: "name", name });
 }
 
-export function showPeople(status, key) {
-  byId("who").dataset.name = status.operator;
-  byId("who").textContent = start.guest ? word("people.guest") : status.operator;
-  byId("people").hidden = status.people.length === 0;
-  byId("people").replaceChildren(...status.people.map(([name, place]) => element("span", { class: "person", title: place.length ? word("people.at", { name, point: place.join(" \u00b7 ") }) : name }, name)));
-  const here = status.people.filter(([, place]) => key && place[0] === key[0] && place[1] === key[1]).map(([name]) => name);
+/** @param {Status} status @param {Key} [key] where one is oneself */
+export function showPeople({ operator, people }, key) {
+  byId("who").dataset.name = operator;
+  byId("who").textContent = start.guest ? word("people.guest") : operator;
+  byId("people").hidden = people.length === 0;
+  byId("people").replaceChildren(...people.map(([name, place]) => {
+    const at = word("people.at", { name, point: place.join(" \u00b7 ") });
+    return element("span", { class: "person", title: place.length ? at : name }, name);
+  }));
+  const here = people.filter(([, [point, photo]]) => key && point === key[0] && photo === key[1]);
+  const names = here.map(([name]) => name).join(", ");
   byId("also-here").hidden = here.length === 0;
-  byId("also-here").textContent = here.length ? word("people.here", { names: here.join(", ") }) : "";
+  byId("also-here").textContent = here.length ? word("people.here", { names }) : "";
 }

@@ -1,273 +1,410 @@
 // The placing page: the same places clicked in one photo and in the ortho, saved beside the scan.
-import { byId, element, learnNames, number, shortName, start, word } from "/pages/words.js";
-import { canvas, crosshair, halo, measuredMark, text } from "/pages/marks.js";
-import { drawLayer, onTile, orthoLayer, rawLayer } from "/pages/tiles.js";
-import { listen } from "/pages/pointing.js";
-import { nextTheme, setUpTheme } from "/pages/theme.js";
+import { byId, element, first, learnNames, number, shortName, start, word } from "./words.js";
+import { cleared, crosshair, expectedMark, measuredMark, text } from "./overlay.js";
+import {
+  drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer,
+} from "./tiles.js";
+import { ARROWS, Pane, View, inverse, mapped, oncePerFrame } from "./view.js";
+import { nextTheme, setUpTheme } from "./theme.js";
+
+/** @typedef {"scan" | "ortho"} Side */
 
 const COLOUR = "#56b4e9";
-const panes = {};
-let scans = [];
-let scan = null;
-let views = {};
-let pending = {}; // {scan: [column, row]} or {ortho: [east, north]}: half of the next pair
-let fit = {};
-let cursor = null; // {pane, at}
-let last = null; // what an arrow moves: {index, pane}
-let wallis = false;
-let saved = "";
-let run = { state: "idle" };
-let told = "";
-let history = [];
-let asked = false;
+const NUDGED_MS = 400; // design: arrows held down or pressed in a row are one change
+const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
+const IDLE_MS = 4000;
+const state = {
+  panes: /** @type {Record<string, Pane>} */ ({}),
+  views: { scan: new View(), ortho: new View() },
+  scans: /** @type {ScanToPlace[]} */ ([]),
+  scan: /** @type {ScanToPlace | null} */ (null),
+  /** Half of the next pair: pixels of the scan, or easting and northing. */
+  pending: /** @type {Partial<Record<Side, Pair>>} */ ({}),
+  fit: /** @type {PairFit} */ ({}),
+  cursor: /** @type {{ side: Side, at: Pair } | null} */ (null),
+  /** What an arrow moves. */
+  last: /** @type {{ index: number, side: Side } | null} */ (null),
+  grip: /** @type {{ index: number, moved: boolean } | null} */ (null),
+  wallis: false,
+  saved: "",
+  run: /** @type {Run} */ ({ state: "idle" }),
+  /** Pairs as they were before each change, as JSON. */
+  history: /** @type {string[]} */ ([]),
+  timers: { nudge: 0, watch: 0 },
+};
+const redraw = oncePerFrame(draw);
 
-const answerOf = async (answer) => ({ ok: answer.ok, ...(answer.headers.get("content-type")?.includes("json") ? await answer.json() : { error: await answer.text() }) });
-const post = async (address, body = {}) => answerOf(await fetch(address, { method: "POST", body: JSON.stringify(body), headers: { "content-type": "application/json" } }));
-
-// Layer coordinates: pixels of the scan; metres east and south of the lattice's corner.
-const toLayer = (name, [a, b]) => (name === "scan" ? [a, b] : [a - start.lattice.west, start.lattice.north - b]);
-const fromLayer = (name, [x, y]) => (name === "scan" ? [x, y] : [start.lattice.west + x, start.lattice.north - y]);
-const sizeOf = (name) => [panes[name].room.clientWidth, panes[name].room.clientHeight];
-
-function toScreen(name, place) {
-  const [x, y] = toLayer(name, place);
-  const [width, height] = sizeOf(name);
-  return [(x - views[name].x) * views[name].scale + width / 2, (y - views[name].y) * views[name].scale + height / 2];
+/** @param {string} address */
+async function post(address, body = {}) {
+  const headers = { "content-type": "application/json" };
+  const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
+  const isJson = answer.headers.get("content-type")?.includes("json");
+  return { ok: answer.ok, ...(isJson ? await answer.json() : { error: await answer.text() }) };
 }
 
-function fromScreen(name, x, y) {
-  const [width, height] = sizeOf(name);
-  return fromLayer(name, [views[name].x + (x - width / 2) / views[name].scale, views[name].y + (y - height / 2) / views[name].scale]);
+/** @param {Side} side @param {Pair} place */
+const layerFrom = (side, place) => (side === "scan" ? place : layerFromGround(place));
+
+/** @param {Pane} pane */
+const sideOf = (pane) => /** @type {Side} */ (pane.name);
+
+/** @param {Side} side @param {Pair} place @returns {Pair} */
+const onScreen = (side, place) => state.panes[side].screenFromLayer(layerFrom(side, place));
+
+/** @param {Pane} pane @param {Pair} screen */
+function placeAt(pane, screen) {
+  const place = pane.layerFromScreen(screen);
+  return pane.name === "scan" ? place : groundFromLayer(place);
 }
 
-// What the pairs so far say of the other picture.
-const mapped = ([column, row]) => fit.matrix && [0, 1].map((i) => fit.matrix[i][0] * column + fit.matrix[i][1] * row + fit.matrix[i][2]);
-function unmapped([east, north]) {
-  if (!fit.matrix) return null;
-  const [[a, b, e0], [c, d, n0]] = fit.matrix;
-  const whole = a * d - b * c;
-  return [(d * (east - e0) - b * (north - n0)) / whole, (a * (north - n0) - c * (east - e0)) / whole];
-}
-
-function choose(name) {
-  scan = scans.find((one) => one.photo === name);
-  pending = {};
-  fit = {};
-  last = null;
-  history = [];
-  saved = scan.pairs.length ? word("placing.was") : "";
-  const [width, height] = sizeOf("scan");
-  views.scan = { x: scan.size[0] / 2, y: scan.size[1] / 2, scale: Math.min(width / scan.size[0], height / scan.size[1]) * 0.97 };
-  const known = scan.known;
-  const extent = (2 ** (start.lattice.levels - 1)) * start.lattice.pixel * 512;
-  if (known) { const [x, y] = toLayer("ortho", [known.east, known.north]); views.ortho = { x, y, scale: views.scan.scale / known.pixel / 1.5 }; }
-  else if (!views.ortho) views.ortho = { x: extent / 2, y: extent / 2, scale: Math.min(...sizeOf("ortho")) / extent };
+/** @param {ScanToPlace} scan */
+function choose(scan) {
+  const { views, panes } = state;
+  const saved = scan.pairs.length ? word("placing.was") : "";
+  Object.assign(state, { scan, pending: {}, fit: {}, last: null, history: [], saved });
+  views.scan.fit([0, 0], scan.size, panes.scan.size, 0.97);
+  if (scan.known) {
+    const { east, north, pixel } = scan.known;
+    views.ortho.show(layerFromGround([east, north]), views.scan.scale / pixel / 1.5);
+  } else if (!views.ortho.scale) {
+    const extent = 2 ** (start.lattice.levels - 1) * start.lattice.pixel * 512;
+    views.ortho.fit([0, 0], [extent, extent], panes.ortho.size);
+  }
   judge();
   show();
 }
 
 async function judge() {
-  const name = scan.photo;
-  const found = await post(`/fit/${encodeURIComponent(name)}`, { pairs: scan.pairs });
-  if (name === scan.photo) { fit = found; show(); }
+  const { scan } = state;
+  if (!scan) return;
+  const fit = await post(`/fit/${encodeURIComponent(scan.photo)}`, { pairs: scan.pairs });
+  if (scan.photo !== state.scan?.photo) return;
+  state.fit = fit;
+  show();
 }
 
-function remember() { history.push(JSON.stringify(scan.pairs)); saved = ""; }
+function remember() {
+  state.history.push(JSON.stringify(state.scan?.pairs));
+  state.saved = "";
+}
 
-function put(name, place) {
+/** @param {Side} side @param {Pair} place */
+function put(side, place) {
+  const { scan, pending } = state;
+  if (!scan) return;
   if (start.guest) return tell(word("notice.guest"));
-  pending[name] = place;
+  pending[side] = place;
   if (pending.scan && pending.ortho) {
     remember();
     scan.pairs.push([...pending.scan, ...pending.ortho]);
-    last = { index: scan.pairs.length - 1, pane: name };
-    pending = {};
+    state.last = { index: scan.pairs.length - 1, side };
+    state.pending = {};
     judge();
   }
   show();
 }
 
 function takeBack() {
-  if (pending.scan || pending.ortho) pending = {};
-  else if (history.length) { scan.pairs = JSON.parse(history.pop()); last = null; saved = ""; judge(); }
+  const { scan, pending, history } = state;
+  if (pending.scan || pending.ortho) state.pending = {};
+  else if (scan && history.length) {
+    scan.pairs = JSON.parse(history.pop() ?? "[]");
+    Object.assign(state, { last: null, saved: "" });
+    judge();
+  }
   show();
 }
 
-function remove(index) { remember(); scan.pairs.splice(index, 1); last = null; judge(); show(); }
+/** @param {number} index */
+function remove(index) {
+  remember();
+  state.scan?.pairs.splice(index, 1);
+  state.last = null;
+  judge();
+  show();
+}
 
-function move(index, name, place) {
-  scan.pairs[index].splice(name === "scan" ? 0 : 2, 2, ...place);
-  last = { index, pane: name };
+/** @param {number} index @param {Side} side @param {Pair} place */
+function move(index, side, place) {
+  state.scan?.pairs[index].splice(side === "scan" ? 0 : 2, 2, ...place);
+  state.last = { index, side };
   redraw();
 }
 
+/** @param {number} right @param {number} down pixels of the picture */
 function nudge(right, down) {
-  if (!last || start.guest) return;
-  if (!nudge.later) remember();
-  clearTimeout(nudge.later);
-  const from = toLayer(last.pane, pairPlace(scan.pairs[last.index], last.pane));
-  const unit = last.pane === "scan" ? 1 : start.ortho_pixel;
-  move(last.index, last.pane, fromLayer(last.pane, [from[0] + right * unit, from[1] + down * unit]));
-  nudge.later = setTimeout(() => { nudge.later = 0; judge(); }, 400);
+  const { scan, last, timers } = state;
+  if (!scan || !last || start.guest) return;
+  if (!timers.nudge) remember();
+  clearTimeout(timers.nudge);
+  const [x, y] = halfOf(scan.pairs[last.index], last.side);
+  const unit = start.ortho_pixel;
+  const moved = last.side === "scan" ? [x + right, y + down] : [x + right * unit, y - down * unit];
+  move(last.index, last.side, moved);
+  timers.nudge = setTimeout(() => {
+    timers.nudge = 0;
+    judge();
+  }, NUDGED_MS);
 }
 
-const pairPlace = (pair, name) => (name === "scan" ? pair.slice(0, 2) : pair.slice(2));
+/** @param {number[]} pair @param {Side} side */
+const halfOf = (pair, side) => (side === "scan" ? pair.slice(0, 2) : pair.slice(2));
 
 async function save() {
-  if (start.guest) return;
+  const { scan } = state;
+  if (!scan || start.guest) return;
   const answer = await post(`/points/${encodeURIComponent(scan.photo)}`, { pairs: scan.pairs });
   if (!answer.ok) return tell(answer.error, true);
-  saved = answer.saved ? word("placing.saved", { file: answer.saved }) : word("placing.removed");
-  tell(saved);
+  const { saved: file } = answer;
+  state.saved = file ? word("placing.saved", { file }) : word("placing.removed");
+  tell(state.saved);
   show();
 }
 
-// One hand for both panes: a click sets half a pair, a mark is dragged, the wheel zooms.
-let grip = null;
+/** A click sets half a pair, a mark is dragged. @type {import("./view.js").Hand} */
 const HAND = {
-  ready: () => scan !== null,
-  grips: (pane, x, y) => {
-    grip = null;
+  redraw,
+  grips: (pane, [x, y]) => {
+    state.grip = null;
     if (start.guest) return false;
-    scan.pairs.forEach((pair, index) => { const [px, py] = toScreen(pane.name, pairPlace(pair, pane.name)); if (Math.hypot(px - x, py - y) < 12) grip = { index, pane: pane.name }; });
-    return grip !== null;
+    state.scan?.pairs.forEach((pair, index) => {
+      const [px, py] = onScreen(sideOf(pane), halfOf(pair, sideOf(pane)));
+      if (Math.hypot(px - x, py - y) < 12) state.grip = { index, moved: false };
+    });
+    return state.grip !== null;
   },
-  at: (pane, x, y) => ({ pane: pane.name, at: fromScreen(pane.name, x, y), screen: [x, y] }),
-  drag: (at) => { if (at && grip) { if (!grip.moved) { remember(); grip.moved = true; } move(grip.index, grip.pane, at.at); } },
-  drop: () => { judge(); },
-  pan: (from, to) => { const view = views[to.pane]; view.x -= (to.screen[0] - from.screen[0]) / view.scale; view.y -= (to.screen[1] - from.screen[1]) / view.scale; redraw(); },
-  point: (at) => { cursor = at; redraw(); },
-  click: (pane, x, y) => put(pane.name, fromScreen(pane.name, x, y)),
-  zoom: (pane, x, y, factor) => {
-    const view = views[pane.name];
-    const [width, height] = sizeOf(pane.name);
-    const scale = Math.min(Math.max(view.scale * factor, 0.001), 40 / (pane.name === "scan" ? 1 : start.ortho_pixel));
-    const [dx, dy] = [(x - width / 2) / view.scale, (y - height / 2) / view.scale];
-    const share = 1 - view.scale / scale;
-    Object.assign(view, { x: view.x + dx * share, y: view.y + dy * share, scale });
+  drag: (pane, screen) => {
+    const { grip } = state;
+    if (!screen || !grip) return;
+    if (!grip.moved) remember();
+    grip.moved = true;
+    move(grip.index, sideOf(pane), placeAt(pane, screen));
+  },
+  drop: judge,
+  click: (pane, screen) => put(sideOf(pane), placeAt(pane, screen)),
+  point: (pane, screen) => {
+    state.cursor = screen && { side: sideOf(pane), at: placeAt(pane, screen) };
     redraw();
   },
 };
 
-function redraw() {
-  if (asked || !scan) return;
-  asked = true;
-  requestAnimationFrame(() => { asked = false; draw(); });
-}
-
 function draw() {
+  const { scan, panes, pending, last, cursor, wallis } = state;
+  if (!scan) return;
   for (const [name, pane] of Object.entries(panes)) {
-    const [context, width, height] = canvas(pane.picture);
-    const view = views[name];
-    const layer = name === "scan" ? rawLayer(scan.photo, scan.version, scan.size, wallis) : orthoLayer(wallis);
-    drawLayer(context, layer, { x: view.x - width / 2 / view.scale, y: view.y - height / 2 / view.scale, scale: view.scale }, width, height);
-    const [over] = canvas(pane.marks);
-    scan.pairs.forEach((pair, index) => numbered(over, toScreen(name, pairPlace(pair, name)), index + 1, last?.index === index ? "#ffffff" : COLOUR));
-    if (pending[name]) numbered(over, toScreen(name, pending[name]), scan.pairs.length + 1, start.palette.peak);
-    guide(over, name, width, height);
-    pane.label.textContent = name === "scan" ? word("pane.raw", { scan: shortName(scan.photo) }) : word("pane.ortho");
-    pane.where.textContent = cursor?.pane === name ? cursor.at.map((value) => number(value, 1)).join("  ") : "";
-    pane.room.classList.toggle("wanted", Boolean(pending.scan || pending.ortho) && !pending[name]);
+    const side = /** @type {Side} */ (name);
+    const [context, width, height] = cleared(pane.picture);
+    const layer = side === "scan" ? rawLayer(scan.photo, scan.version, scan.size, wallis)
+      : orthoLayer(wallis);
+    drawLayer(context, layer, pane.view.frame([width, height]), [width, height]);
+    const [over] = cleared(pane.marks);
+    scan.pairs.forEach((pair, index) => {
+      const colour = last?.index === index ? "#ffffff" : COLOUR;
+      numbered(over, onScreen(side, halfOf(pair, side)), index + 1, colour);
+    });
+    const half = pending[side];
+    if (half) numbered(over, onScreen(side, half), scan.pairs.length + 1, start.palette.peak);
+    if (cursor?.side === side) crosshair(over, onScreen(side, cursor.at), width, height);
+    guide(over, side);
+    pane.label.textContent = side === "ortho" ? word("pane.ortho")
+      : word("pane.raw", { scan: shortName(scan.photo) });
+    const at = cursor?.side === side ? cursor.at : [];
+    pane.where.textContent = at.map((value) => number(value, 1)).join("  ");
+    pane.room.classList.toggle("wanted", Boolean(pending.scan || pending.ortho) && !half);
   }
 }
 
+/** @param {Context} context @param {Pair} place @param {number} count @param {string} colour */
 function numbered(context, place, count, colour) {
   measuredMark(context, place, colour);
-  context.font = "bold 12px sans-serif";
-  text(context, `${count}`, place[0] + 9, place[1] - 9, colour);
+  text(context, `${count}`, [place[0] + 9, place[1] - 9], colour);
 }
 
-// Where the pairs so far put what the other picture's cursor, or half a pair, points at.
-function guide(context, name, width, height) {
-  const other = name === "scan" ? "ortho" : "scan";
-  const across = name === "scan" ? unmapped : mapped;
-  if (cursor?.pane === name) crosshair(context, toScreen(name, cursor.at), width, height);
-  const from = pending[other] ?? (cursor?.pane === other ? cursor.at : null);
-  const place = from && across(from);
-  if (!place) return;
-  const [x, y] = toScreen(name, place);
-  context.setLineDash([4, 3]);
-  halo(context, start.palette.predicted, 1.6, () => context.arc(x, y, 12, 0, 7));
-  context.setLineDash([]);
+/**
+ * Where the pairs so far put what the other picture's cursor, or half a pair, points at.
+ * @param {Context} context @param {Side} side
+ */
+function guide(context, side) {
+  const { pending, cursor, fit: { matrix } } = state;
+  const other = side === "scan" ? "ortho" : "scan";
+  const from = pending[other] ?? (cursor?.side === other ? cursor.at : null);
+  if (!from || !matrix) return;
+  const place = mapped(side === "scan" ? inverse(matrix) : matrix, from);
+  expectedMark(context, onScreen(side, place), start.palette.predicted, 12);
 }
 
 function show() {
-  if (!scan) return;
-  showScans();
-  showPairs();
+  if (!state.scan) return;
+  showScans(state.scan);
+  showPairs(state.scan);
   showRun();
   redraw();
 }
 
-function showScans() {
-  const lines = scans.map((one) => element("button", { class: `scan${one === scan ? " on" : ""}`, "data-scan": one.photo, title: one.photo, onclick: () => choose(one.photo) }, element("span", {}, shortName(one.photo)), element("span", { class: "muted" }, one.pairs.length ? word("placing.pairs.count", { count: one.pairs.length }) : one.known ? "" : word("placing.unknown"))));
-  byId("placing-scans").replaceChildren(element("h3", {}, word("placing.scans")), element("div", { class: "scans" }, ...lines));
+/** @param {ScanToPlace} scan */
+function showScans(scan) {
+  const lines = state.scans.map((one) => {
+    const { photo, pairs: { length: count }, known } = one;
+    const place = known ? "" : word("placing.unknown");
+    const said = count ? word("placing.pairs.count", { count }) : place;
+    const kind = `scan${one === scan ? " on" : ""}`;
+    return element("button",
+      { class: kind, "data-scan": photo, title: photo, onclick: () => choose(one) },
+      element("span", {}, shortName(photo)), element("span", { class: "muted" }, said));
+  });
+  byId("placing-scans").replaceChildren(element("h3", {}, word("placing.scans")),
+    element("div", { class: "scans" }, ...lines));
 }
 
-function showPairs() {
-  const lines = scan.pairs.map((pair, index) => {
-    const off = fit.residuals?.[index];
-    return element("tr", {}, element("td", {}, `${index + 1}`), element("td", {}, `${number(pair[0], 1)}, ${number(pair[1], 1)}`), element("td", {}, `${number(pair[2], 1)}, ${number(pair[3], 1)}`),
-      element("td", { class: "off" }, off ? number(Math.hypot(...off), 1, "m") : "\u2013"), element("td", {}, element("button", { class: "small", disabled: start.guest, title: word("placing.remove"), onclick: () => remove(index) }, "\u00d7")));
-  });
-  const next = pending.scan ? "placing.now.ortho" : pending.ortho ? "placing.now.scan" : scan.pairs.length < 2 ? "placing.now.click" : scan.pairs.length < 3 ? "placing.now.enough" : "placing.now.many";
-  const figures = fit.matrix ? [element("p", {}, word("placing.figures", { scale: number(fit.scale, 0), pixel: number(fit.pixel_m, 2), turn: number(fit.turn_deg, 0) }))] : [];
-  if (fit.rms !== null && fit.rms !== undefined) figures.push(element("p", {}, word("placing.rms", { rms: number(fit.rms, 1), count: fit.count })));
-  else if (scan.pairs.length === 2) figures.push(element("p", { class: "muted" }, word("placing.two")));
-  byId("placing-pairs").replaceChildren(element("h3", {}, word("placing.pairs", { scan: shortName(scan.photo) })), element("p", { class: "next" }, word(next)),
-    element("table", {}, ...(lines.length ? [element("tr", {}, ...["", "placing.pixel", "placing.ground", "placing.residual", ""].map((name) => element("th", {}, name ? word(name) : "")))] : []), ...lines), ...figures,
-    ...(scan.why ? [element("p", { class: "doubted" }, scan.why)] : []), ...(fit.why ? [element("p", { class: "doubted" }, fit.why)] : []),
-    element("div", { class: "acts" }, element("button", { id: "placing-save", class: scan.pairs.length > 1 && !saved ? "on" : "", disabled: start.guest || scan.pairs.length === 1, onclick: save }, word("placing.save"), element("kbd", {}, "S")),
-      element("button", { disabled: start.guest, onclick: takeBack }, word("act.undo"), element("kbd", {}, "U")), element("button", { class: wallis ? "on" : "", title: word("wallis.tip"), onclick: () => { wallis = !wallis; show(); } }, word("wallis"), element("kbd", {}, "W")), element("button", { onclick: () => choose(scan.photo) }, word("act.fit"), element("kbd", {}, "F"))),
+/** @param {ScanToPlace} scan */
+function showPairs(scan) {
+  const { fit, pending, saved, wallis } = state;
+  const count = scan.pairs.length;
+  const next = pending.scan ? "ortho" : pending.ortho ? "scan"
+    : count < 2 ? "click" : count < 3 ? "enough" : "many";
+  const heads = ["", "placing.pixel", "placing.ground", "placing.residual", ""]
+    .map((name) => element("th", {}, name && word(name)));
+  const lines = scan.pairs.map(pairLine);
+  if (count) lines.unshift(element("tr", {}, ...heads));
+  const doubts = [scan.why, fit.why].filter(Boolean);
+  const act = (
+    /** @type {string} */ name, /** @type {string} */ letter, /** @type {object} */ attributes,
+  ) => element("button", { ...attributes }, word(name), element("kbd", {}, letter));
+  byId("placing-pairs").replaceChildren(
+    element("h3", {}, word("placing.pairs", { scan: shortName(scan.photo) })),
+    element("p", { class: "next" }, word(`placing.now.${next}`)),
+    element("table", {}, ...lines), ...figures(count),
+    ...doubts.map((why) => element("p", { class: "doubted" }, why)),
+    element("div", { class: "acts" },
+      act("placing.save", "S", {
+        id: "placing-save", class: count > 1 && !saved ? "on" : "",
+        disabled: start.guest || count === 1, onclick: save,
+      }),
+      act("act.undo", "U", { disabled: start.guest, onclick: takeBack }),
+      act("wallis", "W",
+        { class: wallis ? "on" : "", title: word("wallis.tip"), onclick: switchWallis }),
+      act("act.fit", "F", { onclick: () => choose(scan) })),
     element("p", { class: "muted" }, saved || word("placing.hint")));
 }
 
+/** @param {number[]} pair @param {number} index */
+function pairLine(pair, index) {
+  const off = state.fit.residuals?.[index];
+  const [column, row, east, north] = pair.map((value) => number(value, 1));
+  return element("tr", {}, element("td", {}, `${index + 1}`),
+    element("td", {}, `${column}, ${row}`), element("td", {}, `${east}, ${north}`),
+    element("td", { class: "off" }, off ? number(Math.hypot(...off), 1, "m") : "\u2013"),
+    element("td", {}, element("button", {
+      class: "small", disabled: start.guest, title: word("placing.remove"),
+      onclick: () => remove(index),
+    }, "\u00d7")));
+}
+
+/** What the pairs say together. @param {number} count of pairs */
+function figures(count) {
+  const { fit } = state;
+  const [scale, pixel] = [number(fit.scale, 0), number(fit.pixel_m, 2)];
+  const values = { scale, pixel, turn: number(fit.turn_deg, 0) };
+  const shown = fit.matrix ? [element("p", {}, word("placing.figures", values))] : [];
+  if (fit.rms !== null && fit.rms !== undefined) {
+    const rms = word("placing.rms", { rms: number(fit.rms, 1), count: fit.count });
+    shown.push(element("p", {}, rms));
+  } else if (count === 2) shown.push(element("p", { class: "muted" }, word("placing.two")));
+  return shown;
+}
+
+function switchWallis() {
+  state.wallis = !state.wallis;
+  show();
+}
+
 function showRun() {
-  const ready = scans.some((one) => one.pairs.length > 1);
-  const busy = run.state === "running";
-  const bar = element("i");
-  bar.style.width = `${100 * (run.share ?? 0)}%`;
-  const lines = busy ? [element("p", {}, word("placing.stage", { place: run.place ?? 1, stages: run.stages ?? "", title: run.title ?? "" })), element("span", { class: "share" }, bar), element("p", { class: "muted" }, `${run.what ?? ""}`)]
-    : run.state === "failed" ? [element("p", { class: "doubted" }, run.why)] : run.state === "cancelled" ? [element("p", {}, word("placing.cancelled"))] : run.state === "done" ? [element("p", {}, word("placing.done"))] : [];
-  byId("placing-run").replaceChildren(element("h3", {}, word("placing.run.title")), ...lines,
-    element("div", { class: "acts" }, busy ? element("button", { disabled: start.guest, onclick: async () => { run = await post("/run/cancel"); } }, word("remake.cancel")) : element("button", { id: "placing-start", disabled: start.guest || run.state === "done", class: ready && saved ? "on" : "", onclick: begin }, word("placing.run"))),
+  const { run, saved, scans } = state;
+  const ready = scans.some((one) => one.pairs.length > 1) && saved;
+  const again = {
+    id: "placing-start", disabled: start.guest || run.state === "done",
+    class: ready ? "on" : "", onclick: begin,
+  };
+  const button = run.state === "running"
+    ? element("button", { disabled: start.guest, onclick: cancel }, word("remake.cancel"))
+    : element("button", again, word("placing.run"));
+  byId("placing-run").replaceChildren(
+    element("h3", {}, word("placing.run.title")), ...runLines(run),
+    element("div", { class: "acts" }, button),
     element("p", { class: "muted" }, word("placing.run.hint", { command: start.command })));
 }
 
+/** @param {Run} run */
+function runLines({ state: now, place = 1, stages = "", title = "", share = 0, what = "", why }) {
+  if (now === "failed") return [element("p", { class: "doubted" }, why)];
+  if (now === "cancelled") return [element("p", {}, word("placing.cancelled"))];
+  if (now === "done") return [element("p", {}, word("placing.done"))];
+  if (now !== "running") return [];
+  const bar = element("i");
+  bar.style.width = `${100 * share}%`;
+  return [element("p", {}, word("placing.stage", { place, stages, title })),
+    element("span", { class: "share" }, bar), element("p", { class: "muted" }, what)];
+}
+
 async function begin() {
-  run = await post("/run");
-  if (run.ok === false) tell(run.error, true);
+  state.run = await post("/run");
+  if (state.run.ok === false) tell(state.run.error ?? "", true);
   showRun();
   watch();
 }
 
+async function cancel() {
+  state.run = await post("/run/cancel");
+}
+
 // The desk takes this page's place once the run has gone through.
 async function watch() {
-  clearTimeout(watch.later);
+  clearTimeout(state.timers.watch);
   try {
-    run = await (await fetch("/run")).json();
-    if (JSON.stringify(run) !== told) { told = JSON.stringify(run); showRun(); }
+    const before = JSON.stringify(state.run);
+    state.run = await (await fetch("/run")).json();
+    if (JSON.stringify(state.run) !== before) showRun();
   } catch {
     const answer = await fetch("/start").catch(() => null);
     const edition = answer?.ok ? (await answer.json()).edition : start.edition;
     if (edition !== start.edition) return location.reload();
   }
-  watch.later = setTimeout(watch, run.state === "running" || run.state === "done" ? 700 : 4000);
+  const busy = state.run.state === "running" || state.run.state === "done";
+  state.timers.watch = setTimeout(watch, busy ? BUSY_MS : IDLE_MS);
 }
 
+/** @param {string} words */
 function tell(words, grave = false) {
-  const box = element("div", { class: `notice${grave ? " grave" : ""}`, onclick: () => box.remove() }, words);
+  const kind = `notice${grave ? " grave" : ""}`;
+  const box = element("div", { class: kind, onclick: () => box.remove() }, words);
   byId("notices").append(box);
   setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-function key(event) {
-  if (event.ctrlKey || event.altKey || event.metaKey || !scan) return;
-  const step = (by) => choose(scans[Math.min(Math.max(scans.indexOf(scan) + by, 0), scans.length - 1)].photo);
-  const acts = { s: save, u: takeBack, w: () => { wallis = !wallis; show(); }, f: () => choose(scan.photo), j: () => step(1), k: () => step(-1), Escape: () => { pending = {}; show(); }, Delete: () => last && remove(last.index) };
-  const arrow = ARROWS[event.key];
-  const act = arrow ? () => nudge(...arrow.map((value) => value * (event.shiftKey ? 10 : 1))) : acts[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+/** @type {Record<string, () => unknown>} */
+const ACTS = {
+  s: save, u: takeBack, w: switchWallis, j: () => step(1), k: () => step(-1), f: () => step(0),
+  Escape: () => {
+    state.pending = {};
+    show();
+  },
+  Delete: () => state.last && remove(state.last.index),
+};
+
+/** @param {number} by */
+function step(by) {
+  const { scans, scan } = state;
+  if (!scan) return;
+  choose(scans[Math.min(Math.max(scans.indexOf(scan) + by, 0), scans.length - 1)]);
+}
+
+/** @param {KeyboardEvent} event */
+function takeKey(event) {
+  if (event.ctrlKey || event.altKey || event.metaKey || !state.scan) return;
+  const [right, down] = ARROWS[event.key] ?? [0, 0];
+  const far = event.shiftKey ? 10 : 1;
+  const act = right || down ? () => nudge(far * right, far * down)
+    : ACTS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
   if (!act) return;
   event.preventDefault();
   act();
@@ -275,24 +412,30 @@ function key(event) {
 
 async function open() {
   Object.assign(start, await (await fetch("/start")).json());
-  scans = start.scans;
+  const scans = start.scans;
+  state.scans = scans;
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
-  byId("name").textContent = `${start.name} \u00b7 ${word("placing")}`;
+  byId("name").textContent = document.title;
   byId("placing-why").textContent = word("placing.why");
-  for (const name of ["scan", "ortho"]) {
-    const room = document.querySelector(`.pane[data-pane=${name}]`);
-    panes[name] = { name, room, picture: room.querySelector(".picture"), marks: room.querySelector(".marks"), label: room.querySelector(".label"), where: room.querySelector(".where") };
-    listen(panes[name], HAND);
-    new ResizeObserver(redraw).observe(room);
+  // design: from the whole picture to 40 pixels of the screen for one of it.
+  state.views = { scan: new View(0.001, 40), ortho: new View(0.001, 40 / start.ortho_pixel) };
+  for (const side of /** @type {Side[]} */ (["scan", "ortho"])) {
+    state.panes[side] = new Pane(first(`.pane[data-pane=${side}]`), state.views[side], HAND);
   }
   onTile(redraw);
   setUpTheme();
-  document.querySelector("[data-act=theme]").addEventListener("click", nextTheme);
-  window.addEventListener("keydown", key);
-  choose((scans.find((one) => one.pairs.length) ?? scans[0]).photo);
-  window.gruber = { place: () => ({ scan, fit, views, pending, run, saved }), toScreen };
+  first("[data-act=theme]").addEventListener("click", nextTheme);
+  window.addEventListener("keydown", takeKey);
+  choose(scans.find((one) => one.pairs.length) ?? scans[0]);
+  const place = () => {
+    const { scan, fit, views, pending, run, saved } = state;
+    return { scan, fit, views, pending, run, saved };
+  };
+  window.gruber = { place, toScreen: onScreen };
   watch();
 }
 
-open().catch((error) => { document.body.textContent = String(error); });
+open().catch((error) => {
+  document.body.textContent = String(error);
+});

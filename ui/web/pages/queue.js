@@ -1,149 +1,230 @@
 // The queue: a virtual table; only the rows in sight exist.
-import { byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word } from "/pages/words.js";
+import {
+  byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word,
+} from "./words.js";
+import { send } from "./wire.js";
 
-const ROW = 25;
+const ROW = 25; // as `.row` in desk.css
+const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
 const STATES = ["review", "all", "open", "dubious", "accepted", "rejected", "unused"];
-const COLUMNS = [["point", "point", ""], ["photo", "photo", ""], ["misfit", "misfit", "right"], ["score", "score", "right"], ["doubt", "doubt", ""]];
+const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
+const FIGURES = ["misfit", "score"];
+const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check"];
-const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE] = [0, 1, 2, 3, 4, 5, 6, 7];
+const LARGE_PX = 3;
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE] =
+  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7]);
 
-let rows = [];
-let order = [];
-let queue = null;
-let learnt = 0;
-let send = () => {};
-const drawn = new Map();
-// Rows to be decided together, by key; `anchor` is where a range of them begins.
-const marked = new Set();
-let anchor = -1;
-const keyOf = (index) => JSON.stringify([rows[index][POINT], rows[index][PHOTO]]);
-export const markedKeys = () => [...marked].map((key) => JSON.parse(key));
+const state = {
+  rows: /** @type {Row[]} */ ([]),
+  order: /** @type {number[]} */ ([]),
+  queue: /** @type {SiftedQueue | null} */ (null),
+  learnt: 0,
+  drawn: /** @type {Map<number, HTMLElement>} */ (new Map()),
+  /** Rows to be decided together, by key; `anchor` is where a range of them begins. */
+  marked: /** @type {Set<string>} */ (new Set()),
+  anchor: -1,
+};
+
+/** @param {number} index @returns {Key} */
+const keyOf = (index) => [state.rows[index][POINT], state.rows[index][PHOTO]];
+/** @param {number} index */
+const textOf = (index) => JSON.stringify(keyOf(index));
+
+/** @returns {Key[]} */
+export const markedKeys = () => [...state.marked].map((key) => JSON.parse(key));
 
 export function clearMarked() {
-  if (!marked.size) return false;
-  marked.clear();
-  showQueue(null, null, null);
+  if (!state.marked.size) return false;
+  state.marked.clear();
+  showQueue({});
   return true;
 }
 
-// The current row, on the way to the next one.
+/** The current row, on the way to the next one. */
 export function markCurrent() {
-  if (queue && rows[queue.current]) marked.add(keyOf(queue.current));
+  const { queue, rows, marked } = state;
+  if (queue && rows[queue.current]) marked.add(textOf(queue.current));
 }
 
-// A click goes there; with Ctrl it marks a row as well, with Shift all up to it.
+/**
+ * A click goes there; with Ctrl it marks a row as well, with Shift all up to it.
+ * @param {MouseEvent} event @param {number} index
+ */
 function pointAt(event, index) {
+  const { queue, marked, anchor } = state;
+  if (!queue) return;
   const place = queue.shown.indexOf(index);
   if (event.shiftKey) {
     const from = anchor >= 0 ? anchor : Math.max(0, queue.shown.indexOf(queue.current));
-    for (let at = Math.min(from, place); at <= Math.max(from, place); at += 1) marked.add(keyOf(queue.shown[at]));
+    const range = queue.shown.slice(Math.min(from, place), Math.max(from, place) + 1);
+    range.forEach((at) => marked.add(textOf(at)));
   } else if (event.ctrlKey || event.metaKey) {
-    if (!marked.delete(keyOf(index))) marked.add(keyOf(index));
+    if (!marked.delete(textOf(index))) marked.add(textOf(index));
   } else {
     marked.clear();
-    send({ kind: "select", key: [rows[index][POINT], rows[index][PHOTO]] });
+    send({ kind: "select", key: keyOf(index) });
   }
-  anchor = place;
-  showQueue(null, null, null);
+  state.anchor = place;
+  showQueue({});
 }
 
-export function setUpQueue(sender) {
-  send = sender;
-  for (const state of STATES) {
-    const mark = state === "all" || state === "review" ? null : stateGlyph(state === "open" ? "auto" : state, 13);
-    byId("chips").append(element("button", { class: "chip", "data-state": state, title: word(`state.${state}.long`), onclick: () => sieve({ state }) }, mark, word(`state.${state}`), element("b")));
+export function setUpQueue() {
+  for (const name of STATES) {
+    const look = /** @type {State} */ (name === "open" ? "auto" : name);
+    const mark = name === "all" || name === "review" ? null : stateGlyph(look, 13);
+    const title = word(`state.${name}.long`);
+    byId("chips").append(element("button",
+      { class: "chip", "data-state": name, title, onclick: () => sieve({ state: name }) },
+      mark, word(`state.${name}`), element("b")));
   }
-  fill("sieve-photo", [["", word("photo.all")], ...start.photos.map((name) => [name, shortName(name)])], (photo) => sieve({ photo }));
-  fill("sieve-role", [["", word("role.both")], ...KINDS.map((kind) => [kind, word(`role.${kind}`)])], (role) => sieve({ role }));
-  fill("sort-column", ["gain", "doubt", "misfit", "score", "photo", "point"].map((name) => [name, word(`sort.${name}`)]), (column) => sort(column, !["photo", "point", "score"].includes(column)));
+  const photos = start.photos.map((name) => [name, shortName(name)]);
+  fill("sieve-photo", [["", word("photo.all")], ...photos], (photo) => sieve({ photo }));
+  const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
+  fill("sieve-role", [["", word("role.both")], ...kinds], (role) => sieve({ role }));
+  const sorts = ["gain", "doubt", "misfit", "score", "photo", "point"];
+  fill("sort-column", sorts.map((name) => [name, word(`sort.${name}`)]), (column) => sort(column));
   byId("sort-column").title = word("sort.by");
   byId("sort-turn").title = word("sort.turn");
-  byId("sort-turn").addEventListener("click", () => sort(queue.sort.column, !queue.sort.descending));
+  byId("sort-turn").addEventListener("click", () => sort(state.queue?.sort.column ?? ""));
   byId("columns").append(element("span"), element("span"));
-  for (const [column, name, side] of COLUMNS) {
-    const heading = element("span", { class: side, "data-column": column, title: `${word("sort.by")}: ${word(`sort.${column}.long`)}` }, word(`column.${name}`));
-    heading.addEventListener("click", () => {
-      const same = queue.sort.column === column;
-      sort(column, same ? !queue.sort.descending : !["photo", "point", "score"].includes(column));
-    });
-    byId("columns").append(heading);
+  for (const column of COLUMNS) {
+    const side = FIGURES.includes(column) ? "right" : "";
+    const title = `${word("sort.by")}: ${word(`sort.${column}.long`)}`;
+    byId("columns").append(element("span",
+      { class: side, "data-column": column, title, onclick: () => sort(column) },
+      word(`column.${column}`)));
   }
   byId("queue-place").title = word("queue.marked.tip");
   byId("table").addEventListener("scroll", draw, { passive: true });
   new ResizeObserver(draw).observe(byId("table"));
 }
 
+/**
+ * @param {"sieve-photo" | "sieve-role" | "sort-column"} name @param {string[][]} options
+ * @param {(value: string) => void} chosen
+ */
 function fill(name, options, chosen) {
   const select = byId(name);
   for (const [value, text] of options) select.append(element("option", { value }, text));
-  select.addEventListener("change", () => { chosen(select.value); select.blur(); });
+  select.addEventListener("change", () => {
+    chosen(select.value);
+    select.blur();
+  });
 }
 
-// What a filter lets through is found here at once; the desk hears of it and moves on if need be.
+/** By the same column once more: the other way round. @param {string} column */
+function sort(column) {
+  const { sort: before } = state.queue ?? {};
+  const descending = before?.column === column ? !before.descending : !RISING.includes(column);
+  send({ kind: "sort", column, descending });
+}
+
+/**
+ * What a filter lets through is found here at once; the desk hears of it and moves on if need be.
+ * @param {Partial<Filter>} change
+ */
 function sieve(change) {
+  const { queue } = state;
+  if (!queue) return;
   const filter = { ...queue.filter, ...change };
   send({ kind: "filter", ...filter });
-  showQueue(null, { ...queue, filter }, null);
+  showQueue({ queue: { ...queue, filter } });
 }
 
-const ofKind = (row, filter) => (filter.role ? row[ROLE] === filter.role : POINTS.includes(row[ROLE])) && (!filter.photo || row[PHOTO] === filter.photo);
-const inState = (row, state) => state === "all" || (state === "review" ? row[STATE] !== "unused" : row[STATE] === (state === "open" ? "auto" : state));
+/** @param {Row} row @param {Filter} filter */
+const ofKind = (row, filter) => (!filter.photo || row[PHOTO] === filter.photo)
+  && (filter.role ? row[ROLE] === filter.role : POINTS.includes(row[ROLE]));
 
-function sifted() {
-  const counts = Object.fromEntries(STATES.map((state) => [state, 0]));
+/** @param {Row} row @param {string} wanted */
+const inState = (row, wanted) => wanted === "all"
+  || (wanted === "review" ? row[STATE] !== "unused" : stateName(row) === wanted);
+
+/** @param {Row} row */
+const stateName = (row) => (row[STATE] === "auto" ? "open" : row[STATE]);
+
+/**
+ * What a filter lets through, in order, and how many there are of each kind and state.
+ * @param {Row[]} rows @param {number[]} order @param {Filter} filter
+ */
+export function sifted(rows, order, filter) {
+  const counts = Object.fromEntries(STATES.map((name) => [name, 0]));
   const kinds = Object.fromEntries(KINDS.map((kind) => [kind, 0]));
-  const shown = [];
-  for (const index of order) {
+  const shown = order.filter((index) => {
     const row = rows[index];
-    if (!row) continue;
+    if (!row) return false;
     if (row[STATE] === "auto" || row[STATE] === "unused") kinds[row[ROLE]] += 1;
-    if (!ofKind(row, queue.filter)) continue;
+    if (!ofKind(row, filter)) return false;
     counts.all += 1;
-    counts[row[STATE] === "auto" ? "open" : row[STATE]] += 1;
+    counts[stateName(row)] += 1;
     if (row[STATE] !== "unused") counts.review += 1;
-    if (inState(row, queue.filter.state)) shown.push(index);
-  }
+    return inState(row, filter.state);
+  });
   return { counts, kinds, shown };
 }
 
-const sort = (column, descending) => send({ kind: "sort", column, descending });
-
-export function showQueue(newRows, newQueue, newOrder) {
-  const before = queue ? `${queue.current} ${queue.shown?.indexOf(queue.current)}` : "";
-  if (newRows) rows = newRows;
-  if (newOrder) order = newOrder;
-  if (newQueue) queue = newQueue;
-  if (!queue) return;
-  if (rows.length !== learnt) learnPoints([...new Set(rows.map((row) => row[POINT]))]);
-  learnt = rows.length;
-  const { counts, kinds, shown } = sifted();
-  Object.assign(queue, { counts, shown, isTaken: new Map(queue.taken ?? []) });
-  for (const option of byId("sieve-role").options) {
-    if (!POINTS.includes(option.value) && option.value) option.textContent = `${word(`role.${option.value}`)} (${kinds[option.value]})`;
-  }
-  for (const chip of byId("chips").children) {
-    chip.classList.toggle("on", chip.dataset.state === queue.filter.state);
-    chip.querySelector("b").textContent = queue.counts[chip.dataset.state];
-  }
-  byId("sieve-photo").value = queue.filter.photo;
-  byId("sieve-role").value = queue.filter.role;
-  byId("sort-column").value = queue.sort.column;
-  byId("sort-turn").textContent = queue.sort.descending ? "\u2193" : "\u2191";
-  for (const heading of byId("columns").children) heading.classList.toggle("by", heading.dataset.column === queue.sort.column);
-  const inSight = new Set(marked.size ? shown.map(keyOf) : []);
-  for (const key of marked) if (!inSight.has(key)) marked.delete(key);
-  const place = queue.shown.indexOf(queue.current);
-  byId("queue-place").classList.toggle("many", marked.size > 0);
-  byId("queue-place").textContent = marked.size ? word("queue.marked", { count: marked.size }) : word("queue.place", { here: place < 0 ? "\u2013" : place + 1, all: queue.shown.length });
-  byId("queue-empty").textContent = start.words[`queue.empty.${queue.filter.role}`] && !counts.all ? word(`queue.empty.${queue.filter.role}`) : word("queue.empty");
-  byId("queue-empty").hidden = queue.shown.length > 0;
-  byId("rows").style.height = `${queue.shown.length * ROW}px`;
-  if (before !== `${queue.current} ${place}`) intoSight(place);
-  for (const line of drawn.values()) line.dataset.stale = "1";
+/** @param {{ rows?: Row[], queue?: Queue, order?: number[] }} fresh what has changed */
+export function showQueue(fresh) {
+  const before = state.queue ? placeOf(state.queue) : "";
+  const { rows, order } = Object.assign(state, { rows: fresh.rows ?? state.rows,
+    order: fresh.order ?? state.order });
+  const told = fresh.queue ?? state.queue;
+  if (!told) return;
+  if (rows.length !== state.learnt) learnPoints([...new Set(rows.map((row) => row[POINT]))]);
+  state.learnt = rows.length;
+  const { counts, kinds, shown } = sifted(rows, order, told.filter);
+  const queue = Object.assign(told, { counts, shown, isTaken: new Map(told.taken) });
+  state.queue = queue;
+  showSieve(queue, kinds);
+  showPlace(queue);
+  byId("rows").style.height = `${shown.length * ROW}px`;
+  if (before !== placeOf(queue)) intoSight(shown.indexOf(queue.current));
+  for (const line of state.drawn.values()) line.dataset.stale = "1";
   draw();
 }
 
+/** @param {SiftedQueue} queue */
+const placeOf = ({ current, shown }) => `${current} ${shown.indexOf(current)}`;
+
+/** @param {SiftedQueue} queue @param {Record<string, number>} kinds */
+function showSieve({ counts, filter, sort: by }, kinds) {
+  for (const option of byId("sieve-role").options) {
+    const { value } = option;
+    if (value && !POINTS.includes(value)) {
+      option.textContent = `${word(`role.${value}`)} (${kinds[value]})`;
+    }
+  }
+  for (const chip of /** @type {Iterable<HTMLElement>} */ (byId("chips").children)) {
+    const name = chip.dataset.state ?? "";
+    chip.classList.toggle("on", name === filter.state);
+    chip.lastElementChild?.replaceChildren(`${counts[name]}`);
+  }
+  byId("sieve-photo").value = filter.photo;
+  byId("sieve-role").value = filter.role;
+  byId("sort-column").value = by.column;
+  byId("sort-turn").textContent = by.descending ? "\u2193" : "\u2191";
+  for (const heading of /** @type {Iterable<HTMLElement>} */ (byId("columns").children)) {
+    heading.classList.toggle("by", heading.dataset.column === by.column);
+  }
+}
+
+/** @param {SiftedQueue} queue */
+function showPlace({ current, shown, counts, filter }) {
+  const { marked } = state;
+  const inSight = new Set(marked.size ? shown.map(textOf) : []);
+  for (const key of marked) if (!inSight.has(key)) marked.delete(key);
+  const place = shown.indexOf(current);
+  const values = { here: place < 0 ? "\u2013" : place + 1, all: shown.length };
+  byId("queue-place").classList.toggle("many", marked.size > 0);
+  byId("queue-place").textContent = marked.size
+    ? word("queue.marked", { count: marked.size }) : word("queue.place", values);
+  const own = `queue.empty.${filter.role}`;
+  byId("queue-empty").textContent = word(start.words[own] && !counts.all ? own : "queue.empty");
+  byId("queue-empty").hidden = shown.length > 0;
+}
+
+/** @param {number} place */
 function intoSight(place) {
   const table = byId("table");
   if (place < 0) return;
@@ -154,12 +235,15 @@ function intoSight(place) {
 }
 
 function draw() {
+  const { queue, drawn } = state;
   if (!queue) return;
-  const table = byId("table");
-  const first = Math.max(0, Math.floor(table.scrollTop / ROW) - 4);
-  const last = Math.min(queue.shown.length, Math.ceil((table.scrollTop + table.clientHeight) / ROW) + 4);
+  const { scrollTop, clientHeight } = byId("table");
+  const first = Math.max(0, Math.floor(scrollTop / ROW) - ASIDE);
+  const last = Math.min(queue.shown.length, Math.ceil((scrollTop + clientHeight) / ROW) + ASIDE);
   for (const [place, line] of drawn) {
-    if (place < first || place >= last) { line.remove(); drawn.delete(place); }
+    if (place >= first && place < last) continue;
+    line.remove();
+    drawn.delete(place);
   }
   for (let place = first; place < last; place += 1) {
     let line = drawn.get(place);
@@ -170,31 +254,38 @@ function draw() {
       byId("rows").append(line);
     } else if (!line.dataset.stale) continue;
     delete line.dataset.stale;
-    write(line, queue.shown[place]);
+    write(line, queue.shown[place], queue);
   }
 }
 
-function write(line, index) {
-  const row = rows[index];
-  const taken = queue.isTaken.get(index);
-  const chosen = marked.has(keyOf(index));
-  const shape = JSON.stringify([row, index === queue.current, taken, chosen]);
+/** @param {HTMLElement} line @param {number} index @param {SiftedQueue} queue */
+function write(line, index, { current, isTaken }) {
+  const row = state.rows[index];
+  const taken = isTaken.get(index);
+  const chosen = state.marked.has(textOf(index));
+  const shape = JSON.stringify([row, index === current, taken, chosen]);
   if (line.dataset.shape === shape) return;
   line.dataset.shape = shape;
-  line.className = `row${index === queue.current ? " current" : ""}${row[HUMAN] ? " human" : ""}${chosen ? " marked" : ""}${taken ? " taken" : ""}`;
+  const kinds = { current: index === current, human: row[HUMAN], marked: chosen, taken };
+  const on = Object.entries(kinds).filter(([, value]) => value).map(([name]) => name);
+  line.className = ["row", ...on].join(" ");
   line.dataset.key = `${row[POINT]}|${row[PHOTO]}`;
   line.dataset.state = row[STATE];
-  line.title = `${row[POINT]} \u00b7 ${row[PHOTO]} \u00b7 ${word(`role.${row[ROLE]}`)} \u00b7 ${word(`state.${row[STATE]}.long`)}${taken ? ` \u00b7 ${word("people.here", { names: taken })}` : ""}`;
+  const [role, long] = [word(`role.${row[ROLE]}`), word(`state.${row[STATE]}.long`)];
+  const said = [row[POINT], row[PHOTO], role, long];
+  if (taken) said.push(word("people.here", { names: taken }));
+  line.title = said.join(" \u00b7 ");
   line.onclick = (event) => pointAt(event, index);
   const bar = element("i");
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;
+  const misfit = row[MISFIT] ?? 0;
+  const large = misfit > LARGE_PX && row[STATE] !== "unused" ? " large" : "";
   line.replaceChildren(
     stateGlyph(row[STATE]),
     roleGlyph(row[ROLE], 12),
     element("span", { class: "name" }, shortPoint(row[POINT])),
     element("span", { class: "scan" }, shortName(row[PHOTO])),
-    element("span", { class: `right${row[MISFIT] > 3 && row[STATE] !== "unused" ? " large" : ""}` }, number(row[MISFIT], row[MISFIT] >= 100 ? 0 : 2)),
+    element("span", { class: `right${large}` }, number(row[MISFIT], misfit >= 100 ? 0 : 2)),
     element("span", { class: "right" }, number(row[SCORE], 2)),
-    element("span", { class: "doubt" }, bar),
-  );
+    element("span", { class: "doubt" }, bar));
 }

@@ -1,20 +1,22 @@
 // Dark, light, or as the machine likes it.
-import { byId, word } from "/pages/words.js";
+import { byId, first, word } from "./words.js";
 
 const THEMES = ["dark", "light"];
 
-export function setUpTheme() { show(localStorage.getItem("gruber.theme") ?? "dark"); }
+export function setUpTheme() {
+  show(localStorage.getItem("gruber.theme") ?? "dark");
+}
 
 export function nextTheme() {
-  const now = document.documentElement.dataset.theme;
+  const now = document.documentElement.dataset.theme ?? "";
   const next = THEMES[(THEMES.indexOf(now) + 1) % THEMES.length];
   localStorage.setItem("gruber.theme", next);
   show(next);
 }
 
+/** @param {string} theme */
 function show(theme) {
   document.documentElement.dataset.theme = theme;
-  const button = document.querySelector("[data-act=theme]");
-  button.textContent = word(theme === "dark" ? "theme.light" : "theme.dark");
+  first("[data-act=theme]").textContent = word(theme === "dark" ? "theme.light" : "theme.dark");
   byId("scene").contentDocument?.documentElement?.setAttribute("data-theme", theme);
 }

@@ -1,119 +1,177 @@
 // Tiles: fetched when first needed, kept while they fit, drawn with the best that is there already.
-import { start } from "/pages/words.js";
+import { start } from "./words.js";
+
+/** @typedef {HTMLImageElement & { ready?: boolean, failed?: boolean }} Picture */
+/**
+ * Its own frame counts x right and y down in units of which `pixel` make one at level 0.
+ * @typedef {object} Layer
+ * @property {(level: number, column: number, row: number) => string} address
+ * @property {number} levels @property {number} pixel
+ */
 
 const SIDE = 256;
-const KEPT = 600;
-const TRIES = 40;
+const KEPT = 600; // design: pictures of a few screens, some 150 MB at most
+const TRIES = 40; // design: gives up after twenty seconds
 const AGAIN_MS = 500;
-const images = new Map();
-const waiting = new Set();
-const redraw = () => waiting.forEach((callback) => callback());
-export function onTile(callback) { waiting.add(callback); }
+const state = {
+  images: /** @type {Map<string, Picture>} */ (new Map()),
+  waiting: /** @type {Set<() => void>} */ (new Set()),
+};
 
-function image(address, ahead = false) {
-  let found = images.get(address);
-  if (found) {
+/** Called whenever a picture has come. @param {() => void} callback */
+export function onTile(callback) {
+  state.waiting.add(callback);
+}
+
+/** A picture, asked for if it is not there: `ready` when it is. @param {string} address */
+export function image(address, ahead = false) {
+  const { images, waiting } = state;
+  const known = images.get(address);
+  if (known) {
     images.delete(address);
-    images.set(address, found);
-    return found;
+    images.set(address, known);
+    return known;
   }
-  found = new Image();
+  /** @type {Picture} */
+  const found = new Image();
   found.decoding = "async";
   if (ahead) found.fetchPriority = "low";
-  found.onload = () => { found.ready = true; redraw(); };
+  found.onload = () => {
+    found.ready = true;
+    waiting.forEach((callback) => callback());
+  };
   let tries = 0;
-  // The ortho may still be read for the first time: a tile that is not there yet is asked for again.
+  // The ortho may still be read for the first time: a tile not there yet is asked for again.
   found.onerror = () => {
-    if (tries >= TRIES || !address.startsWith("/tiles/ortho/")) { found.failed = true; return; }
     tries += 1;
-    setTimeout(() => { if (images.has(address)) found.src = address; }, AGAIN_MS);
+    found.failed = tries > TRIES || !address.startsWith("/tiles/ortho/");
+    if (found.failed) return;
+    setTimeout(() => {
+      if (images.has(address)) found.src = address;
+    }, AGAIN_MS);
   };
   found.src = address;
   images.set(address, found);
-  while (images.size > KEPT) images.delete(images.keys().next().value);
+  while (images.size > KEPT) images.delete(/** @type {string} */ (images.keys().next().value));
   return found;
 }
 
-// A layer is {address(level, column, row), levels, pixel, limits?}; its own frame counts x right and
-// y down in units of `pixel` at level 0. `view` gives the layer coordinates of the canvas' corner and
-// css pixels per unit. True when nothing that is still to come would change it.
-export function drawLayer(context, layer, view, width, height) {
-  const { level, size, first, last } = covering(layer, view, width, height);
+/**
+ * The pyramid's level for so many pixels of the screen to a pixel of level 0.
+ * @param {number} scale @param {number} levels
+ */
+export function levelFor(scale, levels) {
+  const perPixel = scale * (globalThis.devicePixelRatio || 1);
+  // design: a tile is enlarged by 27 % at most before a finer one is taken.
+  return Math.min(levels - 1, Math.max(0, Math.floor(Math.log2(1 / perPixel) + 0.35)));
+}
+
+/**
+ * True when nothing that is still to come would change it.
+ * @param {Context} context @param {Layer} layer
+ * @param {{ x: number, y: number, scale: number }} frame layer's place in the corner, and scale
+ * @param {Pair} size
+ */
+export function drawLayer(context, layer, frame, size) {
+  const { level, side, first, last } = covering(layer, frame, size);
   context.imageSmoothingEnabled = true;
   context.imageSmoothingQuality = "high";
-  const at = (value, corner) => Math.round((value - corner) * view.scale);
+  const at = (/** @type {number} */ value, /** @type {number} */ corner) =>
+    Math.round((value - corner) * frame.scale);
   let whole = true;
-  // Tiles on whole pixels of the screen leave no seams. Where one measures, a tile lies exactly where
-  // it belongs as well, over that.
-  const exact = view.scale * layer.pixel >= 3;
-  const side = size * view.scale;
+  // Tiles on whole pixels of the screen leave no seams. Where one measures, a tile lies exactly
+  // where it belongs as well, over that.
+  const exact = frame.scale * layer.pixel >= 3;
+  const exactSide = side * frame.scale;
   for (const exactly of exact ? [false, true] : [false]) {
     for (let row = first[1]; row <= last[1]; row += 1) {
       for (let column = first[0]; column <= last[0]; column += 1) {
-        const left = at(column * size, view.x);
-        const top = at(row * size, view.y);
-        const box = exactly ? [(column * size - view.x) * view.scale, (row * size - view.y) * view.scale, side, side]
-          : [left, top, at((column + 1) * size, view.x) - left, at((row + 1) * size, view.y) - top];
-        whole = drawTile(context, layer, level, column, row, box) && whole;
+        const [x, y] = [column * side, row * side];
+        const [left, top] = [at(x, frame.x), at(y, frame.y)];
+        const box = exactly
+          ? [(x - frame.x) * frame.scale, (y - frame.y) * frame.scale, exactSide, exactSide]
+          : [left, top, at(x + side, frame.x) - left, at(y + side, frame.y) - top];
+        whole = drawTile(context, layer, [level, column, row], box) && whole;
       }
     }
   }
   return whole;
 }
 
-function covering(layer, view, width, height) {
-  const perPixel = view.scale * layer.pixel * (window.devicePixelRatio || 1);
-  const level = Math.min(layer.levels - 1, Math.max(0, Math.floor(Math.log2(1 / perPixel) + 0.35)));
-  const size = SIDE * layer.pixel * 2 ** level;
-  const first = [Math.floor(view.x / size), Math.floor(view.y / size)];
-  const last = [Math.floor((view.x + width / view.scale) / size), Math.floor((view.y + height / view.scale) / size)];
-  return { level, size, first, last };
+/**
+ * @param {Layer} layer @param {{ x: number, y: number, scale: number }} frame @param {Pair} size
+ */
+function covering(layer, frame, [width, height]) {
+  const level = levelFor(frame.scale * layer.pixel, layer.levels);
+  const side = SIDE * layer.pixel * 2 ** level;
+  const [right, low] = [frame.x + width / frame.scale, frame.y + height / frame.scale];
+  const first = [Math.floor(frame.x / side), Math.floor(frame.y / side)];
+  return { level, side, first, last: [Math.floor(right / side), Math.floor(low / side)] };
 }
 
-// Ask for the tiles of a view that will be looked at soon.
-export function fetchAhead(layer, view, width, height) {
-  const { level, first, last } = covering(layer, view, width, height);
+/**
+ * Ask for the tiles of a view that will be looked at soon.
+ * @param {Layer} layer @param {{ x: number, y: number, scale: number }} frame @param {Pair} size
+ */
+export function fetchAhead(layer, frame, size) {
+  const { level, first, last } = covering(layer, frame, size);
   for (let row = first[1]; row <= last[1]; row += 1) {
-    for (let column = first[0]; column <= last[0]; column += 1) image(layer.address(level, column, row), true);
+    for (let column = first[0]; column <= last[0]; column += 1) {
+      image(layer.address(level, column, row), true);
+    }
   }
 }
 
-function drawTile(context, layer, level, column, row, box) {
+/** @param {Context} context @param {Layer} layer @param {number[]} tile @param {number[]} box */
+function drawTile(context, layer, [level, column, row], [left, top, width, height]) {
   const tile = image(layer.address(level, column, row));
   if (tile.ready) {
-    context.drawImage(tile, ...box);
+    context.drawImage(tile, left, top, width, height);
     return true;
   }
   for (let up = 1; up <= 4 && level + up < layer.levels; up += 1) {
     const part = 2 ** up;
     const [over, down] = [Math.floor(column / part), Math.floor(row / part)];
-    const address = layer.address(level + up, over, down);
-    const coarse = images.get(address);
+    const coarse = state.images.get(layer.address(level + up, over, down));
     if (coarse?.ready) {
       const side = SIDE / part;
-      context.drawImage(coarse, (column - over * part) * side, (row - down * part) * side, side, side, ...box);
+      const [x, y] = [(column - over * part) * side, (row - down * part) * side];
+      context.drawImage(coarse, x, y, side, side, left, top, width, height);
       break;
     }
   }
   return tile.failed === true;
 }
 
-// The browser keeps tiles for a day: an address must never mean another block or another day's desk.
-const query = (wallis) => `?e=${start.edition}${wallis ? "&wallis=1" : ""}`;
+/** A place on the ortho's layer, metres from the lattice's corner. @param {Pair} ground */
+export const layerFromGround = ([east, north]) =>
+  [east - start.lattice.west, start.lattice.north - north];
 
+/** @param {Pair} place */
+export const groundFromLayer = ([x, y]) => [start.lattice.west + x, start.lattice.north - y];
+
+// The browser keeps tiles for a day: an address never means another block or another day's desk.
+const query = (/** @type {boolean} */ wallis) => `?e=${start.edition}${wallis ? "&wallis=1" : ""}`;
+
+/** @param {boolean} wallis @returns {Layer} */
 export function orthoLayer(wallis) {
   const { pixel, levels } = start.lattice;
   return { pixel, levels, address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${query(wallis)}` };
 }
 
+/** @param {string} photo @param {number} version @param {boolean} wallis @returns {Layer} */
 export function scanLayer(photo, version, wallis) {
   const { pixel, levels } = start.lattice;
-  const name = encodeURIComponent(photo);
-  return { pixel, levels, address: (l, c, r) => `/tiles/scan/${name}/${version}/${l}/${c}/${r}${query(wallis)}` };
+  const folder = `/tiles/scan/${encodeURIComponent(photo)}/${version}`;
+  return { pixel, levels, address: (l, c, r) => `${folder}/${l}/${c}/${r}${query(wallis)}` };
 }
 
+/**
+ * @param {string} photo @param {number} version @param {Pair} size @param {boolean} wallis
+ * @returns {Layer}
+ */
 export function rawLayer(photo, version, size, wallis) {
   const levels = 1 + Math.max(0, Math.ceil(Math.log2(Math.max(...size) / 512)));
-  const name = encodeURIComponent(photo);
-  return { pixel: 1, levels, address: (l, c, r) => `/tiles/raw/${name}/${version}/${l}/${c}/${r}${query(wallis)}` };
+  const folder = `/tiles/raw/${encodeURIComponent(photo)}/${version}`;
+  return { pixel: 1, levels, address: (l, c, r) => `${folder}/${l}/${c}/${r}${query(wallis)}` };
 }

@@ -1,13 +1,17 @@
 // Five steps for whoever sits down for the first time.
-import { byId, element, start, word } from "/pages/words.js";
+import { byId, element, word } from "./words.js";
 
-const STEPS = [["queue", "right"], ["panes", "left"], ["acts", "left"], ["aside", "left"], ["status", "above"]];
-let step = 0;
+const STEPS = [
+  ["queue", "right"], ["panes", "left"], ["acts", "left"], ["aside", "left"], ["status", "above"],
+];
+const GAP = 14;
+const EDGE = 8;
+const state = { step: 0 };
 
 export const tourIsNew = () => !localStorage.getItem("gruber.tour") && !navigator.webdriver;
 
 export function startTour() {
-  step = 0;
+  state.step = 0;
   show();
 }
 
@@ -17,23 +21,34 @@ function end() {
   document.querySelector(".toured")?.classList.remove("toured");
 }
 
+function next() {
+  state.step += 1;
+  show();
+}
+
 function show() {
   document.querySelector(".toured")?.classList.remove("toured");
-  if (step >= STEPS.length) return end();
-  const [place, side] = STEPS[step];
+  if (state.step >= STEPS.length) return end();
+  const [place, side] = STEPS[state.step];
   const target = byId(place);
   target.classList.add("toured");
   const box = target.getBoundingClientRect();
   const room = byId("tour");
   room.hidden = false;
-  room.replaceChildren(element("b", {}, word(`tour.${place}.title`)), element("p", {}, word(`tour.${place}`)),
-    element("footer", {}, element("span", { class: "muted" }, `${step + 1} / ${STEPS.length}`), element("span", { class: "stretch" }),
+  const go = word(state.step === STEPS.length - 1 ? "tour.done" : "tour.next");
+  room.replaceChildren(
+    element("b", {}, word(`tour.${place}.title`)), element("p", {}, word(`tour.${place}`)),
+    element("footer", {},
+      element("span", { class: "muted" }, `${state.step + 1} / ${STEPS.length}`),
+      element("span", { class: "stretch" }),
       element("button", { id: "tour-end", onclick: end }, word("tour.end")),
-      element("button", { id: "tour-next", class: "on", onclick: () => { step += 1; show(); } }, word(step === STEPS.length - 1 ? "tour.done" : "tour.next"))));
+      element("button", { id: "tour-next", class: "on", onclick: next }, go)));
   const [width, height] = [room.offsetWidth, room.offsetHeight];
-  const left = side === "right" ? box.right + 14 : side === "left" ? box.left - width - 14 : window.innerWidth / 2 - width / 2;
-  const top = side === "above" ? box.top - height - 14 : box.top + Math.min(40, box.height / 2);
-  room.style.left = `${Math.min(Math.max(8, left), window.innerWidth - width - 8)}px`;
-  room.style.top = `${Math.min(Math.max(8, top), window.innerHeight - height - 8)}px`;
+  const left = side === "right" ? box.right + GAP : side === "left" ? box.left - width - GAP
+    : window.innerWidth / 2 - width / 2;
+  const top = side === "above" ? box.top - height - GAP : box.top + Math.min(40, box.height / 2);
+  const [right, low] = [window.innerWidth - width, window.innerHeight - height];
+  room.style.left = `${Math.min(Math.max(EDGE, left), right - EDGE)}px`;
+  room.style.top = `${Math.min(Math.max(EDGE, top), low - EDGE)}px`;
   byId("tour-next").focus();
 }

@@ -1,12 +1,25 @@
-// What the page was told at the start: words, palette, lattice; and small helpers to write with them.
+// What the page was told at the start: words, palette, lattice; and how to write with them.
 
-export const start = { words: {}, keys: [], palette: { states: {} }, photos: [], lattice: null };
+/** @type {Start} */
+export const start = /** @type {any} */ ({
+  words: {}, keys: [], palette: { states: {} }, photos: [],
+});
+const state = { prefix: "", halves: /** @type {number[] | null} */ (null) };
+const COORDINATES = /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/;
 
+/** @param {string} key @param {Record<string, unknown>} values */
 export function word(key, values = {}) {
   const text = start.words[key] ?? key;
-  return text.replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
+  return text.replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
 }
 
+/**
+ * @template {keyof HTMLElementTagNameMap} T
+ * @param {T} tag
+ * @param {Record<string, any>} attributes `on...` are listeners; true, and null or false for none
+ * @param {(Node | string | null | undefined)[]} children
+ * @returns {HTMLElementTagNameMap[T]}
+ */
 export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -19,70 +32,125 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
-export const byId = (name) => document.getElementById(name);
+/**
+ * A part of a drawing: text only ever as text.
+ * @param {string} tag
+ * @param {Record<string, string | number>} attributes
+ * @param {(Node | string)[]} children
+ */
+export function svg(tag, attributes = {}, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, `${value}`);
+  made.append(...children);
+  return made;
+}
 
+/**
+ * @template {string} N
+ * @param {N} name
+ * @returns {N extends keyof Ids ? Ids[N] : HTMLElement}
+ */
+export const byId = (name) => /** @type {any} */ (document.getElementById(name));
+
+/**
+ * The first element of a selector, where the page is known to have one.
+ * @param {string} selector @param {ParentNode} within @returns {HTMLElement}
+ */
+export const first = (selector, within = document) =>
+  /** @type {HTMLElement} */ (within.querySelector(selector));
+
+/** @param {string} selector @param {ParentNode} within @returns {HTMLElement[]} */
+export const all = (selector, within = document) => [...within.querySelectorAll(selector)]
+  .map((found) => /** @type {HTMLElement} */ (found));
+
+export const focused = () => /** @type {HTMLElement | null} */ (document.activeElement);
+
+const RING = '<circle cx="8" cy="8" fill="none" stroke="C"';
+/** @type {Record<string, string>} */
 const SHAPES = {
-  circle: '<circle cx="8" cy="8" r="4.6" fill="none" stroke="C" stroke-width="2"/>',
-  disc: '<circle cx="8" cy="8" r="5.6" fill="C"/><path d="M5.2 8.2l2 2 3.6-4.2" fill="none" stroke="#0b0d10" stroke-width="1.6"/>',
+  circle: `${RING} r="4.6" stroke-width="2"/>`,
+  disc: '<circle cx="8" cy="8" r="5.6" fill="C"/>'
+    + '<path d="M5.2 8.2l2 2 3.6-4.2" fill="none" stroke="#0b0d10" stroke-width="1.6"/>',
   cross: '<path d="M4 4l8 8M12 4l-8 8" stroke="C" stroke-width="2.4" stroke-linecap="round"/>',
   diamond: '<path d="M8 2l6 6-6 6-6-6z" fill="C"/>',
   square: '<rect x="4.5" y="4.5" width="7" height="7" fill="none" stroke="C" stroke-width="1.6"/>',
   control: '<path d="M8 3l5.5 10h-11z" fill="none" stroke="C" stroke-width="1.5"/>',
   tie: '<path d="M8 3v10M3 8h10M4.5 4.5l7 7M11.5 4.5l-7 7" stroke="C" stroke-width="1.3"/>',
-  photo: '<path d="M2.5 4h11v8.5h-11zM2.5 12.5l5.5-4 5.5 4" fill="none" stroke="C" stroke-width="1.3"/>',
-  fiducial: '<circle cx="8" cy="8" r="4.5" fill="none" stroke="C" stroke-width="1.3"/><path d="M8 1.5v13M1.5 8h13" stroke="C" stroke-width="1.1"/>',
-  check: '<rect x="3.2" y="3.2" width="9.6" height="9.6" fill="none" stroke="C" stroke-width="1.5"/><circle cx="8" cy="8" r="1.3" fill="C"/>',
+  photo: '<path d="M2.5 4h11v8.5h-11zM2.5 12.5l5.5-4 5.5 4" fill="none" stroke="C"'
+    + ' stroke-width="1.3"/>',
+  fiducial: `${RING} r="4.5" stroke-width="1.3"/>`
+    + '<path d="M8 1.5v13M1.5 8h13" stroke="C" stroke-width="1.1"/>',
+  check: '<rect x="3.2" y="3.2" width="9.6" height="9.6" fill="none" stroke="C"'
+    + ' stroke-width="1.5"/><circle cx="8" cy="8" r="1.3" fill="C"/>',
 };
 
+/** @param {string} shape @param {string} colour @returns {Node} */
 export function glyph(shape, colour, size = 14) {
   const holder = document.createElement("template");
-  holder.innerHTML = `<svg class="glyph" width="${size}" height="${size}" viewBox="0 0 16 16">${SHAPES[shape].replaceAll("C", colour)}</svg>`;
-  return holder.content.firstChild;
+  const box = `width="${size}" height="${size}" viewBox="0 0 16 16"`;
+  // eslint-disable-next-line no-restricted-properties -- of constants only
+  holder.innerHTML = `<svg class="glyph" ${box}>${SHAPES[shape].replaceAll("C", colour)}</svg>`;
+  return /** @type {Node} */ (holder.content.firstChild);
 }
 
-export function stateGlyph(state, size = 14) {
-  const look = start.palette.states[state];
+/** @param {State} name */
+export function stateGlyph(name, size = 14) {
+  const look = start.palette.states[name];
   return glyph(look.glyph, look.colour, size);
 }
 
-export const roleGlyph = (role, size = 13) => glyph(role, role === "check" ? start.palette.check : "#8d97a6", size);
+/** @param {string} role */
+export const roleGlyph = (role, size = 13) =>
+  glyph(role, role === "check" ? start.palette.check : "#8d97a6", size);
 
-let prefix = "";
-
-// Scan names share a long beginning as a rule: it is left out in narrow places.
+/**
+ * Scan names share a long beginning as a rule: it is left out in narrow places.
+ * @param {string[]} names
+ */
 export function learnNames(names) {
-  prefix = "";
+  state.prefix = "";
   if (names.length < 2) return;
   let length = 0;
-  while (names.every((name) => length < name.length && name[length] === names[0][length])) length += 1;
+  while (names.every((name) => length < name.length && name[length] === names[0][length])) {
+    length += 1;
+  }
   while (length && /[0-9A-Za-z]/.test(names[0][length - 1])) length -= 1;
-  prefix = names[0].slice(0, length);
+  state.prefix = names[0].slice(0, length);
 }
 
-export const shortName = (name) => (prefix.length > 2 && name.startsWith(prefix) ? name.slice(prefix.length) : name);
+/** @param {string} name */
+export function shortName(name) {
+  const { prefix } = state;
+  return prefix.length > 2 && name.startsWith(prefix) ? name.slice(prefix.length) : name;
+}
 
-let halves = null;
-
-// Names made of two long coordinates: what all have in common at the beginning of either is left out.
+/**
+ * Names made of two long coordinates: what all have in common at the beginning is left out.
+ * @param {string[]} names
+ */
 export function learnPoints(names) {
-  const parts = names.map((name) => /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/.exec(name)).filter(Boolean);
-  halves = null;
+  const parts = names.map((name) => COORDINATES.exec(name)).filter((part) => part !== null);
+  state.halves = null;
   if (parts.length < 2) return;
-  const common = (place) => {
+  state.halves = [2, 3].map((place) => {
     let length = 0;
     const texts = parts.map((part) => part[place]);
-    while (texts.every((text) => length < text.length - 3 && text[length] === texts[0][length])) length += 1;
+    const common = (/** @type {string} */ text) =>
+      length < text.length - 3 && text[length] === texts[0][length];
+    while (texts.every(common)) length += 1;
     return length;
-  };
-  halves = [common(2), common(3)];
+  });
 }
 
+/** @param {string} name */
 export function shortPoint(name) {
   if (name.startsWith("photo ")) return word("role.photo.one");
-  const part = halves && /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/.exec(name);
+  const { halves } = state;
+  const part = halves && COORDINATES.exec(name);
   return part ? `${part[1]} ${part[2].slice(halves[0])} ${part[3].slice(halves[1])}` : name;
 }
 
+/** @param {number | null | undefined} value @param {number} digits */
 export function number(value, digits, unit = "") {
   if (value === null || value === undefined) return "\u2013";
   return value.toFixed(digits).replace("-", "\u2212") + (unit ? `\u2009${unit}` : "");

@@ -1,0 +1,69 @@
+"""What follows from an adjustment: found beside it, so that no key waits for it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
+from ui.review.adjustment_history import with_adjustment
+from ui.review.compare import redrawn, stale_photos
+from ui.review.doubtful import extra_of
+from ui.review.queue import Gains
+from ui.review.scene import Footprints, tie_vectors
+from ui.review.snapshot import DeskSnapshot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AfterAdjustment:
+    """Captured beside a block that is adjusted: finds what follows from the report."""
+
+    desk: DeskSnapshot
+    """The desk as the block was handed over."""
+    gains: Callable[[AdjustmentReport], Gains]
+    """What looking at each measurement is expected to bring."""
+    stale_m: float
+    """An ortho is stale when the photo moved by more than this on the ground, metres."""
+    footprints: Footprints
+    """Outlines found before; only one thread at a time asks for more."""
+
+    def block(self) -> Block:
+        """What is adjusted."""
+        return self.desk.state.block
+
+    def conclude(self, report: AdjustmentReport) -> DeskSnapshot:
+        """The captured desk with all that follows from the report."""
+        desk = self.desk
+        state = replace(desk.state, report=report, before=desk.state.report, adjusting=False)
+        extra = extra_of(state, desk.base, desk.recorded, desk.doubts, desk.dem)
+        state = replace(state, extra=extra)
+        drawn = redrawn(desk.drawn, state.oriented)
+        return replace(
+            desk,
+            state=state,
+            drawn=drawn,
+            stale=stale_photos(state, self.stale_m),
+            outlines=self.footprints.of(drawn, state.oriented.origin),
+            tie_vectors=tie_vectors(state),
+            table=desk.table.renewed(state, self.gains(report)),
+        )
+
+
+def adopt_adjustment(now: DeskSnapshot, found: DeskSnapshot, stale_m: float) -> DeskSnapshot:
+    """The desk as it stands now, with what follows from the newest adjustment."""
+    then = found.state
+    state = replace(
+        now.state, report=then.report, before=then.before, adjusting=False, extra=then.extra
+    )
+    # Orthos may have been made meanwhile.
+    same = now.state.made is then.made
+    fresh = replace(
+        now,
+        state=state,
+        stale=found.stale if same else stale_photos(state, stale_m),
+        drawn=found.drawn,
+        outlines=found.outlines,
+        tie_vectors=found.tie_vectors,
+        trials={},
+        adjustments=with_adjustment(now.adjustments, then.report, state),
+    )
+    return fresh.with_table(found.table)

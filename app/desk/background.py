@@ -1,0 +1,255 @@
+"""The work beside the review loop: adjusting (newest wins), measuring in scans, making orthos."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+from app.desk.messages import (
+    Adjusted,
+    Deliver,
+    Measured,
+    RemakeEnded,
+    RemakeStep,
+    Tried,
+    Work,
+)
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
+from core.doubts import Failure
+from core.errors import Cancelled, PhotogrammetryError
+from core.progress import Progress
+from ui.review.gestures import Gesture
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Notice
+
+logger = logging.getLogger(__name__)
+Adjust = Callable[[Block, Progress], AdjustmentReport]
+BEGIN_AFTER_S = 0.1
+"""An adjustment begins this much later: first the picture of what was decided goes out."""
+REPORT_EVERY_S = 0.15
+"""Progress is passed on no more often than this."""
+
+
+Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
+"""(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
+Measure = Callable[[Gesture, DeskSnapshot, Deliver], Measured]
+"""(gesture, desk, begun): measure what a gesture asks for."""
+
+
+class Worker:
+    """Adjusts captured blocks, one at a time; a newer block takes the place of an older one.
+
+    Trials wait until nothing else is to be done, and are given up as soon as there is.
+    """
+
+    def __init__(self, adjust: Adjust, deliver: Deliver) -> None:
+        self._adjust, self._deliver = adjust, deliver
+        self._wanted: _Job | None = None
+        self._trial: _Job | None = None
+        self._closed = False
+        self._change = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="adjustment", daemon=True)
+
+    def start(self) -> None:
+        """Begin to wait for work."""
+        self._thread.start()
+
+    def submit(self, work: Work) -> None:
+        """Adjust this next; whatever is being adjusted now is given up."""
+        with self._change:
+            self._wanted, self._trial = _Job(work), None
+            self._change.notify()
+
+    def try_out(self, work: Work) -> None:
+        """Adjust this when there is time, in place of an earlier trial."""
+        with self._change:
+            self._trial = _Job(work, trial=True)
+            self._change.notify()
+
+    def close(self) -> None:
+        """Give up and end the thread."""
+        with self._change:
+            self._closed = True
+            self._change.notify()
+        self._thread.join(timeout=10)
+
+    def overtaken(self, job: "_Job") -> bool:
+        """True when a job need not be finished."""
+        newer = self._wanted is not None or (job.trial and self._trial is not None)
+        return self._closed or newer
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._wanted or self._trial or self._closed)
+                self._change.wait_for(lambda: self._closed, timeout=BEGIN_AFTER_S)
+                if self._closed:
+                    return
+                if self._wanted is not None:
+                    job, self._wanted = self._wanted, None
+                else:
+                    job, self._trial = self._trial, None
+            if job is not None:
+                self._one(job)
+
+    def _one(self, job: "_Job") -> None:
+        begun, conclusion = time.perf_counter(), None
+        progress = _UntilNewer(self, job)
+        try:
+            block = job.work.block()
+            result = Failure("there is nothing to adjust")
+            if block is not None:
+                result = self._adjust(block, progress)
+                progress.report(1.0, 1.0)
+                conclusion = job.work.conclude(result)
+        except Cancelled:
+            return
+        except PhotogrammetryError as error:
+            result = Failure(str(error))
+        except Exception as error:
+            # Whatever went wrong, the desk must go on with the numbers it has.
+            logger.exception("The adjustment failed.")
+            result = Failure(f"{type(error).__name__}: {error}")
+        if job.trial:
+            self._deliver(Tried(job.work, conclusion))
+        else:
+            self._deliver(Adjusted(job.work, result, time.perf_counter() - begun, conclusion))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """Captured work."""
+
+    work: Work
+    trial: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _UntilNewer:
+    """Progress that stops a job once a newer one waits."""
+
+    worker: Worker
+    job: _Job
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Accept the report; raise when the job is overtaken."""
+        if self.worker.overtaken(self.job):
+            raise Cancelled
+
+
+class Measurer:
+    """Measures in scans in a thread of its own, one gesture after the other."""
+
+    def __init__(self, measure: Measure, deliver: Deliver) -> None:
+        self._measure, self._deliver = measure, deliver
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="measuring")
+
+    def measure(self, gesture: Gesture, desk: DeskSnapshot) -> None:
+        """Begin; what comes of it is delivered."""
+        self._pool.submit(self._run, gesture, desk)
+
+    def close(self) -> None:
+        """Give up what has not begun."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _run(self, gesture: Gesture, desk: DeskSnapshot) -> None:
+        try:
+            found = self._measure(gesture, desk, self._deliver)
+        except PhotogrammetryError as error:
+            found = _not_measured(gesture, str(error))
+        except Exception as error:
+            logger.exception("What a gesture asked for could not be measured.")
+            found = _not_measured(gesture, f"{type(error).__name__}: {error}")
+        self._deliver(found)
+
+
+def _not_measured(gesture: Gesture, why: str) -> Measured:
+    return Measured(gesture.seat_id, None, Notice("notice.not-done", {"why": why}, grave=True))
+
+
+class Remaker:
+    """Makes orthos again in a thread of its own, so that deciding goes on meanwhile."""
+
+    def __init__(self, remake: Remake, deliver: Deliver) -> None:
+        self._remake, self._deliver = remake, deliver
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def busy(self) -> bool:
+        """True while orthos are being made."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
+        """Begin; only one making at a time."""
+        if self.busy:
+            return
+        self._stop.clear()
+        self._thread = threading.Thread(
+            target=self._run, args=(photo_ids, report), name="orthos", daemon=True
+        )
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Ask it to stop at its next report."""
+        self._stop.set()
+
+    def close(self) -> None:
+        """Stop and wait."""
+        self.cancel()
+        if self._thread is not None:
+            self._thread.join(timeout=30)
+
+    def _run(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
+        failure, cancelled = "", False
+        try:
+            self._remake(photo_ids, _Watched(self._stop, self._deliver), report)
+        except Cancelled:
+            cancelled = True
+        except PhotogrammetryError as error:
+            failure = str(error)
+        except Exception as error:
+            logger.exception("Making orthos failed.")
+            failure = f"{type(error).__name__}: {error}"
+        self._deliver(RemakeEnded(photo_ids, report, failure, cancelled))
+
+
+class _Watched:
+    """Progress that is passed on with an estimate of the time left, and can be stopped."""
+
+    def __init__(self, stop: threading.Event, deliver: Deliver) -> None:
+        self._stop, self._deliver = stop, deliver
+        self._begun = time.perf_counter()
+        self._told = 0.0
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Pass the report on; raise when asked to stop."""
+        if self._stop.is_set():
+            raise Cancelled
+        now = time.perf_counter()
+        if now - self._told < REPORT_EVERY_S and done < total:
+            return
+        self._told = now
+        share = done / total if total else 0.0
+        left = (now - self._begun) * (1 - share) / share if share > 0.02 else None
+        self._deliver(RemakeStep(done, total, what, left))
+
+
+def survived(function: Callable[[Any], None], argument: Any) -> str:
+    """Run a function and log what goes wrong; the words of the error, empty when all went well.
+
+    For threads that must not end: an error in one gesture must not take the desk away.
+    """
+    try:
+        function(argument)
+    except PhotogrammetryError as error:
+        logger.warning("%s", error)
+        return str(error)
+    except Exception as error:
+        logger.exception("%s could not be handled.", type(argument).__name__)
+        return f"{type(error).__name__}: {error}"
+    return ""

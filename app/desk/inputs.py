@@ -1,0 +1,332 @@
+"""The review desk of a block that has been run: what it works on, and what it may set off."""
+
+import io
+import os
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol, cast
+
+import numpy as np
+
+from app.block_input import described
+from app.change_layer import make_change
+from app.desk.background import Adjust, Remake
+from app.project import Project
+from app.protocol import terrain_of
+from app.run import Run, RunOptions, make_mosaic, make_orthos, write_all
+from app.scan_files import ScanFiles
+from app.terminal import JsonLines
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import SILENT, adjust_block
+from core.adjustment.expected_gain import Gain, expected_gains
+from core.adjustment.influence import influence_of
+from core.adjustment.terrain import Terrain
+from core.arrays import ObjectPoints
+from core.block import Block, Photo
+from core.control.likeness import Likeness, likeness_about, search_options
+from core.control.stage import ControlFound, adjusted_without_gross
+from core.doubts import Doubt, Failure
+from core.errors import ProjectError
+from core.geometry.camera import Camera
+from core.georeference.stage import Georeferenced
+from core.localisation.photo_orientation import OrientationOptions
+from core.localisation.stage import Localised
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference, open_reference
+from core.progress import Part, Progress
+from core.raster.scan_file import ScanFile
+from core.results import BlockInput
+from core.scans.stage import ScanSet
+from sessions.session import HIDDEN, Session
+from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
+from ui.review.initial_state import NOTHING_INITIAL, InitialState
+from ui.review.queue import Gains
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import DeskState, Made
+from ui.review.tiles import OrthoSource, ScanWindow
+from ui.views.terrain import SurfaceSource, TerrainOptions
+
+SEARCH_M = 12.0
+"""How far about the expected place reference and scan are compared, metres."""
+MOSAIC_WORK = 2.0
+"""Making the mosaic takes about as long as this many orthos."""
+
+
+class DeskDem(HeightSource, SurfaceSource, Protocol):
+    """What the desk asks of a DEM."""
+
+
+def keep_nothing(report: AdjustmentReport) -> None:
+    """Adjustments are not kept."""
+
+
+def no_gains(report: AdjustmentReport) -> Gains:
+    """Nothing is known of what looking at a measurement brings."""
+    return {}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeskInputs:
+    """Everything the desk works on; the caller owns and closes the session."""
+
+    name: str
+    """Of the block, for the title."""
+    block: Block
+    """The block as the engine left it, before any decision."""
+    report: AdjustmentReport
+    """The last adjustment: the numbers shown first."""
+    session: Session
+    """Memory."""
+    ortho: OrthoSource
+    """Reference ortho."""
+    dem: DeskDem
+    """Heights of the ground."""
+    adjust: Adjust
+    """(block, progress) -> report."""
+    remake: Remake
+    """(photo_ids, progress, report): orthos of these photos and the mosaic, made again."""
+    read_scan: ScanWindow = field(default_factory=ScanFiles)
+    """(path, column, row, columns, rows, reduction) -> grey values."""
+    made: Made | None = None
+    """What the orthos on disk were made with; the orientations of `report` by default."""
+    written: bool = True
+    """False when tables and report on disk are older than the decisions."""
+    operator: str = "operator"
+    """Who decides."""
+    host: str = "127.0.0.1"
+    """Address to listen on."""
+    port: int = 0
+    """Port to listen on; 0 takes any that is free."""
+    stale_m: float = 0.1
+    """An ortho is stale once its photo moved by more than this on the ground, metres."""
+    language: str = "en"
+    """Of the words on the pages."""
+    adopted: Callable[[AdjustmentReport], None] = keep_nothing
+    """Told of every adjustment the desk shows."""
+    terrain: TerrainOptions = field(default_factory=TerrainOptions)
+    """How fine the drape is."""
+    likeness: LikenessSource | None = None
+    """Compares reference and scan; None where there is nothing to compare with."""
+    token: str = ""
+    """Secret of the desk; a new one when empty."""
+    template_m: float = 0.0
+    """Half the side of the patches the engine compared, metres; 0 when it compared none."""
+    doubts: tuple[Doubt, ...] = ()
+    """What the engine was unsure of."""
+    reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
+    """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    initial: InitialState = NOTHING_INITIAL
+    """What the photos began from: scans as they were found."""
+    choose: Callable[[bool, bool], None] | None = None
+    """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
+    gains: Callable[[AdjustmentReport], Gains] = no_gains
+    """What looking at each measurement is expected to bring in an adjustment."""
+    results: Path | None = None
+    """Folder of tables and report, to be read and taken away from the desk."""
+
+
+def first_state(desk: DeskInputs) -> DeskState:
+    """The block and its adjustment as the desk opens."""
+    made = made_with(desk.report.block) if desk.made is None else desk.made
+    return DeskState(desk.block, desk.report, made=made, written=desk.written)
+
+
+def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
+    """All that the desk knows as it opens."""
+    state = first_state(desk)
+    drawn = drawn_from_block(state.oriented)
+    return DeskSnapshot(desk.block, state, desk.dem, drawn, desk.initial, desk.doubts)
+
+
+def desk_inputs(
+    project: Project, session: Session, operator: str, host: str, port: int
+) -> DeskInputs:
+    """Everything the desk needs of a block.
+
+    Raises:
+        ProjectError: The block has not been run as far as its control points.
+    """
+    given = described(project)
+    assembly = cast("ControlFound | None", session.products.latest_value("control"))
+    placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
+    localised = cast("Localised | None", session.products.latest_value("localisation"))
+    if assembly is None or placed is None:
+        raise ProjectError(
+            project.file,
+            "the block has no control points to review yet.",
+            f"Run it first: gruber run {project.folder}",
+        )
+    scans = ScanFiles(project.folder)
+    files = given.reference
+    reference = open_reference(files, placed.block.search_bounds)
+    block = assembly.report.block
+    terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
+    adjusting = Adjusting(given.adjustment, terrain)
+    initial = initial_state_of(given, session, placed)
+    report = adjusting(session.replayed(block, initial.films))
+    latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
+    return DeskInputs(
+        name=project.block.name,
+        block=block,
+        report=report,
+        session=session,
+        ortho=reference.ortho,
+        dem=reference.dem,
+        read_scan=scans,
+        adjust=adjusting,
+        choose=adjusting.choose,
+        gains=adjusting.gains,
+        initial=initial,
+        doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
+        reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
+        results=session.results,
+        remake=OrthoMaker(project, reference, operator),
+        made=ortho_orientations(session, block if latest is None else latest.block),
+        written=latest is not None and same_results(latest, report),
+        operator=operator,
+        host=host,
+        port=port,
+        likeness=Comparing(reference, given.control.orientation, scans.opened),
+        token=lasting_token(project.folder / HIDDEN),
+        template_m=template_m(
+            report.block, reference.ortho.ground_sample_distance_m, given.control.orientation
+        ),
+    )
+
+
+def initial_state_of(given: BlockInput, session: Session, placed: Georeferenced) -> InitialState:
+    """What the photos began from, as the last run kept it."""
+    scans = cast("ScanSet | None", session.products.latest_value("scans"))
+    pixels_mm = {scan.path.stem: scan.scan_pixel_um / 1000 for scan in given.scans}
+    sources = {name: str(found.source) for name, found in placed.approximations.items()}
+    exterior = {name: photo.exterior for name, photo in placed.block.photos.items()}
+    if scans is None:
+        return InitialState({}, pixels_mm, sources, placed.set_aside, exterior)
+    set_aside = {**scans.set_aside, **placed.set_aside}
+    return InitialState(scans.oriented, pixels_mm, sources, set_aside, exterior)
+
+
+class Adjusting:
+    """The adjustment that `gruber run` would make of a block, or one that is chosen otherwise."""
+
+    def __init__(self, options: AdjustmentOptions, terrain: Terrain | None = None) -> None:
+        self._given = self._options = options
+        self._terrain = terrain
+
+    def __call__(self, block: Block, progress: Progress = SILENT) -> AdjustmentReport:
+        """Adjust until no gross error is left."""
+        options = self._options
+        if not options.robust:
+            return adjust_block(block, options, progress, self._terrain)
+        return adjusted_without_gross(block, options, progress, self._terrain)
+
+    def gains(self, report: AdjustmentReport) -> dict[tuple[str, str], Gain]:
+        """What looking at each control measurement is expected to bring."""
+        influence = influence_of(report, self._options, SILENT, self._terrain)
+        return {} if influence is None else expected_gains(influence)
+
+    def choose(self, cameras: bool, robust: bool) -> None:
+        """Estimate the cameras or not, look for gross errors or not, from now on."""
+        free = cameras and self._given.estimate_cameras
+        self._options = replace(self._given, estimate_cameras=free, robust=robust)
+
+
+def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
+    """True when two adjustments come to the same tables."""
+    states = [
+        {key: item.status for key, item in report.block.measurements.items()}
+        for report in (one, other)
+    ]
+    return one.sigma_nought == other.sigma_nought and states[0] == states[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparing:
+    """Compares reference and scan about a point, as the engine does when it proposes control."""
+
+    reference: Reference
+    """Ortho and heights."""
+    orientation: OrientationOptions
+    """Sizes of the patches."""
+    open_scan: Callable[[Path], ScanFile]
+    """Scans by their path."""
+
+    def __call__(self, photo: Photo, camera: Camera, position: ObjectPoints) -> Likeness | Failure:
+        """How alike both are about a position (1, 3)."""
+        opened = OpenPhoto(photo, camera, self.open_scan(photo.scan))
+        options = search_options(opened, self.reference, self.orientation, SEARCH_M)
+        pixel = photo.pixel_from_object(position, camera)
+        return likeness_about(opened, self.reference, pixel, options)
+
+
+class OrthoMaker:
+    """Makes orthos, mosaic, tables and report again from the desk's worker thread."""
+
+    def __init__(self, project: Project, reference: Reference, operator: str) -> None:
+        self.project, self.reference, self.operator = project, reference, operator
+
+    def __call__(
+        self, photo_ids: Sequence[str], progress: Progress, report: AdjustmentReport
+    ) -> None:
+        """Orthos of these photos, then the mosaic and all that is written beside it."""
+        orthos_end = len(photo_ids) / (len(photo_ids) + MOSAIC_WORK)
+        with Session.open(self.project.folder, self.operator) as session, session.running():
+            orthos = make_orthos(
+                session,
+                self.project,
+                report.block,
+                self.reference.dem,
+                Part(progress, 0.0, orthos_end),
+                only=frozenset(photo_ids),
+            )
+            mosaic = make_mosaic(session, orthos, Part(progress, orthos_end, 0.92))
+            change = make_change(session, self.project, mosaic, Part(progress, 0.92, 0.97))
+            progress.report(0.97, 1.0, "results")
+            walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
+            walk.stand_in(report, mosaic, change)
+            write_all(session, walk.content(), self.reference.dem)
+            decisions = [recorded.decision_id for recorded in session.decisions()]
+            products = session.products
+            products.save_value("adjustment", products.digest_of("desk", decisions), report)
+            walk.threads.close()
+
+
+def ortho_orientations(session: Session, adjusted: Block) -> Made:
+    """What each ortho on disk was made with; the adjusted block where that was not kept."""
+    made: dict[str, tuple[Photo, Camera]] = {}
+    for name, photo in adjusted.photos.items():
+        kept = cast(
+            "tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}")
+        )
+        made[name] = kept or (photo, adjusted.camera_of(name))
+    return made
+
+
+def template_m(block: Block, ortho_gsd_m: float, options: OrientationOptions) -> float:
+    """Half the side of the patches that were compared, metres on the ground; 0 without photos."""
+    sides: list[float] = []
+    for name, photo in block.photos.items():
+        pixel = photo.ground_pixel_m(block.camera_of(name))
+        finest = max(options.finest_gsd_m, pixel, ortho_gsd_m)
+        reduction = max(1, int(np.floor(finest / pixel + 0.25)))
+        sides.append(options.template_half_px * reduction * pixel)
+    return float(np.median(sides)) if sides else 0.0
+
+
+def lasting_token(hidden: Path) -> str:
+    """The desk's secret, kept for its owner only, so that pages find a desk opened again."""
+    path = hidden / "desk-token"
+    try:
+        kept = path.read_text(encoding="ascii").strip()
+        if len(kept) >= 32:
+            return kept
+        path.unlink()
+    except (FileNotFoundError, UnicodeDecodeError):
+        path.unlink(missing_ok=True)
+    token = secrets.token_urlsafe(24)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(token)
+    return token

@@ -1,0 +1,324 @@
+"""The one thread that owns session, state and screen: gesture in, picture out, in order."""
+
+import queue
+import threading
+from dataclasses import replace
+from typing import Any, Literal
+
+from app.desk.after_adjustment import AfterAdjustment, adopt_adjustment
+from app.desk.background import Measurer, Remaker, Worker, survived
+from app.desk.inputs import DeskInputs, first_snapshot
+from app.desk.measuring import MeasuringTool, is_overtaken, next_name, notice_of_point, with_name
+from app.desk.messages import (
+    Adjusted,
+    Closed,
+    Event,
+    Measured,
+    MeasuringBegun,
+    RemakeEnded,
+    RemakeStep,
+    SceneOpened,
+    Screen,
+    SeatLeft,
+    SeatTaken,
+    Tried,
+)
+from core.doubts import Failure
+from sessions.decisions import AddPoint, Decision, Recorded, Withdraw, standing
+from ui.review.adjustment_history import with_adjustment
+from ui.review.compare import stale_photos, with_made
+from ui.review.doubtful import extra_of
+from ui.review.gestures import Freed, Gesture
+from ui.review.history import gives_reason, key_of, subject_of, touched_by
+from ui.review.outcome import Act, outcome_of
+from ui.review.pages import Pages
+from ui.review.queue import seat_down
+from ui.review.scene import Footprints, readable_scale, tie_vectors
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Key, Notice, Remaking, SceneOptions, Seat
+from ui.review.trial import Trial, TrialWork
+
+
+class ReviewLoop:
+    """Takes events in order, one at a time; nothing else changes what the desk knows."""
+
+    def __init__(
+        self, inputs: DeskInputs, screen: Screen, inbox: "queue.SimpleQueue[Event] | None" = None
+    ) -> None:
+        self._inputs, self._screen, self._session = inputs, screen, inputs.session
+        self._inbox: queue.SimpleQueue[Event] = inbox or queue.SimpleQueue()
+        self._now = first_snapshot(inputs)
+        self._pages, self._footprints = Pages(), Footprints(inputs.dem)
+        self._scenes: set[str] = set()
+        self._last: Recorded | None = None
+        self._replay_due = self._adjust_due = False
+        self._work: AfterAdjustment | None = None
+        self._trial: TrialWork | None = None
+        self._worker = Worker(inputs.adjust, self.submit)
+        self._remaker = Remaker(inputs.remake, self.submit)
+        tool = MeasuringTool(inputs.likeness, inputs.reference_sigma_m)
+        self._measurer = Measurer(tool, self.submit)
+        self._thread = threading.Thread(target=self._run, name="review", daemon=True)
+
+    def start(self) -> None:
+        """Begin: lay earlier decisions over the block, and adjust if there are any."""
+        now, state = self._now, self._now.state
+        self._screen.publish(now.drawn)
+        self._now = replace(
+            now,
+            table=now.table.renewed(state, self._inputs.gains(state.report)),
+            stale=stale_photos(state, self._inputs.stale_m),
+            outlines=self._footprints.of(now.drawn, state.oriented.origin),
+            tie_vectors=tie_vectors(state),
+            adjustments=with_adjustment((), state.report, state),
+        )
+        self._replay()
+        self._worker.start()
+        if self._now.state.decided:
+            self._change_state(adjusting=True)
+            self._adjust()
+        self._thread.start()
+
+    def submit(self, event: Event) -> None:
+        """Hand in an event, from any thread."""
+        self._inbox.put(event)
+
+    def close(self) -> None:
+        """Stop the work beside it, and end after what is already in the inbox."""
+        self._remaker.close()
+        self._worker.close()
+        self._measurer.close()
+        self._inbox.put(Closed())
+        self._thread.join(timeout=10)
+
+    def _run(self) -> None:
+        while True:
+            event = self._inbox.get()
+            if isinstance(event, Closed):
+                return
+            failures = survived(self._handle, event), survived(self._catch_up, event)
+            for failure in filter(None, failures):
+                self._screen.tell("", Notice("notice.not-done", {"why": failure}, grave=True))
+
+    def _handle(self, event: Event) -> None:
+        match event:
+            case SeatTaken() | SeatLeft() | SceneOpened():
+                self._take_page(event)
+            case Adjusted():
+                self._take_adjustment(event)
+            case Tried():
+                self._take_trial(event)
+            case MeasuringBegun():
+                self._screen.tell(event.seat_id, event.notice)
+            case Measured():
+                self._take_measured(event)
+            case RemakeStep():
+                self._take_remake_step(event)
+            case RemakeEnded():
+                self._take_remake(event)
+            case Closed():
+                pass
+            case gesture:
+                self._take_gesture(gesture)
+
+    def _catch_up(self, event: Event) -> None:
+        """After every event: new decisions over the block, the picture, then the background."""
+        if self._replay_due:
+            self._replay()
+            self._change_state(adjusting=True, written=False)
+            self._adjust_due = True
+        # Who acted sees it first.
+        first = getattr(event, "seat_id", "")
+        seats = sorted(self._now.present_seats(), key=lambda seat: seat.seat_id != first)
+        for seat in seats:
+            if parts := self._pages.changed_parts(seat, self._now):
+                self._screen.show(seat.seat_id, parts)
+        if self._adjust_due:
+            self._adjust_due = False
+            self._adjust()
+        for seat in seats:
+            drawn = seat.seat_id in self._scenes
+            if drawn and (picture := self._pages.changed_scene(seat, self._now)):
+                self._screen.scene(seat.seat_id, picture, seat, self._now.state.oriented)
+        self._try_out([seat.current for seat in seats if seat.current])
+
+    def _replay(self) -> None:
+        """Lay all decisions that stand over the block as the engine left it."""
+        self._replay_due = False
+        now, recorded = self._now, self._session.decisions()
+        plain = [item for item in standing(recorded) if not isinstance(item.decision, Withdraw)]
+        block = self._session.replayed(now.base, now.initial.films)
+        state = replace(now.state, block=block, decided=len(plain))
+        extra = extra_of(state, now.base, recorded, now.doubts, now.dem)
+        state = replace(state, extra=extra)
+        table = now.table.with_changes(now.state, state)
+        self._now = replace(now, state=state, recorded=recorded).with_table(table)
+
+    def _adjust(self) -> None:
+        """Capture the desk and hand it to the worker, in place of what it may be doing."""
+        inputs = self._inputs
+        self._work = AfterAdjustment(self._now, inputs.gains, inputs.stale_m, self._footprints)
+        self._trial = None
+        self._worker.submit(self._work)
+
+    def _try_out(self, keys: list[Key]) -> None:
+        """Find out what turning a measurement would do, while somebody looks at it."""
+        if self._now.state.adjusting:
+            return
+        wanted = [key for key in keys if key not in self._now.trials]
+        if wanted and (self._trial is None or self._trial.key not in wanted):
+            self._trial = TrialWork(self._now.state, wanted[0])
+            self._worker.try_out(self._trial)
+
+    def _take_page(self, event: SeatTaken | SeatLeft | SceneOpened) -> None:
+        """A page or a scene was opened, or the last page of a seat closed."""
+        seat_id, present = event.seat_id, self._now.present
+        match event:
+            case SeatTaken():
+                self._seat(seat_id)
+                self._now = replace(self._now, present=present | {seat_id})
+            case SeatLeft():
+                self._now = replace(self._now, present=present - {seat_id})
+            case SceneOpened():
+                self._scenes.add(seat_id)
+        self._pages.forget(seat_id)
+
+    def _take_gesture(self, gesture: Gesture) -> None:
+        """What a gesture comes to: the decision on the disk before anything else."""
+        outcome = outcome_of(gesture, self._seat(gesture.seat_id), self._now)
+        seat = outcome.seat
+        if outcome.decision is not None:
+            self._record(outcome.decision, seat.operator, outcome.act == "amend")
+        self._now = self._now.with_seat(seat)
+        if outcome.notice is not None:
+            self._screen.tell(seat.seat_id, outcome.notice)
+        if outcome.act:
+            self._do(outcome.act, gesture, seat)
+
+    def _record(self, decision: Decision, operator: str, amends: bool = False) -> None:
+        """Only once it is on disk does anything else happen."""
+        last = self._last
+        if amends and last is not None and gives_reason(last.decision, decision):
+            # The reason belongs to the rejection just made: one decision, one undo.
+            self._session.undo(operator)
+        self._last = self._session.record(decision, seen=self._now.state.block, operator=operator)
+        self._replay_due = True
+
+    def _do(self, act: Act, gesture: Gesture, seat: Seat) -> None:
+        state = self._now.state
+        match act:
+            case "measure":
+                self._measurer.measure(gesture, self._now)
+            case "free" if isinstance(gesture, Freed) and self._inputs.choose is not None:
+                self._inputs.choose(gesture.cameras, gesture.robust)
+                self._change_state(free=(gesture.cameras, gesture.robust), adjusting=True)
+                self._adjust_due = True
+            case "undo" | "redo":
+                self._turn_back(act, seat)
+            case "remake":
+                self._remake(seat)
+            case "cancel" if state.remaking is not None:
+                self._remaker.cancel()
+                self._change_state(remaking=replace(state.remaking, cancelling=True))
+            case "fit whole" | "fit current":
+                self._screen.fit(seat.seat_id, seat, state.oriented, act == "fit whole")
+            case _:
+                pass
+
+    def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
+        """Undo or redo the operator's own last decision, and look at what it was about."""
+        turn = self._session.undo if act == "undo" else self._session.redo
+        recorded = turn(seat.operator)
+        if recorded is None:
+            self._screen.tell(seat.seat_id, Notice(f"notice.nothing-to-{act}"))
+            return
+        self._last, self._replay_due = None, True
+        touched = touched_by(recorded, self._session.decisions())
+        if touched is None:
+            return
+        key = key_of(touched.decision, self._now.state.extra)
+        if key is not None:
+            self._now = self._now.with_seat(replace(seat, current=key))
+        about = " \u00b7 ".join(key) if key else subject_of(touched.decision)
+        text = f"notice.{act}.{type(touched.decision).__name__}"
+        self._screen.tell(seat.seat_id, Notice(text, {"what": about}))
+
+    def _take_measured(self, event: Measured) -> None:
+        """Record what was measured, unless somebody decided otherwise about it meanwhile."""
+        decision, notice, seat = event.decision, event.notice, self._seat(event.seat_id)
+        if isinstance(decision, AddPoint):
+            if decision.point_id in self._now.state.block.surveyed:
+                # Two were asked for before either was found: the second takes the next name.
+                decision = with_name(decision, next_name(self._now.state, self._now.recorded))
+                notice = notice_of_point(decision)
+            best = max(decision.measured, key=lambda item: item.score)
+            seat = replace(seat, current=best.key)
+        elif decision and is_overtaken(decision, self._now.recorded[event.known :]):
+            return
+        if decision is not None:
+            self._record(decision, seat.operator)
+            self._now = self._now.with_seat(seat)
+        self._screen.tell(event.seat_id, notice)
+
+    def _take_adjustment(self, event: Adjusted) -> None:
+        if event.work is not self._work:
+            return
+        if isinstance(event.result, Failure):
+            self._change_state(adjusting=False)
+            why = {"why": event.result.reason}
+            self._screen.tell("", Notice("notice.adjustment-failed", why, grave=True))
+            return
+        assert isinstance(event.conclusion, DeskSnapshot), "asked for with every block"
+        self._now = adopt_adjustment(self._now, event.conclusion, self._inputs.stale_m)
+        self._screen.publish(self._now.drawn)
+        self._inputs.adopted(event.result)
+
+    def _take_trial(self, event: Tried) -> None:
+        trial, found = self._trial, event.conclusion
+        if trial is None or event.work is not trial:
+            return
+        assert found is None or isinstance(found, Trial), "asked for with every trial"
+        self._trial = None
+        self._now = replace(self._now, trials={**self._now.trials, trial.key: found})
+
+    def _remake(self, seat: Seat) -> None:
+        state, stale = self._now.state, self._now.stale
+        if self._remaker.busy:
+            return
+        if state.written and not stale:
+            self._screen.tell(seat.seat_id, Notice("notice.remake-none"))
+            return
+        self._change_state(remaking=Remaking())
+        self._remaker.start(stale, state.report)
+
+    def _take_remake_step(self, step: RemakeStep) -> None:
+        before = self._now.state.remaking
+        cancelling = before is not None and before.cancelling
+        remaking = Remaking(step.done, step.total, step.what, step.seconds_left, cancelling)
+        self._change_state(remaking=remaking)
+
+    def _take_remake(self, ended: RemakeEnded) -> None:
+        state = replace(self._now.state, remaking=None)
+        if ended.failure:
+            notice = Notice("notice.remake-failed", {"why": ended.failure}, grave=True)
+        elif ended.cancelled:
+            notice = Notice("notice.remake-cancelled")
+        else:
+            oriented = replace(state, report=ended.made_with).oriented
+            written = ended.made_with is state.report and not state.adjusting
+            state = replace(with_made(state, ended.photo_ids, oriented), written=written)
+            notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
+        stale = stale_photos(state, self._inputs.stale_m)
+        self._now = replace(self._now, state=state, stale=stale)
+        self._screen.tell("", notice)
+
+    def _change_state(self, **changes: Any) -> None:
+        self._now = replace(self._now, state=replace(self._now.state, **changes))
+
+    def _seat(self, seat_id: str) -> Seat:
+        if seat_id not in self._now.seats:
+            scene = SceneOptions(vector_scale=readable_scale(self._now.state))
+            fresh = Seat(seat_id, self._inputs.operator, scene=scene)
+            seated = seat_down(fresh, self._now.rows, self._now.taken(seat_id))
+            self._now = self._now.with_seat(seated)
+        return self._now.seats[seat_id]

@@ -1,0 +1,254 @@
+"""Places measured in scans because a gesture asked: read and computed beside the review thread."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.desk.messages import Deliver, Measured, MeasuringBegun
+from core.block import Measurement, Peak
+from core.control.likeness import OPERATOR, Likeness
+from core.doubts import Failure
+from core.scans.centring import Centre
+from core.scans.snapping import Example, snap_mark
+from sessions.decisions import Accept, AddPoint, Place, PlaceFiducial, Recorded
+from sessions.replay import HAND_SIGMA_PX
+from ui.review.compare import HeightSource, LikenessSource, PlanePoints
+from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
+from ui.review.initial_state import InitialState
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import DeskState, Notice
+
+NAME = re.compile(r"H(\d+)")
+EDGE_MM = 2.0
+"""So near the border of the frame nothing is measured."""
+SURE, AGREEING_PX = 0.7, 0.3
+"""Likeness and agreement of its two ways that make a mark an example for others."""
+SAME_PIXEL = 0.02
+"""Share by which the pixels of two scans may differ for one to be an example for the other."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuringTool:
+    """Measures what a gesture asks for; called in a thread of its own."""
+
+    likeness: LikenessSource | None = None
+    """Compares reference and scan; None where there is nothing to compare with."""
+    sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
+    """Accuracy of reference ortho (east, north) and DEM, metres."""
+
+    def __call__(self, gesture: Gesture, desk: DeskSnapshot, begun: Deliver) -> Measured:
+        """The decision to record, and what to tell the operator.
+
+        Args:
+            gesture: What was asked for.
+            desk: The desk when it was asked for.
+            begun: Told once it is known that this takes a while.
+        """
+        match gesture:
+            case PointAsked():
+                return self._add_point(gesture, desk, begun)
+            case Refined():
+                found = self._refine(gesture, desk)
+            case MarkPlaced():
+                found = _snap(gesture, desk.initial)
+            case _:
+                raise AssertionError("no other gesture is measured")
+        return Measured(gesture.seat_id, *found, known=len(desk.recorded))
+
+    def _add_point(self, gesture: PointAsked, desk: DeskSnapshot, begun: Deliver) -> Measured:
+        """A new point, measured in every scan that shows it."""
+        seat_id, place = gesture.seat_id, (gesture.east, gesture.north)
+        shown = photos_showing(desk.state, np.array([place]), desk.dem)
+        if not shown:
+            return Measured(seat_id, None, Notice("notice.no-scan", grave=True))
+        begun(MeasuringBegun(seat_id, Notice("notice.measuring", {"count": str(len(shown))})))
+        name = next_name(desk.state, desk.recorded)
+        found = measure_point(desk.state, name, place, (desk.dem, self.likeness), self.sigma_m)
+        return Measured(seat_id, found, notice_of_point(found), known=len(desk.recorded))
+
+    def _refine(self, gesture: Refined, desk: DeskSnapshot) -> tuple[Place | None, Notice]:
+        """The measurement on the peak of likeness beside it, and by how much that moved it."""
+        measurement = desk.state.block.measurements[gesture.key]
+        point, oriented = desk.state.block.surveyed[gesture.key[0]], desk.state.oriented
+        photo, camera = oriented.photos[gesture.key[1]], oriented.camera_of(gesture.key[1])
+        found = Failure("there is nothing to compare with")
+        if self.likeness is not None:
+            found = self.likeness(photo, camera, point.position[None, :])
+        place = found if isinstance(found, Failure) else found.refined(measurement.pixel)
+        if isinstance(place, Failure):
+            return None, Notice("notice.not-refined", {"why": place.reason})
+        column, row = (float(value) for value in place[0])
+        moved = column - measurement.column, row - measurement.row
+        values = {
+            "distance": f"{np.hypot(*moved):.2f}",
+            "column": f"{moved[0]:+.2f}",
+            "row": f"{moved[1]:+.2f}",
+        }
+        return Place(*gesture.key, column, row), Notice("notice.refined", values)
+
+
+def _snap(gesture: MarkPlaced, initial: InitialState) -> tuple[PlaceFiducial | None, Notice]:
+    """A mark on its middle beside the place that was pointed at."""
+    place = gesture.column, gesture.row
+    found = snap_to_mark(initial, gesture.photo_id, gesture.name, place)
+    if isinstance(found, Failure):
+        return None, Notice("notice.not-snapped", {"why": found.reason})
+    values = {
+        "name": gesture.name,
+        "distance": f"{np.hypot(found.column - place[0], found.row - place[1]):.2f}",
+        "alike": f"{found.correlation:.2f}",
+    }
+    decision = PlaceFiducial(gesture.photo_id, gesture.name, found.column, found.row)
+    return decision, Notice("notice.snapped", values)
+
+
+def notice_of_point(point: AddPoint) -> Notice:
+    """How often a new point was found."""
+    sure = sum(item.used for item in point.measured)
+    values = {"what": point.point_id, "sure": f"{sure}", "count": f"{len(point.measured)}"}
+    return Notice("notice.added", values)
+
+
+def is_overtaken(decision: Place | PlaceFiducial, newer: Sequence[Recorded]) -> bool:
+    """True when somebody decided otherwise about the same thing while it was measured.
+
+    Who accepts a measurement that is being refined means the refined place.
+    """
+    names = (
+        ("photo_id", "name") if isinstance(decision, PlaceFiducial) else ("point_id", "photo_id")
+    )
+    subject = [getattr(decision, name) for name in names]
+    others = [item.decision for item in newer if not isinstance(item.decision, Accept)]
+    return any([getattr(other, name, None) for name in names] == subject for other in others)
+
+
+def next_name(state: DeskState, recorded: Sequence[Recorded]) -> str:
+    """H1, H2 and so on: never a name that was given before, withdrawn points included."""
+    names = [item.decision.point_id for item in recorded if isinstance(item.decision, AddPoint)]
+    found = [NAME.fullmatch(name) for name in (*names, *state.block.surveyed)]
+    return f"H{1 + max((int(match[1]) for match in found if match), default=0)}"
+
+
+def photos_showing(
+    state: DeskState, plane: PlanePoints, dem: HeightSource
+) -> dict[str, np.ndarray]:
+    """Oriented photos whose frame shows a place (1, 2), with the pixel where they should."""
+    position = np.column_stack([plane, dem.heights(plane)])
+    oriented, found = state.oriented, dict[str, np.ndarray]()
+    if not np.isfinite(position).all():
+        return found
+    for name, photo in oriented.photos.items():
+        camera = oriented.camera_of(name)
+        pixel = photo.pixel_from_object(position, camera)
+        if not photo.oriented or not np.isfinite(pixel).all():
+            continue
+        inside = np.abs(photo.interior.film_from_pixel(pixel)[0]) < (
+            np.array(camera.frame_mm) / 2 - EDGE_MM
+        )
+        on_scan = np.all((pixel[0] > 0) & (pixel[0] < np.array(photo.size_px)))
+        if inside.all() and on_scan:
+            found[name] = pixel
+    return found
+
+
+def measure_point(
+    state: DeskState,
+    name: str,
+    place: tuple[float, float],
+    sources: tuple[HeightSource, LikenessSource | None],
+    sigma_m: tuple[float, float, float],
+) -> AddPoint:
+    """The point with a measurement in every scan that shows it.
+
+    Where reference and scan are not alike near the predicted place, the measurement is dubious and
+    lies there, to be placed by hand; one no more alike than chance has it is dubious as well.
+
+    Args:
+        state: The block with its newest adjustment.
+        name: Name of the new point.
+        place: Easting and northing, metres.
+        sources: Heights; and what compares reference and scan.
+        sigma_m: Accuracy of reference ortho and DEM, metres.
+    """
+    dem, likeness = sources
+    plane = np.array([place])
+    height = float(dem.heights(plane)[0])
+    oriented, shown = state.oriented, photos_showing(state, plane, dem)
+    measured: list[Measurement] = []
+    for photo_id, pixel in shown.items():
+        photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)
+        found: Likeness | Failure = Failure("there is nothing to compare with")
+        if likeness is not None:
+            found = likeness(photo, camera, np.array([[*place, height]]))
+        measured.append(_measured(name, photo_id, pixel, found))
+    return AddPoint(name, *place, height, sigma_m, tuple(measured))
+
+
+def with_name(found: AddPoint, name: str) -> AddPoint:
+    """The same point under another name."""
+    measured = tuple(replace(item, point_id=name) for item in found.measured)
+    return replace(found, point_id=name, measured=measured)
+
+
+def _measured(
+    name: str, photo_id: str, pixel: np.ndarray, likeness: Likeness | Failure
+) -> Measurement:
+    """On the peak of likeness beside the predicted place; there, and dubious, without one.
+
+    A peak no higher than chance brings in such a window is dubious too: not used until the operator
+    accepts it.
+    """
+    refined = likeness if isinstance(likeness, Failure) else likeness.refined(pixel)
+    if isinstance(likeness, Failure) or isinstance(refined, Failure):
+        column, row = (float(value) for value in pixel[0])
+        return Measurement(
+            name, photo_id, column, row, HAND_SIGMA_PX, 0.0, "dubious",
+            "predicted only: not found by likeness",
+        )  # fmt: skip
+    column, row = (float(value) for value in refined[0])
+    height, least = likeness.height_at(refined), likeness.chance_height
+    score = float(np.clip(likeness.value_at(refined), 0.0, 1.0))
+    sigma = HAND_SIGMA_PX * max(1.0, likeness.reduction / 2)
+    found = Measurement(
+        name, photo_id, column, row, sigma, score,
+        peaks=(Peak(column, row, sigma, height, OPERATOR),),
+    )  # fmt: skip
+    if height >= least:
+        return found
+    return replace(
+        found,
+        status="dubious",
+        reason=f"its peak is {height:.1f} sigma high; chance alone brings up to {least:.1f} here",
+    )
+
+
+def snap_to_mark(
+    initial: InitialState, photo_id: str, name: str, place: tuple[float, float]
+) -> Centre | Failure:
+    """The middle of a mark beside the place that somebody pointed at."""
+    film = initial.films.get(photo_id)
+    if film is None:
+        return Failure("the scan is not at hand")
+    pixel_mm = film.interior.pixel_size_mm
+    return snap_mark(film.scan, place, pixel_mm, _example(initial, photo_id, name))
+
+
+def _example(initial: InitialState, photo_id: str, name: str) -> Example | None:
+    """The same mark of the camera where it is surest, in a scan that lies the same way."""
+    own = initial.films[photo_id]
+    size = own.interior.pixel_size_mm
+    candidates = [
+        (mark.correlation, Example(film.scan, (mark.column, mark.row)))
+        for other, film in initial.films.items()
+        if other != photo_id
+        and film.way == own.way
+        and abs(film.interior.pixel_size_mm / size - 1) < SAME_PIXEL
+        for mark in film.fiducials
+        if mark.name == name
+        and mark.correlation > SURE
+        and mark.disagreement_px < AGREEING_PX
+        and name in film.interior.names
+    ]
+    return max(candidates, key=lambda pair: pair[0])[1] if candidates else None

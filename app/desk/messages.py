@@ -1,0 +1,148 @@
+"""What comes to the review loop, and where its pictures go."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
+from core.doubts import Failure
+from sessions.decisions import AddPoint, Place, PlaceFiducial
+from ui.review.compare import Drawn
+from ui.review.gestures import Gesture
+from ui.review.picture import Part
+from ui.review.scene import ScenePicture
+from ui.review.state import Notice, Seat
+
+
+@dataclass(frozen=True, slots=True)
+class SeatTaken:
+    """A page opened at a seat."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SeatLeft:
+    """The last page at a seat closed; the seat waits for its return."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SceneOpened:
+    """A 3D scene opened at a seat."""
+
+    seat_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """The desk closes."""
+
+
+class Work(Protocol):
+    """Something captured to be adjusted, and what is wanted of its adjustment."""
+
+    def block(self) -> Block | None:
+        """What is adjusted; None where that can change nothing."""
+        ...
+
+    def conclude(self, report: AdjustmentReport) -> object:
+        """What follows from the adjustment; found in its thread, so that no key waits for it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """What came of one captured block."""
+
+    work: Work
+    """What was captured; the loop takes only the newest."""
+    result: AdjustmentReport | Failure
+    """The adjustment, or why there is none."""
+    seconds: float
+    """How long it took."""
+    conclusion: object = None
+    """What was asked of it with the block."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What came of a block adjusted only to see what would be."""
+
+    work: Work
+    """What was captured; the loop takes only the newest."""
+    conclusion: object
+    """What was asked of it with the block; None when nothing came of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Places were measured in the scans, as a gesture asked."""
+
+    seat_id: str
+    """Who asked."""
+    decision: AddPoint | Place | PlaceFiducial | None
+    """To be recorded; None when nothing was found."""
+    notice: Notice
+    """What to tell the operator."""
+    known: int = 0
+    """So many decisions were recorded when it was asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuringBegun:
+    """A measurement that takes a while has begun."""
+
+    seat_id: str
+    """Who asked."""
+    notice: Notice
+    """What to tell the operator."""
+
+
+@dataclass(frozen=True, slots=True)
+class RemakeStep:
+    """How far the making of orthos is."""
+
+    done: float
+    total: float
+    what: str
+    seconds_left: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RemakeEnded:
+    """Orthos were made, or not."""
+
+    photo_ids: tuple[str, ...]
+    """What was asked for."""
+    made_with: AdjustmentReport
+    """The orientations they were made with."""
+    failure: str = ""
+    """Why not; empty when they were made."""
+    cancelled: bool = False
+    """True when the operator stopped it."""
+
+
+Delivery = Adjusted | Tried | Measured | MeasuringBegun | RemakeStep | RemakeEnded
+"""What the work in the background hands back."""
+Event = Gesture | Delivery | SeatTaken | SeatLeft | SceneOpened | Closed
+"""All that the loop takes, in order."""
+Deliver = Callable[[Delivery], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Screen:
+    """Where pictures go: functions that only pass on and return at once."""
+
+    show: Callable[[str, Mapping[str, Part]], None]
+    """(seat, parts) to its pages."""
+    tell: Callable[[str, Notice], None]
+    """(seat, notice) to its pages; to all when the seat is empty."""
+    scene: Callable[[str, Callable[[], ScenePicture], Seat, Block], None]
+    """(seat, what makes the picture, its switches, block) to its 3D scenes."""
+    fit: Callable[[str, Seat, Block, bool], None]
+    """Move a seat's eye; the flag is True for the whole block."""
+    publish: Callable[[Drawn], None]
+    """Orientations that addresses of tiles mean from now on."""

@@ -1,0 +1,280 @@
+"""Build session, loop, worker, scene and front, and join them; the only such place."""
+
+import logging
+import queue
+import secrets
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from app.desk.background import survived
+from app.desk.inputs import DeskInputs, first_state
+from app.desk.loop import ReviewLoop
+from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
+from core.block import Block
+from core.errors import PhotogrammetryError
+from ui.review.coarse import CoarseOrtho
+from ui.review.compare import (
+    Drawn,
+    PlanePoints,
+    drawn_from_block,
+)
+from ui.review.palette import page_palette
+from ui.review.picture import Part
+from ui.review.scene import ScenePicture
+from ui.review.state import DeskState, Notice, Seat
+from ui.review.tiles import Lattice
+from ui.review.wording import KEYS, sentence, words
+from ui.views.block_view import Pointed, Stage
+from ui.views.server import SECRET_HEADER, SceneServer, Shown
+from ui.views.terrain import terrain_glb
+from ui.web.access import Access
+from ui.web.channel import Channel
+from ui.web.front import SEAT_HEADER, Front, FrontInputs, Upstream, as_json
+from ui.web.lines import Lines
+from ui.web.tiles import Sources, TileStore
+
+logger = logging.getLogger(__name__)
+SWITCH_S = 0.001
+"""Seconds after which a computing thread gives way to those that answer."""
+
+
+class OpenDesk:
+    """An open review desk."""
+
+    def __init__(self, front: Front, access: Access, parts: list[Any]) -> None:
+        self._front, self._access = front, access
+        self._parts = parts
+        self._over = threading.Event()
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token."""
+        return self._access.url(self.port)
+
+    @property
+    def guest_url(self) -> str:
+        """The address for those who may look and decide nothing."""
+        return self._access.guest_url(self.port)
+
+    @property
+    def port(self) -> int:
+        """The port it listens on."""
+        return self._front.port
+
+    @property
+    def loop(self) -> ReviewLoop:
+        """The thread that owns the state."""
+        return next(part for part in self._parts if isinstance(part, ReviewLoop))
+
+    @property
+    def scene(self) -> SceneServer:
+        """The 3D scene."""
+        return next(part for part in self._parts if isinstance(part, SceneServer))
+
+    def wait(self) -> None:
+        """Return when the desk is closed; Ctrl-C passes through."""
+        while not self._over.wait(timeout=0.5):
+            pass
+
+    def close(self) -> None:
+        """Close the port and end every thread; decisions are on disk already."""
+        if self._over.is_set():
+            return
+        for part in self._parts:
+            part.close()
+        self._over.set()
+
+    def __enter__(self) -> "OpenDesk":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_desk(desk: DeskInputs) -> OpenDesk:
+    """Open the review desk of a block.
+
+    Raises:
+        PhotogrammetryError: The port cannot be had.
+    """
+    # A thread that computes lets others in after this long; a key's answer passes several threads.
+    sys.setswitchinterval(SWITCH_S)
+    state = first_state(desk)
+    lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
+    coarse = CoarseOrtho(desk.ortho)
+    sources = Sources(coarse, desk.dem, desk.read_scan, lattice, desk.likeness, coarse.ready)
+    tiles = TileStore(sources)
+    inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
+    access = Access(desk.host, desk.token) if desk.token else Access(desk.host)
+    scene = SceneServer(
+        _extent(desk, state), SEAT_HEADER, inbox.put, lambda seat: inbox.put(SceneOpened(seat))
+    )
+    guests = as_json({"text": sentence("notice.guest", {}, desk.language), "grave": False})
+    channel = Channel(
+        inbox.put,
+        lambda seat: inbox.put(SeatTaken(seat)),
+        lambda seat: inbox.put(SeatLeft(seat)),
+        guests,
+    )
+    upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
+    start = _start(desk, lattice)
+    doors = FrontInputs(access, channel, tiles, upstream, start, desk.results)
+    front = Front(doors, desk.host, desk.port)
+    loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, desk.language), inbox)
+    loop.start()
+    bounds = _block_bounds(desk, state.oriented)
+    drawn = drawn_from_block(state.oriented)
+    illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
+    parts = [front, illustrator, loop, scene, tiles]
+    opened = OpenDesk(front, access, parts)
+    try:
+        front.start()
+    except OSError as error:
+        opened.close()
+        raise PhotogrammetryError(
+            f"{desk.host}:{desk.port}",
+            f"cannot be listened on ({error.strerror or error}).",
+            "Choose another port with --port, or close the desk that is open there.",
+        ) from error
+    illustrator.start(tiles, scene)
+    return opened
+
+
+def _draped(
+    coarse: CoarseOrtho, desk: DeskInputs, bounds: tuple[float, float, float, float]
+) -> bytes:
+    """The drape; the small ortho it is made of serves for coarse tiles from then on."""
+    coarse.prepare()
+    return terrain_glb(coarse, desk.dem, bounds, desk.block.origin, desk.terrain)
+
+
+class _Illustrator:
+    """Makes drape and frustums' pictures while the desk is open already: they read large files."""
+
+    def __init__(self, drape: Callable[[], bytes], drawn: Drawn) -> None:
+        self._drape, self._drawn = drape, drawn
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    def start(self, tiles: TileStore, scene: SceneServer) -> None:
+        for work in (self._lay, self._picture):
+            thread = threading.Thread(target=work, args=(tiles, scene), daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(timeout=30)
+
+    def _lay(self, tiles: TileStore, scene: SceneServer) -> None:
+        survived(lambda _: scene.drape(self._drape()), scene)
+
+    def _picture(self, tiles: TileStore, scene: SceneServer) -> None:
+        for name, photo in self._drawn.items():
+            if self._stop.is_set():
+                return
+            survived(lambda p, name=name: scene.picture(name, tiles.thumbnail(p)), photo)
+
+
+def _screen(
+    front: Front, channel: Channel, scene: SceneServer, tiles: TileStore, language: str
+) -> Screen:
+    """Pictures leave the loop as text and values; nothing here waits."""
+    lines = Lines()
+
+    def show(seat_id: str, parts: Mapping[str, Part]) -> None:
+        texts = {name: as_json(part) for name, part in parts.items() if name != "rows"}
+        rows = parts.get("rows")
+        if isinstance(rows, list):
+            texts |= lines.told(rows)
+        front.call(channel.show, seat_id, texts)
+
+    def tell(seat_id: str, notice: Notice) -> None:
+        text = sentence(notice.text, dict(notice.values), language)
+        front.call(channel.tell, seat_id, as_json({"text": text, "grave": notice.grave}))
+
+    def show_scene(
+        seat_id: str, picture: Callable[[], ScenePicture], seat: Seat, block: Block
+    ) -> None:
+        scene.show(seat_id, Shown(picture, seat.scene, _pointed(seat, block)))
+
+    def fit(seat_id: str, seat: Seat, block: Block, whole: bool) -> None:
+        scene.fit(seat_id, None if whole else _pointed(seat, block))
+
+    return Screen(show, tell, show_scene, fit, tiles.publish)
+
+
+def _pointed(seat: Seat, block: Block) -> Pointed | None:
+    if seat.current is None:
+        return None
+    point, photo = block.surveyed.get(seat.current[0]), block.photos.get(seat.current[1])
+    if point is None or photo is None:
+        return None
+    return Pointed(point.position - block.origin, photo.exterior.centre - block.origin)
+
+
+def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
+    """What a page needs once."""
+    return {
+        "name": desk.name,
+        "edition": secrets.token_urlsafe(6),
+        "template": desk.template_m,
+        "words": words(desk.language),
+        "language": desk.language,
+        "keys": [list(pair) for pair in KEYS],
+        "palette": page_palette(),
+        "photos": list(desk.block.photos),
+        "lattice": {
+            "west": lattice.west, "north": lattice.north,
+            "pixel": lattice.pixel_m, "levels": lattice.levels,
+        },
+        "results": desk.results is not None,
+        "free": desk.choose is not None,
+        "ortho_pixel": desk.ortho.ground_sample_distance_m,
+    }  # fmt: skip
+
+
+def _finest_pixel_m(desk: DeskInputs, state: DeskState) -> float:
+    """The finer of ortho and scans, not below a third of the ortho's own pixel."""
+    oriented = state.oriented
+    sizes = [p.ground_pixel_m(oriented.camera_of(name)) for name, p in oriented.photos.items()]
+    scans = float(np.median(sizes)) if sizes else np.inf
+    return min(desk.ortho.ground_sample_distance_m, max(scans, 1e-3))
+
+
+def _extent(desk: DeskInputs, state: DeskState) -> Stage:
+    """How large the block is, and where its middle lies."""
+    oriented = state.oriented
+    bounds = _block_bounds(desk, oriented)
+    middle = np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
+    heights = [photo.ground_height_m for photo in oriented.photos.values()]
+    middle[2] = float(np.median(heights)) if heights else 0.0
+    return Stage(
+        extent_m=max(bounds[2] - bounds[0], bounds[3] - bounds[1]),
+        middle=middle - desk.block.origin,
+    )
+
+
+def _block_bounds(desk: DeskInputs, block: Block) -> tuple[float, float, float, float]:
+    """West, south, east, north of all photos on the ground, within the ortho."""
+    corners: list[PlanePoints] = []
+    for name, photo in block.photos.items():
+        camera = block.camera_of(name)
+        pixels = photo.interior.pixel_from_film(camera.frame_corners_mm)
+        heights = np.full(len(pixels), photo.ground_height_m)
+        corners.append(photo.object_from_pixel(pixels, heights, camera)[:, :2])
+    west, south, east, north = desk.ortho.bounds
+    if not corners:
+        return west, south, east, north
+    every: Float64[np.ndarray, "n 2"] = np.vstack(corners)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    least, most = [float(value) for value in low], [float(value) for value in high]
+    inside = (max(least[0], west), max(least[1], south), min(most[0], east), min(most[1], north))
+    apart = inside[0] >= inside[2] or inside[1] >= inside[3]
+    return (west, south, east, north) if apart else inside

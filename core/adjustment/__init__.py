@@ -1,0 +1,1 @@
+"""Stage adjustment: the least-squares estimation and its statistics."""

@@ -1,0 +1,180 @@
+"""How good the block is: check points, how far they should be off, and residuals by class."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.adjustment.adjusted import CheckResult
+from core.adjustment.equations import Equations
+from core.arrays import Position
+from core.block import UNKNOWN_M, Block, Measurement, SurveyedPoint
+from core.doubts import Failure
+from core.geometry.intersection import Intersection, OrientedRay, intersect
+
+AXES = ("X", "Y", "Z")
+
+
+def predicted_residuals(block: Block) -> dict[tuple[str, str], tuple[float, float]]:
+    """Where each surveyed point should be in each photo, minus where it was measured, pixels.
+
+    With the points' known coordinates and the photos' present orientations, oriented or not.
+    """
+    by_photo: dict[str, list[Measurement]] = defaultdict(list)
+    for measurement in block.measurements.values():
+        by_photo[measurement.photo_id].append(measurement)
+    residuals: dict[tuple[str, str], tuple[float, float]] = {}
+    for photo_id, measurements in by_photo.items():
+        photo = block.photos[photo_id]
+        known = np.array([block.surveyed[m.point_id].position for m in measurements])
+        with np.errstate(over="ignore", invalid="ignore"):
+            predicted = photo.pixel_from_object(known, block.camera_of(photo_id))
+        for measurement, (column, row) in zip(measurements, predicted, strict=True):
+            off = (float(column) - measurement.column, float(row) - measurement.row)
+            residuals[measurement.key] = off
+    return {key: residuals[key] for key in block.measurements}
+
+
+def intersect_checks(block: Block) -> tuple[CheckResult, ...]:
+    """Check points from the oriented photos in which they are measured."""
+    rays: dict[str, list[Measurement]] = defaultdict(list)
+    for measurement in block.measurements.values():
+        role = block.surveyed[measurement.point_id].role
+        if role == "check" and measurement.used and block.photos[measurement.photo_id].oriented:
+            rays[measurement.point_id].append(measurement)
+    results = (
+        _check(block, block.surveyed[name], measurements)
+        for name, measurements in sorted(rays.items())
+    )
+    return tuple(result for result in results if result is not None)
+
+
+def _check(
+    block: Block, point: SurveyedPoint, measurements: Sequence[Measurement]
+) -> CheckResult | None:
+    """One check point; with one photo, or rays that do not meet, at its known height."""
+    photos = [block.photos[m.photo_id] for m in measurements]
+    if len(measurements) > 1:
+        met = _met(block, measurements)
+        if isinstance(met, Intersection):
+            return _result(point, met.position, len(measurements))
+    camera = block.cameras[photos[0].camera]
+    height = point.position[2:]
+    position = photos[0].object_from_pixel(measurements[0].pixel, height, camera)[0]
+    return _result(point, position, 1) if np.isfinite(position).all() else None
+
+
+def _met(block: Block, measurements: Sequence[Measurement]) -> Intersection | Failure:
+    """Intersection of the rays of one point."""
+    photos = [block.photos[m.photo_id] for m in measurements]
+    pairs = list(zip(photos, measurements, strict=True))
+    film = [photo.interior.film_from_pixel(m.pixel) for photo, m in pairs]
+    sigma = [photo.interior.pixel_size_mm * m.sigma_px for photo, m in pairs]
+    rays = [OrientedRay(p.exterior, block.cameras[p.camera], p.atmosphere) for p in photos]
+    return intersect(np.concatenate(film), np.array(sigma), rays)
+
+
+def _result(point: SurveyedPoint, position: Position, used_scans: int) -> CheckResult:
+    return CheckResult(point.point_id, position, position - point.position, used_scans)
+
+
+def rms_by_class(
+    block: Block,
+    residuals: Mapping[tuple[str, str], tuple[float, float]],
+    control: frozenset[tuple[str, str]],
+    ties: Float64[np.ndarray, "rays 2"],
+) -> dict[str, float]:
+    """RMS residual per coordinate of ties, used control and check points, pixels; NaN if none."""
+    checks = [
+        key
+        for key, measurement in block.measurements.items()
+        if block.surveyed[key[0]].role == "check"
+        and measurement.used
+        and block.photos[key[1]].oriented
+    ]
+    return {
+        "tie": _rms(ties[np.isfinite(ties)]),
+        "control": _rms(np.array([residuals[key] for key in sorted(control)])),
+        "check": _rms(np.array([residuals[key] for key in checks])),
+    }
+
+
+def known_differences(
+    block: Block, surveyed: Mapping[str, Position], checks: Sequence[CheckResult]
+) -> dict[str, float]:
+    """RMS of adjusted minus known coordinates of control and check points, metres; NaN if none."""
+    control = [
+        np.where(block.surveyed[name].sigma_m < UNKNOWN_M, position, np.nan)
+        - block.surveyed[name].position
+        for name, position in surveyed.items()
+    ]
+    check = [result.difference_m for result in checks]
+    # A height that was taken from the point itself tells nothing.
+    heights = [result.difference_m[2] for result in checks if result.used_scans > 1]
+    table: dict[str, float] = {}
+    for axis, name in enumerate(AXES):
+        table[f"control_{name}"] = _rms(np.array([difference[axis] for difference in control]))
+        values = heights if name == "Z" else [difference[axis] for difference in check]
+        table[f"check_{name}"] = _rms(np.array(values))
+    return table
+
+
+def _rms(values: Float64[np.ndarray, "..."]) -> float:
+    """Root mean square of what is a number, NaN of nothing."""
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def check_sigmas(
+    equations: Equations, block: Block, checks: Sequence[CheckResult]
+) -> dict[str, Position]:
+    """Standard deviations (E, N, H) of computed check points, metres, for a sigma nought of one.
+
+    X = -(B^T B)^-1 B^T (A d + e) with the rays' derivatives A by photos and cameras, B by the
+    point, all in standard deviations; the known coordinates' own error is not in it.
+
+    Args:
+        equations: The adjusted block's equations.
+        block: The adjusted block.
+        checks: Its check points.
+    """
+    photo_row = {p.photo_id: row for row, p in enumerate(equations.solution.network.photos)}
+    rays: dict[str, list[Measurement]] = defaultdict(list)
+    for item in block.measurements.values():
+        if (
+            item.used
+            and item.photo_id in photo_row
+            and block.surveyed[item.point_id].role == "check"
+        ):
+            rays[item.point_id].append(item)
+    sigmas: dict[str, Position] = {}
+    for check in checks:
+        items = rays[check.point_id][:1] if check.used_scans == 1 else rays[check.point_id]
+        if items:
+            photos = [photo_row[item.photo_id] for item in items]
+            sigmas[check.point_id] = _sigma(equations, items, photos, check.position)
+    return sigmas
+
+
+def _sigma(
+    equations: Equations,
+    items: Sequence[Measurement],
+    photos: Sequence[int],
+    position: Float64[np.ndarray, "3"],
+) -> Position:
+    """Standard deviations of one point; with one ray at a height that is taken as true."""
+    parts = [
+        equations.of_free_ray(photo, item, position)
+        for photo, item in zip(photos, items, strict=True)
+    ]
+    rows = np.concatenate([part[0] for part in parts])
+    by_point = np.concatenate([part[1] for part in parts])
+    axes = 3 if len(items) > 1 else 2
+    design = by_point[:, :axes]
+    inverse = np.linalg.inv(design.T @ design)
+    carried = inverse @ design.T @ rows
+    covariance = carried @ equations.cofactors(carried) + inverse
+    sigma = np.zeros(3)
+    sigma[:axes] = np.sqrt(np.diag(covariance))
+    return sigma

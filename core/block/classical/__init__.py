@@ -1,1 +1,0 @@
-"""The methods before the bundle: models, strips, independent models."""

@@ -1,1 +1,0 @@
-"""The estimation itself: equations, solver, reliability, what a decision would change."""

@@ -1,1 +1,0 @@
-"""Photos against the reference: patches, operators, search, probability, resection."""

@@ -1,1 +1,0 @@
-"""Tie points: features, matches, chains of rays, fine measurement."""

@@ -1,0 +1,1 @@
+"""Stage control: which reference points are seen in which photo."""

@@ -1,0 +1,301 @@
+"""What all photos that see a point say together: the mean of their surfaces of likeness.
+
+Chance peaks of two photos seldom lie at one place of the ground, right ones do. Once the block
+agrees to a pixel, a point's surfaces in other photos, each in its own robust deviations, are
+resampled through the ground into a photo's frame, and their mean tells which candidate is right,
+and what chance brings about in such means. Where that candidate lies in the photo its own surface
+says, so that the rays of a point stay measurements of their own.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from core.arrays import Mask, PixelPoints
+from core.block import Block, Peak
+from core.control.score_map_store import KeptSurfaces
+from core.control.search import (
+    CANDIDATES,
+    Chance,
+    ControlOptions,
+    Search,
+    decoys_outside,
+    planned,
+    sigma_on_ground_m,
+)
+from core.localisation.initial_orientation import Site
+from core.localisation.photo_orientation import OrientationOptions
+from core.matching.local_search import SEPARATION_PX, predict_pixels
+from core.matching.patches import OpenPhoto
+from core.matching.similarity import Surface, SurfacePeak, detect_peaks, measure_peak
+
+APART_PX = 2
+"""No two peaks of the mean are closer than this (pixels of the pass): a row of trees beside a road
+would hide the road's own peak, which the mean of all photos shows sharply enough."""
+OWN_PX = 1.5
+"""The peak of a photo's own surface that is meant lies no further from that of all together
+(pixels of the pass); where it has none, the place is that of all together."""
+
+Heights = Float32[np.ndarray, "..."]
+"""A surface of whichever photo."""
+Elsewhere = Float32[np.ndarray, "other_rows other_columns"]
+"""A surface in the frame of another photo."""
+Covered = tuple[Surface, Mask]
+"""A surface, and where it is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """A point searched in one photo, with what leads from there to the others."""
+
+    search: Search
+    """The search by itself; its surface lies about the place that was expected then."""
+    pixel: tuple[float, float]
+    """Where the point is expected now, scan pixels."""
+    moves: Float64[np.ndarray, "2 2"]
+    """Scan pixels (column, row) by which a metre of ground east and north moves it."""
+    reduction: int
+    """Scan pixels to one pixel of the surface."""
+    inner: int
+    """Half-width of the part where a peak may be right, pixels of the surface."""
+    sigma_m: float
+    """Standard deviation per axis of the point's distance from its prediction, metres."""
+    operator: str
+    """What was compared."""
+
+
+def joint_searches(
+    block: Block,
+    site: Site,
+    orientation: OrientationOptions,
+    options: ControlOptions,
+    searches: Sequence[Search],
+    kept: KeptSurfaces,
+    mapper: Callable[..., Iterable[Any]] = map,
+) -> tuple[Search, ...]:
+    """The same searches with candidates, heights and chance as all photos together tell them.
+
+    Args:
+        block: The adjusted block.
+        site: Reference, scans and reference points.
+        orientation: Sizes of the searches.
+        options: How far was looked.
+        searches: What single photos found.
+        kept: Their surfaces.
+        mapper: Runs a function over photos, and over points.
+    """
+    rows: dict[str, list[int]] = {}
+    for row, search in enumerate(searches):
+        rows.setdefault(search.photo_id, []).append(row)
+
+    def sighted(photo_id: str) -> list[Sight]:
+        photo = block.photos[photo_id]
+        opened = OpenPhoto(photo, block.cameras[photo.camera], site.scans[photo_id])
+        own = [searches[row] for row in rows[photo_id]]
+        return sights_in(opened, site, orientation, options, own)
+
+    points: dict[str, list[tuple[int, Sight]]] = {}
+    for photo_id, sights in zip(rows, mapper(sighted, rows), strict=True):
+        for row, sight in zip(rows[photo_id], sights, strict=True):
+            points.setdefault(sight.search.point_id, []).append((row, sight))
+
+    def together(point_id: str) -> list[Search]:
+        return seen_together([sight for _, sight in points[point_id]], kept)
+
+    found = list(searches)
+    for point_id, results in zip(points, mapper(together, points), strict=True):
+        for (row, _), result in zip(points[point_id], results, strict=True):
+            found[row] = result
+    return tuple(found)
+
+
+def sights_in(
+    opened: OpenPhoto,
+    site: Site,
+    orientation: OrientationOptions,
+    options: ControlOptions,
+    searches: Sequence[Search],
+) -> list[Sight]:
+    """The searches of one photo seen from its orientation now."""
+    number = {name: point for point, name in enumerate(site.points.ids)}
+    chosen = np.array([number[search.point_id] for search in searches], dtype=np.int64)
+    points = replace(
+        site.points,
+        ids=tuple(search.point_id for search in searches),
+        positions=site.points.positions[chosen],
+        sigma_m=site.points.sigma_m[chosen],
+    )
+    plan = planned(opened, site.reference, points, orientation, options)
+    prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
+    moves = moves_of(opened, points.positions)
+    return [
+        Sight(
+            search,
+            (float(pixel[0]), float(pixel[1])),
+            move,
+            plan.matching.reduction,
+            plan.inner,
+            float(sigma_m),
+            plan.matching.operators[0],
+        )
+        for search, pixel, move, sigma_m in zip(
+            searches, prediction.pixels, moves, plan.point_sigma_m, strict=True
+        )
+    ]
+
+
+def moves_of(
+    opened: OpenPhoto, positions: Float64[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "n 2 2"]:
+    """Scan pixels by which a metre of level ground east and north moves each point."""
+    columns: list[PixelPoints] = []
+    for axis in range(2):
+        step = np.zeros(3)
+        step[axis] = 0.5
+        ahead = opened.photo.pixel_from_object(positions + step, opened.camera)
+        columns.append(ahead - opened.photo.pixel_from_object(positions - step, opened.camera))
+    return np.stack(columns, axis=-1)
+
+
+def seen_together(sights: Sequence[Sight], kept: KeptSurfaces) -> list[Search]:
+    """The searches of one point in all its photos."""
+    heights = [heights_of(sight, kept) for sight in sights]
+    return [in_photo(own, sights, heights) for own in range(len(sights))]
+
+
+def heights_of(sight: Sight, kept: KeptSurfaces) -> Surface:
+    """A surface in robust deviations of its own above its middle."""
+    search = sight.search
+    surface = kept.surface(search.point_id, search.photo_id)
+    middle, spread = np.float32(search.chance.middle), np.float32(search.chance.spread)
+    return np.asarray((surface - middle) / spread, dtype=np.float32)
+
+
+def in_photo(own: int, sights: Sequence[Sight], heights: Sequence[Heights]) -> Search:
+    """One photo's search with what all say together; its own where it was not looked far enough."""
+    sight, shape = sights[own], heights[own].shape
+    column, row = (round(value) for value in expected_in(sight, shape))
+    rim = sight.inner + SEPARATION_PX
+    if not (rim <= row < shape[0] - rim and rim <= column < shape[1] - rim):
+        return sight.search
+    near = np.s_[row - rim : row + rim + 1, column - rim : column + rim + 1]
+    others = [
+        (number, resampled(sights[number], height, sight, shape))
+        for number, height in enumerate(heights)
+        if number != own
+    ]
+    others = [surface for _, surface in others if surface[1][near].all()]
+    joint, known = mean_of(heights[own], others)
+    inner = np.s_[
+        row - sight.inner : row + sight.inner + 1, column - sight.inner : column + sight.inner + 1
+    ]
+    known[inner] = False
+    chance = chance_in(joint, known, sight)
+    peaks = detect_peaks(np.ascontiguousarray(joint[near]), CANDIDATES, APART_PX)
+    places = [(peak.column + column - rim, peak.row + row - rim) for peak in peaks]
+    return told_by(sight, heights[own], peaks, places, chance, 1 + len(others))
+
+
+def expected_in(sight: Sight, shape: tuple[int, ...]) -> tuple[float, float]:
+    """Column and row of a surface where its point is expected now."""
+    away = np.subtract(sight.pixel, sight.search.predicted) / sight.reduction
+    return float(away[0]) + shape[1] // 2, float(away[1]) + shape[0] // 2
+
+
+def resampled(other: Sight, heights: Elsewhere, own: Sight, shape: tuple[int, ...]) -> Covered:
+    """Another photo's surface in the frame of a photo's own.
+
+    A place of the own frame and one of the other are the same where they are as far from the
+    point on level ground.
+    """
+    turn = other.moves @ np.linalg.inv(own.moves) * (own.reduction / other.reduction)
+    there, here = expected_in(other, heights.shape), expected_in(own, shape)
+    matrix = np.column_stack([turn, np.array(there) - turn @ np.array(here)])
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    across = matrix[0, 0] * columns + matrix[0, 1] * rows + matrix[0, 2]
+    down = matrix[1, 0] * columns + matrix[1, 1] * rows + matrix[1, 2]
+    known = (across >= 0) & (across <= heights.shape[1] - 1)
+    known &= (down >= 0) & (down <= heights.shape[0] - 1)
+    surface = cv2.remap(
+        heights,
+        across.astype(np.float32),
+        down.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(surface, np.float32), known
+
+
+def mean_of(own: Surface, others: Sequence[Covered]) -> Covered:
+    """Mean of surfaces in one frame; nought, which is their middle, where one is not known."""
+    total, known = own.copy(), np.ones(own.shape, bool)
+    for surface, covered in others:
+        total += surface
+        known &= covered
+    total[~known] = 0
+    return total / np.float32(1 + len(others)), known
+
+
+def chance_in(joint: Surface, outside: Mask, sight: Sight) -> Chance:
+    """What the mean says of chance, where it is known and nothing can be right."""
+    decoys, middle, spread = decoys_outside(joint, outside, APART_PX)
+    pixel_m2 = (sight.search.pixel_m * sight.reduction) ** 2
+    inner = float((2 * sight.inner + 1) ** 2)
+    return Chance(decoys, float(outside.sum()) * pixel_m2, middle, spread, inner * pixel_m2)
+
+
+def told_by(
+    sight: Sight,
+    heights: Surface,
+    peaks: Sequence[SurfacePeak],
+    places: Sequence[tuple[float, float]],
+    chance: Chance,
+    photos: int,
+) -> Search:
+    """A photo's search with candidates of the mean, each where the photo's own surface has it.
+
+    Where it has none the place is that of all together. As each of so many photos then tells the
+    same, its standard deviation grows by their root: together they know no more than it does.
+    """
+    search, reduction = sight.search, sight.reduction
+    candidates: list[Peak] = []
+    for peak, place in zip(peaks, places, strict=True):
+        own = own_peak(heights, *place)
+        column, row = place if own is None else (own.column, own.row)
+        sigma_px = peak.sigma_px * np.sqrt(photos) if own is None else own.sigma_px
+        candidates.append(
+            Peak(
+                (column - heights.shape[1] // 2) * reduction + search.predicted[0],
+                (row - heights.shape[0] // 2) * reduction + search.predicted[1],
+                float(sigma_px) * reduction,
+                (peak.value - chance.middle) / chance.spread,
+                sight.operator,
+            )
+        )
+    off = np.array(places).reshape(-1, 2) - np.array(expected_in(sight, heights.shape))
+    return replace(
+        search,
+        peaks=tuple(candidates),
+        distance_m=np.hypot(*off.T) * reduction * search.pixel_m,
+        sigma_m=sigma_on_ground_m(candidates, reduction, search.pixel_m, sight.sigma_m),
+        chance=chance,
+    )
+
+
+def own_peak(heights: Surface, column: float, row: float) -> SurfacePeak | None:
+    """The maximum of a photo's own surface nearest to a place, None if none is near."""
+    reach = int(np.ceil(OWN_PX)) + 1
+    left, top = round(column) - reach, round(row) - reach
+    around = np.ascontiguousarray(
+        heights[top : top + 2 * reach + 1, left : left + 2 * reach + 1], dtype=np.float32
+    )
+    rows, columns = np.nonzero(around >= cv2.dilate(around, np.ones((3, 3), np.uint8)))
+    away = np.hypot(columns + left - column, rows + top - row)
+    if len(away) == 0 or away.min() > OWN_PX:
+        return None
+    nearest = int(np.argmin(away))
+    return measure_peak(heights, top + int(rows[nearest]), left + int(columns[nearest]), 0.0, 1.0)

@@ -1,0 +1,344 @@
+"""Reference points searched near where the block says they are.
+
+The first search looks much further than the block can be off: what it finds there, and with the
+template mirrored, is certainly wrong, and tells what chance brings about in these very photos. Once
+that is known, later rounds look no further than a right candidate can lie; and where the block has
+hardly moved, what was found is only measured from the new prediction.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from core.arrays import Mask, PixelPoints, Scalars
+from core.block import Peak
+from core.geometry.robust import robust_sigma
+from core.localisation.photo_orientation import (
+    OrientationOptions,
+    finest_reduction,
+    ground_sigma_px,
+)
+from core.matching.local_search import (
+    DULL,
+    SEPARATION_PX,
+    Images,
+    MatchingOptions,
+    Prediction,
+    cut,
+    looked_at,
+    parts_about,
+    predict_pixels,
+)
+from core.matching.operators import has_roads
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference
+from core.matching.similarity import FLAT, Surface, detect_peaks
+from core.progress import Progress
+from core.reference.points import ReferencePoints
+
+Keep = Callable[[str, str, Surface], None]
+"""Is told the surface of a point in a photo, by their names."""
+MATCH_FLOOR_PX = 0.35
+"""No match is better than this, in pixels of the pass."""
+CANDIDATES = 8
+"""So many peaks near a prediction are weighed against each other."""
+MIRRORED_EVERY = 4
+"""The template of every fourth point is searched mirrored too."""
+STILL_PX = 1.0
+"""Predictions that moved no more than this, in pixels of the pass, need no new search: a peak stays
+where it is in the scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlOptions:
+    """What is searched, and what makes a proposal one that is used."""
+
+    search_m: float = 6.0
+    """A candidate lies no further from the block's prediction along either axis, metres."""
+    decoys_m: float = 24.0
+    """Half-width of the first search; what lies beyond `search_m` is wrong, metres."""
+    prediction_sigma_m: float = 0.5
+    """Standard deviation per axis of the block's prediction, metres."""
+    accept: float = 0.9
+    """A candidate as probable as this is used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chance:
+    """What one search says of chance."""
+
+    heights: tuple[float, ...]
+    """Heights of all peaks that are certainly wrong."""
+    area_m2: float
+    """Area they were found on."""
+    middle: float
+    """Median of the surface where nothing can be right."""
+    spread: float
+    """Robust standard deviation of the surface there."""
+    inner_m2: float = 144.0
+    """Area of the middle, where candidates are looked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """One reference point searched in one photo."""
+
+    point_id: str
+    """The point."""
+    photo_id: str
+    """The photo."""
+    roads: bool
+    """Whether the roads drawn in its template say where it is."""
+    predicted: tuple[float, float]
+    """Where it was expected, scan pixels."""
+    peaks: tuple[Peak, ...]
+    """Candidates near the prediction, best first, scan pixels."""
+    distance_m: Scalars
+    """Distance of each from the prediction on the ground, metres."""
+    sigma_m: Scalars
+    """Standard deviation per axis of that distance, were the candidate right, metres."""
+    chance: Chance
+    """What is certainly wrong about it."""
+    pixel_m: float
+    """Size of a scan pixel on the ground, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """How the points of one photo are searched."""
+
+    matching: MatchingOptions
+    """Sizes of the pass and the operator."""
+    pixel_m: float
+    """Size of a pixel of the pass on the ground, metres."""
+    wide: int
+    """Half-width of a first search, pixels of the pass."""
+    inner: int
+    """Half-width of the part where a peak may be right."""
+    point_sigma_m: Scalars
+    """Standard deviation per axis of each point's distance from its prediction, metres."""
+
+    @property
+    def narrow(self) -> int:
+        """Half-width of a later search."""
+        return min(self.inner + SEPARATION_PX, self.wide)
+
+
+def search_points(
+    opened: OpenPhoto,
+    reference: Reference,
+    points: ReferencePoints,
+    orientation: OrientationOptions,
+    options: ControlOptions,
+    progress: Progress | None = None,
+    before: Sequence[Search] = (),
+    keep: Keep | None = None,
+) -> tuple[Search, ...]:
+    """Search all reference points in one photo of an oriented block.
+
+    Args:
+        opened: The photo with the block's orientation.
+        reference: Ortho, heights and roads.
+        points: Junctions and salient points.
+        orientation: Sizes, and the operator: the first named.
+        options: How far to look.
+        progress: Told as the work goes on.
+        before: What was found in this photo before the block moved last.
+        keep: Told every surface; whatever is searched then is searched far around.
+    """
+    plan = planned(opened, reference, points, orientation, options)
+    prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
+    known = {search.point_id: search for search in before}
+    away_px = farthest(points, prediction.pixels, known) / plan.matching.reduction
+    if known and away_px <= STILL_PX:
+        found = [
+            seen_from(known[name], prediction.pixels[point], plan, opened, point)
+            for point, name in enumerate(points.ids)
+            if name in known and prediction.inside[point]
+        ]
+    else:
+        known = {} if away_px * plan.pixel_m > options.search_m else known
+        found = searched(opened, reference, points, plan, prediction, known, progress, keep)
+    return tuple(sorted(found, key=lambda search: search.point_id))
+
+
+def planned(
+    opened: OpenPhoto,
+    reference: Reference,
+    points: ReferencePoints,
+    orientation: OrientationOptions,
+    options: ControlOptions,
+) -> Plan:
+    """Sizes for one photo."""
+    reduction = finest_reduction(opened, reference, orientation)
+    pixel_m = opened.ground_pixel_m * reduction
+    wide = max(int(np.ceil(options.decoys_m / pixel_m)), 5 * SEPARATION_PX)
+    matching = MatchingOptions(
+        reduction=reduction,
+        template_half_px=orientation.template_half_px,
+        operators=orientation.operators[:1],
+        network=orientation.network,
+        min_search_px=wide,
+        max_search_px=wide,
+    )
+    inner = max(int(np.ceil(options.search_m / pixel_m)), 2 * SEPARATION_PX)
+    sigma_m = ground_sigma_px(opened, points.sigma_m) * opened.ground_pixel_m
+    return Plan(matching, pixel_m, wide, inner, np.hypot(sigma_m, options.prediction_sigma_m))
+
+
+def farthest(points: ReferencePoints, pixels: PixelPoints, known: Mapping[str, Search]) -> float:
+    """How far predictions moved at most since they were searched, scan pixels."""
+    rows = [row for row, name in enumerate(points.ids) if name in known]
+    before = np.array([known[points.ids[row]].predicted for row in rows]).reshape(-1, 2)
+    return float(np.hypot(*(pixels[rows] - before).T).max(initial=0.0))
+
+
+def searched(
+    opened: OpenPhoto,
+    reference: Reference,
+    points: ReferencePoints,
+    plan: Plan,
+    prediction: Prediction,
+    known: Mapping[str, Search],
+    progress: Progress | None,
+    keep: Keep | None = None,
+) -> list[Search]:
+    """Search every point: far around, or as far as needed where chance is known already."""
+    matching = plan.matching
+    near = set(known) if keep is None else set[str]()
+    halves = np.array([plan.narrow if name in near else plan.wide for name in points.ids])
+    found: list[Search] = []
+    for images, point in looked_at(opened, reference, prediction, halves, matching, progress):
+        pixel, name = prediction.pixels[point], points.ids[point]
+        before = known.get(name)
+        mirror = before is None and point % MIRRORED_EVERY == 0
+        seen = surfaces_about(images, pixel, int(halves[point]), matching, mirror)
+        if seen is None:
+            continue
+        surface, mirrored, roads = seen
+        if keep is not None:
+            keep(name, opened.photo.photo_id, surface)
+        chance = chance_of(surface, mirrored, plan) if before is None else before.chance
+        peaks = candidates_near(surface, plan, chance)
+        place = float(pixel[0]), float(pixel[1])
+        empty = np.zeros(0)
+        one = Search(
+            name,
+            opened.photo.photo_id,
+            roads if before is None else before.roads,
+            place,
+            tuple(
+                replace(peak, column=peak.column + place[0], row=peak.row + place[1])
+                for peak in peaks
+            ),
+            empty,
+            empty,
+            chance,
+            opened.ground_pixel_m,
+        )
+        found.append(seen_from(one, pixel, plan, opened, point))
+    return found
+
+
+def seen_from(
+    search: Search, pixel: np.ndarray, plan: Plan, opened: OpenPhoto, point: int
+) -> Search:
+    """A search with its candidates measured from where the point is expected now."""
+    places = np.array([[peak.column, peak.row] for peak in search.peaks]).reshape(-1, 2)
+    return replace(
+        search,
+        distance_m=np.hypot(*(places - pixel).T) * opened.ground_pixel_m,
+        sigma_m=sigma_on_ground_m(
+            search.peaks,
+            plan.matching.reduction,
+            opened.ground_pixel_m,
+            float(plan.point_sigma_m[point]),
+        ),
+    )
+
+
+def sigma_on_ground_m(
+    peaks: Sequence[Peak], reduction: int, pixel_m: float, point_sigma_m: float
+) -> Scalars:
+    """Standard deviation per axis of the distance of candidates from the prediction, metres."""
+    floor_px = MATCH_FLOOR_PX * reduction
+    match_px = np.clip([peak.sigma_px for peak in peaks], floor_px, DULL * floor_px)
+    return np.hypot(match_px * pixel_m, point_sigma_m)
+
+
+def surfaces_about(
+    images: Images,
+    pixel: np.ndarray,
+    half: int,
+    matching: MatchingOptions,
+    mirror: bool,
+) -> tuple[Surface, Surface | None, bool] | None:
+    """The surface of a point, that of its mirrored template, and whether roads place it."""
+    parts = parts_about(images, pixel, half, matching.template_half_px)
+    if parts is None:
+        return None
+    name = matching.operators[0]
+    surface = images.surface(name, *parts)
+    mirrored = images.mirrored_surface(name, *parts) if mirror else None
+    return surface, mirrored, has_roads(cut(images.reference[name], parts[1]))
+
+
+def chance_of(surface: Surface, mirrored: Surface | None, plan: Plan) -> Chance:
+    """Decoys of a point's surface, and of that of its mirrored template where it was searched."""
+    decoys, middle, spread = decoys_of(surface, plan.inner)
+    area = float(surface.size - (2 * plan.inner + 1) ** 2)
+    if mirrored is not None:
+        decoys, area = decoys + decoys_of(mirrored, -1)[0], area + mirrored.size
+    inner = float((2 * plan.inner + 1) ** 2)
+    return Chance(decoys, area * plan.pixel_m**2, middle, spread, inner * plan.pixel_m**2)
+
+
+def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, float]:
+    """Heights of all maxima outside the middle of a surface, and its middle and spread there.
+
+    Args:
+        surface: Likeness by place.
+        inner: Half-width of the middle; -1 leaves nothing out.
+    """
+    rows, columns = surface.shape
+    outside = np.ones(surface.shape, bool)
+    row, column = rows // 2, columns // 2
+    outside[row - inner : row + inner + 1, column - inner : column + inner + 1] = False
+    return decoys_outside(surface, outside, SEPARATION_PX)
+
+
+def decoys_outside(
+    surface: Surface, outside: Mask, separation_px: int
+) -> tuple[tuple[float, ...], float, float]:
+    """Heights of all maxima where nothing can be right, and the middle and spread there.
+
+    Args:
+        surface: Likeness by place.
+        outside: Where nothing can be right.
+        separation_px: A maximum is the highest within so many pixels.
+    """
+    values = surface[outside]
+    middle = float(np.median(values))
+    spread = robust_sigma(values - middle) + FLAT
+    kernel = np.ones((2 * separation_px + 1, 2 * separation_px + 1), np.uint8)
+    maxima = (surface >= cv2.dilate(surface, kernel)) & outside & (surface > middle)
+    heights = (surface[maxima] - middle) / spread
+    return tuple(float(height) for height in heights), middle, spread
+
+
+def candidates_near(surface: Surface, plan: Plan, chance: Chance) -> tuple[Peak, ...]:
+    """Peaks near the prediction as offsets in scan pixels, heights in deviations of the decoys."""
+    half, rim, reduction = surface.shape[0] // 2, plan.narrow, plan.matching.reduction
+    near = np.ascontiguousarray(surface[half - rim : half + rim + 1, half - rim : half + rim + 1])
+    return tuple(
+        Peak(
+            (peak.column - rim) * reduction,
+            (peak.row - rim) * reduction,
+            peak.sigma_px * reduction,
+            (peak.value - chance.middle) / chance.spread,
+            plan.matching.operators[0],
+        )
+        for peak in detect_peaks(near, CANDIDATES, SEPARATION_PX)
+    )

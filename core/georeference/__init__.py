@@ -1,0 +1,1 @@
+"""Stage georeference: what the archive says of where a photo lies."""

@@ -1,0 +1,399 @@
+"""Approximate exterior orientation of one photo from one source: near-vertical, with its prior.
+
+World files, points clicked in QGIS, footprints and EO lists each give one, with a prior that says
+honestly how far it may be trusted, and further hypotheses where the rotation is not known.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from core.arrays import Affine2, Position
+from core.block import ExteriorPrior
+from core.doubts import Doubt
+from core.errors import CrsError, ProjectError, ScanError
+from core.formats.eo_list import EoRecord
+from core.formats.footprints import Footprint
+from core.formats.qgis_points import QgisPoints
+from core.formats.world_file import WorldFile
+from core.geometry.camera import Camera
+from core.geometry.crs import Bounds, check_range, operation_between, read_crs
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import InteriorOrientation
+from core.geometry.transforms import (
+    PlanePoints,
+    PlaneTransform,
+    apply_affine,
+    compose_affine,
+    fit_similarity,
+    invert_affine,
+    rotation_and_scale,
+)
+
+GeoreferenceSource = Literal["world-file", "points", "footprints", "exterior", "area"]
+QUARTERS = np.arange(4) * np.pi / 2
+FAR_M = 50_000.0
+"""A photo further than this outside the DEM is a mistake, not a poor start, metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class PriorOptions:
+    """A-priori standard deviations; near-vertical photos throughout."""
+
+    tilt_deg: float = 3.0
+    """omega and phi, degrees."""
+    world_file_m: float = 100.0
+    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off. That of a
+    tilted photo's perspective centre is less sure, by the height times its tilt."""
+    world_file_kappa_deg: float = 5.0
+    """kappa from a world file, degrees."""
+    height_share: float = 0.04
+    """Height over ground from a scale, as a share of it."""
+    points_m: float = 20.0
+    """Place from points clicked by hand, metres; twice their residuals if that is more."""
+    points_kappa_deg: float = 2.0
+    """kappa from points clicked by hand, degrees."""
+    footprint_m: float = 300.0
+    """Place from a footprint, metres."""
+    footprint_kappa_deg: float = 10.0
+    """kappa of each hypothesis from a footprint, degrees."""
+    footprint_height_share: float = 0.1
+    """Height over ground from the size of a footprint, as a share of it."""
+    list_m: float = 5.0
+    """Place from an EO list without sigma columns, metres."""
+    list_deg: float = 0.5
+    """Angles from an EO list without sigma columns, degrees."""
+    area_height_share: float = 0.06
+    """Height over ground from a scale number, which archives round, as a share of it."""
+    area_kappa_deg: float = 45.0
+    """kappa of each hypothesis where nothing tells the direction of flight, degrees."""
+    strip_kappa_deg: float = 20.0
+    """kappa of each hypothesis from the direction of flight, degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What is known of the ground before any photo is placed on it."""
+
+    crs: str
+    """CRS of the block."""
+    height_m: float
+    """Mean height under the photo, metres."""
+    bounds: Bounds | None = None
+    """West, south, east, north of the DEM, metres; positions far outside are refused."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Approximation:
+    """An approximate exterior orientation and how far it may be trusted."""
+
+    exterior: ExteriorOrientation
+    """The likeliest one."""
+    prior: ExteriorPrior
+    """Standard deviations, the same for every hypothesis."""
+    source: GeoreferenceSource
+    """What it was derived from."""
+    hypotheses: tuple[ExteriorOrientation, ...]
+    """All that are possible, the likeliest first; one where the rotation is known."""
+    doubts: tuple[Doubt, ...] = ()
+    """What is odd about the source."""
+
+
+def approximate_from_world_file(
+    world: WorldFile,
+    interior: InteriorOrientation,
+    camera: Camera,
+    ground: Ground,
+    options: PriorOptions | None = None,
+) -> Approximation:
+    """The vertical photo that lies as the similarity part of a world file says.
+
+    Args:
+        world: World file of the scan.
+        interior: Interior orientation of the scan.
+        camera: Camera.
+        ground: CRS and mean height.
+        options: Standard deviations.
+
+    Raises:
+        ScanError: The world file is mirrored.
+        CrsError: Its coordinates cannot belong to the block's CRS.
+    """
+    options = options or PriorOptions()
+    if world.mirrored:
+        raise ScanError(
+            world.path,
+            "The georeference is mirrored: the determinant of A, D, B, E is positive.",
+            "Turn the scan over, or write the lines in the order A, D, B, E, C, F.",
+        )
+    placed = compose_affine(world.object_from_pixel, invert_affine(interior.film_from_pixel_matrix))
+    _check_ground(placed, camera, ground, world.path)
+    kappa, scale = rotation_and_scale(placed)
+    exterior = _vertical(placed, kappa, scale, camera, ground)
+    prior = _prior(
+        options.world_file_m, options.height_share * scale * camera.principal_distance_mm,
+        options.tilt_deg, options.world_file_kappa_deg,
+    )  # fmt: skip
+    doubts = _affine_doubt(world.path.stem, placed)
+    return Approximation(exterior, prior, "world-file", (exterior,), doubts)
+
+
+def approximate_from_points(
+    points: QgisPoints,
+    interior: InteriorOrientation,
+    camera: Camera,
+    ground: Ground,
+    options: PriorOptions | None = None,
+) -> Approximation:
+    """The vertical photo that fits points clicked in QGIS, by a similarity from film to ground.
+
+    Raises:
+        ScanError: Fewer than two distinct enabled points.
+        CrsError: Their coordinates cannot belong to the block's CRS.
+    """
+    options = options or PriorOptions()
+    plane = _in_block(points.plane[points.enabled], points.crs, ground.crs, points.path)
+    film = interior.film_from_pixel(points.pixels[points.enabled])
+    fit = fit_similarity(film, plane)
+    if not isinstance(fit, PlaneTransform):
+        raise ScanError(points.path, fit.reason, "Click two points or more, far apart, and save.")
+    _check_ground(fit.matrix, camera, ground, points.path)
+    kappa, scale = rotation_and_scale(fit.matrix)
+    exterior = _vertical(fit.matrix, kappa, scale, camera, ground)
+    prior = _prior(
+        max(options.points_m, 2 * fit.rms),
+        options.height_share * scale * camera.principal_distance_mm,
+        options.tilt_deg, options.points_kappa_deg,
+    )  # fmt: skip
+    return Approximation(exterior, prior, "points", (exterior,))
+
+
+def approximate_from_footprint(
+    footprint: Footprint,
+    camera: Camera,
+    ground: Ground,
+    options: PriorOptions | None = None,
+) -> Approximation:
+    """Vertical photos whose frame fills a footprint; its outline leaves kappa open by quarters.
+
+    A square frame gives four hypotheses, an oblong one the two that lie along the footprint.
+    """
+    options = options or PriorOptions()
+    corners = footprint.corners
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    longest = sides[int(np.argmax(lengths))]
+    width, height = camera.frame_mm
+    along = float(np.arctan2(longest[1], longest[0]))
+    square = abs(width - height) < 0.05 * max(width, height)
+    if square:
+        # Which of the four is meant nobody knows: the one nearest to north up comes first.
+        first = float((along + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+        kappas = first + QUARTERS[[0, 2, 1, 3]]
+    else:
+        kappas = along + (0.0 if width > height else -np.pi / 2) + QUARTERS[[0, 2]]
+    scale = float(np.sqrt(lengths[:2].prod() / (width * height)))
+    middle = corners.mean(axis=0)
+    check_place(middle, ground, footprint.path)
+    hypotheses = tuple(_over(middle, float(kappa), scale, camera, ground) for kappa in kappas)
+    prior = _prior(
+        options.footprint_m,
+        options.footprint_height_share * scale * camera.principal_distance_mm,
+        options.tilt_deg, options.footprint_kappa_deg,
+    )  # fmt: skip
+    return Approximation(hypotheses[0], prior, "footprints", hypotheses)
+
+
+def approximate_in_area(
+    area: Bounds,
+    scale_number: float,
+    camera: Camera,
+    ground: Ground,
+    options: PriorOptions | None = None,
+) -> Approximation:
+    """A vertical photo somewhere in an area, of any kappa: all that its scale number tells.
+
+    Args:
+        area: West, south, east, north of where it may lie, metres.
+        scale_number: Flying height over principal distance, such as 15000 for 1 : 15 000.
+        camera: Camera.
+        ground: CRS and mean height.
+        options: Standard deviations.
+    """
+    options = options or PriorOptions()
+    west, south, east, north = area
+    middle, scale = np.array([west + east, south + north]) / 2, scale_number / 1000
+    hypotheses = tuple(_over(middle, float(k), scale, camera, ground) for k in QUARTERS)
+    prior = _prior(
+        max(east - west, north - south) / 5,
+        options.area_height_share * scale * camera.principal_distance_mm,
+        options.tilt_deg, options.area_kappa_deg,
+    )  # fmt: skip
+    return Approximation(hypotheses[0], prior, "area", hypotheses)
+
+
+def approximate_from_eo(
+    record: EoRecord,
+    file: Path,
+    ground: Ground,
+    direction: float | None = None,
+    options: PriorOptions | None = None,
+) -> Approximation:
+    """The row of an EO list; a row without angles is a vertical photo of unknown kappa.
+
+    Args:
+        record: The row.
+        file: The list, for messages.
+        ground: CRS and mean height.
+        direction: Direction of flight (radians from grid east, counter-clockwise) where it is
+            known, see `flight_directions`: kappa is then one of four quarters from it.
+        options: Standard deviations.
+
+    Raises:
+        CrsError: The position cannot belong to the block's CRS.
+        ProjectError: The camera would stand below the ground.
+    """
+    options = options or PriorOptions()
+    centre = np.array(record.centre)
+    check_place(centre[:2], ground, file)
+    if centre[2] <= ground.height_m:
+        raise ProjectError(
+            file,
+            f"Scan {record.scan} is said to be taken from {centre[2]:.0f} m, below the ground at "
+            f"{ground.height_m:.0f} m.",
+            "Check the column Z: it is the height of the perspective centre, not over ground.",
+        )
+    place = record.sigma_centre_m or (options.list_m,) * 3
+    if record.angles is not None:
+        exterior = ExteriorOrientation(centre, *record.angles)
+        sigma = record.sigma_angles or (np.radians(options.list_deg),) * 3
+        prior = ExteriorPrior(np.array(place), np.array(sigma))
+        return Approximation(exterior, prior, "exterior", (exterior,))
+    start = 0.0 if direction is None else direction
+    kappas = start + QUARTERS[[0, 2, 1, 3]]
+    hypotheses = tuple(ExteriorOrientation(centre, 0.0, 0.0, _wrapped(float(k))) for k in kappas)
+    spread = options.area_kappa_deg if direction is None else options.strip_kappa_deg
+    angles = np.radians([options.tilt_deg, options.tilt_deg, spread])
+    return Approximation(
+        hypotheses[0], ExteriorPrior(np.array(place), angles), "exterior", hypotheses
+    )
+
+
+def flight_directions(centres: Mapping[str, Position]) -> Mapping[str, float]:
+    """Direction from each photo to its nearest neighbour, radians from grid east.
+
+    Along a strip photos follow each other more closely than strips do (60 against 25 per cent
+    overlap), so the nearest neighbour lies along the flight line, fore or aft.
+    """
+    names = list(centres)
+    places = np.array([centres[name][:2] for name in names])
+    directions: dict[str, float] = {}
+    for i, name in enumerate(names):
+        away = places - places[i]
+        distance = np.linalg.norm(away, axis=1)
+        distance[i] = np.inf
+        nearest = int(np.argmin(distance))
+        if len(names) > 1 and distance[nearest] > 0:
+            directions[name] = float(np.arctan2(away[nearest, 1], away[nearest, 0]))
+    return directions
+
+
+def principal_point_on_ground(object_from_film: Affine2, camera: Camera) -> tuple[float, float]:
+    """Easting and northing under the principal point, by a plane transform from film."""
+    east, north = apply_affine(object_from_film, np.array([camera.principal_point_mm]))[0].tolist()
+    return east, north
+
+
+def world_file_centre(
+    world: WorldFile, interior: InteriorOrientation, camera: Camera
+) -> tuple[float, float]:
+    """Easting and northing under the principal point, to look up the ground's height there."""
+    film_to_object = compose_affine(
+        world.object_from_pixel, invert_affine(interior.film_from_pixel_matrix)
+    )
+    return principal_point_on_ground(film_to_object, camera)
+
+
+def _vertical(
+    object_from_film: Affine2, kappa: float, scale: float, camera: Camera, ground: Ground
+) -> ExteriorOrientation:
+    """The vertical photo over the ground of its principal point."""
+    middle = np.array(principal_point_on_ground(object_from_film, camera))
+    return _over(middle, kappa, scale, camera, ground)
+
+
+def _over(
+    middle: np.ndarray, kappa: float, scale: float, camera: Camera, ground: Ground
+) -> ExteriorOrientation:
+    """The vertical photo over a place; scale in metres of ground per millimetre of film."""
+    height = ground.height_m + scale * camera.principal_distance_mm
+    return ExteriorOrientation(np.array([middle[0], middle[1], height]), 0.0, 0.0, _wrapped(kappa))
+
+
+def _wrapped(angle: float) -> float:
+    """The same angle within -pi to pi."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _prior(place_m: float, height_m: float, tilt_deg: float, kappa_deg: float) -> ExteriorPrior:
+    """Standard deviations of a near-vertical photo."""
+    return ExteriorPrior(
+        np.array([place_m, place_m, height_m]), np.radians([tilt_deg, tilt_deg, kappa_deg])
+    )
+
+
+def check_place(middle: np.ndarray, ground: Ground, file: Path) -> None:
+    """Refuse a place that cannot be in the block's CRS, or lies far outside the DEM.
+
+    Args:
+        middle: Easting, northing, metres.
+        ground: CRS and bounds.
+        file: Where the place was read.
+    """
+    check_range(read_crs(ground.crs, file), middle[None], file)
+    if ground.bounds is None:
+        return
+    low, high = np.array(ground.bounds[:2]), np.array(ground.bounds[2:])
+    outside_m = float(np.linalg.norm(np.maximum(np.maximum(low - middle, middle - high), 0)))
+    if outside_m > FAR_M:
+        raise CrsError(
+            file,
+            f"the position ({middle[0]:.0f}, {middle[1]:.0f}) lies {outside_m / 1000:.0f} km "
+            f"outside the DEM, which covers E {low[0]:.0f} to {high[0]:.0f}, N {low[1]:.0f} to "
+            f"{high[1]:.0f}.",
+            "One of the two is misplaced: check the CRS, the signs and the order of the axes of "
+            "both against `crs` in [block].",
+        )
+
+
+def _check_ground(object_from_film: Affine2, camera: Camera, ground: Ground, file: Path) -> None:
+    """The place under the principal point must be possible."""
+    check_place(np.array(principal_point_on_ground(object_from_film, camera)), ground, file)
+
+
+def _in_block(plane: PlanePoints, crs: str, block_crs: str, file: Path) -> PlanePoints:
+    """Points in the block's CRS; points that name none are taken to be in it."""
+    if not crs or read_crs(crs, file) == read_crs(block_crs, file):
+        return plane
+    check_range(read_crs(crs, file), plane, file)
+    return operation_between(crs, block_crs, plane, file).forward(plane)
+
+
+def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]:
+    """A doubt when the world file stretches or shears the photo by more than five per cent."""
+    large, small = np.linalg.svd(object_from_film[:, :2], compute_uv=False)
+    stretch = float(large / small - 1)
+    if stretch < 0.05:
+        return ()
+    return (
+        Doubt(
+            "world-file-affine",
+            photo_id,
+            f"The world file stretches the photo by {stretch:.0%}, more than tilt or relief do: it "
+            "was fitted badly, or two of its lines are exchanged.",
+            evidence={"stretch": stretch},
+        ),
+    )

@@ -1,0 +1,264 @@
+"""Where each photo roughly is: the archive's sources opened once, and asked photo by photo."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from core.doubts import Doubt, Failure
+from core.formats.eo_list import EoRecord, read_eo_list
+from core.formats.footprints import Footprint, Footprints, read_footprints
+from core.formats.qgis_points import find_qgis_points, read_qgis_points
+from core.formats.world_file import read_georeference
+from core.geometry.camera import Camera
+from core.geometry.crs import Bounds, check_range, infer_crs, operation_between, read_crs
+from core.georeference.approximation import (
+    Approximation,
+    Ground,
+    PriorOptions,
+    approximate_from_eo,
+    approximate_from_footprint,
+    approximate_from_points,
+    approximate_from_world_file,
+    approximate_in_area,
+    flight_directions,
+    world_file_centre,
+)
+from core.raster.dem import Dem
+from core.scans.interior_orientation import ScanOrientation
+
+GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
+NAMED = {"world-file": "world file", "points": ".points file", "footprints": "footprint"}
+"""The sources in the words of a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Georeference:
+    """What the photos of a block are placed by at first: keys of [scans] in `block.toml`."""
+
+    source: GeoreferenceKind = "world-file"
+    """What to begin from; `exterior`, where a scan is in it, comes before."""
+    footprints: Path | None = None
+    """Vector file of footprints."""
+    footprint_name: str = "LMS_TIF_UP"
+    """Its attribute with the scan's file name."""
+    exterior: Path | None = None
+    """EO list."""
+    scale_number: float | None = None
+    """Scale of photos that no source places: they are sought all over the reference ortho."""
+    prior: PriorOptions = field(default_factory=PriorOptions)
+    """A-priori standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Archive:
+    """The block-wide sources, read."""
+
+    georeference: Georeference
+    """Where they come from."""
+    crs: str
+    """CRS of the block."""
+    footprints: Mapping[str, Footprint]
+    """By photo, in the block's CRS."""
+    exterior: Mapping[str, EoRecord]
+    """Rows of the EO list by photo."""
+    directions: Mapping[str, float]
+    """Directions of flight by photo, radians from grid east, where positions give them."""
+    area: Bounds
+    """West, south, east, north of the reference ortho, metres."""
+    doubts: tuple[Doubt, ...] = ()
+    """Sources that say nothing of any photo of the block."""
+
+
+def open_archive(
+    georeference: Georeference, crs: str, photo_ids: Collection[str], area: Bounds
+) -> Archive:
+    """Read the EO list and the footprints of a block that lies in an area.
+
+    Raises:
+        ProjectError: One of the files is missing, unreadable, or lacks a column or attribute.
+        CrsError: The footprints name no CRS and do not give it away, or one they cannot be in.
+    """
+    doubts: list[Doubt] = []
+    footprints: Mapping[str, Footprint] = {}
+    if georeference.footprints is not None:
+        read = read_footprints(georeference.footprints, georeference.footprint_name, photo_ids)
+        footprints = footprints_in_block(read, crs)
+        if not footprints:
+            doubts.append(_names_none(georeference.footprints, "footprints", photo_ids))
+    records: dict[str, EoRecord] = {}
+    if georeference.exterior is not None:
+        listed = {
+            name.lower(): record for name, record in read_eo_list(georeference.exterior).items()
+        }
+        records = {name: listed[name.lower()] for name in photo_ids if name.lower() in listed}
+        if not records:
+            doubts.append(_names_none(georeference.exterior, "rows", photo_ids))
+    centres = {name: np.array(record.centre) for name, record in records.items()}
+    directions = flight_directions(centres)
+    return Archive(georeference, crs, footprints, records, directions, area, tuple(doubts))
+
+
+def georeference_photo(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | Failure:
+    """Approximate exterior orientation of one photo.
+
+    The EO list comes first where it has the scan, then points that somebody clicked in this very
+    scan, then the source that was asked for; where that has nothing for it, any other that does,
+    with a doubt; at last the whole area, where the scale of the photos is given.
+
+    Args:
+        oriented: The scan with its interior orientation.
+        camera: Its camera.
+        archive: The block-wide sources.
+        dem: Terrain, for the height of the ground.
+
+    Raises:
+        PhotogrammetryError: A source of this scan is there and cannot be used.
+    """
+    wanted = archive.georeference.source
+    order = ["points", *(k for k in (wanted, "world-file", "footprints") if k != "points")]
+    record = archive.exterior.get(oriented.photo_id)
+    if record is not None:
+        return _from_list(oriented.photo_id, record, archive, dem)
+    for kind in order:
+        found = _from_source(kind, oriented, camera, archive, dem)
+        if found is None:
+            continue
+        if kind == "points" or wanted in (kind, "none"):
+            return found
+        return replace(
+            found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))
+        )
+    if archive.georeference.scale_number is not None:
+        return _from_area(archive.georeference.scale_number, camera, archive, dem)
+    return Failure(
+        f"Nothing says where {oriented.photo_id} was taken: no world file or points beside it, no "
+        "row in the EO list, no footprint.",
+        {"looked_for": order},
+    )
+
+
+def footprints_in_block(footprints: Footprints, crs: str) -> Mapping[str, Footprint]:
+    """Footprints in the block's CRS; a missing CRS is told by the coordinates (METHODS 10).
+
+    Raises:
+        CrsError: No CRS and none that fits, or coordinates that cannot be in theirs.
+    """
+    if not footprints.by_photo:
+        return {}
+    path, block = footprints.path, read_crs(crs, footprints.path)
+    outlines = [footprint.polygon for footprint in footprints.by_photo.values()]
+    vertices = shapely.get_coordinates(outlines)
+    own = read_crs(footprints.crs, path) if footprints.crs else infer_crs(vertices, block, path)
+    check_range(own, vertices, path)
+    if own == block:
+        return footprints.by_photo
+    operation = operation_between(own.to_wkt(), crs, vertices, path)
+
+    return {
+        name: replace(footprint, polygon=shapely.transform(footprint.polygon, operation.forward))
+        for name, footprint in footprints.by_photo.items()
+    }
+
+
+def _from_source(
+    kind: str, oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """What one kind of source says of a photo; None when it says nothing."""
+    if kind == "world-file":
+        return _from_world_file(oriented, camera, archive, dem)
+    if kind == "points":
+        return _from_points(oriented, camera, archive, dem)
+    footprint = archive.footprints.get(oriented.photo_id) if kind == "footprints" else None
+    if footprint is None:
+        return None
+    middle = footprint.polygon.centroid
+    ground = _ground(dem, archive.crs, middle.x, middle.y)
+    return approximate_from_footprint(footprint, camera, ground, archive.georeference.prior)
+
+
+def _from_list(photo_id: str, record: EoRecord, archive: Archive, dem: Dem) -> Approximation:
+    """The row of the EO list."""
+    ground = _ground(dem, archive.crs, *record.centre[:2])
+    file = archive.georeference.exterior or Path()
+    direction = archive.directions.get(photo_id)
+    return approximate_from_eo(record, file, ground, direction, archive.georeference.prior)
+
+
+def _from_world_file(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """The world file beside the scan, or the georeference inside it."""
+    world = read_georeference(oriented.scan.path)
+    if world is None:
+        return None
+    ground = _ground(dem, archive.crs, *world_file_centre(world, oriented.interior, camera))
+    return approximate_from_world_file(
+        world, oriented.interior, camera, ground, archive.georeference.prior
+    )
+
+
+def _from_points(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """The .points file beside the scan."""
+    path = find_qgis_points(oriented.scan.path)
+    if path is None:
+        return None
+    points = read_qgis_points(path)
+    if not points.enabled.any():
+        # All switched off: as good as no file.
+        return None
+    # The points' own middle is near enough to look up the ground; it may be in another CRS.
+    first = approximate_from_points(
+        points, oriented.interior, camera, Ground(archive.crs, 0.0), archive.georeference.prior
+    )
+    ground = _ground(dem, archive.crs, *first.exterior.centre[:2].tolist())
+    return approximate_from_points(
+        points, oriented.interior, camera, ground, archive.georeference.prior
+    )
+
+
+def _from_area(scale_number: float, camera: Camera, archive: Archive, dem: Dem) -> Approximation:
+    """Somewhere on the reference ortho."""
+    west, south, east, north = archive.area
+    ground = _ground(dem, archive.crs, (west + east) / 2, (south + north) / 2)
+    return approximate_in_area(
+        archive.area, scale_number, camera, ground, archive.georeference.prior
+    )
+
+
+def _ground(dem: Dem, crs: str, east: float, north: float, reach_m: float = 1500.0) -> Ground:
+    """The ground about a place; where the DEM has none, the mean of all of it."""
+    box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
+    height = dem.mean_height(box)
+    if not np.isfinite(height):
+        height = dem.mean_height()
+    return Ground(crs, height if np.isfinite(height) else 0.0, dem.bounds)
+
+
+def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:
+    """The doubt of a photo that had to be placed by something else."""
+    return Doubt(
+        "georeference-missing",
+        photo_id,
+        f"There is no {NAMED[wanted]} for this scan; it was placed by its {NAMED[used]} instead.",
+        evidence={"wanted": wanted, "used": used},
+    )
+
+
+def _names_none(file: Path, what: str, photo_ids: Collection[str]) -> Doubt:
+    """The doubt of a source in which no scan of the block is found by its name."""
+    example = next(iter(sorted(photo_ids)), "")
+    return Doubt(
+        "georeference-unused",
+        str(file),
+        f"The {what} in {file.name} name no scan of this block and were not used. The names must "
+        f"be those of the scan files, such as {example}.",
+        evidence={"scans": len(photo_ids)},
+    )

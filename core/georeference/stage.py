@@ -1,0 +1,149 @@
+"""Stage georeference: what the archive says of where each photo lies."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.block import Block, Photo, footprint
+from core.doubts import Doubt
+from core.errors import OrientationError, PhotogrammetryError
+from core.geometry.camera import Camera
+from core.geometry.crs import distance_m
+from core.georeference.approximation import Approximation
+from core.georeference.archive import Archive, Georeference, georeference_photo, open_archive
+from core.georeference.coverage import check_coverage
+from core.matching.reference import Reference, ReferenceFiles, open_reference
+from core.progress import Work
+from core.raster.dem import Dem
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.stage import ScanSet
+
+# design: about the ground of one photo 1 : 15 000; only a mean height is taken from it.
+UNDER_M = 1500.0
+"""The ground under a photo is what lies within this of its perspective centre, metres."""
+# design: as far as that, tie points may still join it to photos that lie inside.
+FAR_FOOTPRINTS = 2.0
+"""A photo may lie so many of its own footprints outside the reference."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Georeferenced:
+    """Photos with approximate orientations."""
+
+    block: Block
+    """The photos; nothing is measured yet."""
+    approximations: Mapping[str, Approximation]
+    """By photo, with every hypothesis."""
+    set_aside: Mapping[str, str]
+    """Reason by photo, for those nothing is known of."""
+    doubts: tuple[Doubt, ...]
+    """What is doubtful about the sources and the reference's coverage."""
+
+
+def georeference_photos(
+    scans: ScanSet,
+    scan_cameras: Mapping[str, str],
+    given_cameras: Mapping[str, Camera],
+    source: Georeference,
+    files: ReferenceFiles,
+    work: Work,
+) -> Georeferenced:
+    """Approximate exterior orientation of every photo.
+
+    A photo whose own sources are missing or cannot be used is set aside; the rest goes on.
+
+    Args:
+        scans: The scans with their interior orientation.
+        scan_cameras: Name of the camera by photo.
+        given_cameras: Cameras by name, as the block describes them.
+        source: Where the photos are placed by.
+        files: The reference.
+        work: Progress.
+
+    Raises:
+        PhotogrammetryError: No photo has a source that can be used, the reference misses the
+            block, or the CRS does not fit.
+    """
+    reference = open_reference(files)
+    archive = open_archive(source, files.crs, scans.oriented, reference.ortho.bounds)
+    placed: dict[str, Approximation] = {}
+    failed: dict[str, PhotogrammetryError] = {}
+    for done, (name, scan) in enumerate(scans.oriented.items()):
+        work.progress.report(done, len(scans.oriented), name)
+        result = approximate_scan(scan, given_cameras[scan_cameras[name]], archive, reference.dem)
+        if isinstance(result, PhotogrammetryError):
+            failed[name] = result
+        else:
+            placed[name] = result
+    if not placed:
+        raise next(iter(failed.values()))
+    photos = {
+        name: approximate_photo(scans.oriented[name], scan_cameras[name], result, reference)
+        for name, result in sorted(placed.items())
+    }
+    set_aside = {name: str(error) for name, error in failed.items()}
+    block = Block(files.crs, scans.cameras or given_cameras, photos)
+    lost = far_from_reference(block, reference)
+    set_aside |= lost
+    block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
+    coverage = check_coverage(reference.dem, reference.ortho, block.bounds)
+    doubts = [doubt for result in placed.values() for doubt in result.doubts]
+    doubts += [Doubt("scan-set-aside", name, why) for name, why in set_aside.items()]
+    doubts += [*archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
+    return Georeferenced(block, placed, set_aside, tuple(doubts))
+
+
+def approximate_scan(
+    scan: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | PhotogrammetryError:
+    """Where a photo roughly is, or why nobody can say: that concerns this one scan alone."""
+    try:
+        placed = georeference_photo(scan, camera, archive, dem)
+    except PhotogrammetryError as error:
+        return error
+    if isinstance(placed, Approximation):
+        return placed
+    remedy = (
+        "Give a world file, a footprint, QGIS .points or an EO list under [scans], or the scale of "
+        "the photos (scale_number = 15000), to have them sought all over the reference ortho."
+    )
+    return OrientationError(scan.scan.path, placed.reason, remedy)
+
+
+def approximate_photo(
+    scan: ScanOrientation, camera: str, placed: Approximation, reference: Reference
+) -> Photo:
+    """A photo at its approximate orientation, with the mean height of the ground under it."""
+    east, north = (float(value) for value in placed.exterior.centre[:2])
+    under = (east - UNDER_M, north - UNDER_M, east + UNDER_M, north + UNDER_M)
+    height = reference.dem.mean_height(under)
+    if np.isnan(height):
+        height = reference.dem.mean_height()
+    return Photo(
+        scan.photo_id,
+        scan.scan.path,
+        scan.size_px,
+        camera,
+        scan.interior,
+        placed.exterior,
+        placed.exterior,
+        placed.prior,
+        float(height),
+    )
+
+
+def far_from_reference(block: Block, reference: Reference) -> dict[str, str]:
+    """Photos that lie far outside ortho or DEM, where others do not, with the reason."""
+    far: dict[str, str] = {}
+    for name, photo in block.photos.items():
+        west, south, east, north = footprint(photo, block.camera_of(name)).bounds
+        room = FAR_FOOTPRINTS * max(east - west, north - south)
+        for what, area in (("ortho", reference.ortho.bounds), ("DEM", reference.dem.bounds)):
+            apart = distance_m((west, south, east, north), area)
+            if apart > room:
+                far[name] = (
+                    f"{photo.scan}: By its georeference it lies {apart / 1000:.1f} km outside the "
+                    f"{what}. Correct its world file, points, footprint or row in the EO list."
+                )
+    return far if len(far) < len(block.photos) else {}

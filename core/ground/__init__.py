@@ -1,1 +1,0 @@
-"""The block becomes ground: orthos and mosaic."""

@@ -1,0 +1,1 @@
+"""Published chains and methods, for comparison and lessons."""

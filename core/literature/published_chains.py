@@ -1,0 +1,230 @@
+"""Two published chains as presets, to be compared with: that of the thesis and Höhle-Potůčková.
+
+Both correlate grey values of a junction's patch about where the georeference puts it. The thesis
+takes the five best pixels above a threshold, joins neighbours, and keeps what RANSAC with a DLT
+agrees on; Höhle and Potůčková take the best pixel above a high threshold. What they keep enters the
+same bundle adjustment as everything else. Two things are kinder here than in the originals: the
+ortho is warped into the scan with the DEM, and heights are of the bare earth.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block
+from core.arrays import Indices
+from core.block import Block, Measurement, Peak, Photo
+from core.control.proposals import with_proposals
+from core.doubts import Doubt
+from core.literature.direct_linear import RansacOptions, agreeing_points, is_flat
+from core.localisation.initial_orientation import Site
+from core.matching.local_search import (
+    MatchingOptions,
+    looked_at,
+    parts_about,
+    predict_pixels,
+    reduction_for,
+)
+from core.matching.patches import OpenPhoto
+from core.matching.similarity import Surface
+from core.reference.points import ReferencePoints
+
+Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
+"""Our own way, and the chains to compare it with."""
+NAMED = {"junction"}
+"""Both chains know nothing but junctions."""
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedOptions:
+    """The parameters of one chain (thesis, Table 6; chapter 2.3)."""
+
+    gsd_m: float = 1.0
+    """Ground sample distance of scan and ortho, metres."""
+    template: float = 51.0
+    """Side of the patch, metres; pixels where `in_pixels`."""
+    window: float = 110.0
+    """Side of the searched area, template included, metres or pixels."""
+    in_pixels: bool = False
+    """Whether template and window are given in pixels."""
+    best: int = 5
+    """So many of the best pixels are candidates; neighbours are joined."""
+    least_ncc: float = 0.4
+    """Correlation a pixel has at least."""
+    border_m: float = 5.0
+    """Nothing is taken closer to the border of the picture, metres."""
+    ransac_m: float | None = 4.0
+    """Threshold of RANSAC with the DLT, metres; None leaves it to the adjustment."""
+    samples: int = 100_000
+    """Samples of RANSAC."""
+    sigma_m: float = 3.0
+    """Standard deviation of control per axis in the adjustment, metres."""
+    sigma_px: float = 5.22
+    """Standard deviation of its measurement, pixels."""
+
+
+MILOVICE_1938 = PublishedOptions()
+KOBYLI_1984 = PublishedOptions(window=160.0, least_ncc=0.45, ransac_m=2.0)
+HOEHLE_2001 = PublishedOptions(
+    template=31.0, window=61.0, in_pixels=True, best=1, least_ncc=0.7, ransac_m=None,
+    sigma_m=1.0, sigma_px=1.0,
+)  # fmt: skip
+CHAINS: dict[Preset, PublishedOptions] = {
+    "thesis-2024": MILOVICE_1938,
+    "thesis-2024-1980s": KOBYLI_1984,
+    "hoehle-2001": HOEHLE_2001,
+}
+"""Every chain by its name; the thesis had other limits for its photos of the 1980s."""
+
+
+def assemble_published(
+    block: Block,
+    site: Site,
+    options: PublishedOptions,
+    adjustment: AdjustmentOptions,
+    rng: np.random.Generator,
+    mapper: Callable[..., Iterable[Any]] = map,
+) -> tuple[AdjustmentReport, tuple[Doubt, ...]]:
+    """Control by one of the chains, and the adjustment with it.
+
+    Args:
+        block: Photos with approximate orientations, and the tie points.
+        site: Reference, scans and reference points.
+        options: The chain.
+        adjustment: The adjustment.
+        rng: Source of the samples.
+        mapper: Runs a function over photos.
+    """
+    rows = [i for i, name in enumerate(site.points.ids) if site.sources[name] in NAMED]
+    points = ReferencePoints(
+        tuple(site.points.ids[i] for i in rows),
+        site.points.positions[rows],
+        np.full((len(rows), 3), options.sigma_m),
+    )
+    photos = list(block.photos.values())
+    seeds = rng.integers(0, 2**63, len(photos))
+
+    def searched(job: tuple[Photo, int]) -> tuple[Measurement, ...]:
+        photo, seed = job
+        opened = OpenPhoto(photo, block.cameras[photo.camera], site.scans[photo.photo_id])
+        return kept_of(opened, site, points, options, np.random.default_rng(seed))
+
+    jobs = list(zip(photos, seeds.tolist(), strict=True))
+    measured = tuple(value for values in mapper(searched, jobs) for value in values)
+    seen = {value.photo_id for value in measured}
+    standing = block.with_photos(
+        {
+            name: photo.with_exterior(photo.exterior, name in seen)
+            for name, photo in block.photos.items()
+        }
+    )
+    report = adjust_block(with_proposals(standing, points, site.sources, measured), adjustment)
+    return report, flatness(block, points, options)
+
+
+def flatness(block: Block, points: ReferencePoints, options: PublishedOptions) -> tuple[Doubt, ...]:
+    """The warning that the ground is too level for a DLT."""
+    first = next(iter(block.photos.values()))
+    above = float(first.exterior.centre[2]) - first.ground_height_m
+    if options.ransac_m is None or not is_flat(points.positions[:, 2], above):
+        return ()
+    relief = float(np.ptp(points.positions[:, 2])) if len(points.ids) else 0.0
+    message = (
+        f"The relief of {relief:.0f} m is too low for the eleven parameters of a DLT; "
+        "what it agrees on may be chance."
+    )
+    return (Doubt("control-flat", "block", message, evidence={"relief_m": relief}),)
+
+
+def kept_of(
+    opened: OpenPhoto,
+    site: Site,
+    points: ReferencePoints,
+    options: PublishedOptions,
+    rng: np.random.Generator,
+) -> tuple[Measurement, ...]:
+    """What one chain keeps of one photo."""
+    reduction = reduction_for(opened, options.gsd_m)
+    pixel_m = opened.ground_pixel_m * reduction
+    unit = 1.0 if options.in_pixels else 1.0 / pixel_m
+    inner = round((options.template * unit - 1) / 2)
+    half = round((options.window - options.template) * unit / 2)
+    matching = MatchingOptions(
+        reduction=reduction,
+        template_half_px=inner,
+        min_search_px=half,
+        max_search_px=half,
+        operators=("ncc",),
+    )
+    prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
+    halves = np.full(len(points.ids), half)
+    found: list[tuple[int, Peak]] = []
+    for images, point in looked_at(opened, site.reference, prediction, halves, matching):
+        pixel = prediction.pixels[point]
+        parts = parts_about(images, pixel, half, inner)
+        if parts is None:
+            continue
+        for column, row, score in joined_pixels(images.surface("ncc", *parts), options):
+            place = pixel + (np.array([column, row]) - half) * reduction
+            if away_from_border(opened, place, options.border_m):
+                column, row = (float(value) for value in place)
+                found.append((point, Peak(column, row, options.sigma_px, score, "ncc")))
+    kept = agreed(opened, points, found, options, rng)
+    best: dict[int, Peak] = {}
+    for index in kept.tolist():
+        point, peak = found[index]
+        if point not in best or peak.score > best[point].score:
+            best[point] = peak
+    name = opened.photo.photo_id
+    return tuple(
+        Measurement(points.ids[point], name, peak.column, peak.row, options.sigma_px, peak.score)
+        for point, peak in sorted(best.items())
+    )
+
+
+def joined_pixels(surface: Surface, options: PublishedOptions) -> list[tuple[float, float, float]]:
+    """The best pixels, neighbours joined to their mean weighted by correlation (script 6)."""
+    order = np.argsort(-surface, axis=None, kind="stable")[: options.best]
+    chosen = np.zeros(surface.shape, np.uint8)
+    rows, columns = np.unravel_index(order, surface.shape)
+    high = surface[rows, columns] >= options.least_ncc
+    chosen[rows[high], columns[high]] = 1
+    count, labels = cv2.connectedComponents(chosen, connectivity=8)
+    clusters: list[tuple[float, float, float]] = []
+    for label in range(1, count):
+        down, across = np.nonzero(labels == label)
+        weight = surface[down, across].astype(np.float64)
+        total = float(weight.sum())
+        clusters.append(
+            (float(weight @ across) / total, float(weight @ down) / total, float(weight.mean()))
+        )
+    return clusters
+
+
+def away_from_border(opened: OpenPhoto, place: np.ndarray, border_m: float) -> bool:
+    """Whether a place lies within the picture, far enough from its border."""
+    film = opened.photo.interior.film_from_pixel(place[None])[0]
+    margin = border_m / opened.ground_pixel_m * opened.photo.interior.pixel_size_mm
+    return bool(np.all(np.abs(film) < np.array(opened.camera.frame_mm) / 2 - margin))
+
+
+def agreed(
+    opened: OpenPhoto,
+    points: ReferencePoints,
+    found: list[tuple[int, Peak]],
+    options: PublishedOptions,
+    rng: np.random.Generator,
+) -> Indices:
+    """Candidates that RANSAC keeps; all of them without it."""
+    if options.ransac_m is None:
+        return np.arange(len(found))
+    owner = np.array([point for point, _ in found], dtype=np.int64)
+    pixels = np.array([[peak.column, peak.row] for _, peak in found]).reshape(-1, 2)
+    limit = options.ransac_m / opened.ground_pixel_m
+    return agreeing_points(
+        points.positions[owner], pixels, owner, RansacOptions(options.samples, limit), rng
+    )

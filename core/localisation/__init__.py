@@ -1,0 +1,1 @@
+"""Stage localisation: where the photos really lie, together."""

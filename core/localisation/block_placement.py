@@ -1,0 +1,305 @@
+"""The whole block found on the reference: all its photos vote as one body.
+
+A single photo over woods and rebuilt villages has little to go by, and a poor georeference gives it
+much room. Tied together, the photos leave four unknowns between them (turn, scale, shift), and all
+their ground speaks.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from core.arrays import PlanPosition, Scalars
+from core.block import Block, footprint
+from core.doubts import Failure
+from core.localisation.free_block import FreeBlock
+from core.localisation.photo_placement import (
+    Placement,
+    laid_on_ground,
+    placement_covariance,
+    refined_turn,
+)
+from core.matching.global_search import (
+    Backdrop,
+    Laid,
+    Level,
+    Turn,
+    apart,
+    distinct,
+    steps_of,
+)
+from core.matching.patches import OpenPhoto
+from core.matching.reference import Reference
+from core.raster.grid import Grid
+from core.raster.scan_file import ScanFile
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPlacementOptions:
+    """How far and how finely to look."""
+
+    photo_px: int = 200
+    """Width of a photo in pixels in the first search, where the block is small enough."""
+    block_px: int = 420
+    """Largest side of the block in pixels in the first search."""
+    most_work: float = 4e8
+    """Trials times pixels of each; where it would be more, the first search is coarser."""
+    candidates: int = 24
+    """Places of a coarser first search that are sought again more finely; of one that is not
+    coarser, only those that are handed on."""
+    fine_px: int = 900
+    """Largest side of the block in pixels when the best places are sought again."""
+    search_sigmas: float = 2.5
+    """Half-width of the search in standard deviations of the prior."""
+    near_sigmas: float = 1.0
+    """Half-width of a second search, where the first had to be coarser than `photo_px` says."""
+    near_candidates: int = 12
+    """Places of that second search that are sought again more finely."""
+    most_scale: float = 0.2
+    """Largest change of scale that is tried, 1 = 100 %."""
+    hypotheses: int = 3
+    """Placements that are handed on."""
+    relief_share: float = 0.01
+    """What the third dimension leaves of the placement, as a share of the flying height."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedBlock:
+    """Where photos may lie that ties hold together, likeliest first."""
+
+    photo_ids: tuple[str, ...]
+    """The photos."""
+    turns: tuple[Turn, ...]
+    """What was done to the free block, likeliest first."""
+    placements: Mapping[str, tuple[Placement, ...]]
+    """By photo, one placement a turn."""
+
+
+def place_block(
+    free: FreeBlock,
+    scans: Mapping[str, ScanFile],
+    reference: Reference,
+    options: BlockPlacementOptions,
+    mapper: Callable[..., Iterable[Any]] = map,
+) -> PlacedBlock | Failure:
+    """The most likely placements of a free block on the reference.
+
+    Args:
+        free: Photos in each other's right place.
+        scans: Scans by photo.
+        reference: Ortho and heights.
+        options: Limits.
+        mapper: Runs a function over photos or trials, such as the `map` of a thread pool.
+    """
+    block = free.block
+    photos = {
+        name: OpenPhoto(photo, block.cameras[photo.camera], scans[name])
+        for name, photo in block.photos.items()
+    }
+    about = np.mean([photo.exterior.centre[:2] for photo in block.photos.values()], axis=0)
+    view = _View(photos, reference, about, block_reach_m(block, about), mapper)
+    finest = view.finest_gsd_m(options)
+    room = _Room.of(free, options.search_sigmas, options)
+    gsd = room.first_gsd_m(finest, view.reach_m, options)
+    finer = max(1, round(min(gsd * options.fine_px / (2 * view.reach_m), 2.5)))
+    laid = view.laid(gsd)
+    backdrop = view.backdrop(laid.half_m + room.shift_m, gsd / finer)
+    count = options.candidates if gsd > finest else options.hypotheses
+    best = view.sought(laid, backdrop.coarser(finer), room, count)
+    if gsd > finest:
+        near = _Room.of(free, options.near_sigmas, options)
+        best += view.sought_near(near, gsd, best, options)
+    if not best:
+        return Failure("the reference ortho shows nothing where the block may lie")
+    fine = view.laid(gsd / finer)
+    step = 1.5 * gsd / view.reach_m
+    found = list(mapper(lambda turn: refined_turn(fine, backdrop, turn, step), best))
+    found.sort(key=lambda turn: -turn.score)
+    likeliest = apart(found, options.hypotheses, view.reach_m)
+    return _placed(photos, about, tuple(likeliest), gsd / finer, options)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """The block's photos and the reference they are sought on."""
+
+    photos: Mapping[str, OpenPhoto]
+    reference: Reference
+    about: PlanPosition
+    reach_m: float
+    mapper: Callable[..., Iterable[Any]]
+
+    def finest_gsd_m(self, options: BlockPlacementOptions) -> float:
+        """Ground sample distance of a first search that may take as long as it wants."""
+        width = min(opened.width_m for opened in self.photos.values())
+        return max(width / options.photo_px, 2 * self.reach_m / options.block_px)
+
+    def laid(self, gsd_m: float) -> Laid:
+        """The block on the ground."""
+        return laid_block(self.photos, self.reference, self.about, self.reach_m, gsd_m, self.mapper)
+
+    def backdrop(self, half_m: float, gsd_m: float) -> Backdrop:
+        """The reference about the block."""
+        return Backdrop.read(self.reference.ortho, self.about, half_m, gsd_m)
+
+    def sought(
+        self,
+        laid: Laid,
+        backdrop: Backdrop,
+        room: "_Room",
+        count: int,
+        beside: Sequence[Turn] = (),
+    ) -> list[Turn]:
+        """The best places within a room, none of them one that is known already."""
+        level = Level(laid, backdrop, Turn(0.0, 1.0), room.shift_m)
+        trials = room.trials(self.reach_m / laid.grid.ground_sample_distance_m)
+        return distinct(level.search(trials, 2, self.mapper), count, self.reach_m, beside)
+
+    def sought_near(
+        self, near: "_Room", gsd_m: float, known: Sequence[Turn], options: BlockPlacementOptions
+    ) -> list[Turn]:
+        """The best places about where the sources put the block, as finely as its room allows.
+
+        Over wide room a coarse search finds by chance what is as like as the true place. That lies
+        close to what the sources say more often than not, and there is time for more detail there.
+        """
+        own = near.first_gsd_m(self.finest_gsd_m(options), self.reach_m, options)
+        if own >= gsd_m:
+            return []
+        laid = self.laid(own)
+        backdrop = self.backdrop(laid.half_m + near.shift_m, own)
+        return self.sought(laid, backdrop, near, options.near_candidates, known)
+
+
+def block_reach_m(block: Block, about: PlanPosition) -> float:
+    """How far from the middle the block reaches, metres."""
+    corners = [
+        corner
+        for photo in block.photos.values()
+        for corner in footprint(photo, block.camera_of(photo.photo_id)).exterior.coords
+    ]
+    return float(np.max(np.hypot(*(np.array(corners)[:, :2] - about).T)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Room:
+    """What the sources leave open."""
+
+    turns: Scalars
+    shift_m: float
+    scale: float
+
+    @staticmethod
+    def of(free: FreeBlock, sigmas: float, options: BlockPlacementOptions) -> "_Room":
+        """The room of the surest photo alone: sources of one archive may all err the same way."""
+        photos = list(free.block.photos.values())
+        above = np.array([p.approximate.centre[2] - p.ground_height_m for p in photos])
+        tilt = above * [float(np.max(p.prior.sigma_angles[:2])) for p in photos]
+        plan = np.hypot([float(np.max(p.prior.sigma_centre_m[:2])) for p in photos], tilt)
+        height = np.array([p.prior.sigma_centre_m[2] for p in photos]) / above
+        scale = min(sigmas * float(np.min(height)), options.most_scale)
+        turns = free.turns[free.turn_sigmas <= sigmas]
+        return _Room(turns, sigmas * float(np.min(plan)), scale)
+
+    def first_gsd_m(self, gsd: float, reach_m: float, options: BlockPlacementOptions) -> float:
+        """A ground sample distance, or the finest above it at which the search is not too long."""
+        while self._work(reach_m / gsd, self.shift_m / gsd) > options.most_work:
+            gsd *= 1.15
+        return gsd
+
+    def _work(self, reach_px: float, shift_px: float) -> float:
+        """Trials times pixels of each."""
+        return len(self.trials(reach_px)) * (2 * (reach_px + shift_px)) ** 2
+
+    def trials(self, reach_px: float) -> list[tuple[float, float]]:
+        """Turns and scales in steps that move the block's rim by about two pixels."""
+        step = 2.0 / reach_px
+        turns = np.unique(np.round(self._open_turns() / step).astype(int)) * step
+        kappas = [float(turn) for turn in turns if -np.pi <= turn < np.pi]
+        scales = [float(1 + change) for change in steps_of(self.scale, step)]
+        return list(product(kappas, scales))
+
+    def _open_turns(self) -> Scalars:
+        """The open turns with all between neighbours, so that any step finds some."""
+        half = np.radians(np.linspace(-0.5, 0.5, 5))
+        return np.ravel(np.angle(np.exp(1j * (self.turns[:, None] + half[None, :]))))
+
+
+def laid_block(
+    photos: Mapping[str, OpenPhoto],
+    reference: Reference,
+    about: PlanPosition,
+    reach_m: float,
+    gsd_m: float,
+    mapper: Callable[..., Iterable[Any]] = map,
+) -> Laid:
+    """All photos on one grid; every place shows the photo whose nadir is nearest."""
+    side = 2 * int(np.ceil(reach_m / gsd_m)) + 1
+    west, north = float(about[0]) - side * gsd_m / 2, float(about[1]) + side * gsd_m / 2
+    whole = Grid(west, north, gsd_m, side, side)
+    field = np.zeros((side, side), np.complex64)
+    nearest = np.full((side, side), np.inf, np.float32)
+    names = sorted(photos)
+
+    def laid(name: str) -> tuple[Laid, tuple[slice, slice]]:
+        window = _window_of(photos[name], whole)
+        return laid_on_ground(photos[name], reference, _cut(whole, window)), window
+
+    for name, (own, window) in zip(names, mapper(laid, names), strict=True):
+        east, northing = own.grid.centres()
+        nadir = photos[name].photo.exterior.centre
+        away = np.hypot(east[None, :] - nadir[0], northing[:, None] - nadir[1])
+        away = np.where(own.mask, away, np.inf).astype(np.float32)
+        closer = away < nearest[window]
+        field[window] = np.where(closer, own.field, field[window])
+        nearest[window] = np.where(closer, away, nearest[window])
+    return Laid(whole, field, np.isfinite(nearest))
+
+
+def _window_of(opened: OpenPhoto, whole: Grid) -> tuple[slice, slice]:
+    """Rows and columns of a grid that a photo can reach."""
+    corners = np.array(footprint(opened.photo, opened.camera).exterior.coords)[:, :2]
+    margin = 0.1 * opened.width_m
+    place = whole.grid_from_object(
+        np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])
+    )
+    low = np.clip(np.floor(place.min(axis=0)).astype(int), 0, whole.columns - 1)
+    high = np.clip(np.ceil(place.max(axis=0)).astype(int), low + 1, whole.columns)
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+
+def _cut(whole: Grid, window: tuple[slice, slice]) -> Grid:
+    """A window of a grid as a grid."""
+    rows, columns = window
+    gsd = whole.ground_sample_distance_m
+    return Grid(
+        whole.west + columns.start * gsd,
+        whole.north - rows.start * gsd,
+        gsd,
+        columns.stop - columns.start,
+        rows.stop - rows.start,
+    )
+
+
+def _placed(
+    photos: Mapping[str, OpenPhoto],
+    about: PlanPosition,
+    turns: tuple[Turn, ...],
+    gsd_m: float,
+    options: BlockPlacementOptions,
+) -> PlacedBlock:
+    """All photos under every turn."""
+    ground = float(np.mean([opened.photo.ground_height_m for opened in photos.values()]))
+    placements: dict[str, tuple[Placement, ...]] = {}
+    for name, opened in photos.items():
+        above = float(opened.photo.exterior.centre[2]) - opened.photo.ground_height_m
+        sigma = float(np.hypot(2 * gsd_m, options.relief_share * above))
+        exteriors = [turn.moved(opened.photo.exterior, about, ground) for turn in turns]
+        placements[name] = tuple(
+            Placement(exterior, placement_covariance(opened.at(exterior), sigma), turn)
+            for exterior, turn in zip(exteriors, turns, strict=True)
+        )
+    return PlacedBlock(tuple(sorted(photos)), turns, placements)

@@ -1,0 +1,1 @@
+"""One patch sought in a picture: operators, peaks, probability."""

@@ -1,0 +1,325 @@
+"""Where reference points may lie in one photo: candidate peaks of several operators."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64, Int
+
+from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
+from core.block import Peak
+from core.geometry.consensus import Candidates
+from core.geometry.resection import PhotoModel
+from core.matching.operators import GREY, Operator, operator_named
+from core.matching.patches import OpenPhoto, Pair, Window, read_pair
+from core.matching.reference import Reference
+from core.matching.similarity import Description, Surface, SurfacePeak, detect_peaks
+from core.progress import Progress, Silent
+
+Members = Int[np.ndarray, "members"]
+"""Indices of some of the points."""
+Pixel = Float64[np.ndarray, "2"]
+"""One place, column and row."""
+Slices = tuple[slice, slice]
+"""Rows and columns of a window."""
+TILE_PX = 1536
+SEPARATION_PX = 4
+"""No two peaks of a surface, and no peak and its rim, are closer than this (window pixels)."""
+NCC_TRUST = 0.4
+"""Vote of a grey-value peak that the gradients do not share: crowns and shadows move all grey
+values of a wood together, so that such peaks agree with each other and are wrong."""
+DULL = 3.0
+"""A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""
+USUAL = ("fused", "ncc-high-pass")
+"""What is compared unless `block.toml` says otherwise."""
+LEAST_KNOWN = 0.9
+"""Share of a template on which the reference is known at least."""
+LEAST_USABLE = 0.6
+"""Share of it on which the scan is photograph: a picture may end within a template."""
+SAME_PLACE_PX = 2.5
+"""Peaks of two operators closer than this (window pixels) are one candidate."""
+
+
+@dataclass(frozen=True, slots=True)
+class MatchingOptions:
+    """Sizes of one pass, in pixels of the reduced scan."""
+
+    reduction: int = 1
+    """Scan pixels to one pixel of the pass."""
+    template_half_px: int = 30
+    """The template is 2 n + 1 pixels wide."""
+    peaks: int = 2
+    """Peaks kept of each operator."""
+    search_sigmas: float = 3.0
+    """Half-width of the search in standard deviations of the prediction."""
+    min_search_px: int = 8
+    """Smallest half-width of the search."""
+    max_search_px: int = 120
+    """Largest half-width of the search."""
+    operators: tuple[str, ...] = USUAL
+    """What is compared, by name."""
+    network: Path | None = None
+    """Weights of the operator `learned`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Where reference points should appear in a photo, and how sure that is."""
+
+    pixels: PixelPoints
+    """Predicted scan pixels; NaN where not in the photo."""
+    sigma_px: Scalars
+    """Largest standard deviation of the prediction, scan pixels."""
+    inside: Flags
+    """True where the point may lie within the picture, on what of it is photograph."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Candidates of one reference point in one photo."""
+
+    point: int
+    """Index of the reference point."""
+    peaks: tuple[Peak, ...]
+    """Where it may lie, best first, scan pixels."""
+    searched_px2: float
+    """Area that was searched, square scan pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Images:
+    """A pair described for every operator."""
+
+    pair: Pair
+    """The pair."""
+    operators: Mapping[str, Operator]
+    """By name."""
+    scan: Mapping[str, Description]
+    """What each compares of the scan."""
+    reference: Mapping[str, Description]
+    """What each compares of the reference."""
+
+    def surface(self, operator: str, around: Slices, patch: Slices) -> Surface:
+        """Likeness of a patch of the reference at every place within a part of the scan."""
+        return self.operators[operator].surface(
+            cut(self.scan[operator], around), cut(self.reference[operator], patch)
+        )
+
+    def mirrored_surface(self, operator: str, around: Slices, patch: Slices) -> Surface:
+        """The same with the patch mirrored before it is described: whatever it finds is wrong."""
+        made = self.operators[operator]
+        mirrored = made.of_reference(
+            np.ascontiguousarray(self.pair.reference[patch][:, ::-1]),
+            np.ascontiguousarray(self.pair.roads[patch][:, ::-1]),
+        )
+        return made.surface(cut(self.scan[operator], around), mirrored)
+
+
+def predict_pixels(
+    opened: OpenPhoto,
+    covariance: Matrix,
+    points: ObjectPoints,
+    sigma_m: ObjectPoints,
+) -> Prediction:
+    """Predict where points appear, from the orientation's covariance and their own."""
+    photo, camera = opened.photo, opened.camera
+    model = PhotoModel(photo.interior, camera, photo.atmosphere)
+    pixels, derivatives = model.linearised(points, photo.exterior)
+    spread = np.einsum("nai,ij,nbj->nab", derivatives, covariance, derivatives)
+    ground = np.einsum("nai,ni,nbi->nab", derivatives[:, :, :3], sigma_m**2, derivatives[:, :, :3])
+    both = spread + ground
+    both[~np.isfinite(both)] = 0.0
+    sigma = np.sqrt(np.linalg.eigvalsh(both)[:, 1])
+    film = photo.interior.film_from_pixel(pixels)
+    half = np.array(camera.frame_mm) / 2
+    inside = np.all(np.abs(film) < half, axis=1) & np.all(np.isfinite(pixels), axis=1)
+    if opened.scan.usable is not None:
+        inside &= opened.scan.usable.at(pixels)
+    return Prediction(pixels, sigma, inside)
+
+
+def match_points(
+    opened: OpenPhoto,
+    reference: Reference,
+    prediction: Prediction,
+    options: MatchingOptions,
+    progress: Progress | None = None,
+) -> list[Found]:
+    """Search every predicted reference point in a scan, tile by tile."""
+    half = search_half_px(prediction, options)
+    found = [
+        match
+        for images, point in looked_at(opened, reference, prediction, half, options, progress)
+        for match in [
+            match_point(images, point, prediction.pixels[point], int(half[point]), options)
+        ]
+        if match is not None
+    ]
+    return sorted(found, key=lambda match: match.point)
+
+
+def looked_at(
+    opened: OpenPhoto,
+    reference: Reference,
+    prediction: Prediction,
+    half: Indices,
+    options: MatchingOptions,
+    progress: Progress | None = None,
+) -> Iterator[tuple[Images, int]]:
+    """Every point that may lie in the picture, with the prepared tile it lies in.
+
+    Args:
+        opened: The photo.
+        reference: Ortho, heights and roads.
+        prediction: Where the points should be.
+        half: Half-width of each search, reduced pixels.
+        options: Sizes and operators.
+        progress: Told as the work goes on.
+    """
+    todo = np.nonzero(prediction.inside & (half > 0))[0]
+    watch = progress or Silent()
+    done = 0
+    for window, members in tiles(prediction.pixels, todo, half, options):
+        watch.report(done, len(todo), opened.photo.photo_id)
+        images = prepared(read_pair(opened, reference, window), options)
+        for point in members.tolist():
+            yield images, point
+        done += len(members)
+
+
+def search_half_px(prediction: Prediction, options: MatchingOptions) -> Indices:
+    """Half-width of each search in reduced pixels."""
+    wanted = options.search_sigmas * prediction.sigma_px / options.reduction
+    wanted = np.ceil(wanted) + SEPARATION_PX
+    wanted = np.where(np.isfinite(wanted), wanted, 0)
+    return np.clip(wanted, options.min_search_px, options.max_search_px).astype(np.int64)
+
+
+def tiles(
+    pixels: PixelPoints, todo: Members, half: Indices, options: MatchingOptions
+) -> Iterator[tuple[Window, Members]]:
+    """Group the points by tile of the scan, each window with room for search and template."""
+    if not len(todo):
+        return
+    side = TILE_PX * options.reduction
+    cell = np.floor(pixels[todo] / side).astype(np.int64)
+    for key in np.unique(cell, axis=0):
+        members = todo[np.all(cell == key, axis=1)]
+        margin = (int(half[members].max()) + options.template_half_px + 3) * options.reduction
+        low = np.floor(pixels[members].min(axis=0)).astype(np.int64) - margin
+        high = np.ceil(pixels[members].max(axis=0)).astype(np.int64) + margin
+        size = -(-(high - low) // options.reduction)
+        yield (
+            Window(int(low[0]), int(low[1]), int(size[0]), int(size[1]), options.reduction),
+            members,
+        )
+
+
+def prepared(pair: Pair, options: MatchingOptions) -> Images:
+    """Both halves of a pair, described for every operator."""
+    operators = {
+        name: operator_named(name, options.template_half_px, options.network)
+        for name in options.operators
+    }
+    return Images(
+        pair,
+        operators,
+        {name: operator.of_scan(pair.scan) for name, operator in operators.items()},
+        {
+            name: operator.of_reference(pair.reference, pair.roads)
+            for name, operator in operators.items()
+        },
+    )
+
+
+def cut(description: Description, part: Slices) -> Description:
+    """The same part of every layer."""
+    return tuple(np.ascontiguousarray(layer[part]) for layer in description)
+
+
+def match_point(
+    images: Images, point: int, pixel: Pixel, half: int, options: MatchingOptions
+) -> Found | None:
+    """Peaks of all operators for one point; None where the reference is not known."""
+    parts = parts_about(images, pixel, half, options.template_half_px)
+    if parts is None:
+        return None
+    surfaces = {name: images.surface(name, *parts) for name in images.operators}
+    peaks = merged(surfaces, options)
+    reduction = options.reduction
+    moved = tuple(
+        Peak(
+            float(pixel[0]) + (peak.column - half) * reduction,
+            float(pixel[1]) + (peak.row - half) * reduction,
+            peak.sigma_px * reduction,
+            peak.z,
+            operator,
+        )
+        for operator, peak in peaks
+    )
+    return Found(point, moved, float(((2 * half + 1) * reduction) ** 2)) if moved else None
+
+
+def parts_about(
+    images: Images, pixel: Pixel, half: int, inner: int
+) -> tuple[Slices, Slices] | None:
+    """The window that is searched about a point, and its template; None where little is there."""
+    place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
+    column, row = int(place[0]), int(place[1])
+    outer = inner + half
+    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
+    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
+    known, usable = images.pair.known[patch].mean(), images.pair.usable[patch].mean()
+    return (around, patch) if known >= LEAST_KNOWN and usable >= LEAST_USABLE else None
+
+
+def merged(
+    surfaces: Mapping[str, Surface], options: MatchingOptions
+) -> list[tuple[str, SurfacePeak]]:
+    """Peaks of all operators, best first; two operators at one place make one candidate."""
+    every: list[tuple[str, SurfacePeak]] = []
+    for operator, surface in surfaces.items():
+        for peak in detect_peaks(surface, options.peaks, SEPARATION_PX):
+            every.append((operator, peak))
+    every.sort(key=lambda named: -named[1].z)
+    kept: list[tuple[str, SurfacePeak]] = []
+    for operator, peak in every:
+        same = [index for index, (_, other) in enumerate(kept) if close(peak, other)]
+        if not same:
+            kept.append((operator, peak))
+        elif operator not in (names := kept[same[0]][0].split("+")):
+            kept[same[0]] = "+".join(sorted([*names, operator])), kept[same[0]][1]
+    return kept
+
+
+def close(one: SurfacePeak, other: SurfacePeak) -> bool:
+    """Whether two peaks are one place."""
+    return bool(np.hypot(one.column - other.column, one.row - other.row) <= SAME_PLACE_PX)
+
+
+def candidates_of(found: list[Found], sigma_ground_px: Scalars, floor_px: float) -> Candidates:
+    """The found peaks as candidates for a resection.
+
+    Args:
+        found: Peaks by point, sorted by point.
+        sigma_ground_px: Standard deviation of each reference point in this photo, scan pixels.
+        floor_px: Least standard deviation of a match, scan pixels.
+    """
+    rows = [(match, peak) for match in found for peak in match.peaks]
+    point = np.array([match.point for match, _ in rows], dtype=np.int64)
+    trust = np.array([NCC_TRUST if peak.operator in GREY else 1.0 for _, peak in rows])
+    sigma = np.clip([peak.sigma_px for _, peak in rows], floor_px, DULL * floor_px)
+    return Candidates(
+        point=point,
+        pixels=np.array([[peak.column, peak.row] for _, peak in rows]).reshape(-1, 2),
+        sigma_px=np.hypot(sigma, sigma_ground_px[point]),
+        weight=trust * np.array([peak.score**2 for _, peak in rows]),
+        trust=trust,
+        chance=np.array([1.0 / match.searched_px2 for match, _ in rows]),
+    )
+
+
+def reduction_for(opened: OpenPhoto, gsd_m: float) -> int:
+    """Whole reduction of a scan that comes closest to a ground sample distance from below."""
+    return max(1, int(np.floor(gsd_m / opened.ground_pixel_m + 0.25)))

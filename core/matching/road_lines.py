@@ -1,0 +1,79 @@
+"""Road centre lines in space, to be drawn into a photo: a template that owes the ortho nothing.
+
+Where roads stayed and everything about them changed, the vectors still say what must be there:
+strips of their width, whatever their tone (METHODS 4.1).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float64, Int64
+
+from core.arrays import ObjectPoints, locked
+from core.formats.roads import Roads
+from core.geometry.crs import Bounds
+from core.raster.dem import Dem
+
+STEP_M = 10.0
+"""No two vertices are further apart, so that lines follow the terrain."""
+USUAL_WIDTH_M = 5.0
+"""Width of a road of which the map does not tell any."""
+WIDTHS_M = (2.5, 12.0)
+"""Narrower and wider ones are drawn as these: lanes of a motorway are no edge of one strip."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoadLines:
+    """Lines as one array of vertices."""
+
+    points: ObjectPoints
+    """Vertices of all lines, one line after the other, metres."""
+    first: Int64[np.ndarray, "lines"]
+    """Index of the first vertex of each line."""
+    width_m: Float64[np.ndarray, "lines"]
+    """Width of each road, metres."""
+    boxes: Float64[np.ndarray, "lines 4"]
+    """West, south, east, north of each line, metres."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", locked(self.points))
+        object.__setattr__(self, "first", locked(self.first, np.int64))
+        object.__setattr__(self, "width_m", locked(self.width_m))
+        object.__setattr__(self, "boxes", locked(self.boxes))
+
+    def within(self, bounds: Bounds) -> list[tuple[ObjectPoints, float]]:
+        """Vertices and width of every line that comes near an area."""
+        west, south, east, north = bounds
+        near = (self.boxes[:, 0] <= east) & (self.boxes[:, 2] >= west)
+        near &= (self.boxes[:, 1] <= north) & (self.boxes[:, 3] >= south)
+        last = np.append(self.first[1:], len(self.points))
+        return [
+            (self.points[self.first[line] : last[line]], float(self.width_m[line]))
+            for line in np.flatnonzero(near)
+        ]
+
+
+def lines_on_ground(roads: Roads, dem: Dem) -> RoadLines:
+    """The roads that can be seen from above, laid on the terrain.
+
+    Args:
+        roads: Centre lines; tunnels are left out.
+        dem: Terrain; where it is unknown a line takes the height it had before.
+    """
+    seen = np.asarray(roads.level >= 0)
+    lines = shapely.segmentize(roads.lines[seen], STEP_M) if seen.any() else roads.lines[seen]
+    plan, owner = shapely.get_coordinates(lines, return_index=True)
+    first = np.searchsorted(owner, np.arange(len(lines)))
+    heights = dem.heights(plan) if len(plan) else np.zeros(0)
+    known = np.isfinite(heights)
+    if known.any():
+        last_known = np.maximum.accumulate(np.where(known, np.arange(len(heights)), -1))
+        heights = heights[np.where(last_known < 0, int(np.argmax(known)), last_known)]
+    width = np.where(np.isfinite(roads.width_m[seen]), roads.width_m[seen], USUAL_WIDTH_M)
+    return RoadLines(
+        np.column_stack([plan, np.nan_to_num(heights)]),
+        first.astype(np.int64),
+        np.clip(width, *WIDTHS_M),
+        np.asarray(shapely.bounds(lines), dtype=np.float64).reshape(-1, 4),
+    )

@@ -1,0 +1,1 @@
+"""Stage mosaic: the composition of the orthos."""

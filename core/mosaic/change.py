@@ -1,0 +1,235 @@
+"""Where the ground has changed: the mosaic of the archive beside the ortho of today, cell by cell.
+
+Doubled gradient angles of both are compared at their own place, give or take what orientation and
+relief leave. The same cell compared at places further off tells what chance brings: those places
+are certainly wrong. A cell that is no more like its own place than like wrong ones shows other
+ground; where both show hardly anything, nobody can tell.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rasterio.features
+from affine import Affine
+from jaxtyping import Float32, Int8
+from shapely.geometry import shape
+
+from core.arrays import Mask
+from core.formats.polygons import write_polygons
+from core.geometry.crs import Bounds
+from core.matching.global_search import AngleField, angle_field
+from core.matching.patches import filled
+from core.progress import Progress
+from core.raster.grid import Grid
+from core.raster.ortho import Ortho
+from core.raster.tiles import SILENT
+
+SAME, UNSURE, DIFFERENT = 1, 0, -1
+LAYERS = {"different": DIFFERENT, "same": SAME}
+"""Layers of the file; what is in neither nobody can tell."""
+TILE_CELLS = 16
+EDGE_PX = 3.0
+"""Edges run on for more than this, grain does not, pixels."""
+RICH = 75
+"""Percentile of the cells that counts as rich in detail."""
+Cells = Float32[np.ndarray, "rows columns"]
+Shift = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeOptions:
+    """How finely, and how sure."""
+
+    cell_px: int = 64
+    """Side of a cell, pixels of the common grid."""
+    least_gsd_m: float = 1.0
+    """Finer detail is not compared, metres."""
+    play_px: int = 2
+    """Largest shift that is still the cell's own place, pixels per axis; every second is tried."""
+    away_px: tuple[int, int] = (20, 36)
+    """Wrong places lie so far off, pixels; four at each distance."""
+    same: float = 0.02
+    """Fewer wrong places than this share are as like: the ground is the same."""
+    different: float = 0.2
+    """More of them than this are: it is another."""
+    least_detail: float = 0.5
+    """A cell with less detail than this share of what a rich cell has says nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangeMap:
+    """What became of every cell."""
+
+    grid: Grid
+    """Where the cells lie; its pixel is a cell."""
+    state: Int8[np.ndarray, "rows columns"]
+    """`SAME`, `UNSURE` or `DIFFERENT`."""
+    seen: Mask
+    """Cells that both show."""
+    chance: Cells
+    """Share of wrong places that are as like as the cell's own; NaN where not seen."""
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of the seen cells that are the same, and that are different."""
+        seen = max(int(self.seen.sum()), 1)
+        return {
+            name: float((self.state[self.seen] == value).sum()) / seen
+            for name, value in LAYERS.items()
+        }
+
+
+def find_change(
+    mosaic: Ortho,
+    reference: Ortho,
+    bounds: Bounds,
+    options: ChangeOptions | None = None,
+    progress: Progress = SILENT,
+) -> ChangeMap:
+    """Compare the mosaic with the ortho of today.
+
+    Args:
+        mosaic: The archive's ground.
+        reference: Today's.
+        bounds: West, south, east, north of the mosaic, metres.
+        options: Cells and limits.
+        progress: Told per tile; may raise `Cancelled`.
+    """
+    options = options or ChangeOptions()
+    gsd = max(
+        options.least_gsd_m,
+        mosaic.ground_sample_distance_m,
+        reference.ground_sample_distance_m,
+    )
+    west, south, east, north = bounds
+    side = options.cell_px * gsd
+    columns, rows = max(int((east - west) / side), 1), max(int((north - south) / side), 1)
+    grid = Grid(west, north, side, columns, rows)
+    own, detail = np.full((2, rows, columns), np.nan, np.float32)
+    wrong = np.full((8, rows, columns), np.nan, np.float32)
+    parts = list(_tiles(grid))
+    for done, (down, across) in enumerate(parts):
+        progress.report(done, len(parts), "change")
+        place = np.s_[down, across]
+        own[place], wrong[:, *place], detail[place] = _tile(
+            mosaic, reference, grid, (down, across), gsd, options
+        )
+    return _judged(grid, own, wrong, detail, options)
+
+
+def _tiles(grid: Grid) -> Iterator[tuple[slice, slice]]:
+    for row in range(0, grid.rows, TILE_CELLS):
+        for column in range(0, grid.columns, TILE_CELLS):
+            yield (
+                slice(row, min(row + TILE_CELLS, grid.rows)),
+                slice(column, min(column + TILE_CELLS, grid.columns)),
+            )
+
+
+def _tile(
+    mosaic: Ortho,
+    reference: Ortho,
+    cells: Grid,
+    part: tuple[slice, slice],
+    gsd_m: float,
+    options: ChangeOptions,
+) -> tuple[Cells, Float32[np.ndarray, "8 rows columns"], Cells]:
+    """Likeness of some cells at their own place and at eight wrong ones, and their detail."""
+    rim = options.away_px[1] + options.play_px
+    down, across = part
+    size = options.cell_px
+    shape_px = ((down.stop - down.start) * size, (across.stop - across.start) * size)
+    grid = Grid(
+        cells.west + (across.start * size - rim) * gsd_m,
+        cells.north - (down.start * size - rim) * gsd_m,
+        gsd_m,
+        shape_px[1] + 2 * rim,
+        shape_px[0] + 2 * rim,
+    )
+    then, now = _field(mosaic, grid), _field(reference, grid)
+    middle = then[rim:-rim, rim:-rim]
+    power = _means(np.abs(middle) ** 2, size)
+    # Grain turns every way and cancels out; edges of fields and roads run on.
+    lasting = cv2.GaussianBlur(
+        np.ascontiguousarray(middle).view(np.float32).reshape(*middle.shape, 2), (0, 0), EDGE_PX
+    )
+    detail = _means(np.hypot(lasting[:, :, 0], lasting[:, :, 1]), size)
+    known = _means((middle != 0).astype(np.float32), size) > 0.5
+
+    def like(shift: Shift) -> Cells:
+        beside = now[
+            rim + shift[0] : rim + shift[0] + shape_px[0],
+            rim + shift[1] : rim + shift[1] + shape_px[1],
+        ]
+        other = _means(np.abs(beside) ** 2, size)
+        common = _means(np.real(middle * np.conj(beside)), size)
+        return np.where(other > 0, common / np.sqrt(power * other + 1e-9), np.float32(np.nan))
+
+    def best(centre: Shift) -> Cells:
+        play = range(-options.play_px, options.play_px + 1, 2)
+        found = np.max([like((centre[0] + dy, centre[1] + dx)) for dy in play for dx in play], 0)
+        return np.where(known, found, np.nan)
+
+    centres = [c for ring, away in enumerate(options.away_px) for c in _around(away, ring)]
+    wrong = [best(centre) for centre in centres]
+    seen = _means((now[rim:-rim, rim:-rim] != 0).astype(np.float32), size) > 0.5
+    own = np.where(seen, best((0, 0)), np.nan)
+    return own, np.array(wrong, np.float32), detail
+
+
+def _around(away: int, ring: int) -> list[Shift]:
+    """Four places at a distance; those of every other ring lie between those of the one before."""
+    angles = ring * np.pi / 4 + np.arange(4) * np.pi / 2
+    return [(round(away * float(np.sin(a))), round(away * float(np.cos(a)))) for a in angles]
+
+
+def _field(ortho: Ortho, grid: Grid) -> AngleField:
+    """Doubled gradient angles, 0 where the ortho shows nothing or its edge is felt."""
+    patch = ortho.read(grid)
+    return angle_field(filled(patch.values, patch.mask), patch.mask)
+
+
+def _means(values: np.ndarray, size: int) -> Cells:
+    """Means over cells of so many pixels a side."""
+    rows, columns = values.shape[0] // size, values.shape[1] // size
+    cells = np.asarray(values, np.float32).reshape(rows, size, columns, size)
+    return np.asarray(cells.mean(axis=(1, 3)), np.float32)
+
+
+def _judged(
+    grid: Grid,
+    own: Cells,
+    wrong: Float32[np.ndarray, "8 rows columns"],
+    detail: Cells,
+    options: ChangeOptions,
+) -> ChangeMap:
+    """Hold every cell against the wrong places of all cells."""
+    seen = np.isfinite(own)
+    rich = float(np.percentile(detail[seen], RICH)) if seen.any() else 0.0
+    told = seen & (detail >= options.least_detail * rich)
+    null = np.sort(wrong[:, told][np.isfinite(wrong[:, told])])
+    chance = np.full(own.shape, np.nan, np.float32)
+    if len(null):
+        chance[seen] = 1 - np.searchsorted(null, own[seen]) / len(null)
+    state = np.zeros(own.shape, np.int8)
+    state[told & (chance <= options.same)] = SAME
+    state[told & (chance >= options.different)] = DIFFERENT
+    return ChangeMap(grid, state, seen, chance)
+
+
+def write_change(change: ChangeMap, path: Path, crs: str) -> None:
+    """Write a GeoPackage with the layers `different` and `same`, polygons with their area.
+
+    Raises:
+        OSError: The disk is full.
+    """
+    transform = Affine.from_gdal(*change.grid.geotransform)
+    for number, (layer, value) in enumerate(LAYERS.items()):
+        mask = change.seen & (change.state == value)
+        found = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
+        areas = [shape(outline) for outline, _ in found]
+        sizes = np.array([area.area for area in areas], dtype=np.float64)
+        write_polygons(path, layer, areas, {"area_m2": sizes}, crs, append=number > 0)

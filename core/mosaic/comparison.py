@@ -1,0 +1,285 @@
+"""Accuracy of an ortho or mosaic against another of nearly the same content.
+
+At places spread over the common area a patch of the truth is found in the product; what lies
+between is the error of the product, product minus truth, as METHODS 9.1 counts it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+from scipy import ndimage, stats
+from scipy.spatial import KDTree
+
+from core.arrays import Flags, Mask, Scalars, locked
+from core.errors import ReferenceDataError
+from core.geometry.robust import robust_sigma
+from core.mosaic.shift import Shift, find_shift
+from core.progress import Progress
+from core.raster.common_view import CommonView, GrayPatch
+from core.raster.grid import Grid
+from core.raster.tiles import SILENT
+
+Shifts = Float64[np.ndarray, "n 2"]
+HIGH_PASS_PX = 8.0
+OUTLIER_RULE = (
+    "A place counts when its correlation peak is high enough and alone, lies inside the search, "
+    "and is found again when product and truth change roles. Of these, a place is left out as a "
+    "mismatch when it departs from the median of its eight nearest neighbours by more than five "
+    "normalised median deviations and more than two pixels; m_p with them is given beside."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonOptions:
+    """Where and how patches are compared."""
+
+    places: int = 200
+    """Number of cells the common area is divided into; one place is tried in each."""
+    patch_px: int = 48
+    """Side of a patch, pixels of the common grid."""
+    search_px: int = 24
+    """How far a patch is looked for in every direction, pixels of the common grid."""
+    least_peak: float = 0.5
+    """Smallest correlation that counts."""
+    least_lead: float = 0.1
+    """By how much the peak must stand above the next one."""
+    return_px: float = 0.3
+    """Largest disagreement between there and back, pixels."""
+    ground_sample_distance_m: float | None = None
+    """Pixel size of the common grid; the coarser of the two when left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedPlaces:
+    """Every place that was tried, as parallel arrays."""
+
+    positions: Shifts
+    """Easting, northing in the truth, metres."""
+    shifts_m: Shifts
+    """Product minus truth (easting, northing), metres; NaN where none was found."""
+    peaks: Scalars
+    """Height of the correlation peak."""
+    verdicts: tuple[str, ...]
+    """`used`, or why not: `flat`, `edge`, `low`, `ambiguous`, `unsteady`, `return`, `mismatch`."""
+
+    def __post_init__(self) -> None:
+        for name in ("positions", "shifts_m", "peaks"):
+            object.__setattr__(self, name, locked(getattr(self, name)))
+
+    @property
+    def used(self) -> Flags:
+        """True for the places that count."""
+        return np.array([verdict == "used" for verdict in self.verdicts], dtype=bool)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MosaicAccuracy:
+    """Accuracy of a product against a truth, from the places that count."""
+
+    n: int
+    """Places that count."""
+    m_x: float
+    """Root mean square error in easting, metres."""
+    m_y: float
+    """Root mean square error in northing, metres."""
+    m_p: float
+    """Root of m_x squared plus m_y squared, metres."""
+    m_p_interval: tuple[float, float]
+    """95 % interval of m_p by chi-square, metres."""
+    mean_shift: tuple[float, float]
+    """c_X, c_Y: mean error in easting and northing, metres."""
+    deviation: tuple[float, float]
+    """s_X, s_Y: standard deviations about the mean, metres."""
+    median_shift: tuple[float, float]
+    """Median error in easting and northing, metres."""
+    nmad: tuple[float, float]
+    """Normalised median absolute deviations in easting and northing, metres."""
+    largest: float
+    """Longest error, metres."""
+    m_p_with_mismatches: float
+    """m_p when the mismatches count as well, metres."""
+    refused: Mapping[str, int]
+    """How many places did not count, by reason."""
+    ground_sample_distance_m: float
+    """Pixel size at which the two were compared, metres."""
+    places: ComparedPlaces
+    """The table."""
+
+    @property
+    def circular_error_90(self) -> float:
+        """CE90 = 1.5175 times the root mean square of both coordinates, metres."""
+        return 1.5175 * self.m_p / np.sqrt(2)
+
+
+def compare_orthos(
+    product_path: Path,
+    truth_path: Path,
+    options: ComparisonOptions | None = None,
+    progress: Progress = SILENT,
+) -> MosaicAccuracy:
+    """Measure where a product shows the details of a truth.
+
+    Args:
+        product_path: Ortho or mosaic that is judged.
+        truth_path: Ortho of nearly the same content; any GSD, bands, CRS.
+        options: Where and how patches are compared.
+        progress: Told after every place.
+
+    Returns:
+        The accuracy; mismatches are treated as `OUTLIER_RULE` says.
+
+    Raises:
+        ReferenceDataError: The two have nothing in common that could be compared.
+    """
+    options = options or ComparisonOptions()
+    with CommonView(product_path, truth_path, options.ground_sample_distance_m) as view:
+        centres = _choose_places(view, options)
+        found: list[tuple[Shift | None, str]] = []
+        for done, (column, row) in enumerate(centres.tolist()):
+            found.append(_measure(view, column, row, options))
+            progress.report(float(done + 1), float(len(centres)), "comparison")
+        places = _table(view.grid, centres, found)
+    if not places.used.any():
+        raise ReferenceDataError(
+            product_path,
+            f"No place could be recognised in {truth_path}.",
+            "Check that both show the same ground, or enlarge search_px.",
+        )
+    return _summary(_without_mismatches(places, view.grid), view.grid)
+
+
+def _choose_places(view: CommonView, options: ComparisonOptions) -> np.ndarray:
+    """Column and row of the place with most texture in every cell of the common area, (n, 2)."""
+    grid = view.grid
+    reduction = max(1, round(max(grid.columns, grid.rows) / 1500))
+    product, truth = view.whole(reduction)
+    half = int(np.ceil((options.patch_px / 2 + options.search_px + 2) / reduction))
+    inside = _inside(product.seen & truth.seen, half)
+    area = int(np.count_nonzero(inside))
+    side = max(1, int(np.sqrt(area / options.places)))
+    block = max(3, options.patch_px // reduction)
+    texture = np.asarray(cv2.cornerMinEigenVal(truth.values, min(block, 31), ksize=3))
+    texture = np.where(inside, texture, -1.0)
+    centres: list[tuple[int, int]] = []
+    for row in range(0, texture.shape[0], side):
+        for column in range(0, texture.shape[1], side):
+            cell = texture[row : row + side, column : column + side]
+            best = np.unravel_index(int(np.argmax(cell)), cell.shape)
+            if cell[best] > 0:
+                centres.append((column + int(best[1]), row + int(best[0])))
+    return np.array(centres, dtype=np.int64).reshape(-1, 2) * reduction + reduction // 2
+
+
+def _inside(seen: Mask, half: int) -> Mask:
+    framed = np.pad(seen.astype(np.uint8), 1)
+    distance = cv2.distanceTransform(framed, cv2.DIST_C, 3)
+    return np.asarray(distance)[1:-1, 1:-1] > half
+
+
+def _measure(
+    view: CommonView, column: int, row: int, options: ComparisonOptions
+) -> tuple[Shift | None, str]:
+    """Find the truth's patch in the product and back; the shift and a verdict."""
+    half, search = options.patch_px // 2, options.search_px
+    reach = half + search
+    start = (max(column - reach, 0), max(row - reach, 0))
+    product, truth = view.window((*start, 2 * reach, 2 * reach))
+    if not (product.seen.all() and truth.seen.all()):
+        return None, "edge"
+    here, there = _high_pass(truth), _high_pass(product)
+    there_shift = find_shift(here[search:-search, search:-search], there, search)
+    if there_shift is None:
+        return None, "flat"
+    back = find_shift(there[search:-search, search:-search], here, search)
+    return there_shift, _verdict(there_shift, back, options)
+
+
+def _high_pass(patch: GrayPatch) -> np.ndarray:
+    return patch.values - ndimage.gaussian_filter(patch.values, HIGH_PASS_PX)
+
+
+def _verdict(there: Shift, back: Shift | None, options: ComparisonOptions) -> str:
+    if there.at_edge:
+        return "edge"
+    if there.peak < options.least_peak:
+        return "low"
+    if there.peak - there.second < options.least_lead:
+        return "ambiguous"
+    if back is None or not np.isfinite([there.column, back.column]).all():
+        return "unsteady"
+    miss = np.hypot(there.column + back.column, there.row + back.row)
+    return "used" if miss <= options.return_px else "return"
+
+
+def _table(
+    grid: Grid, centres: np.ndarray, found: list[tuple[Shift | None, str]]
+) -> ComparedPlaces:
+    gsd = grid.ground_sample_distance_m
+    nothing = (np.nan, np.nan)
+    shifts = [nothing if s is None else (s.column * gsd, -s.row * gsd) for s, _ in found]
+    return ComparedPlaces(
+        positions=grid.object_from_grid(centres.astype(np.float64)),
+        shifts_m=np.array(shifts, dtype=np.float64).reshape(-1, 2),
+        peaks=np.array([np.nan if s is None else s.peak for s, _ in found], dtype=np.float64),
+        verdicts=tuple(verdict for _, verdict in found),
+    )
+
+
+def _without_mismatches(places: ComparedPlaces, grid: Grid) -> ComparedPlaces:
+    """Mark places that depart from their neighbours, as OUTLIER_RULE says."""
+    used = np.flatnonzero(places.used)
+    if len(used) < 10:
+        return places
+    shifts, positions = places.shifts_m[used], places.positions[used]
+    _, neighbours = KDTree(positions).query(positions, k=9)
+    expected = np.median(shifts[np.asarray(neighbours)[:, 1:]], axis=1)
+    away = np.linalg.norm(shifts - expected, axis=1)
+    limit = max(5 * robust_sigma(away), 2 * grid.ground_sample_distance_m)
+    verdicts = list(places.verdicts)
+    for index in used[away > limit]:
+        verdicts[index] = "mismatch"
+    return ComparedPlaces(places.positions, places.shifts_m, places.peaks, tuple(verdicts))
+
+
+def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
+    errors = places.shifts_m[places.used]
+    counted = [verdict in ("used", "mismatch") for verdict in places.verdicts]
+    with_mismatches = places.shifts_m[counted]
+    n = len(errors)
+    m_x, m_y = (float(value) for value in np.sqrt(np.mean(errors**2, axis=0)))
+    m_p = float(np.hypot(m_x, m_y))
+    median = np.median(errors, axis=0)
+    refused = [verdict for verdict in places.verdicts if verdict != "used"]
+    return MosaicAccuracy(
+        n=n,
+        m_x=m_x,
+        m_y=m_y,
+        m_p=m_p,
+        m_p_interval=rms_interval(m_p, 2 * n),
+        mean_shift=_pair(errors.mean(axis=0)),
+        deviation=_pair(errors.std(axis=0, ddof=1) if n > 1 else np.full(2, np.nan)),
+        median_shift=_pair(median),
+        nmad=_pair(np.array([robust_sigma(axis) for axis in (errors - median).T])),
+        largest=float(np.linalg.norm(errors, axis=1).max()),
+        m_p_with_mismatches=float(np.sqrt(np.mean(np.sum(with_mismatches**2, axis=1)))),
+        refused={reason: refused.count(reason) for reason in sorted(set(refused))},
+        ground_sample_distance_m=grid.ground_sample_distance_m,
+        places=places,
+    )
+
+
+def rms_interval(rms: float, degrees_of_freedom: int) -> tuple[float, float]:
+    """95 % interval of a root mean square of so many independent normal errors."""
+    high, low = stats.chi2.ppf([0.975, 0.025], degrees_of_freedom)
+    return (
+        float(rms * np.sqrt(degrees_of_freedom / high)),
+        float(rms * np.sqrt(degrees_of_freedom / low)),
+    )
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

@@ -1,0 +1,1 @@
+"""Stage orthos: one rectified photo each."""

@@ -1,0 +1,1 @@
+"""One judgement of a block: rules, verdict, accuracy."""

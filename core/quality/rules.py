@@ -1,0 +1,366 @@
+"""The judgement of a block: every rule with its limit and its one sentence, and what follows.
+
+The desk's verdict, the report's release check and the protocol's doubts are all read from here.
+Tilt, crab and overlaps are those of national specifications for aerial survey cameras; how much
+control, and how far apart, is that of the Czech instruction for the renewal of cadastral maps.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.influence import Influence
+from core.doubts import Doubt
+from core.quality.assessment import BlockQuality, Overlap, assess_block
+from core.quality.control_count import ControlCount
+
+# design: a fifth off is what weights of a sound block are; a half off, nothing that is predicted
+# with them can be believed.
+SIGMA_NOUGHT, SIGMA_NOUGHT_MOST = (0.8, 1.2), (0.5, 1.5)
+"""Outside the first the weights do not fit the residuals; outside the second a block is poor."""
+LARGER = 1.25  # design: less is within what a class of few observations scatters.
+"""Residuals of a class this many times as large as stated are told."""
+# source: Czech instruction for the renewal of cadastral maps, as the manuals of aerial
+# triangulation tell it: points of a block, and of a strip.
+BLOCK_POINTS, STRIP_POINTS = 4, 3
+# source: the same. Bases between neighbours along the block's edge at most, plan and heights.
+EDGE_BASES = (3.0, 2.0)
+# source: the same. Points inside for each stereo model at least, plan and heights.
+PER_MODEL = (0.4, 0.8)
+DATUM = (2, 3)  # source: a body has seven degrees of freedom: two points in plan, three heights.
+LINE = 0.05  # design: heights within a twentieth of their length, or of a photo, turn freely.
+"""Extent across of all height control, as a share of that along or of a photo's side."""
+CELLS_HELD = 6  # design: two thirds of the nine Gruber areas.
+"""Of nine parts of the block so many need control; of a photo's nine so many need measurements."""
+# design: only an error of 13 standard deviations would be found (4.13 / sqrt 0.1, Baarda 1968).
+UNCHECKED = 0.1
+"""Redundancy number below which no other measurement would show an error."""
+MANY_RAYS = 0.4  # design: at 60 % overlap half of a photo is seen three times.
+"""Share of tie points that three photos or more should show."""
+SYSTEMATIC = 5.0  # design: chance brings it about in one of 24,000 films of 36 cells.
+"""Mean residual of a cell of the film, in its standard deviations, that is systematic."""
+# source: national specifications for aerial survey: as a rule, and at most, degrees.
+TILT_DEG, CRAB_DEG = (3.0, 4.5), (5.0, 7.0)
+# source: the same. Least overlap along and across the strips.
+ALONG, ACROSS = 0.56, 0.20
+# design: what the report promises; on coarse scans what a pixel allows.
+LIMIT_M, LIMIT_PX = 0.8, 1.3
+"""Position error on the ground up to which a block is released: metres, or pixels of the scans."""
+
+# design: names.
+SOUND, DOUBTFUL, POOR = 0, 1, 2
+GRAVITY = (0.0, 0.5, 0.9)  # design: a doubt is open to the operator; a poor block is to be mended.
+"""Gravity of a doubt by how grave the finding is."""
+HOLDING_BACK = ("diverged", "sigma-far", "loose", "control-few")
+"""Findings with which no prediction can be believed: the block is not released."""
+
+SENTENCES = {
+    "diverged": "The adjustment did not settle.",
+    "sigma": "Sigma nought {value}: residuals are as expected.",
+    "sigma-off": "Sigma nought {value} lies outside {low} to {high}: weights and residuals do not "
+    "fit.",
+    "sigma-far": "Sigma nought {value} lies far outside {low} to {high}: nothing that is predicted "
+    "of the block can be believed.",
+    "class-large": "Residuals of {worst} are {ratio} times as large as their standard deviations "
+    "say: a systematic error, or too much trust in them.",
+    "control": "{count} control points in {cells} of nine parts of the block.",
+    "control-gaps": "{count} control points, but in {cells} of nine parts only.",
+    "control-few": "{count} control points ({plan} with plan, {heights} with height); a block "
+    "needs {least}, at least 2 of them with plan and 3 with height.",
+    "control-on-a-line": "All height control lies on a line (within {across} m of it, {along} m "
+    "long): the block can turn about it. Add a point off the line.",
+    "strip-few": "The strip of {worst} shows {count} control points; it needs {least}.",
+    "edge-plan": "Along the block's edge control is at most {bases} bases apart.",
+    "edge-heights": "Along the edge known heights are at most {bases} bases apart.",
+    "edge-gap-plan": "{bases} bases of the block's edge have no control ({most} at most): add a "
+    "point by {worst}, about E {east} N {north}.",
+    "edge-gap-heights": "{bases} bases of the block's edge have no known height ({most} at most): "
+    "add one by {worst}, about E {east} N {north}.",
+    "inside-few-plan": "Inside the block {value} control points for each stereo model; {least} are "
+    "the rule.",
+    "inside-few-heights": "Inside the block {value} known heights for each stereo model; {least} "
+    "are the rule.",
+    "unchecked": "Control measurements that no other could find wrong: {count} ({worst}).",
+    "no-checks": "No check points: the accuracy is not independently known.",
+    "one-photo": "One photo alone: only its own control can show it wrong.",
+    "no-ties": "No tie points bind the photos.",
+    "in-parts": "No tie points join {worst} ({photos} photos, {points} control points) to the "
+    "rest.",
+    "rays": "{share} % of the tie points are seen in three photos or more.",
+    "rays-few": "Only {share} % of the tie points are seen in three photos or more.",
+    "bare": "Photos with several empty areas, without ties or control: {count} ({worst}).",
+    "systematic": "Residuals of {worst} are systematic on the film: up to {value} px in a part of "
+    "it. Self-calibration can take this up.",
+    "no-pattern": "No systematic residuals on the film (at most {value} px).",
+    "loose": "Photos that are not oriented: {count} ({worst}).",
+    "tilt": "Tilts up to {value}\u00b0, within {limit}\u00b0.",
+    "tilt-over": "Photos that tilt by more than {limit}\u00b0: {over}, up to {value}\u00b0 "
+    "({worst}).",
+    "crab": "Crab up to {value}\u00b0, within {limit}\u00b0.",
+    "crab-over": "Photos with a crab of more than {limit}\u00b0: {over}, up to {value}\u00b0 "
+    "({worst}).",
+    "along": "Overlap along the strips {low} to {high} %.",
+    "along-small": "Overlap along the strips {low} to {high} %; below {least} % in {small} photos.",
+    "across": "Overlap between strips {low} to {high} %.",
+    "across-small": "Overlap between strips {low} to {high} %; below {least} % in {small} photos.",
+    "predicted": "Position is predicted to {relative} m relative to the reference ortho, and to "
+    "{value} m on the ground with the reference's own error: more than {limit} m.",
+}
+"""What each finding says."""
+CLASSES = {
+    "tie": "tie points in the photos",
+    "control_image": "control points in the photos",
+    "control_plan": "control points in plan",
+    "control_height": "control points in height",
+    "dem": "tie points against the terrain",
+    "centre": "measured perspective centres",
+    "angles": "measured angles",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One sentence of the judgement."""
+
+    kind: str
+    """Key of its sentence."""
+    grave: int
+    """0 sound, 1 doubtful, 2 not good enough."""
+    values: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What stands in its places."""
+
+    @property
+    def sentence(self) -> str:
+        """What it says."""
+        return SENTENCES[self.kind].format(**self.values)
+
+
+def judge_block(found: BlockQuality, report: AdjustmentReport) -> tuple[Finding, ...]:
+    """Every finding about an adjusted block, gravest first; the gravest is the verdict.
+
+    Args:
+        found: What was measured of the block.
+        report: The adjustment.
+    """
+    findings = [
+        *_adjustment_findings(report),
+        *_control_findings(found, report),
+        *_tie_findings(found),
+        *_flight_findings(found),
+    ]
+    return tuple(sorted(findings, key=lambda finding: -finding.grave))
+
+
+def doubts_of(report: AdjustmentReport) -> tuple[Doubt, ...]:
+    """What the adjustment left out, and every finding that is not sound, as doubts."""
+    findings = judge_block(assess_block(report), report)
+    return (
+        *report.doubts,
+        *(
+            Doubt(
+                finding.kind, finding.values.get("worst", "block"), finding.sentence,
+                GRAVITY[finding.grave], dict(finding.values),
+            )
+            for finding in findings
+            if finding.grave
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """What is predicted of the block's ground, and why it is not released, if it is not."""
+
+    relative_m: float
+    """Standard deviation of position against the reference, RMS over nine places of all photos,
+    metres; NaN where nothing was adjusted."""
+    predicted_m: float
+    """The same on the ground: that of the reference included, metres."""
+    worst_m: float
+    """The largest of all places on the ground, metres."""
+    worst_photo: str
+    """The photo that shows it; empty without one."""
+    limit_m: float
+    """What is predicted on the ground may not be larger than this, metres."""
+    reasons: tuple[Finding, ...]
+    """Why the block is not released; none: it is."""
+
+
+def check_release(
+    report: AdjustmentReport, influence: Influence | None, ortho_sigma_m: float
+) -> Release:
+    """Whether a block may be given out: what is predicted is good, and can be believed.
+
+    An error that all control shares no figure of the block can show: check points can.
+
+    Args:
+        report: The adjustment.
+        influence: Its equations; None where no photo took part.
+        ortho_sigma_m: Standard deviation of the reference per axis, metres.
+    """
+    sigmas = {} if influence is None else influence.corner_sigmas()
+    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    places = {name: scale**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
+    every = np.concatenate([np.zeros(0), *places.values()])
+    relative = float(np.sqrt(every.mean())) if len(every) else float("nan")
+    worst = max(places, key=lambda name: float(places[name].max()), default="")
+    # The reference is off alike in both axes, whatever the block does.
+    reference = np.sqrt(2) * ortho_sigma_m
+    worst_m = float(np.hypot(np.sqrt(places[worst].max()), reference)) if worst else float("nan")
+    block = report.block
+    pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
+    limit = max(LIMIT_M, LIMIT_PX * float(np.median(pixels)))
+    predicted = float(np.hypot(relative, reference))
+    findings = judge_block(assess_block(report), report)
+    reasons = [finding for finding in findings if finding.kind in HOLDING_BACK]
+    if not predicted <= limit:
+        told = {
+            "relative": f"{relative:.2f}", "value": f"{predicted:.2f}", "limit": f"{limit:.2f}"
+        }  # fmt: skip
+        reasons.append(Finding("predicted", POOR, told))
+    return Release(relative, predicted, worst_m, worst, limit, tuple(reasons))
+
+
+def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
+    if not report.converged:
+        return [Finding("diverged", POOR)]
+    low, high = SIGMA_NOUGHT
+    told = {"value": f"{report.sigma_nought:.2f}", "low": f"{low:g}", "high": f"{high:g}"}
+    findings = [Finding("sigma-far", POOR, told)]
+    for kind, grave, (least, most) in (
+        ("sigma-off", DOUBTFUL, SIGMA_NOUGHT_MOST),
+        ("sigma", SOUND, SIGMA_NOUGHT),
+    ):
+        if least <= report.sigma_nought <= most:
+            findings = [Finding(kind, grave, told)]
+    for name, figures in report.classes.items():
+        squares, redundancy = figures.weighted_squares, figures.redundancy
+        # design: three redundant observations at least, and one chance in a thousand.
+        if redundancy < 3 or squares <= stats.chi2.ppf(0.999, redundancy):
+            continue
+        if figures.sigma_ratio >= LARGER:
+            told = {"worst": CLASSES[name], "ratio": f"{figures.sigma_ratio:.1f}"}
+            findings.append(Finding("class-large", DOUBTFUL, told))
+    return findings
+
+
+def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Finding]:
+    findings = [] if found.control_by_flight else _amount_findings(found, report)
+    if findings and findings[0].kind == "control-few":
+        return findings
+    weak = [key for key, number in report.redundancy_numbers.items() if number < UNCHECKED]
+    if weak:
+        told = {"count": str(len(weak)), "worst": " in ".join(weak[0])}
+        findings.append(Finding("unchecked", DOUBTFUL, told))
+    if not report.checks:
+        findings.append(Finding("no-checks", DOUBTFUL))
+    return findings
+
+
+def _amount_findings(found: BlockQuality, report: AdjustmentReport) -> list[Finding]:
+    """Whether there is enough control, and where."""
+    plan, heights = len(found.known_plan), len(found.known_heights)
+    count, filled = len(report.surveyed_positions), int(np.count_nonzero(found.control_cells))
+    told = {"count": str(count), "cells": str(filled), "least": str(BLOCK_POINTS)}
+    if count < BLOCK_POINTS or plan < DATUM[0] or heights < DATUM[1]:
+        return [Finding("control-few", POOR, {**told, "plan": str(plan), "heights": str(heights)})]
+    sound = filled >= CELLS_HELD
+    kind = "control" if sound else "control-gaps"
+    findings = [Finding(kind, SOUND if sound else DOUBTFUL, told)]
+    along, across = found.heights_extent_m
+    if across < LINE * max(along, found.side_m):
+        told = {"along": f"{along:.0f}", "across": f"{across:.0f}"}
+        findings.append(Finding("control-on-a-line", POOR, told))
+    return findings if found.control is None else [*findings, *_rule_findings(found.control)]
+
+
+def _rule_findings(control: ControlCount) -> list[Finding]:
+    """What the rules of aerial triangulation find missing; how far control is apart if nothing."""
+    findings: list[Finding] = []
+    name, shown = control.poorest_strip
+    if shown < STRIP_POINTS:
+        told = {"worst": name, "count": str(shown), "least": str(STRIP_POINTS)}
+        findings.append(Finding("strip-few", DOUBTFUL, told))
+    for kind, spread, most, least in (
+        ("plan", control.plan, EDGE_BASES[0], PER_MODEL[0]),
+        ("heights", control.heights, EDGE_BASES[1], PER_MODEL[1]),
+    ):
+        told = {
+            "bases": f"{spread.gap.bases:.1f}",
+            "most": f"{most:g}",
+            "worst": spread.gap.photo_id,
+            "east": f"{spread.gap.middle[0]:.0f}",
+            "north": f"{spread.gap.middle[1]:.0f}",
+        }
+        # Judged as it is told: "2.0 (2 at most)" would puzzle.
+        wide = round(spread.gap.bases, 1) > most
+        findings.append(Finding(f"edge-gap-{kind}" if wide else f"edge-{kind}", int(wide), told))
+        if spread.per_model < least:
+            told = {"value": f"{spread.per_model:.1f}", "least": f"{least:g}"}
+            findings.append(Finding(f"inside-few-{kind}", DOUBTFUL, told))
+    return findings
+
+
+def _tie_findings(found: BlockQuality) -> list[Finding]:
+    total, oriented = sum(found.rays.values()), [p for p in found.photos if p.oriented]
+    if not total:
+        alone = len(oriented) < 2
+        return [Finding("one-photo", DOUBTFUL) if alone else Finding("no-ties", POOR)]
+    many = sum(count for rays, count in found.rays.items() if rays >= 3) / total
+    told, sound = {"share": f"{100 * many:.0f}"}, many >= MANY_RAYS
+    findings = [Finding("rays" if sound else "rays-few", SOUND if sound else DOUBTFUL, told)]
+    for members, points in found.parts:
+        told = {"worst": members[0], "photos": str(len(members)), "points": str(points)}
+        findings.append(Finding("in-parts", POOR if points < DATUM[1] else DOUBTFUL, told))
+    bare = [p.photo_id for p in oriented if sum(count > 0 for count in p.cells) < CELLS_HELD]
+    if bare:
+        findings.append(Finding("bare", DOUBTFUL, {"count": str(len(bare)), "worst": bare[0]}))
+    camera, test, largest = found.pattern_worst
+    kind, grave = ("systematic", DOUBTFUL) if test > SYSTEMATIC else ("no-pattern", SOUND)
+    findings.append(Finding(kind, grave, {"value": f"{largest:.2f}", "worst": camera}))
+    return findings
+
+
+def _flight_findings(found: BlockQuality) -> list[Finding]:
+    findings: list[Finding] = []
+    loose = [photo.photo_id for photo in found.photos if not photo.oriented]
+    if loose:
+        findings.append(Finding("loose", POOR, {"count": str(len(loose)), "worst": loose[0]}))
+    for text, values, (rule, most) in (
+        ("tilt", {p.photo_id: p.tilt_deg for p in found.photos if p.oriented}, TILT_DEG),
+        ("crab", {p.photo_id: p.crab_deg for p in found.photos if p.oriented}, CRAB_DEG),
+    ):
+        known = {name: value for name, value in values.items() if np.isfinite(value)}
+        if not known:
+            continue
+        worst = max(known, key=lambda name: known[name])
+        over = sum(value > rule for value in known.values())
+        told = {"value": f"{known[worst]:.1f}", "worst": worst, "limit": f"{rule:g}",
+                "over": str(over)}  # fmt: skip
+        grave = SOUND if not over else DOUBTFUL if known[worst] <= most else POOR
+        findings.append(Finding(text if not grave else f"{text}-over", grave, told))
+    for text, along, least in (("along", True, ALONG), ("across", False, ACROSS)):
+        shares = _nearest_shares(found.overlaps, along)
+        if shares:
+            small = sum(share < least for share in shares)
+            told = {
+                "low": f"{100 * min(shares):.0f}",
+                "high": f"{100 * max(shares):.0f}",
+                "least": f"{100 * least:.0f}",
+                "small": str(small),
+            }
+            findings.append(Finding(f"{text}-small" if small else text, int(small > 0), told))
+    return findings
+
+
+def _nearest_shares(overlaps: tuple[Overlap, ...], along: bool) -> list[float]:
+    """Of each photo the share it has with its nearest neighbour in a direction."""
+    best: dict[str, float] = {}
+    for pair in overlaps:
+        if pair.along is along:
+            for name in (pair.first, pair.second):
+                best[name] = max(best.get(name, 0.0), pair.share)
+    return list(best.values())

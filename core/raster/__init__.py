@@ -1,0 +1,1 @@
+"""Windows of rasters: scans, sheets of the ortho, heights."""

@@ -1,0 +1,161 @@
+"""What is kept of rasters between two reads: decoded tiles and open files, both bounded."""
+
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Generator, Hashable
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Lock
+from typing import Any, Protocol, TypeVar, cast, runtime_checkable
+
+import rasterio
+from rasterio._env import set_gdal_config
+from rasterio.errors import NotGeoreferencedWarning
+
+TILE_BYTES = 512_000_000
+"""Most that decoded tiles take together, bytes."""
+# design: 128 million gray pixels, the ground of a dozen photos at half a metre; less than half of
+# what a run needs besides, and it grows neither with the scans nor with the area of a block.
+OPEN_FILES = 32
+"""Most files that wait open for their next read."""
+# design: the sheets under one photo and the scans beside it; systems allow a thousand and more.
+GDAL_BYTES = 128_000_000
+"""Most that GDAL keeps of the blocks of open files, bytes."""
+# design: a row of blocks of a wide sheet, so that neighbouring tiles decode no block twice. Left to
+# itself GDAL takes a twentieth of the machine's memory.
+
+
+@runtime_checkable
+class Sized(Protocol):
+    """A value that knows how much memory it takes."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+        ...
+
+
+T = TypeVar("T", bound=Sized)
+
+
+class TileCache:
+    """Decoded tiles, the one asked for longest ago dropped first; shared by all threads.
+
+    The first thread that wants a tile makes it while others wait for it. What a tile holds depends
+    on its key alone, so no result hangs on which thread came first.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self.most_bytes = most_bytes
+        self.nbytes = 0
+        self._tiles: OrderedDict[Hashable, Sized] = OrderedDict()
+        self._turns: dict[Hashable, Lock] = {}
+        self._lock = Lock()
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The tile of a key; made, and kept for the next question, where it is not held."""
+        with self._lock:
+            tile = self._held(key)
+            turn = self._turns.setdefault(key, Lock()) if tile is None else None
+        if turn is not None:
+            with turn:
+                with self._lock:
+                    tile = self._held(key)
+                if tile is None:
+                    tile = make()
+                    self._keep(key, tile)
+            with self._lock:
+                self._turns.pop(key, None)
+        return cast(T, tile)
+
+    def clear(self) -> None:
+        """Forget every tile."""
+        with self._lock:
+            self._tiles.clear()
+            self.nbytes = 0
+
+    def _held(self, key: Hashable) -> Sized | None:
+        if key in self._tiles:
+            self._tiles.move_to_end(key)
+        return self._tiles.get(key)
+
+    def _keep(self, key: Hashable, tile: Sized) -> None:
+        with self._lock:
+            old = self._tiles.pop(key, None)
+            self._tiles[key] = tile
+            self.nbytes += tile.nbytes - (old.nbytes if old else 0)
+            while self.nbytes > self.most_bytes and len(self._tiles) > 1:
+                self.nbytes -= self._tiles.popitem(last=False)[1].nbytes
+
+
+TILES = TileCache(TILE_BYTES)
+"""The tiles of every reference that is open."""
+
+
+Stamp = tuple[int, ...]
+"""What tells one state of a file from the next."""
+
+
+def file_stamp(path: Path) -> Stamp:
+    """When a file and those beside it (world file, CRS, mask) were written, and its length.
+
+    Raises:
+        OSError: The file is not there.
+    """
+    status, kind = path.stat(), path.suffix
+    beside = [path.with_suffix(s) for s in (f"{kind[:2]}{kind[-1:]}w", f"{kind}w", ".wld", ".prj")]
+    beside += [path.with_name(path.name + ending) for ending in (".aux.xml", ".msk", ".ovr")]
+    times = [file.stat().st_mtime_ns if file.exists() else 0 for file in beside if file != path]
+    return (status.st_mtime_ns, status.st_size, status.st_ino, *times)
+
+
+class OpenFiles:
+    """Rasters that wait open for their next read; each serves one thread at a time."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self._idle: list[tuple[Hashable, Any]] = []
+        self._lock = Lock()
+
+    @contextmanager
+    def borrow(self, path: Path, **options: str) -> Generator[Any]:
+        """An open dataset of a file as it stands on the disk now.
+
+        Args:
+            path: The file.
+            options: Open options of GDAL.
+
+        Raises:
+            OSError: The file is not there, or GDAL does not open it.
+        """
+        key = (path, file_stamp(path), *options.items())
+        with self._lock:
+            match = next((i for i, (held, _) in enumerate(self._idle) if held == key), None)
+            dataset = None if match is None else self._idle.pop(match)[1]
+        if dataset is None:
+            dataset = _opened(path, options)
+        try:
+            yield dataset
+        except BaseException:
+            # What could not be read once is opened anew next time.
+            dataset.close()
+            raise
+        with self._lock:
+            self._idle.append((key, dataset))
+            old = [self._idle.pop(0)[1] for _ in range(len(self._idle) - self.most)]
+        for dataset in old:
+            dataset.close()
+
+
+def _opened(path: Path, options: dict[str, str]) -> Any:
+    """A file newly open; that it may lie nowhere on the ground is its reader's business."""
+    # Python's warning filters belong to all threads, so only one may put them aside at a time.
+    with OPENING, warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        set_gdal_config("GDAL_CACHEMAX", GDAL_BYTES)
+        return rasterio.open(path, **cast(dict[str, Any], options))
+
+
+OPENING = Lock()
+FILES = OpenFiles(OPEN_FILES)
+"""The scans and sheets of this process."""

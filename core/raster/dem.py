@@ -1,0 +1,297 @@
+"""The terrain: heights at exact places, bilinear, from one DEM file or many."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64
+
+from core.arrays import Indices, Scalars, locked
+from core.doubts import Doubt
+from core.frames import HALF_PIXEL
+from core.geometry.crs import Bounds, parse_crs, shared_bounds
+from core.raster.cache import TILES
+from core.raster.gaps import LARGEST_GAP_PX, fill_gaps, small_gaps
+from core.raster.grid import Grid
+from core.raster.lattices import SheetSet, open_sheets
+from core.raster.sampling import Kernel, ReadOptions, read_onto
+
+MARGIN_PX = LARGEST_GAP_PX + 2
+"""Read round every window, so that a gap at its edge is filled as it would be in its middle."""
+# design: the largest gap and the rim its second differences reach into.
+PIECE_PX = 1024
+"""Points are looked up in pieces of this size, so that a large DEM is never read whole."""
+# design: five megabytes, the ground of one photo on a DEM of one to five metres.
+EXACT_TO = 4
+"""Up to this reduction heights are means of original pixels."""
+# design: coarser ones are only asked for mean heights and hill shading.
+LEAST_SHARE = 0.5
+"""A coarser pixel is known where the files know this share of it."""
+# design: the majority.
+RANGE_PX = 400
+"""The range of heights is taken from so many pixels a side."""
+# design: a hill of a photo's hundredth counts; a spike of a pixel does not.
+NO_WEIGHT = 1e-9
+"""A neighbour with less weight has no say, so that its gap makes no height unknown."""
+# design: rounding of coordinates, a millionth of a millimetre on a DEM of one metre.
+
+PlanePoints = Float64[np.ndarray, "n 2"]
+"""Easting and northing, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightWindow:
+    """Heights held in memory."""
+
+    grid: Grid
+    """Where they lie."""
+    heights: Float32[np.ndarray, "rows columns"]
+    """Metres; NaN outside and in gaps."""
+    filled: Bool[np.ndarray, "rows columns"]
+    """True where a small gap was closed by interpolation."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it takes."""
+        return self.heights.nbytes + self.filled.nbytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dem:
+    """A terrain model of the block's CRS; holds no open file, may be pickled and shared."""
+
+    sheets: SheetSet
+    """The files and how they lie together."""
+    grid: Grid
+    """Pixels of the finest file, over all files."""
+    window: HeightWindow | None = None
+    """What was cropped into memory; then nothing beyond it is known."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """West, south, east, north of the outer pixel edges, metres."""
+        return self.grid.bounds
+
+    @property
+    def ground_sample_distance_m(self) -> float:
+        """Pixel size, metres."""
+        return self.grid.ground_sample_distance_m
+
+    @property
+    def notes(self) -> tuple[Doubt, ...]:
+        """What the operator should know, such as files reprojected on the fly."""
+        return self.sheets.notes
+
+    @property
+    def filled(self) -> int:
+        """Pixels of small gaps that were closed in the part held in memory."""
+        return int(self.window.filled.sum()) if self.window else 0
+
+    def cropped(self, bounds: Bounds) -> "Dem":
+        """The DEM within bounds (and a margin), held in memory: for many look-ups."""
+        if self.window is not None:
+            return self
+        part = _covering(self.grid, bounds, 2)
+        return Dem(self.sheets, part, self._read(part))
+
+    def heights(self, points: PlanePoints) -> Scalars:
+        """Heights at easting and northing, metres; NaN outside the DEM and in gaps.
+
+        Bilinear between pixel centres; within the outer half pixel the edge goes on level.
+        """
+        result = np.full(len(points), np.nan)
+        for rows, window in self._windows(points):
+            result[rows] = _bilinear(window.heights, window.grid.grid_from_object(points[rows]))
+        return result
+
+    def filled_at(self, points: PlanePoints) -> Bool[np.ndarray, "n"]:
+        """Whether the height at a place rests on a small gap that was closed."""
+        result = np.zeros(len(points), dtype=bool)
+        for rows, window in self._windows(points):
+            share = window.filled.astype(np.float32)
+            place = window.grid.grid_from_object(points[rows])
+            result[rows] = _bilinear(share, place) > 0
+        return result
+
+    def slopes(self, points: PlanePoints) -> PlanePoints:
+        """Rise of the terrain to the east and to the north (metres per metre); NaN in gaps.
+
+        Central differences over two pixels about the place.
+        """
+        step = self.ground_sample_distance_m
+        moves = step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64)
+        around = (points[:, None, :] + moves).reshape(-1, 2)
+        east, west, north, south = self.heights(around).reshape(-1, 4).T
+        return np.column_stack([east - west, north - south]) / (2 * step)
+
+    def on(self, grid: Grid, kernel: Kernel = "linear") -> Float64[np.ndarray, "rows columns"]:
+        """Heights on a grid, metres, NaN in gaps; averaged where the grid is coarser.
+
+        Args:
+            grid: Any grid in the block's CRS.
+            kernel: `linear`, or `cubic` for a surface without kinks, as for hill shading.
+        """
+        if grid.ground_sample_distance_m > 2 * self.ground_sample_distance_m or kernel == "cubic":
+            heights = self._resampled(grid, kernel).astype(np.float64)
+            return np.where(self._inside(grid), heights, np.nan)
+        window = self.window or self._read(_covering(self.grid, grid.bounds, 2))
+        east, north = grid.centres()
+        corners = np.column_stack([east[[0, -1]], north[[0, -1]]])
+        (first, top), (last, bottom) = window.grid.grid_from_object(corners)
+        columns = _between(np.linspace(first, last, grid.columns), window.grid.columns)
+        rows = _between(np.linspace(top, bottom, grid.rows), window.grid.rows)
+        lines = _mixed(window.heights[rows[0]], window.heights[rows[1]], rows[2][:, None])
+        heights = _mixed(lines[:, columns[0]], lines[:, columns[1]], columns[2])
+        return np.where(self._inside(grid), heights, np.nan)
+
+    def mean_height(self, bounds: Bounds | None = None) -> float:
+        """Mean of the heights within bounds, metres; NaN where the DEM has none there."""
+        known = self._overview(bounds)
+        return float(known.mean()) if len(known) else float("nan")
+
+    def height_range(self, bounds: Bounds | None = None) -> tuple[float, float]:
+        """Lowest and highest height within bounds, metres; NaN without heights.
+
+        Of a few hundred pixels each way: peaks narrower than that are averaged.
+        """
+        known = self._overview(bounds)
+        if not len(known):
+            return float("nan"), float("nan")
+        return float(known.min()), float(known.max())
+
+    def _overview(self, bounds: Bounds | None) -> Scalars:
+        """The heights known within bounds, of a few hundred pixels each way."""
+        west, south, east, north = shared_bounds(self.bounds, bounds or self.bounds)
+        if east <= west or north <= south:
+            return np.zeros(0)
+        gsd = max(self.ground_sample_distance_m, max(east - west, north - south) / RANGE_PX)
+        columns, rows = max(1, int((east - west) / gsd)), max(1, int((north - south) / gsd))
+        heights = self.on(Grid(west, north, gsd, columns, rows))
+        return heights[np.isfinite(heights)]
+
+    def _windows(self, points: PlanePoints) -> Iterator[tuple[np.ndarray, HeightWindow]]:
+        """Which points lie in which piece, with the piece."""
+        place = self.grid.grid_from_object(points)
+        inside = ((place >= 0) & (place <= (self.grid.columns, self.grid.rows))).all(axis=1)
+        if self.window is not None:
+            yield np.flatnonzero(inside), self.window
+            return
+        rows = np.flatnonzero(inside)
+        # The far edge itself belongs to the last piece.
+        last = (self.grid.columns - 1, self.grid.rows - 1)
+        piece = np.minimum(np.floor(place[rows]), last).astype(np.int64) // PIECE_PX
+        number = piece[:, 1] * (1 + last[0] // PIECE_PX) + piece[:, 0]
+        for one in np.unique(number):
+            members = number == one
+            column, row = piece[np.argmax(members)].tolist()
+            yield rows[members], self._piece(column, row)
+
+    def _piece(self, column: int, row: int) -> HeightWindow:
+        """A square piece of the DEM and a rim of two pixels, kept for the next question."""
+        bounds = self.grid.window(column * PIECE_PX, row * PIECE_PX, PIECE_PX, PIECE_PX).bounds
+        return TILES.get(
+            (self.sheets.key, "piece", column, row, PIECE_PX),
+            lambda: self._read(_covering(self.grid, bounds, 2)),
+        )
+
+    def _read(self, part: Grid) -> HeightWindow:
+        """The pixels of a part of the DEM's own grid, small gaps closed."""
+        column, row = np.rint(self.grid.grid_from_object(np.array([[part.west, part.north]])))[0]
+        left, top = max(0, int(column) - MARGIN_PX), max(0, int(row) - MARGIN_PX)
+        right = min(self.grid.columns, int(column) + part.columns + MARGIN_PX)
+        bottom = min(self.grid.rows, int(row) + part.rows + MARGIN_PX)
+        wide = self.grid.window(left, top, right - left, bottom - top)
+        heights = self._resampled(wide, "linear")
+        gaps = small_gaps(heights)
+        heights = fill_gaps(heights, gaps)
+        down = slice(int(row) - top, int(row) - top + part.rows)
+        across = slice(int(column) - left, int(column) - left + part.columns)
+        return HeightWindow(
+            part, locked(heights[down, across], np.float32), locked(gaps[down, across], bool)
+        )
+
+    def _resampled(self, grid: Grid, kernel: Kernel) -> Float32[np.ndarray, "rows columns"]:
+        """The files on a grid, gaps left open."""
+        sampled = read_onto(self.sheets, grid, ReadOptions("heights", kernel, EXACT_TO))
+        coarse = grid.ground_sample_distance_m > self.ground_sample_distance_m * (1 + 1e-9)
+        # On the files' own pixels each is known or not, give or take the sum of the weights.
+        least = LEAST_SHARE if coarse or kernel == "cubic" else 1 - 1e-4
+        return np.where(sampled.coverage >= least, sampled.values[0], np.float32(np.nan))
+
+    def _inside(self, grid: Grid) -> Bool[np.ndarray, "rows columns"]:
+        """Which pixels of a grid lie within the bounds, of what is held in memory if it is."""
+        east, north = grid.centres()
+        west, south, right, top = self.bounds
+        down = (north >= south) & (north <= top)
+        return down[:, None] & ((east >= west) & (east <= right))
+
+
+def open_dem(paths: Sequence[str | Path] | str | Path, crs: str) -> Dem:
+    """Look at the files once and lay them together.
+
+    Args:
+        paths: One file or several, of any raster format, pixel size and CRS.
+        crs: The block's CRS; files without one are taken to be in it, files in another are
+            reprojected while reading, which `notes` tells.
+
+    Raises:
+        ReferenceDataError: A file is missing, damaged, has no place or no heights at all.
+        CrsError: A file's coordinates do not fit its CRS, or no CRS can be found for it.
+    """
+    block = parse_crs(crs, "block.toml [block] crs")
+    files = [paths] if isinstance(paths, str | Path) else list(paths)
+    sheets = open_sheets(files, block, "DEM")
+    return Dem(sheets, _own_grid(sheets))
+
+
+def _own_grid(sheets: SheetSet) -> Grid:
+    """The finest file's pixels, extended over all files."""
+    finest = sheets.lattices[0]
+    gsd = finest.ground_sample_distance_m
+    west, south, east, north = sheets.bounds
+    if finest.north_up:
+        # On its own pixels, heights are read, not interpolated.
+        (a, _, c), (_, e, f) = finest.plane_from_lattice
+        if abs(a + e) < 1e-9 * a:
+            gsd = float(a)
+            west = float(c) + np.floor((west - c) / gsd + 1e-6) * gsd
+            north = float(f) + np.ceil((north - f) / gsd - 1e-6) * gsd
+    columns = int(np.ceil((east - west) / gsd - 1e-6))
+    rows = int(np.ceil((north - south) / gsd - 1e-6))
+    return Grid(float(west), float(north), gsd, columns, rows)
+
+
+def _covering(grid: Grid, bounds: Bounds, margin: int) -> Grid:
+    """The part of a grid over bounds and a margin of pixels; at least one pixel."""
+    west, south, east, north = bounds
+    corners = grid.grid_from_object(np.array([[west, north], [east, south]]))
+    size = np.array([grid.columns, grid.rows])
+    low = np.clip(np.floor(corners[0]).astype(int) - margin, 0, size - 1)
+    high = np.clip(np.ceil(corners[1]).astype(int) + margin, low + 1, size)
+    columns, rows = (high - low).tolist()
+    return grid.window(int(low[0]), int(low[1]), columns, rows)
+
+
+def _bilinear(raster: Float32[np.ndarray, "rows columns"], places: PlanePoints) -> Scalars:
+    """Values at raster places (column, row, corner origin) between the four pixel centres."""
+    left, right, u = _between(places[:, 0], raster.shape[1])
+    above, below, v = _between(places[:, 1], raster.shape[0])
+    upper = _mixed(raster[above, left], raster[above, right], u)
+    return _mixed(upper, _mixed(raster[below, left], raster[below, right], u), v)
+
+
+def _between(places: Scalars, size: int) -> tuple[Indices, Indices, Scalars]:
+    """The pixels before and after places along an axis, and the share of the second."""
+    centred = np.clip(places - HALF_PIXEL, 0, size - 1)
+    before = np.minimum(centred.astype(np.int64), max(size - 2, 0))
+    return before, np.minimum(before + 1, size - 1), centred - before
+
+
+def _mixed(
+    one: Float[np.ndarray, "*n"], other: Float[np.ndarray, "*n"], share: Float64[np.ndarray, "..."]
+) -> Float64[np.ndarray, "*n"]:
+    """Linear between two; where one has no say its gap does not matter."""
+    mixed = one * (1 - share) + other * share
+    mixed = np.where(share < NO_WEIGHT, one, mixed)
+    return np.where(share > 1 - NO_WEIGHT, other, mixed)

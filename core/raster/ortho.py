@@ -1,0 +1,92 @@
+"""Several orthophoto sheets as one: read onto any grid, edges invisible, every pixel once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from core.arrays import Mask
+from core.doubts import Doubt
+from core.geometry.crs import Bounds, parse_crs
+from core.raster.grid import Grid
+from core.raster.lattices import SheetSet, open_sheets
+from core.raster.sampling import ReadOptions, read_onto
+
+LEAST_COVERAGE = 0.5
+"""A pixel is usable when the sheets fill at least this share of it."""
+# design: the majority.
+COARSE_TO = 2
+"""Beyond this reduction overviews serve for showing, and for what is covered."""
+# design: half a cell aside does not show on a screen.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrthoPatch:
+    """The ortho on a grid."""
+
+    values: Float32[np.ndarray, "rows columns"]
+    """Gray (luminance) in the sheets' own units, 0 where there is none."""
+    mask: Mask
+    """True where the ortho has a value."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ortho:
+    """The reference ortho; it holds no open file, so it may be pickled and shared by threads."""
+
+    sheets: SheetSet
+    """The files and how they lie together."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """West, south, east, north over all sheets, metres."""
+        return self.sheets.bounds
+
+    @property
+    def ground_sample_distance_m(self) -> float:
+        """Pixel size of the finest sheets, metres."""
+        return self.sheets.lattices[0].ground_sample_distance_m
+
+    @property
+    def notes(self) -> tuple[Doubt, ...]:
+        """What the operator should know, such as sheets reprojected on the fly."""
+        return self.sheets.notes
+
+    def read(self, grid: Grid) -> OrthoPatch:
+        """Gray values on a grid, cubic and anti-aliased.
+
+        Up to ten times the pixel size of the sheets every original pixel is read; coarser grids
+        may use the files' overviews, which can lie up to half a grid pixel aside.
+        """
+        sampled = read_onto(self.sheets, grid, ReadOptions("gray"))
+        mask = sampled.coverage >= LEAST_COVERAGE
+        return OrthoPatch(np.where(mask, sampled.values[0], np.float32(0)), mask)
+
+    def read_coverage(self, grid: Grid) -> Float32[np.ndarray, "rows columns"]:
+        """Share of each grid pixel that the sheets fill, 0 to 1; overviews are used."""
+        return read_onto(self.sheets, grid, ReadOptions("gray", exact_to=COARSE_TO)).coverage
+
+    def read_colour(self, grid: Grid) -> UInt8[np.ndarray, "rows columns 3"]:
+        """Red, green and blue on a grid, for showing: overviews are used; black where none."""
+        sampled = read_onto(self.sheets, grid, ReadOptions("colour", exact_to=COARSE_TO))
+        mask = sampled.coverage >= LEAST_COVERAGE
+        values = np.where(mask, np.clip(np.rint(sampled.values), 0, 255), 0)
+        return np.ascontiguousarray(np.moveaxis(values, 0, -1)).astype(np.uint8)
+
+
+def open_ortho(paths: Sequence[str | Path], crs: str) -> Ortho:
+    """Look at the sheets once and lay them together.
+
+    Args:
+        paths: Sheets of any raster format, pixel size and CRS.
+        crs: The block's CRS; sheets without one are taken to be in it, sheets in another are
+            reprojected while reading, which `notes` tells.
+
+    Raises:
+        ReferenceDataError: A file is missing, damaged or has no place on the ground.
+        CrsError: A file's coordinates do not fit its CRS, or no CRS can be found for it.
+    """
+    block = parse_crs(crs, "block.toml [block] crs")
+    return Ortho(open_sheets(paths, block, "ortho"))

@@ -1,1 +1,0 @@
-"""One piece of film."""

@@ -1,0 +1,1 @@
+"""Stage scans: picture area, fiducials, interior orientation."""

@@ -1,0 +1,223 @@
+"""Places that look like a mark: correlation peaks of drawn marks in windows of a reduced scan."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from jaxtyping import Complex128, Float32, Float64
+
+from core.arrays import PixelPoints
+from core.raster.scan_file import ScanFile, read_window
+from core.scans.marks import Mark, draw_mark
+
+Field = Float32[np.ndarray, "rows columns"]
+Template = Float32[np.ndarray, "side side"]
+Peak = tuple[complex, float, float]
+"""Column - i row in the scan, correlation, significance."""
+MERGE_MM = 2.0
+"""Expected places closer than this share one window."""
+FLAT = 1.5
+"""Local standard deviation (of 255) below which a correlation says nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchWindow:
+    """A reduced part of the scan in which marks are expected."""
+
+    corner: tuple[int, int]
+    """First column and row, scan pixels."""
+    reduction: int
+    """Scan pixels a side that became one cell."""
+    outward: tuple[float, float]
+    """Direction from the middle of the picture (right, down)."""
+    gray: Field
+    """Gray values, bright end 255, without NaN."""
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Middle column and row, scan pixels."""
+        half = self.reduction / 2
+        return (
+            self.corner[0] + self.gray.shape[1] * half,
+            self.corner[1] + self.gray.shape[0] * half,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Peaks of one kind and polarity, a row per window; NaN where there are fewer."""
+
+    mark: Mark
+    """The kind of mark."""
+    bright: bool
+    """True when it is brighter than its surroundings."""
+    places: Complex128[np.ndarray, "windows peaks"]
+    """Column - i row in the scan: complex numbers turn and scale by one product."""
+    correlations: Float64[np.ndarray, "windows peaks"]
+    """Correlation with the drawn mark."""
+    significances: Float64[np.ndarray, "windows peaks"]
+    """How far above the window's mean, in its standard deviations."""
+
+    @property
+    def worth(self) -> Float64[np.ndarray, "windows peaks"]:
+        """What each peak counts in the choice of a set."""
+        return self.correlations * self.significances
+
+    @property
+    def promise(self) -> float:
+        """Sum of the best peaks of all windows: an upper bound for any set."""
+        return float(self.worth.max(axis=1).sum())
+
+
+def open_windows(
+    scan: ScanFile,
+    expected: Mapping[int, PixelPoints],
+    middle: tuple[float, float],
+    reach_px: int,
+    merge_px: float,
+    reduction: int,
+) -> tuple[list[SearchWindow], dict[int, list[int]]]:
+    """Windows about all expected places, those close together shared.
+
+    Args:
+        scan: The scan.
+        expected: Expected places of all marks, by the way the film may lie.
+        middle: Middle of the picture, pixels.
+        reach_px: Half width of a window, scan pixels.
+        merge_px: Places closer than this share a window.
+        reduction: Scan pixels a side that become one cell.
+
+    Returns:
+        The windows, and by the way the film may lie the window of each mark.
+    """
+    centres: list[np.ndarray] = []
+    owners: dict[int, list[int]] = {}
+    for way, places in expected.items():
+        owners[way] = []
+        for place in places:
+            near = [float(np.linalg.norm(place - other)) for other in centres]
+            if not near or min(near) > merge_px:
+                centres.append(place)
+                near.append(0.0)
+            owners[way].append(int(np.argmin(near)))
+    windows: list[SearchWindow] = []
+    for column, row in np.array(centres).tolist():
+        corner = (round(column) - reach_px, round(row) - reach_px)
+        gray = read_window(scan, *corner, 2 * reach_px, 2 * reach_px, reduction)
+        outward = (column - middle[0], row - middle[1])
+        windows.append(SearchWindow(corner, reduction, outward, _filled(gray)))
+    return windows, owners
+
+
+def all_candidates(
+    windows: Sequence[SearchWindow],
+    cell_mm: float,
+    count: int,
+    marks: tuple[Mark, ...],
+    turn: float,
+) -> list[Candidates]:
+    """The best `count` peaks of every kind, size and polarity in every window.
+
+    Args:
+        windows: Where marks are expected.
+        cell_mm: Size of their cells on the film, millimetres.
+        count: How many peaks of each are kept.
+        marks: Kinds and sizes.
+        turn: Rotation of the film in the scan, radians, counter-clockwise.
+    """
+    result: list[Candidates] = []
+    for mark, drawn in _drawn_library(marks, round(cell_mm, 6)):
+        found: dict[bool, list[list[Peak]]] = {True: [], False: []}
+        for window in windows:
+            template = drawn
+            if not mark.symmetric:
+                pointing = replace(mark, outward=eighth(window.outward, turn))
+                template = draw_mark(pointing, cell_mm, -turn).astype(np.float32)
+            field = _correlate(window.gray, template)
+            half = template.shape[0] // 2
+            found[True].append(_peaks(field, window, half, count))
+            found[False].append(_peaks(-field, window, half, count))
+        result += [_stacked(mark, bright, peaks, count) for bright, peaks in found.items()]
+    return result
+
+
+@lru_cache(maxsize=4)
+def _drawn_library(marks: tuple[Mark, ...], cell_mm: float) -> tuple[tuple[Mark, Template], ...]:
+    """The library drawn at one scale; the scans of a block share it."""
+    return tuple((mark, draw_mark(mark, cell_mm).astype(np.float32)) for mark in marks)
+
+
+def eighth(outward: tuple[float, float], turn: float) -> tuple[float, float]:
+    """The nearest of the film's eight main directions to one in the scan (right, down).
+
+    Args:
+        outward: Direction in the scan.
+        turn: Rotation of the film in the scan, radians, counter-clockwise; with any quarter turns.
+    """
+    angle = np.arctan2(outward[1], outward[0]) + turn
+    snapped = np.rint(angle / (np.pi / 4)) * (np.pi / 4)
+    return float(np.cos(snapped)), float(np.sin(snapped))
+
+
+def _filled(gray: Field) -> Field:
+    """No NaN, and the bright end at 255."""
+    inside = np.isfinite(gray)
+    if not inside.any():
+        return np.zeros_like(gray)
+    top = max(float(np.percentile(gray[inside], 99.5)), 1.0)
+    filled = np.where(inside, gray, np.float32(np.median(gray[inside])))
+    return filled * np.float32(255.0 / top)
+
+
+def _correlate(gray: Field, template: Template) -> Float32[np.ndarray, "places_down places_across"]:
+    """Normalised correlation wherever the template lies inside; nought on flat ground."""
+    side = template.shape[0]
+    if min(gray.shape) <= side:
+        return np.zeros((1, 1), dtype=np.float32)
+    field = cv2.matchTemplate(gray, template, cv2.TM_CCOEFF_NORMED)
+    mean = cv2.blur(gray, (side, side))
+    square = cv2.blur(gray * gray, (side, side))
+    half = side // 2
+    inner = (slice(half, half + field.shape[0]), slice(half, half + field.shape[1]))
+    flat = (square - mean * mean)[inner] < FLAT**2
+    return np.where(flat | ~np.isfinite(field), np.float32(0), field)
+
+
+def _peaks(field: Field, window: SearchWindow, half: int, count: int) -> list[Peak]:
+    """The highest separate maxima."""
+    top = cv2.dilate(field, np.ones((5, 5), dtype=np.uint8))
+    rows, columns = np.nonzero((field == top) & (field > 0.2))
+    order = np.argsort(-field[rows, columns], kind="stable")[:count]
+    middle, spread = (float(value[0, 0]) for value in cv2.meanStdDev(field))
+    peaks: list[Peak] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        value = float(field[row, column])
+        down = row + _vertex(field[:, column], row) + half + 0.5
+        right = column + _vertex(field[row], column) + half + 0.5
+        place = complex(
+            window.corner[0] + right * window.reduction, -window.corner[1] - down * window.reduction
+        )
+        peaks.append((place, value, (value - middle) / (spread + 0.02)))
+    return peaks
+
+
+def _vertex(profile: Float32[np.ndarray, "n"], index: int) -> float:
+    """Offset of the parabola's vertex through a maximum and its two neighbours."""
+    if not 0 < index < len(profile) - 1:
+        return 0.0
+    before, here, after = (float(profile[index + k]) for k in (-1, 0, 1))
+    bend = before - 2 * here + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+def _stacked(mark: Mark, bright: bool, found: Sequence[Sequence[Peak]], count: int) -> Candidates:
+    """Peaks as arrays of equal length."""
+    places = np.full((len(found), count), complex(np.nan, np.nan))
+    values = np.zeros((2, len(found), count))
+    for i, peaks in enumerate(found):
+        for k, (place, correlation, significance) in enumerate(peaks):
+            places[i, k] = place
+            values[:, i, k] = correlation, significance
+    return Candidates(mark, bright, places, values[0], values[1])

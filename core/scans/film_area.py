@@ -1,0 +1,308 @@
+"""Where the exposed picture lies in a scan, and which of its pixels are photograph.
+
+The border is looked for as four straight steps of gray, at right angles and as far apart as the
+camera's frame is wide; a side that cannot be seen (dark ground against dark film, or cut off by the
+scanner) is derived from the others and the frame.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from core.arrays import Matrix, PixelPoints, Scalars, locked
+from core.errors import ScanError
+from core.geometry.camera import Camera
+from core.geometry.interior import InteriorOrientation
+from core.raster.scan_file import ScanFile, read_window
+
+Side = Literal["left", "right", "top", "bottom"]
+SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
+STEP_CELLS = 3
+"""Cells on either side of a boundary whose means are compared."""
+UNSEEN = 0.3
+"""Score that a side which cannot be seen is given: about what chance steps reach."""
+BLANK = 3.0
+"""Grays (of 255, noise averaged out) that differ by less show nothing."""
+MARGIN = 0.1
+"""Share of the frame that is looked at about it once its place is roughly known."""
+MOST = 0.7
+"""Share of the scan from which looking again would show nothing new."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmAreaOptions:
+    """How the border of the picture is looked for."""
+
+    overview_px: int = 1200
+    """The longer side of the reduced scan in which it is looked for, pixels."""
+    strips: int = 48
+    """Each side is cut into this many strips, each with one vote."""
+    max_turn_deg: float = 2.5
+    """How far the film may be turned in the scanner, degrees."""
+    size_tolerance: float = 0.02
+    """How far the picture may differ from `frame_mm`, as a share of it."""
+    off_middle_mm: float = 1.0
+    """How far the middle of the picture may be from the middle of its marks, millimetres."""
+    min_score: float = 0.45
+    """Mean vote of the strips (0 to 1) from which a side counts as seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilmArea:
+    """The exposed picture in one scan."""
+
+    corners: PixelPoints
+    """Four corners as they lie in the scan, in the order of `camera.frame_corners_mm` (lower
+    left, lower right, upper right, upper left of the upright scan); may lie outside it."""
+    seen: tuple[Side, ...]
+    """Sides whose border was seen; the others follow from the camera's frame."""
+    scores: Scalars
+    """Mean vote of left, right, top, bottom, 0 to 1."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", locked(self.corners))
+        object.__setattr__(self, "scores", locked(self.scores))
+
+    @property
+    def trusted(self) -> bool:
+        """True when position and rotation of the frame were seen in both directions."""
+        across = {"left", "right"} & set(self.seen)
+        return bool(across) and bool({"top", "bottom"} & set(self.seen)) and len(self.seen) >= 3
+
+    @property
+    def centre(self) -> PixelPoints:
+        """Middle of the picture, (1, 2) pixels."""
+        return self.corners.mean(axis=0, keepdims=True)
+
+
+def detect_film_area(
+    scan: ScanFile,
+    camera: Camera,
+    scan_pixel_mm: float,
+    options: FilmAreaOptions | None = None,
+) -> FilmArea:
+    """Find the border of the exposed picture.
+
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres.
+        options: How it is looked for.
+    """
+    options = options or FilmAreaOptions()
+    frame_mm = _frame_as_it_lies(scan, camera)
+    columns, rows = scan.size_px
+    area = _area_in(scan, (0, 0, columns, rows), frame_mm / scan_pixel_mm, options)
+    low = area.corners.min(axis=0) - MARGIN * frame_mm / scan_pixel_mm
+    high = area.corners.max(axis=0) + MARGIN * frame_mm / scan_pixel_mm
+    left, top = np.maximum(low, 0).astype(int).tolist()
+    right, bottom = np.minimum(high, scan.size_px).astype(int).tolist()
+    if (right - left) * (bottom - top) > MOST * columns * rows:
+        return area
+    # A page with the photo in one corner: looked at again without the rest of the page.
+    window = (left, top, right - left, bottom - top)
+    return _area_in(scan, window, frame_mm / scan_pixel_mm, options)
+
+
+def refine_film_area(
+    scan: ScanFile,
+    camera: Camera,
+    scan_pixel_mm: float,
+    area: FilmArea,
+    middle: tuple[float, float],
+    options: FilmAreaOptions | None = None,
+) -> FilmArea:
+    """The border once the middle of the fiducials is known, which is that of the picture.
+
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        scan_pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The border as it was found without the marks.
+        middle: Column and row of the middle of the marks.
+        options: How it is looked for.
+    """
+    options = options or FilmAreaOptions()
+    away_mm = np.abs(area.centre[0] - np.array(middle)) * scan_pixel_mm
+    if float(away_mm.max()) < options.off_middle_mm:
+        return area
+    frame = _frame_as_it_lies(scan, camera) / scan_pixel_mm
+    low = np.maximum(np.array(middle) - (0.5 + MARGIN) * frame, 0).astype(int)
+    high = np.minimum(np.array(middle) + (0.5 + MARGIN) * frame, scan.size_px).astype(int)
+    (left, top), (width, height) = low.tolist(), (high - low).tolist()
+    reach = options.off_middle_mm / scan_pixel_mm
+    return _area_in(scan, (left, top, width, height), frame, options, (middle, reach))
+
+
+def _area_in(
+    scan: ScanFile,
+    window: tuple[int, int, int, int],
+    frame_px: np.ndarray,
+    options: FilmAreaOptions,
+    known: tuple[tuple[float, float], float] | None = None,
+) -> FilmArea:
+    """The border of the picture in a window (column, row, columns, rows) of the scan.
+
+    `known` is its middle and how far it may be from there, pixels.
+    """
+    reduction = max(1, -(-max(window[2:]) // options.overview_px))
+    gray = eight_bit(read_window(scan, *window, reduction))
+    frame = frame_px / reduction
+    near: list[tuple[float, float] | None] = [None, None]
+    if known is not None:
+        (column, row), reach = known
+        near = [
+            ((column - window[0]) / reduction, reach / reduction),
+            ((row - window[1]) / reduction, reach / reduction),
+        ]
+    across, down = _votes(gray, options.strips), _votes(gray.T, options.strips)
+    best: tuple[float, _Pair, _Pair, float] | None = None
+    for turn in np.tan(np.radians(_turns(options))):
+        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), options, near[0])
+        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), options, near[1])
+        if best is None or columns.total + rows.total > best[0]:
+            best = (columns.total + rows.total, columns, rows, float(turn))
+    assert best is not None
+    _, columns, rows, turn = best
+    corners = _corners(columns, rows, turn, gray.shape) * reduction + np.array(window[:2])
+    scores = np.array([*columns.scores, *rows.scores])
+    seen: tuple[Side, ...] = tuple(
+        side for side, score in zip(SIDES, scores, strict=True) if score >= options.min_score
+    )
+    return FilmArea(corners, seen, scores)
+
+
+def check_not_blank(scan: ScanFile, area: FilmArea) -> None:
+    """Refuse a scan that shows nothing: unexposed film, an empty bed, a closed lid.
+
+    Raises:
+        ScanError: The heart of the picture is even, but for noise.
+    """
+    reduction = max(1, -(-max(scan.size_px) // 600))
+    low, high = area.corners.min(axis=0), area.corners.max(axis=0)
+    left, top = np.maximum(low + 0.1 * (high - low), 0).astype(int).tolist()
+    right, bottom = np.minimum(high - 0.1 * (high - low), scan.size_px).astype(int).tolist()
+    gray = read_window(scan, left, top, right - left, bottom - top, reduction)
+    top_gray = 255.0 if scan.dtype == "uint8" else max(float(np.nanpercentile(gray, 99.9)), 1024.0)
+    calm = cv2.blur(np.nan_to_num(gray), (9, 9))[4:-4, 4:-4] * (255.0 / top_gray)
+    spread = float(np.ptp(np.percentile(calm, [1, 99]))) if calm.size else 0.0
+    if spread < BLANK:
+        raise ScanError(
+            scan.path,
+            f"The scan is blank: grays of the picture differ by {spread:.1f} of 255.",
+            "Scan the photo again, or take the file out of [scans] files.",
+        )
+
+
+def area_from_interior(interior: InteriorOrientation, camera: Camera) -> FilmArea:
+    """The camera's frame through the interior orientation: where the border cannot be seen."""
+    corners = interior.pixel_from_film(camera.frame_corners_mm)
+    return FilmArea(corners, (), np.zeros(4))
+
+
+def _frame_as_it_lies(scan: ScanFile, camera: Camera) -> np.ndarray:
+    """Width and height of the frame in the scan, millimetres; an oblong frame may lie across."""
+    width, height = camera.frame_mm
+    lies_across = (scan.size_px[0] - scan.size_px[1]) * (width - height) < 0
+    return np.array((height, width) if lies_across else (width, height))
+
+
+def _turns(options: FilmAreaOptions) -> np.ndarray:
+    """Rotations to try, degrees."""
+    return np.linspace(-options.max_turn_deg, options.max_turn_deg, 51)
+
+
+def _votes(gray: np.ndarray, strips: int) -> Matrix:
+    """(strips, columns + 1) steps of gray across each column boundary, squashed to -1 .. 1.
+
+    Squashing gives every strip one vote, so that one bright field does not pass for a border.
+    """
+    height = gray.shape[0] // strips
+    means = gray[: height * strips].reshape(strips, height, -1).mean(axis=1, dtype=np.float64)
+    sums = np.cumsum(np.pad(means, ((0, 0), (1, 0))), axis=1)
+    step = np.zeros_like(sums)
+    half = STEP_CELLS
+    step[:, half:-half] = (
+        sums[:, 2 * half :] - 2 * sums[:, half:-half] + sums[:, : -2 * half]
+    ) / half
+    noise = np.median(np.abs(step)) + 1.0
+    return step / (np.abs(step) + noise)
+
+
+def _along(votes: Matrix, slope: float, length: int) -> Scalars:
+    """Mean vote along lines of a slope, by their column in the middle row; without sign."""
+    strips, columns = votes.shape
+    offsets = slope * ((np.arange(strips) + 0.5) / strips - 0.5) * length
+    place = np.arange(columns)
+    shifted = [
+        np.interp(place + offset, place, vote, left=0.0, right=0.0)
+        for offset, vote in zip(offsets, votes, strict=True)
+    ]
+    return np.abs(np.mean(shifted, axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """Two opposite sides in one direction: places in cells, and their mean votes."""
+
+    first: float
+    second: float
+    scores: tuple[float, float]
+    total: float
+
+
+def _best_pair(
+    score: Scalars,
+    size: float,
+    options: FilmAreaOptions,
+    near: tuple[float, float] | None = None,
+) -> _Pair:
+    """The two boundaries with the best votes that are as far apart as the frame is wide.
+
+    A side that is not seen counts as UNSEEN wherever it is, also outside the scan; the two small
+    penalties decide between equals: nominal size, then the middle of the scan.
+    """
+    slack = round(size * options.size_tolerance) + 1
+    reach = round(0.15 * size) + slack
+    padded = np.full(len(score) + 2 * reach, UNSEEN)
+    padded[reach : reach + len(score)] = np.maximum(score, UNSEEN)
+    best: tuple[float, int, int] | None = None
+    for width in range(round(size) - slack, round(size) + slack + 1):
+        if width >= len(padded):
+            continue
+        total = padded[:-width] + padded[width:]
+        middle = np.arange(len(total)) + width / 2 - reach
+        total -= 0.02 * np.abs(width - size) / slack
+        total -= 0.02 * np.abs(middle - len(score) / 2) / len(score)
+        if near is not None:
+            total -= np.where(np.abs(middle - near[0]) > near[1] + 0.5, 9.0, 0.0)
+        first = int(np.argmax(total))
+        if best is None or total[first] > best[0]:
+            best = (float(total[first]), first - reach, width)
+    if best is None:
+        best = (0.0, round((len(score) - size) / 2), round(size))
+    total, first, width = best
+    ends = (first, first + width)
+    scores = [float(score[end]) if 0 <= end < len(score) else 0.0 for end in ends]
+    return _Pair(float(ends[0]), float(ends[1]), (scores[0], scores[1]), total)
+
+
+def _corners(columns: _Pair, rows: _Pair, slope: float, shape: tuple[int, ...]) -> PixelPoints:
+    """Lower left, lower right, upper right, upper left corner from the four border lines."""
+    middle_row, middle_column = shape[0] / 2, shape[1] / 2
+    lines = np.array([[1.0, -slope], [slope, 1.0]])
+    ends = (
+        (columns.first, rows.second),
+        (columns.second, rows.second),
+        (columns.second, rows.first),
+        (columns.first, rows.first),
+    )
+    right = [[c - slope * middle_row, r + slope * middle_column] for c, r in ends]
+    return np.linalg.solve(lines, np.array(right).T).T
+
+
+def eight_bit(gray: np.ndarray) -> np.ndarray:
+    """Gray values stretched so that the bright end is 255, whatever the depth of the scan."""
+    return gray * np.float32(255.0 / max(float(np.percentile(gray, 99.5)), 1.0))

@@ -1,0 +1,270 @@
+"""One scan from file to interior orientation, with everything that is doubtful about it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from core.arrays import Mask, locked
+from core.doubts import Doubt, Failure
+from core.geometry.camera import Camera
+from core.geometry.interior import (
+    InteriorOrientation,
+    fit_interior,
+    nominal_interior,
+)
+from core.raster.scan_file import ScanFile, check_fits_camera, open_scan, photo_id_of
+from core.raster.usable_area import UsableArea
+from core.scans.data_strip import find_data_strip, ways_of_strip
+from core.scans.duplicate_scans import Look, look_of
+from core.scans.fiducials import (
+    measure_fiducials,
+    measure_unknown_fiducials,
+    renamed,
+)
+from core.scans.film_area import (
+    FilmArea,
+    Side,
+    area_from_interior,
+    check_not_blank,
+    detect_film_area,
+    refine_film_area,
+)
+from core.scans.hand_marks import fiducials_by_hand
+from core.scans.interior_doubts import doubts_of_fit, names_guessed
+from core.scans.judging import FiducialOptions
+from core.scans.layouts import UPRIGHT, Way
+from core.scans.measured_marks import FiducialMeasurement, FiducialSet
+from core.scans.photo_mask import usable_mask
+from core.scans.scratches import find_scratches
+
+Marks = Mapping[str, tuple[float, float]]
+"""Column and row by the name of a mark."""
+CELL_MM = 0.25
+"""Cells of the mask that says what of a scan is photograph are no larger, millimetres."""
+
+
+def _unseen() -> Look:
+    return np.zeros((0, 0), dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanOrientation:
+    """A scan that can be used, and how its pixels lie on the film."""
+
+    photo_id: str
+    """The scan's file name without folder and extension."""
+    scan: ScanFile
+    """The file."""
+    interior: InteriorOrientation
+    """Pixel <-> film."""
+    fiducials: tuple[FiducialMeasurement, ...]
+    """Fiducials that were measured, left out ones included."""
+    area: FilmArea
+    """The exposed picture."""
+    doubts: tuple[Doubt, ...]
+    """What the operator should look at."""
+    way: Way = UPRIGHT
+    """How the film lies in the scan: quarter turns counter-clockwise, mirrored or not."""
+    rivals: tuple[Way, ...] = ()
+    """Other ways that the marks cannot tell from it."""
+    strip: Side | None = None
+    """Side of the picture, as it lies in the scan, with the data strip."""
+    look: Look = field(default_factory=_unseen)
+    """A small picture of the frame and its margin, as it lies in the scan."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "look", locked(self.look, np.uint8))
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Columns and rows."""
+        return self.scan.size_px
+
+    def usable(self, reduction: int = 8) -> Mask:
+        """Which cells of the reduced scan are photograph; see `usable.usable_mask`."""
+        marks = [(mark.column, mark.row) for mark in self.fiducials]
+        return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
+
+    def masked(self) -> "ScanOrientation":
+        """The same with its scan knowing which part of it is photograph."""
+        reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, 8))
+        photograph = self.usable(reduction)
+        pixel_mm = self.interior.pixel_size_mm
+        scratches = find_scratches(self.scan, self.area.corners, photograph, pixel_mm)
+        area = UsableArea.of(photograph, self.size_px, scratches)
+        return replace(self, scan=replace(self.scan, usable=area))
+
+
+def orient_scan(
+    path: Path,
+    camera: Camera,
+    scan_pixel_um: float,
+    options: FiducialOptions | None = None,
+    by_hand: Marks | None = None,
+) -> ScanOrientation:
+    """Open a scan, find its picture area and fiducials, and fit its interior orientation.
+
+    Args:
+        path: The scan file.
+        camera: Camera; its `fiducials_mm` may be empty: marks are then looked for where cameras
+            have them, and their places follow from all photos together (`family`).
+        scan_pixel_um: Nominal size of a scan pixel, micrometres.
+        options: When a fiducial stands.
+        by_hand: Fiducials that somebody measured (column, row); nothing is looked for then.
+
+    Raises:
+        ScanError: The file cannot be used, is blank, or does not fit the camera.
+    """
+    scan = open_scan(path)
+    pixel_mm = scan_pixel_um / 1000
+    check_fits_camera(scan, camera, pixel_mm, page=True)
+    area = detect_film_area(scan, camera, pixel_mm)
+    if len(area.seen) < 4:
+        check_fits_camera(scan, camera, pixel_mm)
+    check_not_blank(scan, area)
+    if camera.fiducials_mm:
+        return _by_certificate(scan, camera, pixel_mm, area, options, by_hand or {})
+    photo_id = photo_id_of(path)
+    measured, area = _unknown(scan, camera, pixel_mm, area, options)
+    strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
+    interior = _nominal(scan, camera, pixel_mm, area)
+    doubt = _nominal_doubt(photo_id, area, "The camera has no fiducials_mm", 0.3)
+    return ScanOrientation(
+        photo_id, scan, interior, measured.marks, _area(area, interior, camera),
+        (*measured.doubts, doubt), strip=strip, look=look_of(scan, area),
+    )  # fmt: skip
+
+
+def interior_of(
+    marks: Sequence[FiducialMeasurement], certificate: Marks, way: Way
+) -> InteriorOrientation | Failure:
+    """Interior orientation from at least two marks.
+
+    Args:
+        marks: The marks that were measured.
+        certificate: Where they lie on the film, millimetres.
+        way: How the film lies in the scan.
+    """
+    if len(marks) < 2:
+        return Failure(f"Only {len(marks)} of {len(certificate)} fiducials were measured.")
+    names = [mark.name for mark in marks]
+    pixels = np.array([(mark.column, mark.row) for mark in marks], dtype=np.float64)
+    film = np.array([certificate[name] for name in names], dtype=np.float64)
+    sigmas = np.array([mark.sigma_px for mark in marks])
+    return fit_interior(names, pixels, film, "auto", sigmas, mirrored=way[1])
+
+
+def _unknown(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None,
+) -> tuple[FiducialSet, FilmArea]:
+    """Marks nobody certified, and the picture area that goes with them."""
+    measured = measure_unknown_fiducials(scan, camera, pixel_mm, area, options)
+    if len(measured.marks) < 3:
+        return measured, area
+    refined = refine_film_area(scan, camera, pixel_mm, area, measured.middle)
+    if refined is area or not measured.doubts:
+        return measured, refined
+    # Windows about the right places may show what windows about the wrong ones did not.
+    again = measure_unknown_fiducials(scan, camera, pixel_mm, refined, options)
+    return (again if len(again.marks) > len(measured.marks) else measured), refined
+
+
+def _by_certificate(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None,
+    by_hand: Marks,
+) -> ScanOrientation:
+    """The scan of a camera whose marks are certified."""
+    photo_id = photo_id_of(scan.path)
+    measured = fiducials_by_hand(photo_id, camera, by_hand)
+    if not measured.marks:
+        measured = measure_fiducials(scan, camera, pixel_mm, area, options)
+    fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
+    if isinstance(fitted, InteriorOrientation):
+        column, row = fitted.pixel_from_film(np.zeros((1, 2)))[0].tolist()
+        area = refine_film_area(scan, camera, pixel_mm, area, (column, row))
+    strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
+    preferred = ways_of_strip(camera.data_strip, strip)
+    if measured.rivals and preferred:
+        measured = renamed(measured, camera, preferred, area)
+        fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
+    marks, doubts = measured.marks, measured.doubts
+    if measured.guessed:
+        doubts += (names_guessed(photo_id, measured.way),)
+    if isinstance(fitted, Failure):
+        interior = _nominal(scan, camera, pixel_mm, area)
+        doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), 0.8),)
+        doubts += _of_another_camera(scan, camera, pixel_mm, area, options)
+    else:
+        interior = fitted
+        doubts += doubts_of_fit(photo_id, interior, marks, pixel_mm)
+    return ScanOrientation(
+        photo_id, scan, interior, marks, _area(area, interior, camera), doubts,
+        measured.way, measured.rivals, strip, look_of(scan, area),
+    )  # fmt: skip
+
+
+def _of_another_camera(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    options: FiducialOptions | None,
+) -> tuple[Doubt, ...]:
+    """A word about marks that are there, but not where this camera has them."""
+    other = measure_unknown_fiducials(scan, camera, pixel_mm, area, options)
+    if len(other.marks) < 3:
+        return ()
+    middle = np.mean([(mark.column, mark.row) for mark in other.marks], axis=0)
+    places = {
+        mark.name: (
+            round(float(mark.column - middle[0]) * pixel_mm, 2),
+            round(float(middle[1] - mark.row) * pixel_mm, 2),
+        )
+        for mark in other.marks
+    }
+    told = ", ".join(f"{name} ({x:+.1f}, {y:+.1f})" for name, (x, y) in places.items())
+    return (
+        Doubt(
+            "fiducials-of-another-camera",
+            photo_id_of(scan.path),
+            f"There are marks, but not those of camera '{camera.name}': {told} mm from their "
+            "middle. Give this scan its own camera in [[scans.override]], or correct fiducials_mm.",
+            evidence={"places_mm": places, "kind": other.marks[0].kind},
+        ),
+    )
+
+
+def _nominal(
+    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea
+) -> InteriorOrientation:
+    """Interior orientation from the frame's border, or from the scan alone."""
+    return nominal_interior(scan.size_px, camera, pixel_mm, area.corners if area.trusted else None)
+
+
+def _area(area: FilmArea, interior: InteriorOrientation, camera: Camera) -> FilmArea:
+    """The picture area as seen, or the camera's frame where its border was not."""
+    return area if area.trusted else area_from_interior(interior, camera)
+
+
+def _nominal_doubt(photo_id: str, area: FilmArea, reason: str, gravity: float) -> Doubt:
+    """The doubt of a scan whose interior orientation rests on no fiducial."""
+    rests_on = "the border of the picture" if area.trusted else "the middle of the scan"
+    return Doubt(
+        "interior-nominal",
+        photo_id,
+        f"{reason}: the interior orientation rests on {rests_on} and the nominal scan pixel size, "
+        "good to some tenths of a millimetre. Give fiducials_mm of the camera, or measure the "
+        "fiducials by hand.",
+        gravity,
+        {"rests_on": rests_on, "sides_seen": list(area.seen)},
+    )

@@ -1,0 +1,320 @@
+"""The marks of one constellation at full resolution: the kind fitted, every middle found twice."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import cv2
+import numpy as np
+
+from core.doubts import Failure
+from core.scans.centring import (
+    Centre,
+    Gray,
+    Weights,
+    centre_by_symmetry,
+    correlation,
+    disc_weights,
+    match_mark,
+    sample_about,
+    softened,
+)
+from core.scans.constellation import Constellation
+from core.scans.edges import centre_by_edges
+from core.scans.mark_windows import RING_MM, Spot, within_eighth
+from core.scans.marks import SURROUND, Mark, draw_mark, resized
+from core.scans.notches import centre_by_sides
+
+FITTING_MM = 0.03
+"""Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
+NOTCH_SIGMA_PX = 0.024
+"""What the picture beside a notch does to its edges at least, pixels."""
+STEPS_APART_PX = 0.2
+"""How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
+RINGS = (2.5, 1.12, RING_MM)
+"""Rings that are tried about a dot: the least over its radius, step, and the greatest (mm)."""
+RING_GAIN = 0.15
+"""Likeness that a ring must add."""
+OUTLINE_SIGMAS = 4.0
+OUTLINE_PX = 0.1
+"""How far the outline may lie from the mark's middle before dirt is suspected, pixels."""
+BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
+"""Blurs that are tried, pixels of the fitting."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedMark:
+    """The mark as it looks in this scan."""
+
+    mark: Mark
+    """Kind, measures and blur."""
+    turn: float
+    """Small rotation of the film in the scan, radians, clockwise."""
+    bright: bool
+    """True when it is brighter than its surroundings."""
+    pixel_mm: float
+    """Size of the pixels its blur is given for."""
+
+    def drawn(
+        self, outward: tuple[float, float], pixel_mm: float, reach_mm: float = 0.0
+    ) -> Weights:
+        """Template for one place, at a pixel size, as large as for a mark of at least a reach."""
+        blur = self.mark.blur_px * self.pixel_mm / pixel_mm
+        mark = replace(self.mark, outward=outward, blur_px=blur)
+        surround = SURROUND * max(reach_mm / mark.reach_mm, 1.0)
+        return draw_mark(mark, pixel_mm, self.turn, surround)
+
+    def notch_at(
+        self, outward: tuple[float, float], pixel_mm: float, beside: tuple[float, float]
+    ) -> Weights:
+        """A notch's template with its tip beside the middle of the middle pixel."""
+        mark = replace(self.mark, outward=outward)
+        return draw_mark(mark, pixel_mm, self.turn, beside=beside)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoWays:
+    """One mark's middle from both ways."""
+
+    column: float
+    """Scan pixels."""
+    row: float
+    """Scan pixels."""
+    sigma_px: float
+    """Standard deviation per axis, pixels."""
+    correlation: float
+    """Likeness to the drawn mark."""
+    disagreement_px: float
+    """Distance between both ways."""
+    outline_px: float = 0.0
+    """How far its outline, a third way, lay from both, where that was taken; pixels."""
+    worst_px: float = 0.0
+    """Standard deviation in the direction in which it is least sure, where that is known."""
+
+
+def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:
+    """The mark's kind and measures: what makes the drawn mark most like the scan's, on average.
+
+    Of the kinds that were found at the same places the one that explains most, then coordinate
+    descent over radius, stroke and blur.
+    """
+    reduction = max(1, round(FITTING_MM / pixel_mm))
+    cell = pixel_mm * reduction
+    small = [_reduced(spot, reduction) for spot in spots]
+    turn = -within_eighth(found.turn)
+    trials = [FittedMark(kind, turn, found.bright, cell) for kind in (found.mark, *found.kinds)]
+    best = _kind(small, trials, cell)
+    if best.mark.notch:
+        return best
+    best, small = _sized(small, best, cell)
+    ringed = _ringed(small, best, cell) if best.mark.shape == "dot" else None
+    return best if ringed is None else _sized(small, ringed, cell)[0]
+
+
+def _sized(
+    spots: Sequence[Spot], fitted: FittedMark, cell_mm: float
+) -> tuple[FittedMark, list[Spot]]:
+    """Radius, stroke and blur that make it most like the scan's, and the spots started there."""
+    best, blur = fitted, 0.0
+    likeness, small = _likeness(spots, best, cell_mm)
+    # The ends of arms on one side only draw the middle of a mark along with its size.
+    finer = () if best.mark.symmetric else (0.025, 0.0125)
+    for step in (0.2, 0.1, 0.05, *finer):
+        for _ in range(3):
+            factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
+                       (1.0, 1 / (1 + 2 * step)))  # fmt: skip
+            near = [b for b in BLURS_PX if b != blur] if step == 0.1 else []
+            marks = [resized(best.mark, *pair, blur) for pair in factors]
+            marks += [resized(best.mark, 1.0, 1.0, other) for other in near]
+            trials = [replace(best, mark=mark) for mark in marks]
+            found = [_likeness(small, trial, cell_mm) for trial in trials]
+            winner = int(np.argmax([value for value, _ in found]))
+            if found[winner][0] <= likeness + (1e-4 if step >= 0.05 else 2e-5):
+                break
+            best = trials[winner]
+            likeness, small = found[winner]
+            blur = best.mark.blur_px
+    return best, small
+
+
+def _ringed(spots: Sequence[Spot], dot: FittedMark, cell_mm: float) -> FittedMark | None:
+    """The dot with the ring about it that explains more than the dot alone; None if none does.
+
+    A scratch beside a dot moves it, and few pixels say so; a ring holds against it.
+    """
+    size_mm = dot.mark.radius_mm
+    radii = [r for r in (size_mm * RINGS[0] * RINGS[1] ** k for k in range(16)) if r < RINGS[2]]
+    if not radii:
+        return None
+    rings = [Mark("ringed-dot", radius, 2 * size_mm) for radius in radii]
+    trials = [dot, *(replace(dot, mark=ring) for ring in rings)]
+    values: list[float] = []
+    for trial in trials:
+        template = softened(trial.drawn((0.0, 1.0), cell_mm, radii[-1]))
+        weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+        sign = 1 if dot.bright else -1
+        patches = [sample_about(s.gray, np.array(s.start), template.shape[0]) for s in spots]
+        values.append(sign * float(np.median([correlation(p, template, weights) for p in patches])))
+    best = int(np.argmax(values))
+    return trials[best] if best and values[best] > values[0] + RING_GAIN else None
+
+
+def _kind(spots: Sequence[Spot], trials: Sequence[FittedMark], cell_mm: float) -> FittedMark:
+    """The kind that explains most of what all of them cover: a cross's middle is not a dot."""
+    if len(trials) == 1:
+        return trials[0]
+    reach_mm = max(trial.mark.reach_mm for trial in trials)
+    values = [_likeness(spots, trial, cell_mm, reach_mm)[0] for trial in trials]
+    return trials[int(np.argmax(values))]
+
+
+def sought(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
+    """The spot with its start where the window is most like a mark that was fitted elsewhere."""
+    template = fitted.drawn(spot.outward, pixel_mm).astype(np.float32)
+    side = template.shape[0]
+    if min(spot.gray.shape) <= side:
+        return spot
+    field = cv2.matchTemplate(spot.gray, template, cv2.TM_CCOEFF_NORMED)
+    best = int(np.nan_to_num(field if fitted.bright else -field).argmax())
+    row, column = divmod(best, field.shape[1])
+    return replace(spot, start=(column + side / 2, row + side / 2))
+
+
+def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
+    """One mark in both ways, near where it is expected.
+
+    Symmetric marks by matching and by their symmetry, others by matching and by their outline.
+    """
+    if fitted.mark.notch:
+        return _notch(spot, fitted, pixel_mm)
+    template = fitted.drawn(spot.outward, pixel_mm)
+    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+    matched = match_mark(spot.gray, template, weights, spot.start, limit_px=0.4 / pixel_mm + 2)
+    if isinstance(matched, Failure):
+        return matched
+    start = (matched.column, matched.row)
+    second = _second_way(spot.gray, fitted, template, weights, start, pixel_mm)
+    if isinstance(second, Failure):
+        return second
+    likeness = matched.correlation if fitted.bright else -matched.correlation
+    both = _together(spot, matched, second, likeness)
+    if not fitted.mark.symmetric:
+        return both
+    outline = template if fitted.bright else -template
+    middle = (both.column - spot.corner[0], both.row - spot.corner[1])
+    third = centre_by_edges(spot.gray, outline, weights, middle, limit_px=0.1 / pixel_mm + 1)
+    return both if isinstance(third, Failure) else _confirmed(spot, both, third)
+
+
+def _confirmed(spot: Spot, both: TwoWays, third: Centre) -> TwoWays:
+    """Both ways beside the outline: dirt that touches the mark moves them, but few of its edges."""
+    column, row = spot.corner[0] + third.column, spot.corner[1] + third.row
+    apart = float(np.hypot(column - both.column, row - both.row))
+    sigma = float(np.hypot(both.sigma_px, third.sigma_px))
+    if apart < max(OUTLINE_SIGMAS * sigma, OUTLINE_PX):
+        return both
+    wide = float(np.hypot(third.sigma_px, apart / 2))
+    return replace(both, column=column, row=row, sigma_px=wide, outline_px=apart)
+
+
+def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
+    """A notch by its outline in two ways: nobody can draw the gray of the picture beside it."""
+    template = fitted.drawn(spot.outward, pixel_mm)
+    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+    outline = template if fitted.bright else -template
+    limit_px = 0.4 / pixel_mm + 2
+    first = centre_by_edges(spot.gray, outline, weights, spot.start, limit_px, False, True)
+    if isinstance(first, Failure):
+        return first
+    start = (first.column, first.row)
+    drawn = partial(fitted.notch_at, spot.outward, pixel_mm)
+    second = centre_by_sides(spot.gray, drawn, weights, start, limit_px)
+    if isinstance(second, Failure):
+        return second
+    likeness = second.correlation if fitted.bright else -second.correlation
+    apart = float(np.hypot(first.column - second.column, first.row - second.row))
+    # The steps alone are drawn aside by the picture's slopes: they only confirm.
+    beyond = max(apart - STEPS_APART_PX, 0.0) / 2
+    return TwoWays(
+        spot.corner[0] + second.column,
+        spot.corner[1] + second.row,
+        float(np.hypot(np.hypot(second.sigma_px, NOTCH_SIGMA_PX), beyond)),
+        likeness,
+        apart,
+        worst_px=float(np.hypot(np.hypot(second.worst_px, NOTCH_SIGMA_PX), beyond)),
+    )
+
+
+def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> TwoWays:
+    """Both ways weighted by their sigmas."""
+    apart = float(np.hypot(matched.column - second.column, matched.row - second.row))
+    # Two ways that differ by no more than both sigmas let expect are as sure as they say.
+    expected = 2 * (matched.sigma_px**2 + min(second.sigma_px, 9.0) ** 2)
+    beyond = float(np.sqrt(max(apart**2 - expected, 0.0))) / 2
+    share = matched.sigma_px**2 / (matched.sigma_px**2 + second.sigma_px**2 + 1e-12)
+    return TwoWays(
+        spot.corner[0] + share * second.column + (1 - share) * matched.column,
+        spot.corner[1] + share * second.row + (1 - share) * matched.row,
+        float(np.hypot(min(second.sigma_px, 9.0), beyond)), likeness, apart,
+    )  # fmt: skip
+
+
+def _second_way(
+    gray: Gray,
+    fitted: FittedMark,
+    template: Weights,
+    weights: Weights,
+    start: tuple[float, float],
+    pixel_mm: float,
+) -> Centre | Failure:
+    """The way that knows nothing of the grays of the drawn mark."""
+    if not fitted.mark.symmetric:
+        outline = template if fitted.bright else -template
+        return centre_by_edges(gray, outline, weights, start, limit_px=0.3 / pixel_mm + 2)
+    radius = fitted.mark.reach_mm * 1.15 / pixel_mm + 1
+    disc = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
+    return centre_by_symmetry(gray, disc, start, limit_px=0.3 / pixel_mm + 2)
+
+
+def _reduced(spot: Spot, reduction: int) -> Spot:
+    """The same window with fewer pixels."""
+    if reduction == 1:
+        return spot
+    side = spot.gray.shape[0] // reduction
+    part = spot.gray[: side * reduction, : side * reduction]
+    gray = part.reshape(side, reduction, side, reduction).mean(axis=(1, 3))
+    return replace(spot, gray=gray, start=(spot.start[0] / reduction, spot.start[1] / reduction))
+
+
+def _likeness(
+    spots: Sequence[Spot], fitted: FittedMark, cell_mm: float, reach_mm: float = 0.0
+) -> tuple[float, list[Spot]]:
+    """Mean correlation with the drawn mark where it matches best, and the spots started there.
+
+    Args:
+        spots: Where marks are.
+        fitted: The mark to draw.
+        cell_mm: Pixel of the spots.
+        reach_mm: Look at as much as a mark of this reach covers, if that is more.
+    """
+    values: list[float] = []
+    placed: list[Spot] = []
+    drawn: dict[tuple[float, float], Weights] = {}
+    for spot in spots:
+        outward = spot.outward if not fitted.mark.symmetric else (0.0, 1.0)
+        if outward not in drawn:
+            drawn[outward] = fitted.drawn(outward, cell_mm, reach_mm)
+        template = drawn[outward]
+        weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
+        match = match_mark(spot.gray, template, weights, spot.start, 0.3 / cell_mm + 1, False)
+        if isinstance(match, Failure):
+            values.append(-1.0)
+            placed.append(spot)
+            continue
+        patch = sample_about(spot.gray, np.array([match.column, match.row]), template.shape[0])
+        values.append(
+            correlation(patch, softened(template), weights) * (1 if fitted.bright else -1)
+        )
+        placed.append(replace(spot, start=(match.column, match.row)))
+    # The drawn mark's own size is its window: likeness of a larger one is worth more.
+    return float(np.mean(np.sort(values)[len(values) // 4 :])), placed

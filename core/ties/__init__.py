@@ -1,0 +1,1 @@
+"""Stage ties: the same place in several scans."""

@@ -1,0 +1,106 @@
+"""The background: newest wins, errors stay small, making orthos can be stopped."""
+
+import threading
+from dataclasses import dataclass
+
+import pytest
+
+from app.desk.background import Adjusted, RemakeEnded, Remaker, RemakeStep, Worker
+from core.doubts import Failure
+from core.errors import ReferenceDataError
+from tests.ui.desk_block import adjust, tiny_block
+
+
+@dataclass(frozen=True)
+class Captured:
+    """A block to adjust, and nothing that follows from it."""
+
+    name: str
+
+    def block(self):
+        return tiny_block().block
+
+    def conclude(self, report):
+        return None
+
+
+FIRST, SECOND = Captured("first"), Captured("second")
+
+
+class Inbox:
+    def __init__(self):
+        self.items, self.change = [], threading.Condition()
+
+    def __call__(self, item):
+        with self.change:
+            self.items.append(item)
+            self.change.notify_all()
+
+    def until(self, test, seconds=10):
+        with self.change:
+            assert self.change.wait_for(lambda: test(self.items), seconds), self.items
+            return self.items
+
+
+def test_a_newer_block_takes_the_place_of_an_older_one__law():
+    inbox, begun = Inbox(), threading.Event()
+    tiny_block()  # made before the clock runs
+
+    def slow(captured, progress):
+        begun.set()
+        for _ in range(1000):
+            progress.report(0, 1)
+            if threading.Event().wait(0.005):
+                break
+        return adjust(captured)
+
+    worker = Worker(slow, inbox)
+    worker.start()
+    worker.submit(FIRST)
+    assert begun.wait(5)
+    worker.submit(SECOND)
+    worker.close()
+    assert all(item.work is not FIRST for item in inbox.items)
+
+
+@pytest.mark.parametrize("error", [ValueError("odd"), ReferenceDataError("a", "b", "c")])
+def test_an_adjustment_that_fails_is_told_not_fatal__law(error, caplog):
+    inbox, calls = Inbox(), []
+
+    def failing(block, progress):
+        calls.append(block)
+        if len(calls) == 1:
+            raise error
+        return adjust(block)
+
+    worker = Worker(failing, inbox)
+    worker.start()
+    worker.submit(FIRST)
+    inbox.until(lambda items: len(items) == 1)
+    worker.submit(SECOND)
+    first, second = inbox.until(lambda items: len(items) == 2)
+    worker.close()
+    assert isinstance(first, Adjusted)
+    assert isinstance(first.result, Failure)
+    assert not isinstance(second.result, Failure)
+
+
+def test_making_orthos_reports_and_can_be_cancelled__law():
+    inbox, block = Inbox(), tiny_block().block
+    report = adjust(block)
+
+    def long(photo_ids, progress, made_with):
+        assert made_with is report
+        for step in range(10000):
+            progress.report(step, 10000, photo_ids[0])
+            threading.Event().wait(0.002)
+
+    remaker = Remaker(long, inbox)
+    remaker.start(("a",), report)
+    inbox.until(lambda items: any(isinstance(item, RemakeStep) for item in items))
+    assert remaker.busy
+    remaker.cancel()
+    ended = inbox.until(lambda items: isinstance(items[-1], RemakeEnded))[-1]
+    assert ended.cancelled
+    assert ended.failure == ""
+    remaker.close()

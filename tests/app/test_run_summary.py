@@ -1,0 +1,37 @@
+"""A few lines after a run: every scan set aside, one line for each kind of grave doubt."""
+
+from app.run_summary import LINES, remarks
+from core.doubts import Doubt
+
+
+def doubt(kind: str, subject: str, gravity: float) -> Doubt:
+    return Doubt(kind, subject, f"Something is odd about {kind}.", gravity)
+
+
+def test_scans_set_aside_come_first_and_once__truth():
+    aside = {"513": "513.tif: It was cut off. Copy it again."}
+    doubts = [doubt("scan-set-aside", "513", 0.8), doubt("datum", "block", 0.9)]
+    assert remarks(aside, doubts, "report.html") == [
+        "Set aside: 513.tif: It was cut off. Copy it again.",
+        "Doubt: block: Something is odd about datum.",
+    ]
+
+
+def test_doubts_of_a_kind_share_a_line_and_small_ones_are_left_to_the_report__truth():
+    doubts = [doubt("fiducial", name, 0.7) for name in ("513", "514", "515")] + [
+        doubt("roads", "layer", 0.3)
+    ]
+    assert remarks({}, doubts, "report.html") == [
+        "Doubt: 513: Something is odd about fiducial. (2 more like this)"
+    ]
+
+
+def test_no_more_lines_than_can_be_read__truth():
+    aside = {str(number): f"{number}.tif: cut off." for number in range(30)}
+    told = remarks(aside, [doubt("datum", "block", 0.9)], "results/report.html")
+    assert len(told) == LINES + 1
+    assert told[-1] == "... 23 more in results/report.html"
+
+
+def test_nothing_to_tell_is_not_told__law():
+    assert remarks({}, [], "report.html") == []

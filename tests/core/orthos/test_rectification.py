@@ -1,0 +1,201 @@
+"""Orthos of a ground whose every gray value is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+
+from core.errors import Cancelled
+from core.geometry.camera import Camera
+from core.orthos.lattice import locate_tile
+from core.orthos.picture import footprint_of
+from core.orthos.rectification import OrthoOptions, read_ortho, rectify_photo
+from core.raster.grid import Grid
+
+CRS = "EPSG:32633"
+
+
+def read(path):
+    with rasterio.open(path) as file:
+        return file.read(1)
+
+
+def shifts_in_blocks(values, truth, block=64):
+    """Shift (column, row, pixels) of each full block against the truth, by its gradients."""
+    rise, run = np.gradient(truth)
+    shifts = []
+    for row in range(0, values.shape[0] - block, block):
+        for column in range(0, values.shape[1] - block, block):
+            part = np.s_[row : row + block, column : column + block]
+            if not values[part].all():
+                continue
+            slopes = np.column_stack([run[part].ravel(), rise[part].ravel(), np.ones(block**2)])
+            difference = values[part].astype(float).ravel() - truth[part].ravel()
+            shifts.append(-np.linalg.lstsq(slopes, difference, rcond=None)[0][:2])
+    return np.array(shifts)
+
+
+def test_ortho_shows_every_detail_where_it_is__truth(scene, middle, ground, tmp_path):
+    product = rectify_photo(middle, scene.camera, scene.dem, 0.6, tmp_path / "o.tif", CRS)
+    values, truth = read(product.path), ground["texture_on"](product.grid)
+    shifts = shifts_in_blocks(values, truth)
+    assert len(shifts) > 60
+    assert np.abs(shifts).max() < 0.05
+    assert np.abs(shifts.mean(axis=0)).max() < 0.01
+    inside = values > 0
+    inner = np.abs(values.astype(float) - truth)[inside]
+    assert np.sqrt(np.mean(inner**2)) < 2.0
+    assert 0.6 < product.covered_share < 0.9
+
+
+def test_coarse_ortho_is_the_mean_of_the_ground__truth(scene, middle, ground, tmp_path):
+    product = rectify_photo(middle, scene.camera, scene.dem, 3.0, tmp_path / "o.tif", CRS)
+    fine = Grid(
+        *product.grid.bounds[:1],
+        product.grid.north,
+        0.3,
+        product.grid.columns * 10,
+        product.grid.rows * 10,
+    )
+    truth = ground["texture_on"](fine).reshape(product.grid.rows, 10, -1, 10).mean(axis=(1, 3))
+    values = read(product.path)
+    inside = values > 0
+    assert np.sqrt(np.mean((values - truth)[inside] ** 2)) < 6.0
+    assert np.abs(shifts_in_blocks(values, truth, 32)).max() < 0.1
+
+
+def test_sixteen_bit_scan_stays_sixteen_bit__truth(scene, ground, tmp_path):
+    photo = scene.photo("deep", bits=16)
+    product = rectify_photo(photo, scene.camera, scene.dem, 1.2, tmp_path / "o.tif", CRS)
+    values = read(product.path)
+    assert values.dtype == np.uint16
+    truth = ground["texture_on"](product.grid) * 257
+    assert abs(np.mean((values - truth)[values > 0])) < 257
+
+
+def test_windows_of_a_large_scan_give_the_same_ortho__law(scene, middle, tmp_path):
+    memory = OrthoOptions(tile_px=256)
+    windows = OrthoOptions(tile_px=256, scan_budget_bytes=0)
+    for gsd in (0.6, 1.5):
+        grids = [
+            read(
+                rectify_photo(
+                    middle, scene.camera, scene.dem, gsd, tmp_path / name, CRS, options=options
+                ).path
+            )
+            for name, options in (("a.tif", memory), ("b.tif", windows))
+        ]
+        assert np.array_equal(*grids)
+
+
+def test_tiles_do_not_show__law(scene, middle, tmp_path):
+    grid = Grid.over((499_900.0, 4_099_900.0, 500_100.0, 4_100_100.0), 0.5)
+    small, large = (
+        read(
+            rectify_photo(
+                middle,
+                scene.camera,
+                scene.dem,
+                grid,
+                tmp_path / f"{side}.tif",
+                CRS,
+                options=OrthoOptions(tile_px=side),
+            ).path
+        )
+        for side in (100, 1024)
+    )
+    assert np.abs(small.astype(int) - large.astype(int)).max() <= 4
+
+
+def test_lattice_meets_exact_projection__truth(scene, middle, ground):
+    rough = ground["Hills"](relief_m=60.0, ground_sample_distance_m=16.0)
+    for gsd in (0.25, 1.0, 4.0):
+        tile = Grid.over((499_950.0, 4_099_800.0, 499_950 + 300 * gsd, 4_099_800 + 300 * gsd), gsd)
+        places = locate_tile(middle, scene.camera, rough, tile)
+        east, north = np.meshgrid(*tile.centres())
+        points = np.column_stack([east.ravel(), north.ravel(), rough.on(tile).ravel()])
+        exact = middle.pixel_from_object(points, scene.camera)
+        found = np.column_stack([places.columns.ravel(), places.rows.ravel()]) + places.origin
+        inside = ((exact > 0) & (exact < middle.size_px)).all(axis=1)
+        assert inside.sum() > 1000
+        assert np.linalg.norm(found - exact, axis=1)[inside].max() < 0.05
+
+
+def test_nothing_where_the_dem_has_a_hole__truth(scene, middle, ground, tmp_path):
+    holed = replace(scene.dem, hole=(500_050.0, 4_100_020.0, 40.0))
+    product = rectify_photo(middle, scene.camera, holed, 0.6, tmp_path / "o.tif", CRS)
+    values = read(product.path)
+    east, north = np.meshgrid(*product.grid.centres())
+    distance = np.hypot(east - 500_050.0, north - 4_100_020.0)
+    assert not values[distance < 40].any()
+    assert values[(distance > 50) & (distance < 100)].all()
+
+
+def test_edge_marks_and_unusable_parts_are_left_out__truth(scene, middle, tmp_path):
+    marked = replace(scene.camera, fiducials_mm={"1": (20.0, 20.0), "2": (-20.0, -20.0)})
+    usable = np.ones((102, 102), dtype=bool)
+    usable[:51, :51] = False
+    product = rectify_photo(middle, marked, scene.dem, 0.6, tmp_path / "o.tif", CRS, usable=usable)
+    values = read(product.path)
+
+    def shown(film):
+        pixel = middle.interior.pixel_from_film(np.array([film]))
+        point = middle.object_from_pixel(pixel, np.array([300.0]), marked)
+        for _ in range(12):
+            point = middle.object_from_pixel(pixel, scene.dem.heights(point[:, :2]), marked)
+        column, row = product.grid.grid_from_object(point[:, :2])[0].astype(int)
+        return values[row, column] > 0
+
+    assert shown((0.5, -0.5))
+    assert shown((25.0, 25.0))
+    assert not shown((20.0, 20.0))
+    assert not shown((29.5, -10.0))
+    assert not shown((-15.0, 15.0))
+
+
+def test_footprint_is_where_the_ortho_is__truth(scene, middle, tmp_path):
+    product = rectify_photo(middle, scene.camera, scene.dem, 0.6, tmp_path / "o.tif", CRS)
+    footprint = footprint_of(middle, scene.camera, scene.dem, margin_mm=1.0)
+    shown = product.covered_share * product.grid.columns * product.grid.rows * 0.36
+    assert footprint.is_valid
+    assert shown == pytest.approx(footprint.area, rel=0.01)
+
+
+def test_ortho_is_read_back_as_it_was__law(scene, middle, tmp_path):
+    product = rectify_photo(middle, scene.camera, scene.dem, 2.0, tmp_path / "o.tif", CRS)
+    again = read_ortho(product.path)
+    assert (again.photo_id, again.grid, again.nadir) == ("middle", product.grid, product.nadir)
+    assert again.covered_share == pytest.approx(product.covered_share, abs=0.02)
+
+
+def test_rectification_stops_when_asked__law(scene, middle, tmp_path):
+    class Impatient:
+        def report(self, done, total, what=""):
+            raise Cancelled
+
+    options = OrthoOptions(tile_px=128)
+    with pytest.raises(Cancelled):
+        rectify_photo(
+            middle,
+            scene.camera,
+            scene.dem,
+            0.6,
+            tmp_path / "o.tif",
+            CRS,
+            options=options,
+            progress=Impatient(),
+        )
+
+
+def test_lens_far_outside_its_frame_shows_nothing__law(scene, middle, tmp_path):
+    folding = Camera("fold", 100.0, (60.0, 60.0), radial_distortion=(-1e-6, 0.0, 0.0))
+    grid = Grid.over((490_000.0, 4_090_000.0, 510_000.0, 4_110_000.0), 20.0)
+    product = rectify_photo(
+        middle, folding, scene.dem, grid, tmp_path / "o.tif", CRS, options=OrthoOptions(tile_px=64)
+    )
+    values = read(product.path)
+    rows, columns = np.nonzero(values)
+    assert len(rows)
+    assert np.abs(columns - 500).max() < 30
+    assert np.abs(rows - 500).max() < 30

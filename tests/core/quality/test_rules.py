@@ -1,0 +1,222 @@
+"""One judgement of a block: what is wrong with it is found, and keeps it from being released."""
+
+from dataclasses import replace
+from string import Formatter
+
+import numpy as np
+import pytest
+
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.adjustment.influence import influence_of
+from core.block import TiePoints
+from core.quality.assessment import assess_block
+from core.quality.displacement import displacement
+from core.quality.rules import (
+    HOLDING_BACK,
+    SENTENCES,
+    Finding,
+    check_release,
+    doubts_of,
+    judge_block,
+)
+from tests.flights import FlightPlan, fly
+
+PLAIN = AdjustmentOptions(estimate_cameras=False)
+PLAN = FlightPlan(ties=400, control=30, check=0, camera_errors=False)
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(PLAN, np.random.default_rng(4))
+
+
+def judged(block, ortho_sigma_m=0.0):
+    report = adjust_block(block, PLAIN)
+    return check_release(report, influence_of(report, PLAIN), ortho_sigma_m)
+
+
+def kinds_of(found):
+    return {finding.kind for finding in found.reasons}
+
+
+def test_what_is_predicted_is_what_the_ground_is_off__truth():
+    """Over several flights the predicted error is the true one."""
+    ratios = []
+    for seed in range(6):
+        flight = fly(PLAN, np.random.default_rng(100 + seed))
+        report = adjust_block(flight.block, PLAIN)
+        off = [
+            displacement(
+                replace(report.block.photos[name], approximate=photo.exterior),
+                flight.truth.cameras["wide"],
+            ).rms_m
+            for name, photo in flight.truth.photos.items()
+        ]
+        found = check_release(report, influence_of(report, PLAIN), 0.0)
+        assert found.reasons == ()
+        ratios.append(np.mean(np.square(off)) / found.predicted_m**2)
+    assert 0.7 < np.sqrt(np.mean(ratios)) < 1.3
+
+
+def test_an_inexact_reference_is_not_certified__truth(flight):
+    fine, coarse = judged(flight.block, 0.25), judged(flight.block, 0.7)
+    assert fine.reasons == ()
+    assert kinds_of(coarse) == {"predicted"}
+    assert coarse.predicted_m > coarse.limit_m == pytest.approx(0.8)
+    assert fine.worst_photo in flight.block.photos
+    assert fine.worst_m > fine.predicted_m
+    # What is predicted relative to the reference does not hang on how good that is.
+    assert fine.relative_m == coarse.relative_m
+    assert fine.predicted_m**2 == pytest.approx(fine.relative_m**2 + 2 * 0.25**2)
+
+
+def test_too_little_control_and_a_loose_photo_are_reasons__truth(flight):
+    few = dict(sorted(flight.block.surveyed.items())[:2])
+    measured = {k: v for k, v in flight.block.measurements.items() if k[0] in few}
+    poor = judged(replace(flight.block, surveyed=few, measurements=measured))
+    assert {"control-few", "predicted"} <= kinds_of(poor)
+    first = next(iter(flight.block.photos))
+    photos = {n: replace(p, oriented=n != first) for n, p in flight.block.photos.items()}
+    assert kinds_of(judged(flight.block.with_photos(photos))) == {"loose"}
+
+
+def test_nothing_adjusted_is_not_certified__law(flight):
+    photos = {n: replace(p, oriented=False) for n, p in flight.block.photos.items()}
+    nothing = judged(flight.block.with_photos(photos))
+    assert {"loose", "control-few", "predicted"} <= kinds_of(nothing)
+    assert np.isnan(nothing.predicted_m)
+
+
+BLOCK_PLAN = FlightPlan(ties=300, control=30, check=0)
+
+
+@pytest.fixture(scope="module")
+def block():
+    return fly(BLOCK_PLAN, np.random.default_rng(4)).block
+
+
+@pytest.fixture(scope="module")
+def dense():
+    """Many control points to choose from, and strips long enough for photos that do not overlap."""
+    plan = replace(BLOCK_PLAN, photos_per_strip=4, control=400)
+    return fly(plan, np.random.default_rng(4)).block
+
+
+def kinds(report):
+    return {doubt.kind for doubt in doubts_of(report)}
+
+
+def finding(report, kind):
+    found = judge_block(assess_block(report), report)
+    return next(finding for finding in found if finding.kind == kind)
+
+
+def with_photos(block, names):
+    """Only these photos, with what they show."""
+    photos = {name: photo for name, photo in block.photos.items() if name in names}
+    measured = {key: m for key, m in block.measurements.items() if key[1] in names}
+    return replace(block, photos=photos, measurements=measured)
+
+
+def with_control_in(block, inside):
+    """Only the control points whose place a function accepts."""
+    keep = {name for name, point in block.surveyed.items() if inside(point.position)}
+    return replace(
+        block, measurements={k: m for k, m in block.measurements.items() if k[0] in keep}
+    )
+
+
+def test_every_sentence_can_be_said_and_every_limit_is_used_once__law():
+    for kind, sentence in SENTENCES.items():
+        names = [name for _, name, _, _ in Formatter().parse(sentence) if name]
+        said = Finding(kind, 1, dict.fromkeys(names, "1")).sentence
+        assert "{" not in said
+        assert said.endswith(".")
+    assert set(HOLDING_BACK) <= set(SENTENCES)
+
+
+def test_a_sound_block_has_no_grave_finding__truth(block):
+    report = adjust_block(block)
+    found = judge_block(assess_block(report), report)
+    assert max(finding.grave for finding in found) < 2
+    assert {"sigma", "control", "no-pattern"} <= {finding.kind for finding in found}
+    assert kinds(report) == {finding.kind for finding in found if finding.grave}
+
+
+def test_one_photo_stands_alone__truth(block):
+    report = adjust_block(with_photos(block, {"00_000"}))
+    assert finding(report, "one-photo").grave == 1
+
+
+def test_two_photos_without_overlap_are_bound_by_nothing__truth(dense):
+    report = adjust_block(with_photos(dense, {"00_000", "00_003"}))
+    assert finding(report, "no-ties").grave == 2
+
+
+def test_two_blocks_without_connection__truth(block):
+    ties = block.ties
+    strip = np.array([name.startswith("01") for name in ties.photo_ids])[ties.photo]
+    split = replace(ties, point=np.where(strip, ties.point + ties.count, ties.point))
+    found = finding(adjust_block(replace(block, ties=split)), "in-parts")
+    assert found.values["photos"] == "3"
+    assert int(found.values["points"]) > 3
+    assert found.grave == 1
+    # Without control of its own the second part hangs on its approximate place alone.
+    bare = {k: m for k, m in block.measurements.items() if not k[1].startswith("01")}
+    alone = adjust_block(replace(block, ties=split, measurements=bare))
+    assert finding(alone, "in-parts").grave == 2
+
+
+def test_all_control_on_a_line__truth(dense):
+    north = np.median([point.position[1] for point in dense.surveyed.values()])
+    line = with_control_in(dense, lambda position: abs(position[1] - north) < 60)
+    found = finding(adjust_block(line), "control-on-a-line")
+    assert float(found.values["along"]) > 5 * float(found.values["across"])
+    assert found.grave == 2
+
+
+def test_all_control_in_one_corner__truth(block, dense):
+    places = np.array([point.position for point in dense.surveyed.values()])
+    corner = places.min(axis=0) + 0.35 * np.ptp(places, axis=0)
+    near = with_control_in(dense, lambda position: (position[:2] < corner[:2]).all())
+    assert "control-gaps" in kinds(adjust_block(near))
+    assert "control-gaps" not in kinds(adjust_block(block))
+
+
+def test_no_control_and_too_little_are_one_finding__truth(block):
+    none = adjust_block(replace(block, measurements={}))
+    assert finding(none, "control-few").grave == 2
+    two = sorted({key[0] for key in block.measurements})[:2]
+    few = {key: m for key, m in block.measurements.items() if key[0] in two}
+    report = adjust_block(replace(block, measurements=few))
+    assert finding(report, "control-few").values["count"] == "2"
+    found = check_release(report, influence_of(report, AdjustmentOptions()), 0.0)
+    assert finding(report, "control-few") in found.reasons
+
+
+def test_uncheckable_control_is_named__truth(block):
+    """One photo and three points: nothing is left over to check them."""
+    one = with_photos(block, {"00_000"})
+    loose = replace(
+        one.photos["00_000"].prior, sigma_centre_m=np.full(3, 1e4), sigma_angles=np.full(3, 10.0)
+    )
+    photo = replace(one.photos["00_000"], prior=loose)
+    names = sorted({key[0] for key in one.measurements})[:4]
+    four = {key: m for key, m in one.measurements.items() if key[0] in names}
+    report = adjust_block(
+        replace(one, photos={"00_000": photo}, measurements=four, ties=TiePoints.none()),
+        PLAIN,
+    )
+    weak = {key for key, number in report.redundancy_numbers.items() if number < 0.1}
+    assert int(finding(report, "unchecked").values["count"]) == len(weak) > 0
+
+
+def test_a_class_that_is_worse_than_stated_is_told__truth():
+    flight = fly(replace(BLOCK_PLAN, ties=600, tie_sigma_px=1.5), np.random.default_rng(3))
+    ties = flight.block.ties
+    block = replace(flight.block, ties=replace(ties, sigma_px=ties.sigma_px / 3))
+    report = adjust_block(block, AdjustmentOptions(robust=False))
+    found = finding(report, "class-large")
+    assert found.values["worst"] == "tie points in the photos"
+    assert float(found.values["ratio"]) == pytest.approx(3.0, rel=0.1)

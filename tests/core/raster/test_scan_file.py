@@ -1,0 +1,164 @@
+"""Scans by windows against NumPy, and what is said of files that cannot be used."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rasterio.transform import Affine
+
+from core.errors import ScanError
+from core.geometry.camera import Camera
+from core.raster.scan_file import check_fits_camera, open_scan, read_overview, read_window
+from tests.core.scans.film_maker import write_gray
+
+VALUES = np.random.default_rng(0).integers(0, 255, (230, 310)).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def scan_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scans") / "scan.tif"
+    write_gray(path, VALUES, tiled=True, blockxsize=64, blockysize=64, compress="deflate")
+    return path
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(-40, 320), st.integers(-40, 240), st.integers(1, 90), st.integers(1, 90),
+    st.integers(1, 5), st.sampled_from(["nan", "edge"]),
+)  # fmt: skip
+def test_window_is_the_array_averaged__oracle(
+    scan_path: Path, column: int, row: int, columns: int, rows: int, reduction: int, outside: str
+) -> None:
+    window = read_window(open_scan(scan_path), column, row, columns, rows, reduction, outside)
+    padded = np.full((230 + 400, 310 + 400), np.nan)
+    padded[200:430, 200:510] = VALUES
+    part = padded[200 + row :, 200 + column :][
+        : rows // reduction * reduction, : columns // reduction * reduction
+    ]
+    expected = part.reshape(rows // reduction, reduction, columns // reduction, reduction).mean(
+        axis=(1, 3)
+    )
+    assert window.shape == expected.shape
+    inside = np.isfinite(expected)
+    # GDAL rounds averages to the scan's own type.
+    np.testing.assert_allclose(window[inside], expected[inside], atol=0.51)
+    if outside == "nan" or not inside.any():
+        assert np.isnan(window[~inside]).all()
+    else:
+        assert np.isfinite(window).all()
+
+
+def test_rotated_georeference_changes_no_window__truth(tmp_path: Path) -> None:
+    path = tmp_path / "turned.tif"
+    write_gray(path, VALUES, transform=Affine(-0.35, 0.04, -576837, 0.04, 0.35, -1195069))
+    window = read_window(open_scan(path), -5, -7, 40, 40, outside="edge")
+    np.testing.assert_array_equal(window[7:, 5:], VALUES[:33, :35])
+    np.testing.assert_array_equal(window[0, 5:], VALUES[0, :35])
+
+
+def test_overviews_are_used_when_there__truth(tmp_path: Path) -> None:
+    path = tmp_path / "scan.tif"
+    write_gray(path, VALUES[:224, :304], tiled=True, blockxsize=64, blockysize=64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        dataset = rasterio.open(path, "r+")
+    with dataset:
+        dataset.build_overviews([2, 4], rasterio.enums.Resampling.average)
+    coarse = read_overview(open_scan(path), 4)
+    expected = VALUES[:224, :304].reshape(56, 4, 76, 4).mean(axis=(1, 3))
+    assert np.abs(coarse - expected).max() < 2
+
+
+@pytest.mark.parametrize(
+    ("suffix", "driver"), [(".jpg", "JPEG"), (".jp2", "JP2OpenJPEG"), (".tif", "GTiff")]
+)
+def test_colour_becomes_gray__truth(tmp_path: Path, suffix: str, driver: str) -> None:
+    colour = np.zeros((3, 64, 64), dtype=np.uint8)
+    colour[0], colour[1], colour[2] = 200, 100, 50
+    path = tmp_path / f"scan{suffix}"
+    write_gray(path, colour, driver=driver)
+    gray = read_window(open_scan(path), 0, 0, 64, 64)
+    assert np.abs(gray - (0.299 * 200 + 0.587 * 100 + 0.114 * 50)).max() < 3
+
+
+def test_sixteen_bits_keep_their_values__truth(tmp_path: Path) -> None:
+    path = tmp_path / "deep.tif"
+    write_gray(path, VALUES.astype(np.uint16) * 257)
+    scan = open_scan(path)
+    assert scan.dtype == "uint16"
+    np.testing.assert_array_equal(read_window(scan, 0, 0, 310, 230), VALUES * 257.0)
+
+
+def test_missing_file_says_so__truth(tmp_path: Path) -> None:
+    with pytest.raises(ScanError, match=r"missing.*Check the path"):
+        open_scan(tmp_path / "gone.tif")
+
+
+def test_empty_file_says_so__truth(tmp_path: Path) -> None:
+    path = tmp_path / "empty.tif"
+    path.touch()
+    with pytest.raises(ScanError, match=r"empty.*Copy the scan again"):
+        open_scan(path)
+
+
+def test_text_is_no_image__truth(tmp_path: Path) -> None:
+    path = tmp_path / "notes.tif"
+    path.write_text("this is not a scan\n" * 100)
+    with pytest.raises(ScanError, match="not an image"):
+        open_scan(path)
+
+
+def test_folder_is_no_scan__truth(tmp_path: Path) -> None:
+    with pytest.raises(ScanError, match="not a file"):
+        open_scan(tmp_path)
+
+
+def test_floating_point_is_no_scan__truth(tmp_path: Path) -> None:
+    path = tmp_path / "dem.tif"
+    write_gray(path, VALUES.astype(np.float32))
+    with pytest.raises(ScanError, match="float32, not 8 or 16 bit"):
+        open_scan(path)
+
+
+@pytest.mark.parametrize("tiled", [True, False])
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.97])
+def test_truncated_tiff_is_found__truth(tmp_path: Path, tiled: bool, share: float) -> None:
+    whole = tmp_path / "whole.tif"
+    layout = {"tiled": True, "blockxsize": 64, "blockysize": 64} if tiled else {}
+    write_gray(whole, VALUES, **layout)
+    cut = tmp_path / "cut.tif"
+    data = whole.read_bytes()
+    cut.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(ScanError, match=r"cut off.*Copy the scan again"):
+        open_scan(cut)
+
+
+@pytest.mark.parametrize(("suffix", "driver"), [(".jpg", "JPEG"), (".jp2", "JP2OpenJPEG")])
+def test_truncated_compressed_scan_is_found__truth(
+    tmp_path: Path, suffix: str, driver: str
+) -> None:
+    whole = tmp_path / f"whole{suffix}"
+    write_gray(whole, np.kron(VALUES, np.ones((3, 3), dtype=np.uint8)), driver=driver)
+    open_scan(whole)
+    cut = tmp_path / f"cut{suffix}"
+    cut.write_bytes(whole.read_bytes()[:-5000])
+    with pytest.raises(ScanError, match="cut off"):
+        open_scan(cut)
+
+
+@pytest.mark.parametrize(
+    ("pixel_um", "fits"), [(15.0, True), (45.0, False), (5.0, False), (14.0, True)]
+)
+def test_scan_has_to_fit_the_frame__truth(tmp_path: Path, pixel_um: float, fits: bool) -> None:
+    path = tmp_path / "scan.tif"
+    write_gray(path, np.zeros((1300, 1250), dtype=np.uint8))
+    camera = Camera("small", 152.0, (18.0, 18.0))
+    if fits:
+        check_fits_camera(open_scan(path), camera, pixel_um / 1000)
+        return
+    with pytest.raises(ScanError, match=r"does not fit the 18 x 18 mm.*'small'.*scan_pixel_um"):
+        check_fits_camera(open_scan(path), camera, pixel_um / 1000)

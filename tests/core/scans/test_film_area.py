@@ -1,0 +1,111 @@
+"""The picture area of little scans, and the mask of what is photograph."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from core.geometry.camera import Camera
+from core.raster.scan_file import open_scan, read_overview
+from core.scans.film_area import detect_film_area
+from core.scans.interior_orientation import orient_scan
+from core.scans.photo_mask import usable_mask
+from tests.core.scans.film_maker import FIDUCIALS, Film, film_from_pixel, make_film, write_gray
+
+CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
+
+
+def true_corners(film: Film, size: int) -> np.ndarray:
+    matrix = film_from_pixel(film, size)
+    return np.linalg.solve(matrix[:, :2], (CAMERA.frame_corners_mm - matrix[:, 2]).T).T
+
+
+@pytest.mark.parametrize("turn_deg", [-1.8, 0.0, 1.1])
+@pytest.mark.parametrize("margin", [8.0, 250.0])
+def test_corners_within_a_third_of_a_millimetre__truth(
+    tmp_path: Path, turn_deg: float, margin: float
+) -> None:
+    film = Film(turn_deg=turn_deg, margin=margin)
+    make_film(tmp_path / "film.tif", film)
+    scan = open_scan(tmp_path / "film.tif")
+    area = detect_film_area(scan, CAMERA, film.pixel_mm)
+    assert set(area.seen) == {"left", "right", "top", "bottom"}
+    assert area.trusted
+    away = np.linalg.norm(area.corners - true_corners(film, scan.size_px[0]), axis=1)
+    assert away.max() * film.pixel_mm < 0.33
+
+
+def test_side_cut_off_by_the_scanner_follows_from_the_frame__truth(tmp_path: Path) -> None:
+    film = Film()
+    make_film(tmp_path / "film.tif", film)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1)
+    cut = 95
+    write_gray(tmp_path / "cut.tif", gray[:, :-cut].astype(np.uint8))
+    area = detect_film_area(open_scan(tmp_path / "cut.tif"), CAMERA, film.pixel_mm)
+    assert set(area.seen) == {"left", "top", "bottom"}
+    away = np.linalg.norm(area.corners - true_corners(film, gray.shape[0]), axis=1)
+    assert away.max() * film.pixel_mm < 0.5
+
+
+def test_nothing_to_see_is_not_trusted__truth(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    write_gray(tmp_path / "blank.tif", (120 + rng.normal(0, 5, (1600, 1600))).astype(np.uint8))
+    area = detect_film_area(open_scan(tmp_path / "blank.tif"), CAMERA, 0.04)
+    assert not area.trusted
+
+
+def test_mask_keeps_picture_and_leaves_out_marks_and_margin__truth(tmp_path: Path) -> None:
+    film = Film()
+    make_film(tmp_path / "film.tif", film)
+    oriented = orient_scan(tmp_path / "film.tif", CAMERA, film.pixel_mm * 1000)
+    reduction = 8
+    mask = oriented.usable(reduction)
+    rows, columns = np.indices(mask.shape)
+    centres = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) * reduction
+    places = oriented.interior.film_from_pixel(centres).reshape(*mask.shape, 2)
+    border = np.abs(places).max(axis=2)
+    marks = np.array(list(FIDUCIALS.values()))
+    to_mark = np.linalg.norm(places[:, :, None] - marks, axis=3).min(axis=2)
+    assert not mask[border > 29.6].any()
+    assert not mask[to_mark < 2.0].any()
+    assert mask[(border < 28) & (to_mark > 4)].mean() > 0.99
+
+
+def test_dark_housing_at_the_border_is_left_out__truth(tmp_path: Path) -> None:
+    film = Film(fiducials={})
+    make_film(tmp_path / "film.tif", film)
+    scan = open_scan(tmp_path / "film.tif")
+    gray = read_overview(scan, 1)
+    corners = true_corners(film, gray.shape[0])
+    column, row = corners[3].astype(int)
+    gray[row : row + 200, column : column + 250] = film.margin
+    write_gray(tmp_path / "housing.tif", gray.clip(0, 255).astype(np.uint8))
+    scan = open_scan(tmp_path / "housing.tif")
+    mask = usable_mask(
+        scan, detect_film_area(scan, CAMERA, film.pixel_mm), film.pixel_mm, reduction=8
+    )
+    inner = mask[(row + 20) // 8 : (row + 180) // 8, (column + 20) // 8 : (column + 230) // 8]
+    assert inner.mean() < 0.02
+    assert mask[100:, 100:-30].mean() > 0.8
+
+
+def test_what_is_written_in_white_is_left_out_and_a_white_field_is_not__truth(
+    tmp_path: Path,
+) -> None:
+    film = Film(fiducials={})
+    make_film(tmp_path / "film.tif", film)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1).clip(0, 180).astype(np.uint8)
+    left, top = (int(value) for value in true_corners(film, gray.shape[0])[3])
+    note, field = (left + 250, top + 200), (left + 900, top + 200)
+    cv2.putText(gray, "5486", note, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, 4.0, (250,), 8, cv2.LINE_AA)
+    cv2.rectangle(gray, field, (field[0] + 150, field[1] + 100), (250,), -1)
+    write_gray(tmp_path / "note.tif", gray)
+    scan = open_scan(tmp_path / "note.tif")
+    area = detect_film_area(scan, CAMERA, film.pixel_mm)
+    mask = usable_mask(scan, area, film.pixel_mm, reduction=4)
+    written = gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == 250
+    masked = ~mask[(note[1] - 90) // 4 : note[1] // 4, note[0] // 4 : (note[0] + 280) // 4]
+    shown = written[::4, ::4][: masked.shape[0], : masked.shape[1]]
+    assert masked[: shown.shape[0], : shown.shape[1]][shown].mean() > 0.98
+    assert mask[field[1] // 4 : field[1] // 4 + 25, field[0] // 4 : field[0] // 4 + 37].all()

@@ -1,0 +1,56 @@
+// The table of the queue: put together from pieces, sieved and counted.
+import assert from "node:assert/strict";
+import test from "node:test";
+
+import { sifted } from "../../ui/web/pages/queue.js";
+import { mergeRows } from "../../ui/web/pages/wire.js";
+
+const row = (point, photo, role, state) => [point, photo, role, state, 0, 0.5, 1, 2];
+const ROWS = [
+  row("1", "a", "control", "auto"), row("1", "b", "control", "rejected"),
+  row("2", "a", "check", "unused"), row("t", "a", "tie", "auto"),
+];
+const ALL = { state: "all", photo: "", role: "" };
+const ORDER = [3, 2, 1, 0];
+
+test("points are shown in their order, ties only when they are asked for__truth", () => {
+  assert.deepEqual(sifted(ROWS, ORDER, ALL).shown, [2, 1, 0]);
+  assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, role: "tie" }).shown, [3]);
+  assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, photo: "a" }).shown, [2, 0]);
+});
+
+test("what is to review is all but the unused__truth", () => {
+  assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, state: "review" }).shown, [1, 0]);
+  assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, state: "open" }).shown, [0]);
+});
+
+test("counts are of the kind that is shown, whatever state is asked for__truth", () => {
+  const { counts, kinds } = sifted(ROWS, ORDER, { ...ALL, state: "open" });
+  assert.deepEqual([counts.all, counts.open, counts.rejected, counts.unused, counts.review],
+    [3, 1, 1, 1, 2]);
+  assert.deepEqual([kinds.control, kinds.check, kinds.tie], [1, 1, 1]);
+});
+
+test("an order that is ahead of the rows leaves out what is not there yet__law", () => {
+  assert.deepEqual(sifted(ROWS.slice(0, 1), ORDER, ALL).shown, [0]);
+});
+
+const lines = (count, state) => Array.from({ length: count }, (_, i) => row(`${i}`, "a", "control",
+  state));
+
+test("pieces that changed take their place, the others stay__truth", () => {
+  const known = lines(120, "auto");
+  const message = { "rows/1": lines(50, "accepted"), queue: {} };
+  const merged = mergeRows(known, message);
+  assert.equal(merged.length, 120);
+  assert.deepEqual([49, 50, 99, 100].map((at) => merged[at][3]),
+    ["auto", "accepted", "accepted", "auto"]);
+  assert.deepEqual(Object.keys(message), ["queue"]);
+});
+
+test("a table that got shorter loses its end, one that got longer grows__truth", () => {
+  const known = lines(120, "auto");
+  assert.equal(mergeRows(known, { "rows/2": lines(3, "auto"), "rows/count": 103 }).length, 103);
+  assert.equal(mergeRows(known, { "rows/2": lines(50, "auto"), "rows/count": 150 }).length, 150);
+  assert.equal(mergeRows(known, { queue: {} }), null);
+});

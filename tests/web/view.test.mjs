@@ -1,0 +1,91 @@
+// Pan and zoom, and the affine maps between pictures: nothing of it needs a page.
+import assert from "node:assert/strict";
+import test from "node:test";
+
+import { View, afterPause, inverse, mapped, scaleOf } from "../../ui/web/pages/view.js";
+
+const SIZE = [640, 400];
+const near = (found, wanted, within = 1e-9) => found.forEach((value, i) =>
+  assert.ok(Math.abs(value - wanted[i]) <= within, `${found} is not ${wanted}`));
+
+test("the middle of the layer lies in the middle of the pane__truth", () => {
+  const view = new View().show([100, 50], 2);
+  near(view.screenFromLayer([100, 50], SIZE), [320, 200]);
+  near(view.screenFromLayer([110, 45], SIZE), [340, 190]);
+});
+
+test("screen and layer lead to each other__law", () => {
+  const view = new View().show([742000.25, 1040000.5], 0.37);
+  for (const screen of [[0, 0], [639, 1], [12.5, 400]]) {
+    near(view.screenFromLayer(view.layerFromScreen(screen, SIZE), SIZE), screen, 1e-6);
+  }
+});
+
+test("a frame begins where the corner of the pane lies__law", () => {
+  const view = new View().show([30, 40], 4);
+  const { x, y, scale } = view.frame(SIZE);
+  near(view.screenFromLayer([x, y], SIZE), [0, 0]);
+  assert.equal(scale, 4);
+});
+
+test("what is panned follows the hand__law", () => {
+  const view = new View().show([30, 40], 4);
+  const held = view.layerFromScreen([100, 100], SIZE);
+  view.pan(held, view.layerFromScreen([180, 70], SIZE));
+  near(view.screenFromLayer(held, SIZE), [180, 70]);
+});
+
+test("zooming leaves the place under the pointer where it is__law", () => {
+  const view = new View(0.01, 50).show([30, 40], 4);
+  const held = view.layerFromScreen([11, 222], SIZE);
+  for (const factor of [1.25, 3, 100, 0.001, 0.2]) {
+    view.zoom(factor, held);
+    near(view.screenFromLayer(held, SIZE), [11, 222], 1e-6);
+  }
+});
+
+test("zooming stops at its limits__truth", () => {
+  const view = new View(0.5, 8).show([30, 40], 4);
+  view.zoom(10);
+  assert.equal(view.scale, 8);
+  view.zoom(0.001);
+  assert.equal(view.scale, 0.5);
+  near([view.x, view.y], [30, 40]);
+});
+
+test("a view of nothing is not zoomed__law", () => {
+  const view = new View(0.5, 8);
+  view.zoom(2);
+  assert.equal(view.scale, 0);
+});
+
+test("a box that is fitted fills its share of the pane and lies in its middle__truth", () => {
+  const view = new View().fit([10, 20], [90, 30], SIZE, 0.5);
+  assert.equal(view.scale, 4);
+  near(view.screenFromLayer([10, 20], SIZE), [160, 180]);
+  near(view.screenFromLayer([90, 30], SIZE), [480, 220]);
+});
+
+test("an affine map and its inverse undo each other__law", () => {
+  const matrix = [[0.3, -1.1, 5000], [-0.9, -0.35, -700]];
+  const place = [-742000.5, -1040000.25];
+  near(mapped(inverse(matrix), mapped(matrix, place)), place, 1e-6);
+});
+
+test("the scale of a map is that of areas__truth", () => {
+  assert.equal(scaleOf([[0, 2, 9], [-2, 0, 9]]), 2);
+  assert.equal(scaleOf([[2, 0, 0], [0, 8, 0]]), 4);
+});
+
+test("several steps in a row are done once, with the last one's values__truth", (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
+  const done = [];
+  const place = afterPause((...values) => done.push(values), 400);
+  place(1, "a");
+  context.mock.timers.tick(399);
+  place(2, "b");
+  context.mock.timers.tick(399);
+  assert.deepEqual(done, []);
+  context.mock.timers.tick(1);
+  assert.deepEqual(done, [[2, "b"]]);
+});

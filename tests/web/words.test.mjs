@@ -1,0 +1,40 @@
+// Words, numbers and short names.
+import assert from "node:assert/strict";
+import test from "node:test";
+
+import {
+  learnNames, learnPoints, number, shortName, shortPoint, start, word,
+} from "../../ui/web/pages/words.js";
+
+test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
+  start.words = { "queue.place": "{here} of {all}" };
+  assert.equal(word("queue.place", { here: 0, all: 7 }), "0 of 7");
+  assert.equal(word("queue.place", { here: 1 }), "1 of {all}");
+  assert.equal(word("nothing"), "nothing");
+});
+
+test("numbers have a real minus, a narrow space before the unit, a dash for none__truth", () => {
+  assert.equal(number(-1.256, 2, "m"), "\u22121.26\u2009m");
+  assert.equal(number(0, 1), "0.0");
+  assert.equal(number(null, 1, "m"), "\u2013");
+  assert.equal(number(undefined, 1), "\u2013");
+});
+
+test("scan names lose what all begin with, never in the middle of a number__truth", () => {
+  learnNames(["block_1938_0114", "block_1938_0115", "block_1938_0120"]);
+  assert.equal(shortName("block_1938_0114"), "0114");
+  assert.equal(shortName("other"), "other");
+});
+
+test("a single name is not shortened, nor are names with little in common__truth", () => {
+  learnNames(["block_1938_0114"]);
+  assert.equal(shortName("block_1938_0114"), "block_1938_0114");
+  learnNames(["a_1", "a_2"]);
+  assert.equal(shortName("a_1"), "a_1");
+});
+
+test("points named by coordinates lose the digits all have in common__truth", () => {
+  learnPoints(["J-742123_-1040456", "J-742199_-1040777", "H1"]);
+  assert.equal(shortPoint("J-742123_-1040456"), "J 123 456");
+  assert.equal(shortPoint("H1"), "H1");
+});

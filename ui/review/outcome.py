@@ -1,0 +1,339 @@
+"""What a gesture means: a changed seat, perhaps a decision, perhaps an act of the loop."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from sessions.decisions import (
+    NOT_VISIBLE,
+    REASONS,
+    Accept,
+    ChoosePeak,
+    Decision,
+    JudgeFiducial,
+    MarkDubious,
+    MarkNotVisible,
+    Place,
+    PlaceFiducial,
+    Recorded,
+    Reject,
+    SetRole,
+    Withdraw,
+    standing,
+)
+from ui.review.compare import pixel_from_ground
+from ui.review.doubtful import verdict_on
+from ui.review.gestures import (
+    Explained,
+    Filtered,
+    Fitted,
+    Freed,
+    Gesture,
+    Judged,
+    LayerSwitched,
+    MarkJudged,
+    MarkPlaced,
+    Named,
+    PeakChosen,
+    PlacedInScan,
+    PlacedOnGround,
+    PointAsked,
+    QualityAsked,
+    RayPicked,
+    Redone,
+    Refined,
+    RemakeAsked,
+    RemakeCancelled,
+    RoleSwitched,
+    Selected,
+    SheetAsked,
+    Sorted,
+    Stepped,
+    TakenBack,
+    Undone,
+    VectorsScaled,
+    Verdict,
+)
+from ui.review.picking import Picked, pick
+from ui.review.queue import coming, neighbour, sort_keys, visible
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Key, Notice, QueueFilter, Seat, Sorting
+
+Act = Literal[
+    "", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current", "measure", "free"
+]
+"""What the loop shall do beyond recording a decision."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a gesture comes to."""
+
+    seat: Seat
+    """The seat afterwards."""
+    decision: Decision | None = None
+    """To be recorded before anything is shown."""
+    act: Act = ""
+    """What else the loop shall do."""
+    notice: Notice | None = None
+    """What to tell the operator."""
+
+
+def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """What a gesture of one seat comes to now."""
+    match gesture:
+        case Judged():
+            return _judge(gesture, seat, desk)
+        case Explained():
+            return _explain(gesture, seat)
+        case PlacedInScan() | PlacedOnGround() | PeakChosen():
+            return _place(gesture, seat, desk)
+        case MarkPlaced() | MarkJudged():
+            return _mark(gesture, seat, desk)
+        case PointAsked() | Refined():
+            return _measure(gesture, seat, desk)
+        case RoleSwitched():
+            return _switch_role(gesture, seat, desk)
+        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted() | Freed():
+            return _act(gesture, seat)
+        case TakenBack(decision_id=decision_id):
+            return Outcome(seat, decision=taken_back(decision_id, desk.recorded))
+        case RayPicked():
+            return _pick(gesture, seat, desk)
+        case _:
+            return Outcome(_moved(gesture, seat, desk))
+
+
+def _act(
+    gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted | Freed, seat: Seat
+) -> Outcome:
+    """What only the loop can do."""
+    match gesture:
+        case Freed():
+            return Outcome(seat, act="free")
+        case Undone():
+            return Outcome(replace(seat, explaining=None), act="undo")
+        case Redone():
+            return Outcome(replace(seat, explaining=None), act="redo")
+        case RemakeAsked():
+            return Outcome(seat, act="remake")
+        case RemakeCancelled():
+            return Outcome(seat, act="cancel")
+        case Fitted(whole=whole):
+            return Outcome(seat, act="fit whole" if whole else "fit current")
+
+
+def _judge(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """Record the verdict and go on; a key pressed again on a point already left does nothing."""
+    measurement = desk.state.measurement_of(gesture.key)
+    if measurement is None or gesture.key not in desk.rows:
+        return Outcome(seat)
+    verdict = gesture.verdict
+    extra = gesture.key in desk.state.extra.measurements
+    if extra and verdict not in ("accept", "reject"):
+        return Outcome(seat, notice=Notice("notice.yes-or-no"))
+    stands = _standing_verdict(measurement.status, measurement.reason) == verdict
+    here = gesture.key == seat.current
+    after = replace(seat, current=_next_open(seat, desk)) if here else seat
+    rejected = verdict == "reject" and not stands and not extra
+    after = replace(after, explaining=gesture.key if rejected else None)
+    last = here and desk.rows[gesture.key].state == "auto" and not coming(desk.rows, seat)
+    decided = (
+        verdict_on(desk.state.extra, gesture.key, verdict == "accept")
+        if extra
+        else _decision_of(verdict, gesture.key)
+    )
+    return Outcome(
+        after,
+        decision=None if stands else decided,
+        notice=Notice("notice.queue-done") if last else None,
+    )
+
+
+def _decision_of(verdict: Verdict, key: Key) -> Decision:
+    match verdict:
+        case "accept":
+            return Accept(*key)
+        case "reject":
+            return Reject(*key, reason="other")
+        case "dubious":
+            return MarkDubious(*key)
+        case _:
+            return MarkNotVisible(*key)
+
+
+def _standing_verdict(status: str, reason: str) -> Verdict | None:
+    match status:
+        case "accepted":
+            return "accept"
+        case "rejected":
+            return "invisible" if reason == NOT_VISIBLE else "reject"
+        case "dubious":
+            return "dubious"
+        case _:
+            return None
+
+
+def _next_open(seat: Seat, desk: DeskSnapshot) -> Key | None:
+    """The next measurement in the queue nobody has looked at; else simply the next."""
+    following = coming(desk.rows, seat, desk.taken(seat.seat_id)) or coming(desk.rows, seat)
+    return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
+
+
+def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> Withdraw | None:
+    """What turns one decision round: withdrawn when it stands, else its withdrawal withdrawn."""
+    if not any(item.decision_id == decision_id for item in recorded):
+        return None
+    stands = standing(recorded)
+    if any(item.decision_id == decision_id for item in stands):
+        return Withdraw(decision_id)
+    undone = [
+        item.decision_id
+        for item in stands
+        if isinstance(item.decision, Withdraw) and item.decision.decision_id == decision_id
+    ]
+    return Withdraw(undone[-1]) if undone else None
+
+
+def _explain(gesture: Explained, seat: Seat) -> Outcome:
+    if seat.explaining is None or not 1 <= gesture.digit <= len(REASONS):
+        return Outcome(seat)
+    decision = Reject(*seat.explaining, reason=REASONS[gesture.digit - 1])
+    return Outcome(replace(seat, explaining=None), decision=decision, act="amend")
+
+
+def _mark(gesture: MarkPlaced | MarkJudged, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """A fiducial in use or not, or where somebody put it: as it is, or on the mark beside it."""
+    block = desk.state.block
+    photo = block.photos.get(gesture.photo_id)
+    if photo is None:
+        return Outcome(seat)
+    known = block.camera_of(gesture.photo_id).fiducials_mm
+    if gesture.name not in known and gesture.name not in photo.interior.names:
+        return Outcome(seat)
+    if isinstance(gesture, MarkJudged):
+        decision = JudgeFiducial(gesture.photo_id, gesture.name, gesture.use)
+        return Outcome(seat, decision=decision)
+    place = gesture.column, gesture.row
+    if not lies_within(*place, photo.size_px):
+        return _outside(seat, gesture.photo_id)
+    if gesture.snap:
+        return Outcome(seat, act="measure")
+    return Outcome(seat, decision=PlaceFiducial(gesture.photo_id, gesture.name, *place))
+
+
+def lies_within(column: float, row: float, size_px: tuple[int, int]) -> bool:
+    """True for a pixel on a scan."""
+    return 0 <= column <= size_px[0] and 0 <= row <= size_px[1]
+
+
+def _outside(seat: Seat, photo_id: str) -> Outcome:
+    return Outcome(seat, notice=Notice("notice.outside", {"scan": photo_id}, grave=True))
+
+
+def _place(
+    gesture: PlacedInScan | PlacedOnGround | PeakChosen, seat: Seat, desk: DeskSnapshot
+) -> Outcome:
+    """A place set by hand, or another peak: the seat stays, to look at what it did."""
+    point_id, photo_id = gesture.key
+    if gesture.key in desk.state.extra.measurements:
+        return Outcome(seat, notice=Notice("notice.yes-or-no"))
+    if point_id not in desk.state.block.surveyed or photo_id not in desk.drawn:
+        return Outcome(seat)
+    seat = replace(seat, current=gesture.key, explaining=None)
+    if isinstance(gesture, PeakChosen):
+        measurement = desk.state.block.measurements.get(gesture.key)
+        if measurement is None or not 0 <= gesture.index < len(measurement.peaks):
+            return Outcome(seat)
+        return Outcome(seat, decision=ChoosePeak(point_id, photo_id, gesture.index))
+    if isinstance(gesture, PlacedOnGround):
+        plane = np.array([[gesture.east, gesture.north]])
+        pixel = pixel_from_ground(plane, desk.drawn[photo_id], desk.dem)[0]
+    else:
+        pixel = np.array([gesture.column, gesture.row])
+    if not lies_within(float(pixel[0]), float(pixel[1]), desk.drawn[photo_id].photo.size_px):
+        return _outside(seat, photo_id)
+    return Outcome(seat, decision=Place(point_id, photo_id, float(pixel[0]), float(pixel[1])))
+
+
+def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """What is looked for in the scans, and so in the background; a refined point is waited for."""
+    if isinstance(gesture, PointAsked):
+        return Outcome(seat, act="measure")
+    block = desk.state.block
+    if gesture.key not in block.measurements or gesture.key[0] not in block.surveyed:
+        return Outcome(seat)
+    return Outcome(replace(seat, current=gesture.key, explaining=None), act="measure")
+
+
+def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    point = desk.state.block.surveyed.get(gesture.point_id)
+    if point is None:
+        return Outcome(seat)
+    role = "check" if point.role == "control" else "control"
+    return Outcome(replace(seat, explaining=None), decision=SetRole(gesture.point_id, role))
+
+
+def _pick(gesture: RayPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """A click in 3D: the measurement of a point nearest in doubt, or the worst of a photo."""
+    found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene.hidden)
+    if found is None:
+        return Outcome(seat)
+    key = _worst(found, seat, desk)
+    if key is None:
+        return Outcome(seat, notice=Notice("notice.nothing-measured", {"name": found.name}))
+    return Outcome(replace(seat, current=key))
+
+
+def _worst(found: Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
+    """The most doubtful measurement of what was picked; a point keeps the photo looked at."""
+    place = 0 if found.kind == "point" else 1
+    rows = [row for row in desk.rows.values() if row.key[place] == found.name]
+    if not rows:
+        return None
+    photo_id = seat.current[1] if seat.current else ""
+    best = max(rows, key=lambda row: (place == 0 and row.key[1] == photo_id, row.gain, row.doubt))
+    return best.key
+
+
+def _with_scene(gesture: LayerSwitched | VectorsScaled, seat: Seat) -> Seat:
+    if isinstance(gesture, VectorsScaled):
+        return replace(seat, scene=replace(seat.scene, vector_scale=gesture.scale))
+    hidden = seat.scene.hidden - {gesture.layer}
+    if not gesture.shown:
+        hidden = hidden | {gesture.layer}
+    return replace(seat, scene=replace(seat.scene, hidden=frozenset(hidden)))
+
+
+def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
+    """Walks through the queue, sorting and filtering, and the like: nothing is decided."""
+    match gesture:
+        case LayerSwitched() | VectorsScaled():
+            return _with_scene(gesture, seat)
+        case Named(name=name):
+            return replace(seat, operator=name)
+        case QualityAsked(shown=shown, pair=pair):
+            return replace(seat, quality=shown, pair=pair or seat.pair)
+        case SheetAsked(sheet=sheet, shown=shown):
+            return replace(seat, sheet=sheet if shown else "")
+        case Stepped(step=step):
+            current = neighbour(visible(desk.rows, seat), seat, step)
+            return replace(seat, current=current or seat.current)
+        case Selected(key=key) if key in desk.rows:
+            return replace(seat, current=key)
+        case Sorted(column=column, descending=descending):
+            sorting = Sorting(column, descending)
+            return replace(seat, sorting=sorting, order=sort_keys(desk.rows.values(), sorting))
+        case Filtered(state=state, photo_id=photo_id, role=role):
+            seat = replace(seat, filter=QueueFilter(state, photo_id, role))
+            shown = visible(desk.rows, seat)
+            if seat.current in shown:
+                return seat
+            # Where nothing is left nothing is shown; then one is back where one was.
+            wanted = seat.left if seat.current is None else seat.current
+            current = wanted if wanted in shown else next(iter(shown), None)
+            return replace(seat, current=current, left=wanted)
+        case _:
+            return seat

@@ -1,0 +1,139 @@
+"""What each seat's page shows of one moment of the desk, made anew only where it changed."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+
+from ui.review.board import board_part
+from ui.review.history import history_of
+from ui.review.picture import (
+    Part,
+    Pictured,
+    order_part,
+    point_part,
+    queue_part,
+    scene_part,
+    status_part,
+)
+from ui.review.placement import placement_part
+from ui.review.quality import quality_part
+from ui.review.scene import ScenePicture, scene_picture
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import SceneOptions, Seat
+
+Scene = Callable[[], ScenePicture]
+SCENE = "3D"
+"""Under this name it is remembered what a scene was last made of."""
+Made = tuple[tuple[object, ...], Callable[[], Part]]
+"""What a part is made of, and what makes it."""
+
+
+class Pages:
+    """Remembers what every part of every seat's page was last made of."""
+
+    def __init__(self) -> None:
+        self._sources: dict[tuple[str, str], tuple[object, ...]] = {}
+        self._scene_sources: tuple[object, ...] = ()
+        self._scene: Scene | None = None
+
+    def changed_parts(self, seat: Seat, desk: DeskSnapshot) -> dict[str, Part]:
+        """The parts of a seat's page that are not as they were shown last."""
+        changed: dict[str, Part] = {}
+        for name, (sources, make) in page_parts(seat, desk):
+            if not _are_same(self._sources.get((seat.seat_id, name), ()), sources):
+                self._sources[seat.seat_id, name] = sources
+                changed[name] = make()
+        return changed
+
+    def changed_scene(self, seat: Seat, desk: DeskSnapshot) -> Scene | None:
+        """What makes the picture of a seat's 3D scene; None where it is as it was shown last."""
+        state, misfits = desk.state, desk.table.figures.misfits
+        shown = desk.stale, desk.outlines, misfits, desk.tie_vectors
+        if not _are_same(self._scene_sources, (state.block, state.report, *shown)):
+            self._scene_sources = (state.block, state.report, *shown)
+            # Made by who draws it, once for all seats.
+            self._scene = cache(lambda: scene_picture(state, *shown))
+        sources = self._scene, seat.scene, seat.current
+        if _are_same(self._sources.get((seat.seat_id, SCENE), ()), sources):
+            return None
+        self._sources[seat.seat_id, SCENE] = sources
+        return self._scene
+
+    def forget(self, seat_id: str) -> None:
+        """Show a seat everything again: a page or a scene was opened there."""
+        self._sources = {key: value for key, value in self._sources.items() if key[0] != seat_id}
+
+
+def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
+    """Every part of a seat's page by name, what deciding changes first."""
+    state, table = desk.state, desk.table
+    block, report, others = state.block, state.report, desk.others(seat.seat_id)
+    people = tuple((other.current, other.operator) for other in others)
+    adjusted = (block, report, state.before, state.extra, desk.drawn)
+    trial = desk.trials.get(seat.current) if seat.current else None
+    yield (
+        "point",
+        (
+            (seat, table, trial, desk.recorded, *adjusted),
+            lambda: seat_point(seat, desk),
+        ),
+    )
+    yield "rows", ((table.lines,), lambda: table.lines)
+    yield "order", ((seat.order, table.places), lambda: order_part(seat, table.places))
+    looked_at = [(key, name) for key, name in people if key]
+    yield (
+        "queue",
+        (
+            (seat, table.places, people),
+            lambda: queue_part(seat, table.places, looked_at),
+        ),
+    )
+    yield "scene", ((seat.scene,), lambda: scene_part(seat))
+    yield (
+        "status",
+        (
+            (state, desk.rows, desk.stale, seat.operator, people),
+            lambda: status_part(state, desk.rows, desk.stale, seat, others),
+        ),
+    )
+    if seat.quality:
+        yield (
+            "quality",
+            (
+                (*adjusted, state.free, desk.outlines, desk.adjustments, seat.pair),
+                lambda: quality_part(state, desk.outlines, desk.adjustments, seat.pair),
+            ),
+        )
+    if seat.sheet == "board":
+        yield (
+            "board",
+            (
+                (*adjusted, desk.recorded),
+                lambda: board_part(state, desk.initial, desk.drawn, desk.recorded),
+            ),
+        )
+    if seat.sheet == "placement":
+        yield "placement", (adjusted, lambda: placement_part(state, desk.initial, desk.doubts))
+
+
+def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
+    """The numbers of what a seat looks at."""
+    key = seat.current
+    if key is None:
+        return None
+    pictured = Pictured(
+        desk.drawn,
+        desk.dem,
+        desk.trials.get(key),
+        history_of(key, desk.recorded, desk.state.extra),
+        desk.table.by_point.get(key[0], ()),
+    )
+    return point_part(desk.state, seat, desk.rows, pictured)
+
+
+def _are_same(old: Sequence[object], new: Sequence[object]) -> bool:
+    """True when nothing changed; large values are never looked into."""
+    small = (Seat, SceneOptions, tuple, str, int)
+    return len(old) == len(new) and all(
+        one is other or (isinstance(other, small) and one == other)
+        for one, other in zip(old, new, strict=True)
+    )

@@ -1,0 +1,83 @@
+"""All that the desk knows at one moment, as one frozen value: what is shown, and what is asked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from core.block import Block
+from core.doubts import Doubt
+from sessions.decisions import Recorded
+from ui.review.adjustment_history import AdjustmentRecord
+from ui.review.compare import Drawn, HeightSource
+from ui.review.initial_state import NOTHING_INITIAL, InitialState
+from ui.review.queue import NO_ROWS, QueueTable, Row, keep_seat_up
+from ui.review.scene import Segments
+from ui.review.state import DeskState, Key, Seat
+from ui.review.trial import Trial
+
+NO_SEGMENTS = np.zeros((0, 2, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeskSnapshot:
+    """All that can be shown, and all that a gesture may be about."""
+
+    base: Block
+    """The block as the engine left it, before any decision."""
+    state: DeskState
+    """The block and its adjustment."""
+    dem: HeightSource
+    """Heights of the ground."""
+    drawn: Drawn
+    """Photos as their tiles are drawn."""
+    initial: InitialState = NOTHING_INITIAL
+    """What the photos began from."""
+    doubts: tuple[Doubt, ...] = ()
+    """What the engine was unsure of."""
+    table: QueueTable = NO_ROWS
+    """Rows of the queue."""
+    stale: tuple[str, ...] = ()
+    """Photos with stale orthos."""
+    outlines: Segments = field(default_factory=lambda: NO_SEGMENTS)
+    """Footprints, local frame."""
+    tie_vectors: Segments = field(default_factory=lambda: NO_SEGMENTS)
+    """Residual vectors of tie points, local frame."""
+    trials: Mapping[Key, Trial | None] = field(default_factory=dict[Key, Trial | None])
+    """What turning a measurement would do; None where that could not be found."""
+    recorded: Sequence[Recorded] = ()
+    """Every decision."""
+    adjustments: tuple[AdjustmentRecord, ...] = ()
+    """Adjustments of this sitting."""
+    seats: Mapping[str, Seat] = field(default_factory=dict[str, Seat])
+    """Everybody who ever sat down, by seat."""
+    present: frozenset[str] = frozenset()
+    """Seats with an open page."""
+
+    @property
+    def rows(self) -> Mapping[Key, Row]:
+        """The queue's rows by key."""
+        return self.table.rows
+
+    def present_seats(self) -> list[Seat]:
+        """Who sits at the desk."""
+        return [seat for seat_id, seat in self.seats.items() if seat_id in self.present]
+
+    def others(self, seat_id: str) -> list[Seat]:
+        """Who else sits at the desk."""
+        return [seat for seat in self.present_seats() if seat.seat_id != seat_id]
+
+    def taken(self, seat_id: str) -> frozenset[Key]:
+        """What the others are looking at."""
+        return frozenset(other.current for other in self.others(seat_id) if other.current)
+
+    def with_seat(self, seat: Seat) -> "DeskSnapshot":
+        """The same with one seat changed."""
+        return replace(self, seats={**self.seats, seat.seat_id: seat})
+
+    def with_table(self, table: QueueTable) -> "DeskSnapshot":
+        """The same with other rows, and every seat's queue kept up with them."""
+        seats = self.seats
+        if table.rows.keys() != self.table.rows.keys():
+            seats = {name: keep_seat_up(seat, table.rows) for name, seat in seats.items()}
+        return replace(self, table=table, seats=seats)

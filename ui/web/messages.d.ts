@@ -1,0 +1,290 @@
+// What the desk tells its pages, as `ui/review` writes it, and a few names the pages share.
+// Types only: this file is read by the checker and served to nobody.
+
+/** Two numbers of one frame: east and north, column and row, or x and y of a screen. */
+type Pair = number[];
+/** A point and the photo it is measured in. */
+type Key = [point: string, photo: string];
+type State = "auto" | "accepted" | "rejected" | "dubious" | "unused";
+type Context = CanvasRenderingContext2D;
+/** Rows of an affine map: [[a, b, x], [c, d, y]]. */
+type Affine = number[][];
+type Send = (message: Record<string, unknown>) => boolean;
+
+interface Start {
+  name: string;
+  edition: string;
+  seat: string;
+  guest: boolean;
+  language: string;
+  words: Record<string, string>;
+  keys: [key: string, word: string][];
+  palette: Record<"current" | "check" | "predicted" | "peak", string>
+    & { states: Record<State, { colour: string; glyph: string }> };
+  photos: string[];
+  lattice: { west: number; north: number; pixel: number; levels: number };
+  ortho_pixel: number;
+  /** Half the side of the compared patch, metres; 0 or nothing where none is known. */
+  template: number | null;
+  results: boolean;
+  free: boolean;
+  /** On the placing page only. */
+  scans: ScanToPlace[];
+  command: string;
+}
+
+/** point, photo, role, state, decided by hand, doubt, misfit px, score */
+type Row = [string, string, string, State, number, number, number | null, number | null];
+interface Filter { state: string; photo: string; role: string }
+interface Sort { column: string; descending: boolean }
+interface Queue {
+  current: number;
+  taken: [row: number, name: string][];
+  filter: Filter;
+  sort: Sort;
+  explaining: Key | null;
+}
+/** The queue with what the page itself finds out about it. */
+interface SiftedQueue extends Queue {
+  counts: Record<string, number>;
+  shown: number[];
+  isTaken: Map<number, string>;
+}
+
+interface Status {
+  sigma: number | null;
+  sigma_before: number | null;
+  mp: number | null;
+  mp_before: number | null;
+  converged: boolean;
+  counts: Record<string, number>;
+  decided: number;
+  operator: string;
+  people: [name: string, key: Key | []][];
+  adjusting: boolean;
+  stale: string[];
+  written: boolean;
+  remaking: { share: number; what: string; left: number | null; cancelling: boolean } | null;
+}
+
+interface Figures {
+  misfit: Pair | null;
+  misfit_before: Pair | null;
+  ground: Pair | null;
+  residual: Pair | null;
+  sigma: number | null;
+  score: number | null;
+  redundancy: number | null;
+  place: Pair;
+  source: string;
+  surveyed: number[];
+  surveyed_sigma: number[];
+  remark: string;
+}
+interface Trial {
+  rejects: boolean;
+  sigma: number | null;
+  now: number | null;
+  shift: number | null;
+  photo: string;
+  neighbours: [point: string, photo: string, now: number, then: number][];
+}
+interface HistoryItem {
+  id: string;
+  when: string;
+  who: string;
+  what: string;
+  detail: string;
+  stands: boolean;
+  by: string;
+}
+interface Point {
+  key: Key;
+  role: string;
+  state: State;
+  scan: { size: Pair; version: number; pixel: number };
+  /** Metres east and north. */
+  marks: { surveyed: Pair; predicted: Pair; measured: Pair; peaks: Pair[] };
+  /** Pixels of the raw scan, and its pixels per metre east and north. */
+  raw: { predicted: Pair; measured: Pair; peaks: Pair[]; matrix: number[][] };
+  figures: Figures;
+  why: [word: string, value: string][];
+  peaks: { score: number | null; operator: string; away: number }[];
+  others: { photo: string; state: State; misfit: number | null; version: number }[];
+  ahead: [photo: string, version: number, east: number, north: number][];
+  trial: Trial | null;
+  history: HistoryItem[];
+}
+
+interface Milestone {
+  number: number;
+  decided: number;
+  used: number;
+  sigma: number;
+  mp: number | null;
+  rms: Record<string, number>;
+}
+interface Quality {
+  verdict: number;
+  findings: [word: string, grave: number, values: Record<string, string>][];
+  sigma: number | null;
+  mp: number | null;
+  free: boolean[];
+  photos: {
+    photo: string; oriented: boolean; tilt: number | null; crab: number | null; rms: number | null;
+    control: number; ties: number; sigma: number | null; cells: number[];
+  }[];
+  overlaps: [string, string, share: number, ties: number, along: boolean | null][];
+  rays: [rays: number, count: number][];
+  pattern: (number | null)[][][];
+  pattern_counts: number[][];
+  control_cells: number[][];
+  map: {
+    outlines: Record<string, Pair[]>;
+    control: (number | null)[][];
+    checks: (number | null)[][];
+    ties: [x: number, y: number, sigma: number | null][];
+  };
+  milestones: Milestone[];
+  compared: { pair: [number, number]; shifts: [photo: string, metres: number][] } | null;
+}
+
+type FiducialState = "used" | "placed" | "hidden" | "unused" | "missing";
+interface Fiducial {
+  name: string;
+  state: FiducialState;
+  place: Pair | null;
+  expected: Pair | null;
+  residual: Pair | null;
+  score: number | null;
+  apart: number | null;
+  sigma: number | null;
+  doubt: number;
+  why: string[];
+  said: { id: string; who: string; when: string } | null;
+}
+interface ScanRow {
+  photo: string;
+  camera: string;
+  size: Pair;
+  version: number;
+  window: number;
+  model: string;
+  rms: number | null;
+  doubt: number;
+  why: string[];
+  cells: Fiducial[];
+}
+/** name, x and y mm on the film, dx and dy um after the orientation, after a similarity alone */
+type FilmMark = [string, number, number, number, number, number, number];
+interface Film {
+  photo: string;
+  camera: string;
+  marks: FilmMark[];
+  scale_x: number;
+  scale_y: number;
+  shear: number;
+  rms: number;
+  rms_plain: number;
+  redundancy: number;
+  chance: number | null;
+}
+interface Roll { count: number; marks: FilmMark[]; mean: number[]; spread: number[]; rms: number }
+interface Films { films: Film[]; rolls: Record<string, Roll | null>; frames: Record<string, Pair> }
+interface Board { photos: ScanRow[]; films: Films }
+
+interface PlacedPhoto {
+  photo: string;
+  oriented: boolean;
+  source: string;
+  before: Pair[] | null;
+  after: Pair[] | null;
+  shift: Pair | null;
+  turn: number | null;
+  scale: number | null;
+  rms: number | null;
+  why: string[];
+}
+interface Placement {
+  photos: PlacedPhoto[];
+  set_aside: [photo: string, why: string][];
+  median: number | null;
+  worst: number | null;
+}
+
+interface SceneSwitches { layers: Record<string, boolean>; scale: number }
+interface Notice { text: string; grave: boolean }
+/** The parts of the desk as they were told last. */
+interface Parts {
+  rows?: Row[];
+  order?: number[];
+  queue?: Queue;
+  status?: Status;
+  point?: Point | null;
+  quality?: Quality;
+  board?: Board;
+  placement?: Placement;
+  scene?: SceneSwitches;
+}
+/** Only what changed; the table in pieces `rows/0`, `rows/1` and so on, `rows/count` long. */
+type Message = Parts & { notices?: Notice[]; "rows/count"?: number };
+
+interface ScanToPlace {
+  photo: string;
+  size: Pair;
+  version: number;
+  /** Column, row, easting, northing. */
+  pairs: number[][];
+  why: string;
+  known: { east: number; north: number; pixel: number } | null;
+}
+interface PairFit {
+  count?: number;
+  matrix?: Affine;
+  residuals?: Pair[] | null;
+  rms?: number | null;
+  pixel_m?: number;
+  scale?: number;
+  turn_deg?: number;
+  why?: string;
+}
+interface Run {
+  state: "idle" | "running" | "failed" | "cancelled" | "done";
+  ok?: boolean;
+  error?: string;
+  share?: number;
+  place?: number;
+  stages?: number | string;
+  title?: string;
+  what?: string;
+  why?: string;
+}
+
+/** Elements that are more than an HTMLElement, by their id. */
+interface Ids {
+  board: HTMLDialogElement;
+  contrast: HTMLInputElement;
+  help: HTMLDialogElement;
+  "mark-room": HTMLElement | null;
+  "name-field": HTMLInputElement;
+  naming: HTMLDialogElement;
+  placement: HTMLDialogElement;
+  quality: HTMLDialogElement;
+  "remake-cancel": HTMLButtonElement;
+  "remake-start": HTMLButtonElement;
+  results: HTMLDialogElement;
+  scene: HTMLIFrameElement;
+  "sieve-photo": HTMLSelectElement;
+  "sieve-role": HTMLSelectElement;
+  "sort-column": HTMLSelectElement;
+  swipe: HTMLInputElement;
+}
+
+interface Window {
+  /** Keys that viser's page hands up; true when the key is the desk's. */
+  gruberKey?: (event: KeyboardEvent) => boolean;
+  /** Asked by viser's page: is a hand at work at the desk? */
+  gruberAtWork?: () => boolean;
+  /** What tests look at. */
+  gruber?: object;
+}
