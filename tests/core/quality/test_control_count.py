@@ -9,8 +9,8 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import Measurement
+from core.quality.control_count import count_control
 from core.quality.control_design import wanted_control
-from core.quality.rules import count_control
 from tests.flights import FlightPlan, fly
 
 PLAIN = AdjustmentOptions(robust=False, estimate_cameras=False)
