@@ -11,11 +11,11 @@ from rasterio.errors import NotGeoreferencedWarning
 from core.progress import Progress, Silent
 from core.raster.grid import Grid
 from core.synthetic.approximations import write_approximations
-from core.synthetic.film import FilmOptions, make_scan
+from core.synthetic.film import make_scan
 from core.synthetic.flight import Exposure, Flight, make_flight
 from core.synthetic.landscape import Landscape, make_landscape
 from core.synthetic.marks import draw_margin, draw_scars
-from core.synthetic.options import CRS, SCALES, Scale, Size, SyntheticOptions, seeded
+from core.synthetic.options import CRS, Scale, SyntheticOptions, seeded
 from core.synthetic.painting import Ground, Picture, paint
 from core.synthetic.reference import (
     softened,
@@ -28,11 +28,6 @@ from core.synthetic.reference import (
 from core.synthetic.truth import write_truth
 
 PRESENT_YEAR = 2022
-FILM: dict[Size, FilmOptions] = {
-    "tiny": FilmOptions(blur_px=0.5, grain=3.5, grain_px=0.6),
-    "small": FilmOptions(blur_px=0.6, grain=5.5, grain_px=0.7),
-    "full": FilmOptions(blur_px=1.1, grain=9.0, grain_px=1.1),
-}
 
 
 def make_block(
@@ -46,7 +41,7 @@ def make_block(
         progress: Told how far the work is, and asked whether to stop.
     """
     options, progress = options or SyntheticOptions(), progress or Silent()
-    scale = SCALES[options.size]
+    scale = options.scale
     flight = make_flight(options)
     landscape = make_landscape(options, flight.terrain, flight.bounds)
     grid = Grid.over(flight.bounds, scale.texture_m)
@@ -81,7 +76,7 @@ def _write_scans(
     folder: Path, flight: Flight, ground: Ground, options: SyntheticOptions, progress: Progress
 ) -> None:
     (folder / "scans").mkdir(exist_ok=True)
-    seed, film = options.seed, FILM[options.size]
+    seed, film = options.seed, options.developed
 
     def finished(exposure: Exposure) -> Picture:
         scan = make_scan(ground, flight.terrain, exposure, flight.camera, seed, film)
@@ -94,7 +89,7 @@ def _write_scans(
     with ThreadPoolExecutor(2) as pool:
         for number, scan in enumerate(pool.map(finished, flight.exposures)):
             name = flight.exposures[number].photo_id
-            pixel_um = SCALES[options.size].scan_pixel_um
+            pixel_um = options.scale.scan_pixel_um
             _write_scan(folder / "scans" / f"{name}.tif", scan, pixel_um, tiled=number % 2 == 0)
             progress.report(60.0 + 6.0 * (number + 1), 100.0, f"scan {name}")
 
@@ -128,7 +123,7 @@ def _write_scan(path: Path, scan: Picture, pixel_um: float, tiled: bool) -> None
 
 def _block_toml(flight: Flight, options: SyntheticOptions) -> str:
     """The project as the user would have described it: nominal camera, no truth."""
-    camera, scale = flight.nominal, SCALES[options.size]
+    camera, scale = flight.nominal, options.scale
     marks = ", ".join(
         f"{name} = [{x:g}, {y:g}]" for name, (x, y) in sorted(camera.fiducials_mm.items())
     )

@@ -11,7 +11,7 @@ from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
 from core.synthetic.marks import mark_coverage
 from core.synthetic.noise import fractal, stretched_band, white
-from core.synthetic.options import seeded
+from core.synthetic.options import FilmOptions, seeded
 from core.synthetic.painting import Ground
 from core.synthetic.terrain import Terrain
 
@@ -25,20 +25,6 @@ FILM_MM = 191.0
 """Width of the film itself; beyond lies the scanner's bed."""
 EDGE = 8
 """Rows more on both sides of a band, so that blurs do not end at its edge."""
-
-
-@dataclass(frozen=True, slots=True)
-class FilmOptions:
-    """How film and lens treat the light."""
-
-    blur_px: float = 0.55
-    """Blur of lens, motion and emulsion, scan pixels."""
-    grain: float = 5.5
-    """Standard deviation of the grain in the middle tones, gray values."""
-    grain_px: float = 0.75
-    """Blur that makes grain of neighbouring pixels alike, pixels."""
-    vignetting: float = 1.1
-    """Power of the cosine by which light falls off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

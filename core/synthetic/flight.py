@@ -9,7 +9,7 @@ from core.geometry.atmosphere import Atmosphere, atmosphere_of
 from core.geometry.camera import Camera
 from core.geometry.collinearity import film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation
-from core.synthetic.options import SCALES, Scale, SyntheticOptions, seeded
+from core.synthetic.options import Scale, SyntheticOptions, seeded
 from core.synthetic.terrain import Bounds, Terrain, make_terrain
 
 FRAME_MM = 180.0
@@ -96,7 +96,7 @@ def make_flight(options: SyntheticOptions) -> Flight:
     Returns:
         The flight with the terrain it was flown over.
     """
-    scale = SCALES[options.size]
+    scale = options.scale
     camera, nominal = _cameras(options)
     side = FRAME_MM * 1000.0 / scale.scan_pixel_um * scale.scan_ground_m
     middle = _middle(options.seed)

@@ -19,7 +19,7 @@ from core.geometry.exterior import ExteriorOrientation
 from core.raster.grid import Grid
 from core.synthetic.flight import Exposure, Flight
 from core.synthetic.network import Network
-from core.synthetic.options import CRS, SCALES, SyntheticOptions
+from core.synthetic.options import CRS, SyntheticOptions
 from core.synthetic.terrain import PlanPoints
 
 WRONG_M = 3.0
@@ -181,7 +181,7 @@ def write_truth(folder: Path, flight: Flight, network: Network, options: Synthet
         network: Roads of both epochs.
         options: What the block was made with.
     """
-    camera, scale = flight.camera, SCALES[options.size]
+    camera, scale = flight.camera, options.scale
     photos: dict[str, Any] = {}
     for exposure in flight.exposures:
         true = exposure.exterior

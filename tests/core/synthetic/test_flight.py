@@ -121,3 +121,17 @@ def test_the_truth_names_the_junctions_that_lasted__truth(tiny_block):
     places = read_truth(tiny_block).lasting_junctions
     assert len(places) >= 5
     assert len(np.unique(places, axis=0)) == len(places)
+
+
+def test_a_scan_pixel_of_ones_own_leaves_the_photo_scale_to_follow__truth():
+    usual = make_flight(SyntheticOptions(size="tiny", seed=3))
+    finer = make_flight(SyntheticOptions(size="tiny", seed=3, scan_pixel_um=90.0))
+    wider = make_flight(SyntheticOptions(size="tiny", seed=3, scan_ground_m=2.4))
+    assert finer.exposures[0].size_px[0] == pytest.approx(2 * usual.exposures[0].size_px[0], abs=2)
+
+    def above(flight):
+        exposure = flight.exposures[0]
+        return exposure.exterior.centre[2] - np.median(flight.terrain.coefficients)
+
+    assert above(finer) == pytest.approx(2 * above(usual), rel=0.02)
+    assert above(wider) == pytest.approx(2 * above(usual), rel=0.02)
