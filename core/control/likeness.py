@@ -7,7 +7,6 @@ from scipy.stats import norm
 
 from core.arrays import PixelPoints, locked
 from core.doubts import Failure
-from core.geometry.robust import robust_sigma
 from core.localisation.photo_orientation import OrientationOptions, finest_reduction
 from core.matching.local_search import (
     SEPARATION_PX,
@@ -16,8 +15,9 @@ from core.matching.local_search import (
     prepared,
 )
 from core.matching.patches import OpenPhoto, Window, read_pair
+from core.matching.peaks import detect_peaks, level_and_spread
 from core.matching.reference import Reference
-from core.matching.similarity import FLAT, Image, detect_peaks
+from core.matching.template_search import Image
 
 OPERATOR = "fused"
 """What the desk compares with."""
@@ -69,8 +69,7 @@ class Likeness:
 
         The measure of the heights of proposed candidates, except that the middle is not left out.
         """
-        middle = float(np.median(self.values))
-        spread = robust_sigma(self.values - middle) + FLAT
+        middle, spread = level_and_spread(self.values)
         return (self.value_at(pixel) - middle) / spread
 
     @property

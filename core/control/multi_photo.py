@@ -31,7 +31,7 @@ from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.local_search import SEPARATION_PX, predict_pixels
 from core.matching.patches import OpenPhoto
-from core.matching.similarity import Surface, SurfacePeak, detect_peaks, measure_peak
+from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks, nearest_peak
 
 APART_PX = 2
 """No two peaks of the mean are closer than this (pixels of the pass): a row of trees beside a road
@@ -44,7 +44,7 @@ Heights = Float32[np.ndarray, "..."]
 """A surface of whichever photo."""
 Elsewhere = Float32[np.ndarray, "other_rows other_columns"]
 """A surface in the frame of another photo."""
-Covered = tuple[Surface, Mask]
+Covered = tuple[ScoreMap, Mask]
 """A surface, and where it is known."""
 
 
@@ -167,7 +167,7 @@ def seen_together(sights: Sequence[Sight], kept: KeptSurfaces) -> list[Search]:
     return [in_photo(own, sights, heights) for own in range(len(sights))]
 
 
-def heights_of(sight: Sight, kept: KeptSurfaces) -> Surface:
+def heights_of(sight: Sight, kept: KeptSurfaces) -> ScoreMap:
     """A surface in robust deviations of its own above its middle."""
     search = sight.search
     surface = kept.surface(search.point_id, search.photo_id)
@@ -230,7 +230,7 @@ def resampled(other: Sight, heights: Elsewhere, own: Sight, shape: tuple[int, ..
     return np.asarray(surface, np.float32), known
 
 
-def mean_of(own: Surface, others: Sequence[Covered]) -> Covered:
+def mean_of(own: ScoreMap, others: Sequence[Covered]) -> Covered:
     """Mean of surfaces in one frame; nought, which is their middle, where one is not known."""
     total, known = own.copy(), np.ones(own.shape, bool)
     for surface, covered in others:
@@ -240,7 +240,7 @@ def mean_of(own: Surface, others: Sequence[Covered]) -> Covered:
     return total / np.float32(1 + len(others)), known
 
 
-def chance_in(joint: Surface, outside: Mask, sight: Sight) -> Chance:
+def chance_in(joint: ScoreMap, outside: Mask, sight: Sight) -> Chance:
     """What the mean says of chance, where it is known and nothing can be right."""
     decoys, middle, spread = decoys_outside(joint, outside, APART_PX)
     pixel_m2 = (sight.search.pixel_m * sight.reduction) ** 2
@@ -250,8 +250,8 @@ def chance_in(joint: Surface, outside: Mask, sight: Sight) -> Chance:
 
 def told_by(
     sight: Sight,
-    heights: Surface,
-    peaks: Sequence[SurfacePeak],
+    heights: ScoreMap,
+    peaks: Sequence[ScorePeak],
     places: Sequence[tuple[float, float]],
     chance: Chance,
     photos: int,
@@ -264,7 +264,7 @@ def told_by(
     search, reduction = sight.search, sight.reduction
     candidates: list[Peak] = []
     for peak, place in zip(peaks, places, strict=True):
-        own = own_peak(heights, *place)
+        own = nearest_peak(heights, *place, OWN_PX)
         column, row = place if own is None else (own.column, own.row)
         sigma_px = peak.sigma_px * np.sqrt(photos) if own is None else own.sigma_px
         candidates.append(
@@ -284,18 +284,3 @@ def told_by(
         sigma_m=sigma_on_ground_m(candidates, reduction, search.pixel_m, sight.sigma_m),
         chance=chance,
     )
-
-
-def own_peak(heights: Surface, column: float, row: float) -> SurfacePeak | None:
-    """The maximum of a photo's own surface nearest to a place, None if none is near."""
-    reach = int(np.ceil(OWN_PX)) + 1
-    left, top = round(column) - reach, round(row) - reach
-    around = np.ascontiguousarray(
-        heights[top : top + 2 * reach + 1, left : left + 2 * reach + 1], dtype=np.float32
-    )
-    rows, columns = np.nonzero(around >= cv2.dilate(around, np.ones((3, 3), np.uint8)))
-    away = np.hypot(columns + left - column, rows + top - row)
-    if len(away) == 0 or away.min() > OWN_PX:
-        return None
-    nearest = int(np.argmin(away))
-    return measure_peak(heights, top + int(rows[nearest]), left + int(columns[nearest]), 0.0, 1.0)

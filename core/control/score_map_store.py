@@ -12,7 +12,7 @@ from types import TracebackType
 import numpy as np
 
 from core.errors import PhotogrammetryError
-from core.matching.similarity import Surface
+from core.matching.peaks import ScoreMap
 
 
 class KeptSurfaces:
@@ -35,7 +35,7 @@ class KeptSurfaces:
     ) -> None:
         self.file.close()
 
-    def keep(self, point_id: str, photo_id: str, surface: Surface) -> None:
+    def keep(self, point_id: str, photo_id: str, surface: ScoreMap) -> None:
         """Lay a surface by; an earlier one of the same point and photo gives way.
 
         Raises:
@@ -57,7 +57,7 @@ class KeptSurfaces:
                     "Free some space there, or set TMPDIR to a folder that has it.",
                 ) from error
 
-    def surface(self, point_id: str, photo_id: str) -> Surface:
+    def surface(self, point_id: str, photo_id: str) -> ScoreMap:
         """A surface that was laid by."""
         start, shape = self.slots[point_id, photo_id]
         with self.lock:

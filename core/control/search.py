@@ -9,12 +9,10 @@ hardly moved, what was found is only measured from the new prediction.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from core.arrays import Mask, PixelPoints, Scalars
 from core.block import Peak
-from core.geometry.robust import robust_sigma
 from core.localisation.photo_orientation import (
     OrientationOptions,
     finest_reduction,
@@ -33,12 +31,12 @@ from core.matching.local_search import (
 )
 from core.matching.operators import has_roads
 from core.matching.patches import OpenPhoto
+from core.matching.peaks import ScoreMap, detect_peaks, level_and_spread, local_maxima
 from core.matching.reference import Reference
-from core.matching.similarity import FLAT, Surface, detect_peaks
 from core.progress import Progress
 from core.reference.points import ReferencePoints
 
-Keep = Callable[[str, str, Surface], None]
+Keep = Callable[[str, str, ScoreMap], None]
 """Is told the surface of a point in a photo, by their names."""
 MATCH_FLOOR_PX = 0.35
 """No match is better than this, in pixels of the pass."""
@@ -274,7 +272,7 @@ def surfaces_about(
     half: int,
     matching: MatchingOptions,
     mirror: bool,
-) -> tuple[Surface, Surface | None, bool] | None:
+) -> tuple[ScoreMap, ScoreMap | None, bool] | None:
     """The surface of a point, that of its mirrored template, and whether roads place it."""
     parts = parts_about(images, pixel, half, matching.template_half_px)
     if parts is None:
@@ -285,7 +283,7 @@ def surfaces_about(
     return surface, mirrored, has_roads(cut(images.reference[name], parts[1]))
 
 
-def chance_of(surface: Surface, mirrored: Surface | None, plan: Plan) -> Chance:
+def chance_of(surface: ScoreMap, mirrored: ScoreMap | None, plan: Plan) -> Chance:
     """Decoys of a point's surface, and of that of its mirrored template where it was searched."""
     decoys, middle, spread = decoys_of(surface, plan.inner)
     area = float(surface.size - (2 * plan.inner + 1) ** 2)
@@ -295,7 +293,7 @@ def chance_of(surface: Surface, mirrored: Surface | None, plan: Plan) -> Chance:
     return Chance(decoys, area * plan.pixel_m**2, middle, spread, inner * plan.pixel_m**2)
 
 
-def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, float]:
+def decoys_of(surface: ScoreMap, inner: int) -> tuple[tuple[float, ...], float, float]:
     """Heights of all maxima outside the middle of a surface, and its middle and spread there.
 
     Args:
@@ -310,7 +308,7 @@ def decoys_of(surface: Surface, inner: int) -> tuple[tuple[float, ...], float, f
 
 
 def decoys_outside(
-    surface: Surface, outside: Mask, separation_px: int
+    surface: ScoreMap, outside: Mask, separation_px: int
 ) -> tuple[tuple[float, ...], float, float]:
     """Heights of all maxima where nothing can be right, and the middle and spread there.
 
@@ -320,15 +318,13 @@ def decoys_outside(
         separation_px: A maximum is the highest within so many pixels.
     """
     values = surface[outside]
-    middle = float(np.median(values))
-    spread = robust_sigma(values - middle) + FLAT
-    kernel = np.ones((2 * separation_px + 1, 2 * separation_px + 1), np.uint8)
-    maxima = (surface >= cv2.dilate(surface, kernel)) & outside & (surface > middle)
+    middle, spread = level_and_spread(values)
+    maxima = local_maxima(surface, separation_px) & outside & (surface > middle)
     heights = (surface[maxima] - middle) / spread
     return tuple(float(height) for height in heights), middle, spread
 
 
-def candidates_near(surface: Surface, plan: Plan, chance: Chance) -> tuple[Peak, ...]:
+def candidates_near(surface: ScoreMap, plan: Plan, chance: Chance) -> tuple[Peak, ...]:
     """Peaks near the prediction as offsets in scan pixels, heights in deviations of the decoys."""
     half, rim, reduction = surface.shape[0] // 2, plan.narrow, plan.matching.reduction
     near = np.ascontiguousarray(surface[half - rim : half + rim + 1, half - rim : half + rim + 1])

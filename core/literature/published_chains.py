@@ -30,7 +30,7 @@ from core.matching.local_search import (
     reduction_for,
 )
 from core.matching.patches import OpenPhoto
-from core.matching.similarity import Surface
+from core.matching.peaks import ScoreMap
 from core.reference.points import ReferencePoints
 
 Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
@@ -186,7 +186,7 @@ def kept_of(
     )
 
 
-def joined_pixels(surface: Surface, options: PublishedOptions) -> list[tuple[float, float, float]]:
+def joined_pixels(surface: ScoreMap, options: PublishedOptions) -> list[tuple[float, float, float]]:
     """The best pixels, neighbours joined to their mean weighted by correlation (script 6)."""
     order = np.argsort(-surface, axis=None, kind="stable")[: options.best]
     chosen = np.zeros(surface.shape, np.uint8)

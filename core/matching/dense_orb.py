@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
-from core.matching.similarity import Image, Surface, Template
+from core.matching.peaks import ScoreMap
+from core.matching.template_search import Image, Template
 
 Pairs = Int[np.ndarray, "256 2 2"]
 """Offsets (right, down) of the first and the second value of each comparison, pixels."""
@@ -33,7 +34,7 @@ def smoothed_for_orb(image: Image, half_px: int) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (side, side), SMOOTHED_PX * scale), np.float32)
 
 
-def orb_surface(window: Image, template: Template) -> Surface:
+def orb_surface(window: Image, template: Template) -> ScoreMap:
     """Less the share of comparisons in which a template differs from every place of a window.
 
     Args:

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from core.matching.similarity import Field, Image, Surface, TemplateField
+from core.matching.peaks import ScoreMap
+from core.matching.template_search import Field, Image, TemplateField
 
 Filters = Float32[np.ndarray, "filtered places"]
 """One row for each bin and place: what it takes of a line of pixels."""
@@ -35,7 +36,7 @@ def smoothed_gradients(image: Image) -> Field:
     return np.asarray(cv2.merge([right, up]), dtype=np.float32)
 
 
-def sift_surface(window: Field, template: TemplateField) -> Surface:
+def sift_surface(window: Field, template: TemplateField) -> ScoreMap:
     """Less the distance between a template's descriptor and that of every place of a window.
 
     Args:

@@ -14,7 +14,8 @@ from jaxtyping import UInt8
 
 from core.matching.dense_orb import orb_surface, smoothed_for_orb
 from core.matching.dense_sift import sift_surface, smoothed_gradients
-from core.matching.similarity import Description, Image, Surface, Template
+from core.matching.peaks import ScoreMap
+from core.matching.template_search import Description, Image, Template
 
 Gray8 = UInt8[np.ndarray, "rows columns"]
 """What OpenCV describes."""
@@ -38,7 +39,7 @@ class SiftOperator:
         """The same of the ortho."""
         return (smoothed_gradients(reference),)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Less the distance of descriptors of unit length, so that the highest is the nearest."""
         return sift_surface(around[0], patch[0])
 
@@ -59,7 +60,7 @@ class OrbOperator:
         """The same of the ortho."""
         return (smoothed_for_orb(reference, self.template_half_px),)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Less the share of differing bits."""
         return orb_surface(around[0], patch[0])
 
@@ -80,7 +81,7 @@ class AkazeOperator:
         """Grey values."""
         return (reference,)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Less the share of differing bits; OpenCV 5 keeps AKAZE elsewhere: see `has_akaze`."""
         library = cast("Any", cv2)
         akaze = library.AKAZE_create(descriptor_type=library.AKAZE_DESCRIPTOR_MLDB_UPRIGHT)
@@ -96,7 +97,7 @@ def has_akaze() -> bool:
 
 def described_surface(
     extractor: Any, around: Image, patch: Template, size: float, scale: float
-) -> Surface:
+) -> ScoreMap:
     """Less the distance between the patch's middle and every place of the window."""
     rows = around.shape[0] - patch.shape[0] + 1
     columns = around.shape[1] - patch.shape[1] + 1

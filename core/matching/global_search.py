@@ -15,9 +15,10 @@ from scipy import fft
 
 from core.arrays import Mask, PlanPosition
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
-from core.geometry.robust import robust_sigma
+from core.matching.operators import doubled_angle_field
 from core.matching.patches import filled
-from core.matching.similarity import Image, Surface, doubled_angle_field
+from core.matching.peaks import ScoreMap, highest_places, level_and_spread
+from core.matching.template_search import Image
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 
@@ -27,6 +28,8 @@ LEAST_COVER = 0.05
 """A trial whose picture fills less of its grid than this says nothing."""
 NOTHING = 1e-6
 """Likeness no better than this is that of blank ground."""
+APART_PX = 4
+"""Two shifts of one turn and scale are further apart than this in one direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,19 +167,16 @@ class Level:
         surface = self.similarity(template, mask)
         if float(np.max(surface)) <= NOTHING:
             return []
-        middle = float(np.median(surface))
-        spread = robust_sigma(surface - middle) + 1e-9
+        middle, spread = level_and_spread(surface)
         found: list[Turn] = []
-        for _ in range(count):
-            row, column = (int(i) for i in np.unravel_index(int(np.argmax(surface)), surface.shape))
+        for row, column in highest_places(surface, count, APART_PX):
             value = float(surface[row, column])
             east = self.east_m + (column - self.radius_px) * self.gsd_m
             north = self.north_m - (row - self.radius_px) * self.gsd_m
             found.append(Turn(kappa, scale, east, north, value, (value - middle) / spread))
-            surface[max(row - 4, 0) : row + 5, max(column - 4, 0) : column + 5] = middle
         return found
 
-    def similarity(self, template: AngleField, mask: Mask) -> Surface:
+    def similarity(self, template: AngleField, mask: Mask) -> ScoreMap:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
         common: Any = fft.ifft2(self.field * np.conj(forward(template, self.shape)))

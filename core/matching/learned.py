@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from core.errors import ProjectError
-from core.matching.similarity import Description, Image, Surface, channel_surface
+from core.matching.peaks import ScoreMap
+from core.matching.template_search import Description, Image, channel_scores
 
 Features = Float32[np.ndarray, "channels rows columns"]
 LEARNED = "learned"
@@ -50,9 +51,9 @@ class LearnedOperator:
         """The same of the ortho."""
         return described(self.network, reference)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Correlation of all channels."""
-        return channel_surface(around, patch)
+        return channel_scores(around, patch)
 
 
 def check_network(file: Path) -> None:

@@ -13,8 +13,9 @@ from core.geometry.consensus import Candidates
 from core.geometry.resection import PhotoModel
 from core.matching.operators import GREY, Operator, operator_named
 from core.matching.patches import OpenPhoto, Pair, Window, read_pair
+from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
 from core.matching.reference import Reference
-from core.matching.similarity import Description, Surface, SurfacePeak, detect_peaks
+from core.matching.template_search import Description
 from core.progress import Progress, Silent
 
 Members = Int[np.ndarray, "members"]
@@ -100,13 +101,13 @@ class Images:
     reference: Mapping[str, Description]
     """What each compares of the reference."""
 
-    def surface(self, operator: str, around: Slices, patch: Slices) -> Surface:
+    def surface(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
         """Likeness of a patch of the reference at every place within a part of the scan."""
         return self.operators[operator].surface(
             cut(self.scan[operator], around), cut(self.reference[operator], patch)
         )
 
-    def mirrored_surface(self, operator: str, around: Slices, patch: Slices) -> Surface:
+    def mirrored_surface(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
         """The same with the patch mirrored before it is described: whatever it finds is wrong."""
         made = self.operators[operator]
         mirrored = made.of_reference(
@@ -275,15 +276,15 @@ def parts_about(
 
 
 def merged(
-    surfaces: Mapping[str, Surface], options: MatchingOptions
-) -> list[tuple[str, SurfacePeak]]:
+    surfaces: Mapping[str, ScoreMap], options: MatchingOptions
+) -> list[tuple[str, ScorePeak]]:
     """Peaks of all operators, best first; two operators at one place make one candidate."""
-    every: list[tuple[str, SurfacePeak]] = []
+    every: list[tuple[str, ScorePeak]] = []
     for operator, surface in surfaces.items():
         for peak in detect_peaks(surface, options.peaks, SEPARATION_PX):
             every.append((operator, peak))
     every.sort(key=lambda named: -named[1].z)
-    kept: list[tuple[str, SurfacePeak]] = []
+    kept: list[tuple[str, ScorePeak]] = []
     for operator, peak in every:
         same = [index for index, (_, other) in enumerate(kept) if close(peak, other)]
         if not same:
@@ -293,7 +294,7 @@ def merged(
     return kept
 
 
-def close(one: SurfacePeak, other: SurfacePeak) -> bool:
+def close(one: ScorePeak, other: ScorePeak) -> bool:
     """Whether two peaks are one place."""
     return bool(np.hypot(one.column - other.column, one.row - other.row) <= SAME_PLACE_PX)
 

@@ -14,19 +14,22 @@ import numpy as np
 
 from core.matching.descriptors import AkazeOperator, OrbOperator, SiftOperator
 from core.matching.learned import LEARNED, LearnedOperator
-from core.matching.similarity import (
+from core.matching.peaks import FLAT, ScoreMap
+from core.matching.template_search import (
     Description,
     Field,
     Image,
-    Surface,
-    channel_surface,
-    doubled_angle_field,
-    gradient_surface,
-    high_passed,
-    ncc_surface,
+    channel_scores,
+    correlation_scores,
+    cosine_scores,
     normalised,
+    sum_of_products,
 )
 
+GRAIN_SIGMA_PX = 0.7
+GRADIENT_SIGMA_PX = 1.2
+REDUCED_SIGMA_PX = 5.0
+"""A wide mean is found on an image so far reduced that it still spans this many pixels."""
 CHANNELS = 9
 """Orientations of CFOG."""
 CFOG_SIGMA_PX = 0.8
@@ -57,7 +60,7 @@ class Operator(Protocol):
         """What is compared of the ortho, and of the roads drawn into the same window."""
         ...
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Likeness at every place of a patch of the reference within a window of the scan."""
         ...
 
@@ -76,9 +79,9 @@ class NccOperator:
         """Grey values."""
         return (reference,)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Pearson's correlation."""
-        return ncc_surface(around[0], patch[0])
+        return correlation_scores(around[0], patch[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +100,9 @@ class HighPassOperator:
         """A band of detail."""
         return (high_passed(reference, self.sigma_px),)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Pearson's correlation."""
-        return ncc_surface(around[0], patch[0])
+        return correlation_scores(around[0], patch[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +119,9 @@ class GradientOperator:
         """Field of doubled angles."""
         return (doubled_angle_field(reference),)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Re sum(conj(z_T) z_S) / sqrt(sum |z_T|^2 sum |z_S|^2)."""
-        return gradient_surface(around[0], patch[0])
+        return cosine_scores(around[0], patch[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +138,9 @@ class CfogOperator:
         """The same of the ortho."""
         return oriented_channels(reference)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Correlation of all channels; as they have equal length, it ranks as squares would."""
-        return channel_surface(around, patch)
+        return channel_scores(around, patch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +158,7 @@ class RoadOperator:
         """Field of the drawn roads where it is compared, and the weight of each pixel."""
         return drawn_field(roads)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """The weighted likeness; nought where no road is drawn."""
         return road_surface(around, patch, road_content(patch)[0])
 
@@ -175,13 +178,55 @@ class FusedOperator:
         """Field of the ortho, then that of the roads with its weights."""
         return doubled_angle_field(reference), *drawn_field(roads)
 
-    def surface(self, around: Description, patch: Description) -> Surface:
+    def surface(self, around: Description, patch: Description) -> ScoreMap:
         """Mean of both likenesses; where no road is drawn, that of the ortho alone."""
-        ortho = gradient_surface(around[0], patch[0])
+        ortho = cosine_scores(around[0], patch[0])
         energy, along = road_content(patch[1:])
         if not fixed_by_roads(energy, along):
             return ortho
         return (ortho + road_surface(around, patch[1:], energy)) / np.float32(2)
+
+
+def high_passed(image: Image, sigma_px: float) -> Image:
+    """Grey values less their surroundings, with the grain smoothed: a band of detail."""
+    fine = cv2.GaussianBlur(image, (0, 0), GRAIN_SIGMA_PX)
+    return np.asarray(fine - surroundings(image, sigma_px), dtype=np.float32)
+
+
+def surroundings(image: Image, sigma_px: float) -> Image:
+    """Gaussian mean about every place; where it is wide, found on a reduced image."""
+    size = int(sigma_px / REDUCED_SIGMA_PX)
+    rows, columns = image.shape
+    if size < 2 or min(rows, columns) < 8 * size:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
+    shape = (-(-columns // size), -(-rows // size))
+    # Less one of its values, so that rounding leaves a flat image flat.
+    level = image[0, 0]
+    small = cv2.resize(image - level, shape, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma_px / size)
+    whole = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(whole + level, dtype=np.float32)
+
+
+def doubled_angle_field(image: Image) -> Field:
+    """Gradient direction doubled, weighted from 0 (flat) to 1: z = g^2 / (|g|^2 + tau^2).
+
+    Returns:
+        Real and imaginary part of z; tau is the 60th percentile of |g|.
+    """
+    smooth = cv2.GaussianBlur(image, (0, 0), GRADIENT_SIGMA_PX)
+    right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
+    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+    across, along = right * right, down * down
+    squared = across + along
+    tau_squared = float(np.percentile(squared[::3, ::3], 60)) + FLAT
+    squared += np.float32(tau_squared)
+    across -= along
+    across /= squared
+    right *= down
+    right *= np.float32(2)
+    right /= squared
+    return np.asarray(cv2.merge([across, right]), dtype=np.float32)
 
 
 def oriented_channels(image: Image) -> Description:
@@ -247,14 +292,14 @@ def drawn_field(roads: Image) -> Description:
     return np.asarray(field * cv2.merge([weight, weight]), dtype=np.float32), weight
 
 
-def road_surface(around: Description, patch: Description, energy: float) -> Surface:
+def road_surface(around: Description, patch: Description, energy: float) -> ScoreMap:
     """Re sum(w conj(z_T) z_S) / sqrt(sum w |z_T|^2 sum w |z_S|^2), w of the drawn roads."""
     field, weight = patch
     shape = np.array(around[1].shape) - weight.shape + 1
     if energy < LEAST_ROAD_PX:
         return np.zeros(tuple(shape), np.float32)
-    product = cv2.matchTemplate(around[0], field, cv2.TM_CCORR)
-    seen = cv2.matchTemplate(around[1], weight, cv2.TM_CCORR)
+    product = sum_of_products(around[:1], (field,))
+    seen = sum_of_products(around[1:], (weight,))
     return normalised(product, seen, energy)
 
 

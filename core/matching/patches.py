@@ -11,7 +11,7 @@ from core.block import Photo
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.matching.reference import Reference
-from core.matching.similarity import Image
+from core.matching.template_search import Image
 from core.raster.dem import Dem
 from core.raster.grid import Grid
 from core.raster.scan_file import ScanFile, read_window

@@ -6,10 +6,12 @@ fraction: unlike a parabola through the peak it does not lean towards whole pixe
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
 from scipy import ndimage
+
+from core.matching.peaks import highest_places
+from core.matching.template_search import correlation_scores
 
 Patch = Float32[np.ndarray, "_ _"]
 SMOOTHING_PX = 0.8
@@ -48,19 +50,15 @@ def find_shift(
     """
     if min(float(np.std(template)), float(np.std(image))) < 1e-3:
         return None
-    correlation = np.asarray(cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED))
-    row, column = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
-    place = (int(row), int(column))
+    scores = correlation_scores(image, template)
+    place, *others = highest_places(scores, 2, neighbourhood_px)
     at_edge = min(place) == 0 or max(place) == 2 * search_px
     fraction = _fraction(template, image, place)
-    others = correlation.copy()
-    near = neighbourhood_px
-    others[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = -1
     return Shift(
-        column=column - search_px + fraction[0],
-        row=row - search_px + fraction[1],
-        peak=float(correlation[row, column]),
-        second=float(others.max()),
+        column=place[1] - search_px + fraction[0],
+        row=place[0] - search_px + fraction[1],
+        peak=float(scores[place]),
+        second=float(scores[others[0]]) if others else -1.0,
         at_edge=at_edge,
     )
 

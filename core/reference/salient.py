@@ -14,11 +14,12 @@ import shapely
 from jaxtyping import Bool, Float32, Float64, Int64
 from rasterio.features import geometry_mask
 from rasterio.transform import Affine
-from scipy.ndimage import maximum_filter
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask, Position, locked
 from core.geometry.crs import Bounds, shared_bounds
+from core.matching.peaks import local_maxima
+from core.matching.template_search import correlation_scores
 from core.progress import Progress, Silent, tracked
 from core.raster.dem import Dem
 from core.raster.grid import Grid
@@ -219,9 +220,8 @@ def self_similarity(gray: Gray, column: int, row: int, options: SalientOptions) 
     patch = gray[row - half : row + half + 1, column - half : column + half + 1]
     if float(patch.std()) < 1e-3:
         return 1.0
-    likeness = cv2.matchTemplate(search, patch, cv2.TM_CCOEFF_NORMED)
-    peak = maximum_filter(likeness, size=5) == likeness
-    down, across = np.nonzero(peak & np.isfinite(likeness))
+    likeness = correlation_scores(search, patch)
+    down, across = np.nonzero(local_maxima(likeness, 2))
     away = np.hypot(down - (row - half - top), across - (column - half - left))
     others = likeness[down, across][away > options.template_px / 8]
     return float(others.max()) if len(others) else -1.0
@@ -270,8 +270,7 @@ def _in_tile(
     for column, row in np.floor(near).astype(int).tolist():
         cv2.circle(strength, (column, row), options.template_px // 2, 0.0, cv2.FILLED)
     # Strongest within half a template on either side, so that no two templates share a middle.
-    window = np.ones((options.template_px,) * 2, np.uint8)
-    peak = (strength > 0) & (strength >= cv2.dilate(strength, window))
+    peak = (strength > 0) & local_maxima(strength, options.template_px // 2)
     peak[: tile.margin], peak[:, : tile.margin] = False, False
     peak[tile.margin + rows :], peak[:, tile.margin + columns :] = False, False
     places = np.argwhere(peak)[:, ::-1]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from core.doubts import Doubt
+from core.matching.template_search import correlation_scores
 from core.raster.scan_file import ScanFile, read_overview
 from core.scans.film_area import FilmArea
 from core.scans.layouts import UPRIGHT, WAYS, Way
@@ -69,8 +70,7 @@ def _heart(look: Look) -> Heart:
 def _alike(first: np.ndarray, second: np.ndarray) -> float:
     """Greatest correlation within a few cells of shift."""
     inner = np.ascontiguousarray(second[SHIFT_CELLS:-SHIFT_CELLS, SHIFT_CELLS:-SHIFT_CELLS])
-    field = cv2.matchTemplate(np.ascontiguousarray(first), inner, cv2.TM_CCOEFF_NORMED)
-    return float(np.nan_to_num(field).max())
+    return float(correlation_scores(np.ascontiguousarray(first), inner).max())
 
 
 def _same(first: str, second: str, likeness: float) -> Doubt:

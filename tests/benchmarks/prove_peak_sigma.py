@@ -15,7 +15,8 @@ import sys
 import cv2
 import numpy as np
 
-from core.matching.similarity import detect_peaks
+from core.matching.peaks import detect_peaks
+from core.matching.template_search import correlation_scores
 
 HALF, SIDE, REACH = 20, 121, 4
 
@@ -63,7 +64,7 @@ def measured(rng: np.random.Generator, blur: float, noise: float, grain: float):
     scan, middle = moved + noise * blurred_noise(rng, grain), SIDE // 2
     template = ground[middle - HALF : middle + HALF + 1, middle - HALF : middle + HALF + 1]
     searched = scan[30:-30, 30:-30]
-    peak = detect_peaks(cv2.matchTemplate(searched, template, cv2.TM_CCOEFF_NORMED), 1, 3)[0]
+    peak = detect_peaks(correlation_scores(searched, template), 1, 3)[0]
     row, column = round(peak.row), round(peak.column)
     window = searched[row : row + 2 * HALF + 1, column : column + 2 * HALF + 1]
     error = np.array([peak.column, peak.row]) - (middle - HALF - 30) - shift

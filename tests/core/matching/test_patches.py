@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.geometry.exterior import ExteriorOrientation
+from core.matching.operators import high_passed
 from core.matching.patches import (
     Window,
     filled,
@@ -15,7 +16,8 @@ from core.matching.patches import (
     upsampled,
     warped_reference,
 )
-from core.matching.similarity import detect_peaks, high_passed, ncc_surface
+from core.matching.peaks import detect_peaks
+from core.matching.template_search import correlation_scores
 
 SIDE, ROOM = 161, 8
 PLACES = [(0.35, 0.35), (0.65, 0.35), (0.5, 0.5), (0.35, 0.65), (0.68, 0.6)]
@@ -32,7 +34,7 @@ def shift_between(pair) -> tuple[np.ndarray, float]:
     """Shift (column, row) of the scan against the warped reference, pixels, and likeness."""
     scan, reference = high_passed(pair.scan, 10.0), high_passed(pair.reference, 10.0)
     patch = np.ascontiguousarray(reference[ROOM:-ROOM, ROOM:-ROOM])
-    peak = detect_peaks(ncc_surface(scan, patch), 1, 4)[0]
+    peak = detect_peaks(correlation_scores(scan, patch), 1, 4)[0]
     return np.array([peak.column - ROOM, peak.row - ROOM]), peak.value
 
 

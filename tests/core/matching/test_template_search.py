@@ -1,17 +1,18 @@
-"""Two operators, and the maxima of what they say."""
+"""A template searched in a window."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from scipy.signal import correlate2d
 
-from core.matching.similarity import (
-    detect_peaks,
-    doubled_angle_field,
-    gradient_surface,
-    high_passed,
-    measure_peak,
-    ncc_surface,
+from core.matching.operators import doubled_angle_field, high_passed
+from core.matching.peaks import detect_peaks
+from core.matching.template_search import (
+    channel_scores,
+    correlation_scores,
+    cosine_scores,
+    finite,
+    normalised,
+    sum_of_products,
 )
 
 HALF, SEARCH = 30, 12
@@ -41,11 +42,13 @@ def trimmed(image: np.ndarray) -> np.ndarray:
 
 
 def ncc(window: np.ndarray, template: np.ndarray) -> np.ndarray:
-    return ncc_surface(trimmed(high_passed(window, 10.0)), trimmed(high_passed(template, 10.0)))
+    return correlation_scores(
+        trimmed(high_passed(window, 10.0)), trimmed(high_passed(template, 10.0))
+    )
 
 
 def gradient(window: np.ndarray, template: np.ndarray) -> np.ndarray:
-    return gradient_surface(
+    return cosine_scores(
         trimmed(doubled_angle_field(window)), trimmed(doubled_angle_field(template))
     )
 
@@ -53,8 +56,8 @@ def gradient(window: np.ndarray, template: np.ndarray) -> np.ndarray:
 OPERATORS = {"ncc": ncc, "gradient": gradient}
 
 
-def top(surface: np.ndarray):
-    return detect_peaks(surface, 1, 4)[0]
+def top(scores: np.ndarray):
+    return detect_peaks(scores, 1, 4)[0]
 
 
 @pytest.mark.parametrize("operator", OPERATORS)
@@ -87,54 +90,6 @@ def test_brightness_and_contrast_do_not_matter__law(operator):
     np.testing.assert_allclose(one, other, atol=2e-3)
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10_000), st.integers(1, 6), st.integers(0, 3))
-def test_no_two_peaks_are_closer_than_said_and_none_is_near_the_rim__law(seed, apart, flatness):
-    """Whatever the surface, plateaus of rounded values included."""
-    rng = np.random.default_rng(seed)
-    surface = np.round(rng.normal(size=(31, 37)) * 4 ** (3 - flatness)).astype(np.float32)
-    peaks = detect_peaks(surface, 6, apart)
-    places = np.round([(peak.column, peak.row) for peak in peaks]).reshape(-1, 2)
-    for index, place in enumerate(places):
-        assert (place >= apart - 1).all()
-        assert (place <= np.array([36, 30]) - apart + 1).all()
-        others = np.abs(places[index + 1 :] - place).max(axis=1)
-        assert (others >= apart - 1).all()  # each within 0.6 of its own pixel
-    values = [peak.value for peak in peaks]
-    assert values == sorted(values, reverse=True)
-
-
-def test_a_flat_top_is_one_peak__truth():
-    row, column = np.mgrid[:41, :41]
-    surface = np.minimum(np.exp(-((row - 20) ** 2 + (column - 18) ** 2) / 60), 0.97)
-    peaks = detect_peaks(surface.astype(np.float32), 5, 4)
-    assert len(peaks) == 1
-    assert np.hypot(peaks[0].column - 18, peaks[0].row - 20) < 5
-
-
-def test_a_broad_maximum_is_one_peak_and_its_sides_are_none__truth():
-    row, column = np.mgrid[:61, :61]
-    surface = np.exp(-((row - 30.3) ** 2 + (column - 24.7) ** 2) / 200).astype(np.float32)
-    peaks = detect_peaks(surface, 3, 4)
-    assert len(peaks) == 1
-    assert (peaks[0].column, peaks[0].row) == pytest.approx((24.7, 30.3), abs=0.02)
-
-
-@pytest.mark.parametrize("place", [(0, 0), (0, 15), (15, 40), (2, 20), (15, 37)])
-def test_a_maximum_at_the_rim_is_none__truth(place):
-    """The surface may go on rising outside."""
-    row, column = np.mgrid[:31, :41]
-    surface = np.exp(-((row - place[0]) ** 2 + (column - place[1]) ** 2) / 40).astype(np.float32)
-    assert detect_peaks(surface, 3, 4) == ()
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (2, 2), (3, 9), (5, 5), (9, 9)])
-def test_a_small_surface_breaks_nothing__law(shape):
-    surface = np.random.default_rng(0).normal(size=shape).astype(np.float32)
-    for peak in detect_peaks(surface, 3, 4):
-        assert np.isfinite([peak.column, peak.row, peak.z, peak.sigma_px]).all()
-
-
 @pytest.mark.parametrize("operator", OPERATORS)
 def test_flat_windows_and_flat_templates_have_no_peak__truth(operator):
     flat = np.full((2 * (HALF + SEARCH + RIM) + 1,) * 2, 180, np.float32)
@@ -151,24 +106,56 @@ def test_flat_windows_and_flat_templates_have_no_peak__truth(operator):
 def test_values_that_are_none_have_no_peak__truth(operator):
     window, template = picture(HALF + SEARCH, 0), picture(HALF, 0)
     window[40:60, 40:60] = np.nan
-    surface = OPERATORS[operator](window, template)
-    assert np.isfinite(surface).all()
-    for peak in detect_peaks(surface, 3, 4):
+    scores = OPERATORS[operator](window, template)
+    assert np.isfinite(scores).all()
+    for peak in detect_peaks(scores, 3, 4):
         assert np.isfinite([peak.column, peak.row, peak.value, peak.z, peak.sigma_px]).all()
         assert peak.value < 0.5
     empty = np.full_like(window, np.nan)
     assert detect_peaks(OPERATORS[operator](empty, template), 3, 4) == ()
 
 
-def test_a_sharp_peak_is_better_placed_than_a_dull_one__law():
-    row, column = np.mgrid[:41, :41]
+def test_correlation_is_that_of_numpy__oracle():
+    rng = np.random.default_rng(3)
+    window, template = (rng.normal(size=(n, n)).astype(np.float32) for n in (12, 5))
+    scores = correlation_scores(window, template)
+    assert scores.shape == (8, 8)
+    for row, column in ((0, 0), (3, 6), (7, 7)):
+        part = window[row : row + 5, column : column + 5]
+        expected = np.corrcoef(part.ravel(), template.ravel())[0, 1]
+        assert scores[row, column] == pytest.approx(expected, abs=1e-5)
 
-    def sigma(width):
-        hill = np.exp(-((row - 20) ** 2 + (column - 20) ** 2) / (2 * width**2))
-        return measure_peak(hill.astype(np.float32), 20, 20, 0.0, 0.3).sigma_px
 
-    sizes = [sigma(width) for width in (0.7, 3.0, 5.0, 7.0, 20.0)]
-    assert sizes == sorted(sizes)
-    assert (sizes[0], sizes[-1]) == (0.2, 3.0)
-    # Noise over curvature: twice the width, four times the standard deviation.
-    assert sigma(6.0) == pytest.approx(4 * sigma(3.0), rel=0.1)
+def test_sums_of_products_over_layers_are_those_of_scipy__oracle():
+    rng = np.random.default_rng(4)
+    window, template = (
+        [rng.normal(size=(n, n, 3)).astype(np.float32), rng.normal(size=(n, n)).astype(np.float32)]
+        for n in (14, 6)
+    )
+    layers = [(window[0][:, :, i], template[0][:, :, i]) for i in range(3)]
+    layers.append((window[1], template[1]))
+    expected = sum(correlate2d(*pair, mode="valid") for pair in layers)
+    np.testing.assert_allclose(sum_of_products(window, template), expected, atol=1e-4)
+
+
+def test_channels_score_one_where_the_template_was_cut__truth():
+    rng = np.random.default_rng(5)
+    channels = rng.uniform(0, 1, (20, 20, 3)).astype(np.float32)
+    energy = np.asarray(np.sum(channels**2, axis=2), np.float32)
+    part = np.s_[6:13, 9:16]
+    cut = tuple(np.ascontiguousarray(layer[part]) for layer in (channels, energy))
+    scores = channel_scores((channels, energy), cut)
+    assert np.unravel_index(int(np.argmax(scores)), scores.shape) == (6, 9)
+    assert scores[6, 9] == pytest.approx(1.0, abs=1e-4)
+    assert scores.max() <= 1.0 + 1e-4
+
+
+def test_places_without_energy_score_nought__law():
+    product = np.array([[2.0, 3.0], [1.0, 0.0]], np.float32)
+    energy = np.array([[4.0, 0.0], [1.0, 1e-9]], np.float32)
+    np.testing.assert_allclose(normalised(product, energy, 1.0), [[1, 0], [1, 0]], atol=1e-6)
+
+
+def test_what_is_no_correlation_counts_as_nought__law():
+    scores = np.array([[np.nan, np.inf, 0.4], [1.0, -1.0, 1.5]], np.float32)
+    np.testing.assert_array_equal(finite(scores), np.float32([[0, 0, 0.4], [1, -1, 0]]))

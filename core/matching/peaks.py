@@ -1,0 +1,159 @@
+"""Peaks of a score map: found, refined to a part of a pixel, with how well their place is known."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from core.arrays import Mask
+from core.geometry.robust import robust_sigma
+
+ScoreMap = Float32[np.ndarray, "shifts_down shifts_right"]
+"""How alike a template and a window are, up to 1, by the template's displacement in the window."""
+Neighbours = Float64[np.ndarray, "3 3"]
+"""A value of a score map and those about it."""
+# design: far below the scatter of any score map, far above rounding: it keeps divisions finite.
+FLAT = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class ScorePeak:
+    """A maximum of a score map."""
+
+    column: float
+    """Displacement index to the right, sub-pixel."""
+    row: float
+    """Displacement index downwards, sub-pixel."""
+    value: float
+    """The score itself."""
+    z: float
+    """Height above the map's median in robust standard deviations."""
+    sigma_px: float
+    """Standard deviation of the place per axis, from the curvature of the peak, pixels."""
+
+
+def detect_peaks(scores: ScoreMap, count: int, separation_px: int) -> tuple[ScorePeak, ...]:
+    """The highest maxima of a score map, no two of them closer than `separation_px`.
+
+    A maximum near the rim is none: the scores may go on rising outside.
+    """
+    middle, spread = level_and_spread(scores)
+    maxima = local_maxima(scores, separation_px)
+    inner = np.zeros_like(maxima)
+    rim = min(separation_px, (min(scores.shape) - 1) // 2)
+    inner[rim:-rim, rim:-rim] = True
+    maxima &= inner
+    maxima &= scores > middle + FLAT
+    rows, columns = np.nonzero(maxima)
+    order = np.argsort(-scores[rows, columns], kind="stable")
+    apart: list[tuple[int, int]] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        # Neighbouring pixels of one flat top are all maxima: the first stands for them.
+        if all(max(abs(row - r), abs(column - c)) > separation_px for r, c in apart):
+            apart.append((row, column))
+        if len(apart) == count:
+            break
+    return tuple(measure_peak(scores, row, column, middle, spread) for row, column in apart)
+
+
+def nearest_peak(scores: ScoreMap, column: float, row: float, reach_px: float) -> ScorePeak | None:
+    """The maximum nearest to a place of a score map in robust deviations; None if none is near.
+
+    Args:
+        scores: Heights above the median in robust standard deviations.
+        column: Displacement index to the right.
+        row: Displacement index downwards.
+        reach_px: How far from there a maximum may lie, pixels.
+    """
+    reach = int(np.ceil(reach_px)) + 1
+    left, top = round(column) - reach, round(row) - reach
+    around = np.ascontiguousarray(
+        scores[top : top + 2 * reach + 1, left : left + 2 * reach + 1], dtype=np.float32
+    )
+    rows, columns = np.nonzero(local_maxima(around, 1))
+    away = np.hypot(columns + left - column, rows + top - row)
+    if len(away) == 0 or away.min() > reach_px:
+        return None
+    nearest = int(np.argmin(away))
+    return measure_peak(scores, top + int(rows[nearest]), left + int(columns[nearest]), 0.0, 1.0)
+
+
+def highest_places(scores: ScoreMap, count: int, separation_px: int) -> list[tuple[int, int]]:
+    """Row and column of the highest scores, each further than `separation_px` from those before.
+
+    Other than peaks they may lie at the rim or on the side of a higher one.
+    """
+    left = scores.copy()
+    places: list[tuple[int, int]] = []
+    while len(places) < count:
+        row, column = (int(i) for i in np.unravel_index(int(np.argmax(left)), left.shape))
+        if np.isneginf(left[row, column]):
+            break
+        places.append((row, column))
+        top, first = max(row - separation_px, 0), max(column - separation_px, 0)
+        left[top : row + separation_px + 1, first : column + separation_px + 1] = -np.inf
+    return places
+
+
+def local_maxima(scores: Float32[np.ndarray, "rows columns"], separation_px: int) -> Mask:
+    """Where nothing within so many pixels, diagonals included, is higher."""
+    kernel = np.ones((2 * separation_px + 1, 2 * separation_px + 1), np.uint8)
+    return np.asarray(scores >= cv2.dilate(scores, kernel))
+
+
+def level_and_spread(scores: Float32[np.ndarray, "..."]) -> tuple[float, float]:
+    """Median and robust standard deviation of scores: what heights of peaks are counted in."""
+    middle = float(np.median(scores))
+    return middle, robust_sigma(scores - middle) + FLAT
+
+
+def measure_peak(
+    scores: ScoreMap, row: int, column: int, middle: float, spread: float
+) -> ScorePeak:
+    """Sub-pixel place of a maximum by the paraboloid through its 3 x 3 neighbours' logarithms.
+
+    Scores fall off as a bell does: a paraboloid through the values themselves would pull narrow
+    peaks towards whole pixels (Raffel et al., *Particle Image Velocimetry*, three-point Gaussian
+    estimator).
+
+    The standard deviation comes from noise / curvature; the noise of the scores near the peak
+    is taken as a share of their spread, because neighbouring values are correlated.
+    """
+    around = scores[row - 1 : row + 2, column - 1 : column + 2].astype(np.float64)
+    curvature = np.linalg.eigvalsh(_slope_and_curvature(around)[1])
+    if curvature[1] < -FLAT:
+        step = _summit(around, middle)
+        sigma = 0.1 * spread / np.sqrt(curvature[0] * curvature[1])
+    else:
+        step, sigma = np.zeros(2), 3.0
+    return ScorePeak(
+        column=column + float(step[0]),
+        row=row + float(step[1]),
+        value=float(around[1, 1]),
+        z=(float(around[1, 1]) - middle) / spread,
+        sigma_px=float(np.clip(sigma, 0.2, 3.0)),
+    )
+
+
+def _summit(around: Neighbours, middle: float) -> Float64[np.ndarray, "2"]:
+    """Where the peak within 3 x 3 values is, columns and rows from the middle one."""
+    above = around - middle
+    for values in (np.log(above) if above.min() > 0.05 * above[1, 1] else None, around):
+        if values is None:
+            continue
+        slope, curvature = _slope_and_curvature(values)
+        if np.linalg.eigvalsh(curvature)[1] < -FLAT:
+            return np.clip(-np.linalg.solve(curvature, slope), -0.6, 0.6)
+    return np.zeros(2)
+
+
+def _slope_and_curvature(
+    around: Neighbours,
+) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2 2"]]:
+    """First and second derivatives (column, row) in the middle of 3 x 3 values."""
+    slope = np.array([around[1, 2] - around[1, 0], around[2, 1] - around[0, 1]]) / 2
+    mixed = (around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]) / 4
+    across = around[1, 2] - 2 * around[1, 1] + around[1, 0]
+    down = around[2, 1] - 2 * around[1, 1] + around[0, 1]
+    return slope, np.array([[across, mixed], [mixed, down]])
