@@ -8,7 +8,12 @@ from scipy import stats
 from app.report_content import ReportContent
 from core.arrays import ObjectPoints
 from core.geometry.robust import robust_sigma
-from core.mosaic.comparison import OUTLIER_RULE, MosaicAccuracy, rms_interval
+from core.mosaic.comparison import (
+    OUTLIER_RULE,
+    MosaicAccuracy,
+    circular_error_90,
+    rms_interval,
+)
 
 ASPRS_LEAST = 30
 """Check points below which the ASPRS standard (Ed. 2, 2023) allows no statement."""
@@ -63,7 +68,7 @@ def horizontal(differences: ObjectPoints) -> dict[str, Any]:
         "nmad": [robust_sigma(axis) for axis in (plan - median).T],
         "mean_length": float(lengths.mean()),
         "largest": float(lengths.max()),
-        "circular_error_90": float(1.5175 * m_p / np.sqrt(2)),
+        "circular_error_90": circular_error_90(m_p),
     }
 
 
@@ -83,7 +88,7 @@ def comparison_accuracy(name: str, accuracy: MosaicAccuracy) -> dict[str, Any]:
         "nmad": list(accuracy.nmad),
         "largest": accuracy.largest,
         "m_p_with_mismatches": accuracy.m_p_with_mismatches,
-        "circular_error_90": float(accuracy.circular_error_90),
+        "circular_error_90": accuracy.circular_error_90,
         "refused": dict(accuracy.refused),
         "ground_sample_distance_m": accuracy.ground_sample_distance_m,
         "rule": OUTLIER_RULE,

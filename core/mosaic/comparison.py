@@ -111,8 +111,8 @@ class MosaicAccuracy:
 
     @property
     def circular_error_90(self) -> float:
-        """CE90 = 1.5175 times the root mean square of both coordinates, metres."""
-        return 1.5175 * self.m_p / np.sqrt(2)
+        """Radius of the circle that holds 90 % of the errors, metres."""
+        return circular_error_90(self.m_p)
 
 
 def compare_orthos(
@@ -270,6 +270,18 @@ def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
         ground_sample_distance_m=grid.ground_sample_distance_m,
         places=places,
     )
+
+
+def circular_error_90(m_p: float) -> float:
+    """CE90: the radius that holds 90 % of normal errors alike in both coordinates.
+
+    The length of such errors has the Rayleigh distribution 1 - exp(-r^2 / m_p^2), so the factor is
+    the root of ln 10 = 1.5174. FGDC-STD-007.3-1998 rounds it to 1.5175 in its appendix 3-D.
+
+    Args:
+        m_p: Root of the mean squared length of the errors, of both coordinates together.
+    """
+    return float(m_p * np.sqrt(np.log(10)))
 
 
 def rms_interval(rms: float, degrees_of_freedom: int) -> tuple[float, float]:

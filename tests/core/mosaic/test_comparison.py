@@ -7,7 +7,12 @@ from affine import Affine
 from scipy import ndimage
 
 from core.errors import CrsError, ReferenceDataError
-from core.mosaic.comparison import ComparisonOptions, compare_orthos, rms_interval
+from core.mosaic.comparison import (
+    ComparisonOptions,
+    circular_error_90,
+    compare_orthos,
+    rms_interval,
+)
 
 CRS = "EPSG:32633"
 WEST, NORTH = 500_000.0, 4_100_000.0
@@ -155,3 +160,11 @@ def test_interval_of_a_root_mean_square__paper():
     low, high = rms_interval(1.0, 10)
     assert low == pytest.approx(np.sqrt(10 / 20.483), rel=1e-4)
     assert high == pytest.approx(np.sqrt(10 / 3.247), rel=1e-4)
+
+
+def test_nine_in_ten_normal_errors_lie_within_ce90__law():
+    errors = np.random.default_rng(17).normal(0, 0.4, (100_000, 2))
+    lengths = np.linalg.norm(errors, axis=1)
+    radius = circular_error_90(float(np.sqrt(np.mean(lengths**2))))
+    # The share of 100,000 draws has a standard deviation of 0.00095.
+    assert np.mean(lengths < radius) == pytest.approx(0.9, abs=0.003)
