@@ -14,6 +14,7 @@ from app import verbs
 from app.settings import Settings
 from app.terminal import JsonLines, Terminal, Voice
 from core.errors import Cancelled, PhotogrammetryError
+from ui.words.catalogue import LANGUAGES
 
 Verbs = Any
 """What `add_subparsers` returns; argparse keeps the name of its type to itself."""
@@ -139,6 +140,7 @@ def add_review(added: Verbs) -> None:
     examples = {
         "gruber review kobyli-1938": "opens the desk in the browser",
         "gruber review kobyli-1938 --operator anna": "decisions are recorded under this name",
+        "gruber review kobyli-1938 --language cs": "texts in Czech",
         "gruber review kobyli-1938 --no-browser": "prints the address only",
     }
     verb = add_verb(added, "review", "open the review desk in the browser", examples)
@@ -230,6 +232,10 @@ def add_desk(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--operator", default=settings.operator, metavar="NAME",
         help="name under which decisions are recorded (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--language", choices=LANGUAGES, default="",
+        help="language of the desk (that of each browser)",
     )  # fmt: skip
     verb.add_argument("--no-browser", action="store_true", help="print the address only")
 

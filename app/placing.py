@@ -38,7 +38,6 @@ from ui.review.compare import DrawnPhoto
 from ui.review.palette import page_palette
 from ui.review.placement import NOWHERE
 from ui.review.tiles import Lattice
-from ui.review.wording import sentence, words
 from ui.web.access import Access
 from ui.web.front import Front, FrontInputs
 from ui.web.placing import Pair, placing_routes
@@ -130,7 +129,7 @@ class Placing:
 
 
 def open_placing(
-    project: Project, found: Placeable, host: str, port: int, language: str = "en"
+    project: Project, found: Placeable, host: str, port: int, language: str = ""
 ) -> Placing:
     """Open the placing page of a block.
 
@@ -149,11 +148,11 @@ def open_placing(
     access = Access(host, lasting_token(project.folder / HIDDEN))
     running = Running(project.file)
     clicking = Clicking(found, running)
-    start = _start(project, lattice, ortho.ground_sample_distance_m, language)
-    routes = placing_routes(clicking, sentence("notice.guest", {}, language))
+    start = _start(project, lattice, ortho.ground_sample_distance_m)
     doors = FrontInputs(
-        access, None, tiles, None, start, None, "placing.html", clicking.photos, routes
-    )
+        access, None, tiles, None, start, page="placing.html", told=clicking.photos,
+        routes=placing_routes(clicking), language=language,
+    )  # fmt: skip
     front = Front(doors, host, port)
     opened = Placing(front, access, running, tiles)
     try:
@@ -317,15 +316,11 @@ def drawn_unplaced(
     return DrawnPhoto(photo, camera, 1)
 
 
-def _start(
-    project: Project, lattice: Lattice, ortho_pixel_m: float, language: str
-) -> dict[str, Any]:
+def _start(project: Project, lattice: Lattice, ortho_pixel_m: float) -> dict[str, Any]:
     """What the page needs once."""
     return {
         "name": project.block.name,
         "edition": secrets.token_urlsafe(6),
-        "words": words(language),
-        "language": language,
         "palette": page_palette(),
         "photos": [],
         "lattice": {

@@ -2,6 +2,7 @@
 
 import argparse
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 
 from app.demo import make_demo, tell_truth
@@ -51,7 +52,7 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
     with Session.open(project.folder, given.operator) as session:
         port, opened = placed_by_hand(project, session, given, voice)
         inputs = desk_inputs(project, session, given.operator, given.host, port)
-        with open_desk(inputs) as desk:
+        with open_desk(replace(inputs, language=given.language)) as desk:
             voice.say(f"The desk is open at {desk.url}  (Ctrl-C closes it; nothing is lost)")
             voice.say(f"Guests, who look and decide nothing: {desk.guest_url}")
             if not given.no_browser and not opened:
@@ -70,8 +71,10 @@ def placed_by_hand(
     found = placeable(project, session)
     if found is None:
         return given.port, False
-    with open_placing(project, found, given.host, given.port) as placing:
-        voice.say("No photo of this block stands on the reference yet. Two points clicked in one")
+    with open_placing(project, found, given.host, given.port, given.language) as placing:
+        voice.say(
+            "No photo of this block is placed on the reference yet. Two points clicked in one"
+        )
         voice.say(f"photo place it: {placing.url}  (Ctrl-C closes; what was saved stays)")
         if not given.no_browser:
             webbrowser.open(placing.url)

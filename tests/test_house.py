@@ -21,7 +21,7 @@ from core.doubts import GRAVITY
 from sessions import replay
 from sessions.decisions import DECISIONS
 from sessions.layers import FOOTPRINTS, MEASUREMENTS, PHOTOS, POINTS
-from ui.review.wording import ENGLISH, KEYS
+from ui.words.catalogue import KEYS, words
 
 HOME = Path(__file__).resolve().parents[1]
 ROOMS = ("app", "core", "sessions", "ui")
@@ -249,10 +249,10 @@ def test_the_manual_is_short__law() -> None:
 def test_keys_in_the_manual_are_those_of_the_desk__law() -> None:
     rows = table_under("docs/review-desk.md", "## Keys")
     told = {row[0].strip("`"): row[1].split(":")[0].split(" in the queue")[0] for row in rows}
-    assert told == {key: ENGLISH[word] for key, word in KEYS}
+    assert told == {key: words()[word] for key, word in KEYS}
     reasons = table_under("docs/review-desk.md", "After `N`")
     assert {row[0].strip("`"): row[1] for row in reasons} == {
-        number: ENGLISH[f"reason.{number}"] for number in "12345"
+        number: words()[f"reason.{number}"] for number in "12345"
     }
 
 
@@ -293,6 +293,7 @@ def _named_paths(page: str) -> list[str]:
 
 def test_messages_in_the_manual_are_those_of_the_program__law() -> None:
     said = {text for name in named(".py", rooms=ROOMS) for text in _texts(tree_of(name))}
+    said |= set(words().values())
     told = re.findall(r"(?<![*\w])\*([^*|]+)\*(?![*\w])", text_of("docs/troubleshooting.md"))
     pieces = {piece.strip(" .,;:") for message in told for piece in message.split("...")}
     assert not {piece for piece in pieces if not any(piece in text for text in said)}

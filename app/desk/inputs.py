@@ -101,8 +101,8 @@ class DeskInputs:
     """Port to listen on; 0 takes any that is free."""
     stale_m: float = 0.1
     """An ortho is stale once its photo moved by more than this on the ground, metres."""
-    language: str = "en"
-    """Of the words on the pages."""
+    language: str = ""
+    """Of the texts on the pages; that of each browser when empty."""
     adopted: Callable[[AdjustmentReport], None] = keep_nothing
     """Told of every adjustment the desk shows."""
     terrain: TerrainOptions = field(default_factory=TerrainOptions)

@@ -24,11 +24,10 @@ from ui.review.compare import (
     drawn_from_block,
 )
 from ui.review.palette import page_palette
-from ui.review.picture import Part
+from ui.review.picture import Part, notice_part
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, Seat
 from ui.review.tiles import Lattice
-from ui.review.wording import KEYS, sentence, words
 from ui.views.block_view import Pointed, Stage
 from ui.views.server import SECRET_HEADER, SceneServer, Shown
 from ui.views.terrain import terrain_glb
@@ -114,18 +113,19 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     scene = SceneServer(
         _extent(desk, state), SEAT_HEADER, inbox.put, lambda seat: inbox.put(SceneOpened(seat))
     )
-    guests = as_json({"text": sentence("notice.guest", {}, desk.language), "grave": False})
     channel = Channel(
         inbox.put,
         lambda seat: inbox.put(SeatTaken(seat)),
         lambda seat: inbox.put(SeatLeft(seat)),
-        guests,
+        as_json(notice_part(Notice("notice.guest"))),
     )
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
-    doors = FrontInputs(access, channel, tiles, upstream, start, desk.results)
+    doors = FrontInputs(
+        access, channel, tiles, upstream, start, desk.results, language=desk.language
+    )
     front = Front(doors, desk.host, desk.port)
-    loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, desk.language), inbox)
+    loop = ReviewLoop(desk, _screen(front, channel, scene, tiles), inbox)
     loop.start()
     bounds = _block_bounds(desk, state.oriented)
     drawn = drawn_from_block(state.oriented)
@@ -182,9 +182,7 @@ class _Illustrator:
             survived(lambda p, name=name: scene.picture(name, tiles.thumbnail(p)), photo)
 
 
-def _screen(
-    front: Front, channel: Channel, scene: SceneServer, tiles: TileStore, language: str
-) -> Screen:
+def _screen(front: Front, channel: Channel, scene: SceneServer, tiles: TileStore) -> Screen:
     """Pictures leave the loop as text and values; nothing here waits."""
     lines = Lines()
 
@@ -196,8 +194,7 @@ def _screen(
         front.call(channel.show, seat_id, texts)
 
     def tell(seat_id: str, notice: Notice) -> None:
-        text = sentence(notice.text, dict(notice.values), language)
-        front.call(channel.tell, seat_id, as_json({"text": text, "grave": notice.grave}))
+        front.call(channel.tell, seat_id, as_json(notice_part(notice)))
 
     def show_scene(
         seat_id: str, picture: Callable[[], ScenePicture], seat: Seat, block: Block
@@ -225,9 +222,6 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "name": desk.name,
         "edition": secrets.token_urlsafe(6),
         "template": desk.template_m,
-        "words": words(desk.language),
-        "language": desk.language,
-        "keys": [list(pair) for pair in KEYS],
         "palette": page_palette(),
         "photos": list(desk.block.photos),
         "lattice": {

@@ -17,7 +17,7 @@ from sessions.decisions import (
 )
 from sessions.judging import tie_at
 from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
-from ui.review.state import DeskState, Extra, Key, Kind
+from ui.review.state import DeskState, DoubtReason, Extra, Key, Kind
 
 Verdict = JudgeTie | JudgePhoto | JudgeFiducial | PlaceFiducial
 TIES_SHOWN = 60
@@ -55,7 +55,7 @@ def extra_of(
     gathered.photos(photos, {doubt.subject: doubt.message for doubt in doubts})
     marks = {(v.photo_id, v.name): v.use for v in verdicts if isinstance(v, JudgeFiducial)}
     gathered.fiducials(marks)
-    return Extra(gathered.points, gathered.measurements, gathered.kinds)
+    return Extra(gathered.points, gathered.measurements, gathered.kinds, gathered.reasons)
 
 
 def verdict_on(extra: Extra, key: Key, use: bool) -> Verdict | None:
@@ -102,6 +102,7 @@ class _Gathered:
         self.points: dict[str, SurveyedPoint] = {}
         self.measurements: dict[Key, Measurement] = {}
         self.kinds: dict[str, Kind] = {}
+        self.reasons: dict[Key, DoubtReason] = {}
 
     def ties(self, said: Sequence[JudgeTie]) -> None:
         """Tie points with a ray far off, worst first; those judged before stay."""
@@ -123,18 +124,20 @@ class _Gathered:
         for name, photo in self.base.photos.items():
             placed = self.state.oriented.photos.get(name, photo)
             few = bool(len(self.base.ties.point)) and rays.get(name, 0) < FEW_RAYS
-            reason = doubts.get(name, "")
-            if few and not reason:
-                reason = f"only {rays.get(name, 0)} rays of tie points bind it to its neighbours"
-            if photo.oriented and not reason and name not in said:
+            remark = doubts.get(name, "")
+            if photo.oriented and not remark and not few and name not in said:
                 continue
             status: Status = "auto" if photo.oriented else "unused"
             if name in said:
                 status = "accepted" if said[name] else "rejected"
             middle = placed.interior.pixel_from_film(np.zeros((1, 2)))
             position = self._ground(name, middle)
-            if position is not None:
-                self._add(f"photo {name}", "photo", name, position, middle[0], 0.3, status, reason)
+            if position is None:
+                continue
+            key = f"photo {name}", name
+            self._add(key, "photo", position, middle[0], 0.3, status, remark)
+            if few and not remark:
+                self.reasons[key] = DoubtReason("doubt.rays", rays.get(name, 0), 0.7)
 
     def fiducials(self, said: Mapping[tuple[str, str], bool]) -> None:
         """Marks whose residual stands out within their scan."""
@@ -151,10 +154,10 @@ class _Gathered:
                 if position is None:
                     continue
                 status: Status = "auto" if use is None else "accepted" if use else "rejected"
-                why = f"lies {length:.0f} um from where the certificate puts it"
                 score = float(np.clip(1.2 - 0.3 * length / limit, 0.1, 0.9))
-                name = f"fiducial {mark}"
-                self._add(name, "fiducial", photo_id, position, pixel, score, status, why)
+                key = f"fiducial {mark}", photo_id
+                self._add(key, "fiducial", position, pixel, score, status)
+                self.reasons[key] = DoubtReason("doubt.fiducial", length, 1 - score)
 
     def _tie(self, number: int, status: Status, ratio: float) -> None:
         ties, report = self.base.ties, self.state.report
@@ -168,21 +171,20 @@ class _Gathered:
         if position is None:
             return
         score = float(np.clip(1.2 - ratio / (3 * TIE_SIGMAS) - 0.4, 0.05, 0.9))
-        why = f"a ray lies {ratio:.1f} sigma off"
         for ray in rays:
-            photo_id = ties.photo_ids[int(ties.photo[ray])]
-            pixel = ties.pixels[ray]
-            self._add(f"tie {number}", "tie", photo_id, position, pixel, score, status, why)
+            key = f"tie {number}", ties.photo_ids[int(ties.photo[ray])]
+            self._add(key, "tie", position, ties.pixels[ray], score, status)
+            self.reasons[key] = DoubtReason("doubt.tie", ratio, 1 - score)
 
-    def _add(self, name: str, kind: Kind, photo_id: str, position: np.ndarray,
-             pixel: np.ndarray, score: float, status: Status, reason: str) -> None:  # fmt: skip
+    def _add(self, key: Key, kind: Kind, position: np.ndarray, pixel: np.ndarray,
+             score: float, status: Status, remark: str = "") -> None:  # fmt: skip
+        name = key[0]
         self.kinds[name] = kind
         if name not in self.points:
             self.points[name] = SurveyedPoint(name, position, GROUND_SIGMA_M, "control", "hand")
-        made = Measurement(
-            name, photo_id, float(pixel[0]), float(pixel[1]), 0.5, score, status, reason
+        self.measurements[key] = Measurement(
+            *key, float(pixel[0]), float(pixel[1]), 0.5, score, status, remark
         )
-        self.measurements[made.key] = made
 
     def _ground(self, photo_id: str, pixels: np.ndarray) -> np.ndarray | None:
         """Where a ray meets the ground; None where it does not."""

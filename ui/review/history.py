@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from sessions.decisions import (
+    REASONS,
     AddPoint,
     Decision,
     JudgeFiducial,
@@ -100,17 +101,18 @@ def gives_reason(before: Decision, now: Decision) -> bool:
     return (before.point_id, before.photo_id) == (now.point_id, now.photo_id)
 
 
-def _detail(decision: Decision) -> str:
+def _detail(decision: Decision) -> tuple[str, dict[str, str]]:
+    """What was decided in more detail: key of a text and its values; no key where there is none."""
     match decision:
         case Reject(reason=reason):
-            return reason
+            return f"reason.{REASONS.index(reason) + 1}", {}
         case Place(column=column, row=row) | PlaceFiducial(column=column, row=row):
-            return f"{column:.1f}, {row:.1f} px"
+            return "detail.pixel", {"column": f"{column:.1f}", "row": f"{row:.1f}"}
         case SetRole(role=role):
-            return role
+            return f"role.{role}", {}
         case JudgeTie(use=use) | JudgePhoto(use=use) | JudgeFiducial(use=use):
-            return "in use" if use else "left out"
+            return "detail.used" if use else "detail.left-out", {}
         case AddPoint(measured=measured):
-            return f"{len(measured)} scans"
+            return "detail.scans", {"count": str(len(measured))}
         case _:
-            return ""
+            return "", {}

@@ -12,11 +12,15 @@ from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
 from ui.review.misfit import misfits
 from ui.review.numbers import short, shortened
 from ui.review.queue import Row, coming
-from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Seat
+from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Seat
 from ui.review.trial import Trial
 
 IN_USE = ("auto", "accepted")
 """States in which a measurement of a control point takes part in the adjustment."""
+DIGITS = {
+    "doubt.peaks": 0, "doubt.misfit": 1, "doubt.tie": 1, "doubt.rays": 0, "doubt.fiducial": 0,
+}  # fmt: skip
+"""Digits behind the point of the figure in a reason for doubt; 2 by default."""
 AHEAD = 2
 """Measurements whose pictures are fetched before they are needed."""
 Part = dict[str, Any] | list[Any] | None
@@ -40,6 +44,11 @@ def queue_part(
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": list(seat.explaining) if seat.explaining else None,
     }  # fmt: skip
+
+
+def notice_part(notice: Notice) -> Part:
+    """A message; the page puts the values into the sentence of its language."""
+    return {"text": notice.text, "values": dict(notice.values), "grave": notice.grave}
 
 
 def scene_part(seat: Seat) -> Part:
@@ -252,5 +261,5 @@ def _places(position: Any) -> list[float | None]:
 
 
 def _value_of(text: str, value: float) -> str:
-    digits = {"doubt.peaks": 0, "doubt.misfit": 1}.get(text, 2)
+    digits = DIGITS.get(text, 2)
     return f"{value:.{digits}f}"

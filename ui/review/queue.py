@@ -13,6 +13,7 @@ from ui.review.palette import ShownState
 from ui.review.state import (
     POINT_KINDS,
     DeskState,
+    DoubtReason,
     Key,
     Kind,
     QueueFilter,
@@ -27,18 +28,6 @@ MOVES_NOTHING = 0.02
 """So much of the gain by rule of thumb counts where others are known in metres."""
 UNUSED_GAIN = 1e-6
 """What the engine left out comes after what steers the block."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ground:
-    """One ground for doubt."""
-
-    text: str
-    """Key of the sentence in `wording`."""
-    value: float
-    """The figure in it."""
-    weight: float
-    """How much it alone makes the measurement doubtful, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +52,7 @@ class Row:
     """Likeness, 0 to 1."""
     controlled: float | None
     """Share of an error here that would show, 0 to 1."""
-    grounds: tuple[Ground, ...]
+    grounds: tuple[DoubtReason, ...]
     """Why it is doubtful, heaviest first."""
 
 
@@ -320,9 +309,9 @@ def _gain(doubt: float, controlled: float | None, figures: QueueFigures, key: Ke
 
 
 def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None) -> Row:
-    """Tie point, photo or fiducial: doubtful by what made it one, with that said in words."""
+    """Tie point, photo or fiducial: doubtful by what made it one."""
     human = measurement.status in ("accepted", "rejected")
-    doubt = 1.0 - measurement.score
+    doubt, reason = 1.0 - measurement.score, state.extra.reasons.get(measurement.key)
     return Row(
         key=measurement.key,
         role=state.extra.kinds[measurement.point_id],
@@ -333,13 +322,13 @@ def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None
         misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
         score=math.nan,
         controlled=None,
-        grounds=(),
+        grounds=(reason,) if reason else (),
     )
 
 
 def _grounds(
     measurement: Measurement, misfit: Misfit | None, controlled: float | None
-) -> tuple[Ground, ...]:
+) -> tuple[DoubtReason, ...]:
     found = [
         _ground_of_misfit(misfit),
         _ground_of_peaks(measurement),
@@ -350,31 +339,31 @@ def _grounds(
     return tuple(sorted(kept, key=lambda ground: -ground.weight))
 
 
-def _ground_of_misfit(misfit: Misfit | None) -> Ground | None:
+def _ground_of_misfit(misfit: Misfit | None) -> DoubtReason | None:
     """Misfit against its standard deviation: normal below one, certain trouble from 3.5."""
     if misfit is None:
         return None
-    return Ground("doubt.misfit", misfit.ratio, _share((misfit.ratio - 0.8) / 2.7))
+    return DoubtReason("doubt.misfit", misfit.ratio, _share((misfit.ratio - 0.8) / 2.7))
 
 
-def _ground_of_peaks(measurement: Measurement) -> Ground | None:
+def _ground_of_peaks(measurement: Measurement) -> DoubtReason | None:
     """A second peak nearly as high as the best one."""
     if len(measurement.peaks) < 2 or measurement.peaks[0].score <= 0:
         return None
     ratio = float(measurement.peaks[1].score / measurement.peaks[0].score)
-    return Ground("doubt.peaks", 100 * ratio, 0.5 * _share((ratio - 0.7) / 0.3))
+    return DoubtReason("doubt.peaks", 100 * ratio, 0.5 * _share((ratio - 0.7) / 0.3))
 
 
-def _ground_of_score(measurement: Measurement) -> Ground:
+def _ground_of_score(measurement: Measurement) -> DoubtReason:
     weight = 0.5 * _share((0.6 - measurement.score) / 0.5)
-    return Ground("doubt.score", measurement.score, weight)
+    return DoubtReason("doubt.score", measurement.score, weight)
 
 
-def _ground_of_control(controlled: float | None) -> Ground | None:
+def _ground_of_control(controlled: float | None) -> DoubtReason | None:
     """Below a tenth no other measurement could find an error in this one."""
     if controlled is None:
         return None
-    return Ground("doubt.redundancy", controlled, 0.6 * _share((0.3 - controlled) / 0.3))
+    return DoubtReason("doubt.redundancy", controlled, 0.6 * _share((0.3 - controlled) / 0.3))
 
 
 def _share(value: float) -> float:

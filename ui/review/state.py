@@ -113,14 +113,26 @@ class Remaking:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One message to a seat, in words of `wording`."""
+    """One message to a seat, in words of the catalogue."""
 
     text: str
-    """Key of the sentence in `wording`."""
+    """Key of its sentence in `ui/words`."""
     values: Mapping[str, str] = field(default_factory=dict[str, str])
     """What stands in its places."""
     grave: bool = False
     """True when something went wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtReason:
+    """One reason why something is doubtful."""
+
+    text: str
+    """Key of its sentence in `ui/words`."""
+    value: float
+    """The figure in it."""
+    weight: float
+    """How much it alone makes the measurement doubtful, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,6 +148,8 @@ class Extra:
     """Where each lies in a scan."""
     kinds: Mapping[str, Kind] = field(default_factory=dict[str, Kind])
     """Kind of each, by name."""
+    reasons: Mapping[Key, DoubtReason] = field(default_factory=dict[Key, DoubtReason])
+    """Why each is doubtful, beside what the engine remarked of its measurement."""
 
 
 NO_EXTRA = Extra()

@@ -17,6 +17,7 @@ from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
 from ui.web.results import result_routes
 from ui.web.tiles import TileStore, tile_routes
+from ui.words.catalogue import KEYS, preferred_language, words
 
 PAGES = Path(__file__).parent / "pages"
 SCENE_PATH = "/scene"
@@ -64,7 +65,7 @@ class FrontInputs:
     upstream: Upstream | None
     """Viser; None without a 3D scene."""
     start: dict[str, Any]
-    """What a page needs once: words, palette, lattice, photos."""
+    """What a page needs once beside its texts: palette, lattice, photos."""
     results: Path | None = None
     """Folder of tables and report."""
     page: str = "desk.html"
@@ -73,6 +74,8 @@ class FrontInputs:
     """What a page needs once and what changes while the desk is open."""
     routes: tuple[web.RouteDef, ...] = ()
     """Addresses of this desk's own."""
+    language: str = ""
+    """Of the texts; that of each browser when empty."""
 
 
 class Front:
@@ -168,7 +171,10 @@ class Front:
         taken = channel is not None and channel.taken(wanted)
         own = request.query.get("own") == "1" or not taken
         seat = wanted if SEAT_NAME.fullmatch(wanted) and own else secrets.token_urlsafe(9)
-        told = {**self._inputs.start, **self._inputs.told()}
+        language = self._inputs.language
+        language = language or preferred_language(request.headers.get("Accept-Language", ""))
+        texts = {"words": words(language), "language": language, "keys": KEYS}
+        told = {**texts, **self._inputs.start, **self._inputs.told()}
         return web.json_response({**told, "seat": seat, "guest": is_guest(request)})
 
     @property

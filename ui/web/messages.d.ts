@@ -94,7 +94,7 @@ interface HistoryItem {
   when: string;
   who: string;
   what: string;
-  detail: string;
+  detail: [word: string, values: Record<string, string>];
   stands: boolean;
   by: string;
 }
@@ -213,7 +213,8 @@ interface Placement {
 }
 
 interface SceneSwitches { layers: Record<string, boolean>; scale: number }
-interface Notice { text: string; grave: boolean }
+/** A key of the catalogue with its values. */
+interface Notice { text: string; values: Record<string, string>; grave: boolean }
 /** The parts of the desk as they were told last. */
 interface Parts {
   rows?: Row[];

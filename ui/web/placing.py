@@ -38,26 +38,26 @@ class Placer(Protocol):
         ...
 
 
-def placing_routes(placer: Placer, refused: str) -> tuple[web.RouteDef, ...]:
-    """Addresses of the page; `refused` is told to guests who would change something."""
+def placing_routes(placer: Placer) -> tuple[web.RouteDef, ...]:
+    """Addresses of the page; guests change nothing."""
 
     async def fit(request: web.Request) -> web.StreamResponse:
         return await _with_pairs(request, placer.fitted)
 
     async def save(request: web.Request) -> web.StreamResponse:
-        _operators_only(request, refused)
+        _operators_only(request)
         return await _with_pairs(request, placer.save)
 
     async def status(request: web.Request) -> web.StreamResponse:
         return web.json_response(placer.status(), headers={"Cache-Control": "no-store"})
 
     async def run(request: web.Request) -> web.StreamResponse:
-        _operators_only(request, refused)
+        _operators_only(request)
         placer.start_run()
         return web.json_response(placer.status())
 
     async def cancel(request: web.Request) -> web.StreamResponse:
-        _operators_only(request, refused)
+        _operators_only(request)
         placer.cancel_run()
         return web.json_response(placer.status())
 
@@ -70,9 +70,9 @@ def placing_routes(placer: Placer, refused: str) -> tuple[web.RouteDef, ...]:
     )
 
 
-def _operators_only(request: web.Request, refused: str) -> None:
+def _operators_only(request: web.Request) -> None:
     if is_guest(request):
-        raise web.HTTPForbidden(text=refused)
+        raise web.HTTPForbidden
 
 
 async def _with_pairs(

@@ -21,7 +21,7 @@ from ui.review.gestures import MarkPlaced, gesture_from_message
 from ui.review.outcome import outcome_of
 from ui.review.placement import placement_part
 from ui.review.state import DeskState, Seat
-from ui.review.wording import ENGLISH
+from ui.words.catalogue import words
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +192,7 @@ def test_the_map_says_how_far_each_photo_was_off__law(state, given):
         apart = np.mean(np.array(row["after"]) - np.array(row["before"]), axis=0)
         # Corners of the picture against a lattice over the scan: nearly the same middle.
         assert np.hypot(*(apart - row["shift"])) < 0.5 * row["rms"]
-        assert ENGLISH[f"placement.source.{row['source']}"]
+        assert words()[f"placement.source.{row['source']}"]
     assert part["worst"] == max(row["rms"] for row in part["photos"])
 
 

@@ -23,7 +23,6 @@ from ui.review.picture import Pictured, point_part, queue_part, scene_part, stat
 from ui.review.queue import NO_ROWS, seat_down
 from ui.review.scene import scene_picture
 from ui.review.state import DeskState, Seat
-from ui.review.wording import ENGLISH, KEYS, sentence, words
 from ui.web.front import as_json
 
 PAGES = Path(__file__).resolve().parents[3] / "ui" / "web" / "pages"
@@ -127,23 +126,7 @@ def test_states_differ_in_shape_as_well_as_colour__law():
     assert len({rgb(look.colour) for look in LOOKS.values()}) == len(LOOKS)
 
 
-def test_every_word_of_the_pages_exists__law():
-    text = "\n".join(
-        path.read_text() for path in PAGES.iterdir() if path.suffix in (".js", ".html")
-    )
-    named = set(re.findall(r'word\("([\w.-]+)"', text)) | set(
-        re.findall(r'data-word="([\w.-]+)"', text)
-    )
-    assert len(named) > 30
-    assert named <= set(words()), named - set(words())
-    assert {name for _, name in KEYS} <= set(ENGLISH)
-
-
 def test_nothing_on_the_pages_comes_from_elsewhere__law():
     for path in PAGES.iterdir():
         found = re.findall(r"https?://[^\s\"'`)]+", path.read_text())
         assert [address for address in found if "www.w3.org" not in address] == []
-
-
-def test_sentences_fill_their_places__law():
-    assert "1938" in sentence("notice.outside", {"scan": "1938"})

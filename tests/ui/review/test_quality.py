@@ -12,7 +12,7 @@ from tests.ui.desk_block import FLYING_HEIGHT_M, FRAME_MM, adjust, outlines, tin
 from ui.review.compare import made_with
 from ui.review.quality import footprint_polygons, quality_part
 from ui.review.state import DeskState
-from ui.review.wording import ENGLISH
+from ui.words.catalogue import words
 
 
 @pytest.fixture(scope="module")
@@ -66,5 +66,5 @@ def test_the_verdict_names_what_is_missing__truth(state, polygons):
 def test_every_sentence_of_the_view_has_words__law(state):
     part = quality_part(state, outlines(state), ())
     for text, grave, values in part["findings"]:
-        assert ENGLISH[text].format(**values)
-        assert f"grave.{grave}" in ENGLISH
+        assert words()[text].format(**values)
+        assert f"grave.{grave}" in words()

@@ -1,6 +1,6 @@
 // The fiducial board: every photo by every fiducial, worst first; one large, to be corrected.
 import {
-  all, byId, element, first, focused, number, shortName, start, stateGlyph, svg, word,
+  all, byId, element, first, focused, number, shortName, start, stateGlyph, svg, tip, word,
 } from "./words.js";
 import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
@@ -96,7 +96,7 @@ function head(found) {
   return element("header", {}, element("h2", {}, word("board")),
     element("span", { class: "segments" }, tab("board"), tab("film")),
     element("span", { class: "muted" }, count), element("span", { class: "stretch" }),
-    element("button", { id: "board-close", onclick: close }, word("act.refuse")));
+    element("button", { id: "board-close", onclick: close }, word("act.close")));
 }
 
 /** @param {Board} found */
@@ -226,7 +226,7 @@ function figures(row, cell) {
     ["board.rms", rms],
   ];
   return lines.map(([name, value]) => element("div",
-    { class: "figure", title: start.words[`${name}.tip`] ?? null },
+    { class: "figure", title: tip(name) },
     element("span", {}, word(name)), element("span", {}, value)));
 }
 

@@ -1,7 +1,7 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import {
-  all, byId, element, first, focused, learnNames, number, shortName, shortPoint, start, stateGlyph,
-  word,
+  all, byId, element, fillWords, first, focused, learnNames, number, shortName, shortPoint, start,
+  stateGlyph, tip, word,
 } from "./words.js";
 import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
@@ -237,8 +237,8 @@ function setUpButtons() {
     const act = button.dataset.act ?? "";
     const name = TEXTS[act] ?? `act.${act}`;
     const key = keyOf.get(name);
-    const tip = start.words[`${name}.tip`] ?? word(name);
-    button.title = key ? `${tip} (${key})` : tip;
+    const long = tip(name) ?? word(name);
+    button.title = key ? `${long} (${key})` : long;
     button.replaceChildren(...(GLYPHS[act] ? [stateGlyph(GLYPHS[act], 14)] : []), word(name));
     if (key && !button.classList.contains("toggle")) button.append(element("kbd", {}, key));
     if (act === "blink") {
@@ -253,7 +253,6 @@ function setUpButtons() {
       });
     }
   }
-  for (const place of all("[data-word]")) place.textContent = word(place.dataset.word ?? "");
 }
 
 const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
@@ -377,7 +376,8 @@ function comeBack({ key, filter, sort }) {
 }
 
 /** What went wrong stays until it is clicked away, or a while. @param {Notice} notice */
-function tell({ text, grave }) {
+function tell({ text: name, values, grave }) {
+  const text = word(name, values);
   const notices = byId("notices");
   [...notices.children].find((box) => box.textContent === text)?.remove();
   const kind = `notice${grave ? " grave" : ""}`;
@@ -422,7 +422,7 @@ function setUpSplits() {
 async function open() {
   await takeSeat();
   document.title = `${start.name} \u00b7 ${word("title")}`;
-  document.documentElement.lang = start.language;
+  fillWords();
   byId("name").textContent = start.name;
   learnNames(start.photos);
   setUpSplits();

@@ -1,5 +1,5 @@
 // The deformation of the films: vectors of the marks of one photo, and the mean over the roll.
-import { element, number, shortName, start, svg, word } from "./words.js";
+import { element, number, shortName, svg, tip, word } from "./words.js";
 
 const COLUMNS = [
   "photo", "scale_x", "scale_y", "shear", "rms", "plain.rms", "redundancy", "chance",
@@ -78,9 +78,9 @@ function vector(mark, longer, unit) {
     svg("line", { x1: x, y1: y, x2: ex, y2: ey, ...ink })];
   if (length > 2 * unit) {
     const [ux, uy] = [dx / length, -dy / length];
-    const tip = 1.9 * unit;
-    const one = `${ex - tip * (ux + 0.5 * uy)} ${ey - tip * (uy - 0.5 * ux)}`;
-    const other = `${ex - tip * (ux - 0.5 * uy)} ${ey - tip * (uy + 0.5 * ux)}`;
+    const barb = 1.9 * unit;
+    const one = `${ex - barb * (ux + 0.5 * uy)} ${ey - barb * (uy - 0.5 * ux)}`;
+    const other = `${ex - barb * (ux - 0.5 * uy)} ${ey - barb * (uy + 0.5 * ux)}`;
     const head = { ...ink, class: "vector control tip" };
     parts.push(svg("path", { d: `M${one}L${ex} ${ey}L${other}`, ...head }));
   }
@@ -100,7 +100,7 @@ function vector(mark, longer, unit) {
  */
 function table(films, rolls, one, again) {
   const heads = COLUMNS.map((name) => element("th",
-    { title: start.words[`film.${name.split(".")[0]}.tip`] ?? null }, word(`film.${name}`)));
+    { title: tip(`film.${name.split(".")[0]}`) }, word(`film.${name}`)));
   const lines = films.map((film) => {
     const choose = () => {
       state.current = film.photo;

@@ -1,5 +1,5 @@
 // The sheet of keys and marks.
-import { byId, element, first, glyph, start, stateGlyph, word } from "./words.js";
+import { byId, element, first, glyph, start, stateGlyph, tip, word } from "./words.js";
 
 /** @type {State[]} */
 const STATES = ["auto", "accepted", "dubious", "rejected", "unused"];
@@ -9,7 +9,7 @@ export function toggleHelp() {
   if (dialog.open) return dialog.close();
   const lines = start.keys.map(([key, name]) => element("tr", {},
     element("td", {}, element("kbd", {}, key)),
-    element("td", {}, word(name), element("span", {}, start.words[`${name}.tip`] ?? ""))));
+    element("td", {}, word(name), element("span", {}, tip(name) ?? ""))));
   const half = Math.ceil(lines.length / 2);
   const { current, check, predicted, peak } = start.palette;
   const looks = STATES.map((state) => element("span", { title: word(`state.${state}.long`) },

@@ -1,5 +1,5 @@
 // Placement on the map: footprints by the given georeference and as placed, over the ortho.
-import { byId, element, first, number, shortName, start, word } from "./words.js";
+import { byId, element, first, number, shortName, start, tip, word } from "./words.js";
 import { cleared, halo, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
 import { Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
@@ -98,7 +98,7 @@ function head(found) {
     element("span", { class: "legend-line before" }, word("placement.given")),
     element("span", { class: "legend-line after" }, word("placement.placed")),
     element("button", { onclick: fit }, word("act.fit")),
-    element("button", { id: "placement-close", onclick: close }, word("act.refuse")));
+    element("button", { id: "placement-close", onclick: close }, word("act.close")));
 }
 
 /** @param {string} mode */
@@ -110,7 +110,7 @@ function setMode(mode) {
 /** @param {Placement} found */
 function side({ photos, set_aside }) {
   const heads = ["photo", "east", "north", "turn", "scale", "rms"].map((name) => element("th",
-    { title: start.words[`placement.${name}.tip`] ?? null }, word(`placement.${name}`)));
+    { title: tip(`placement.${name}`) }, word(`placement.${name}`)));
   const one = photos.find((photo) => photo.photo === state.current);
   const source = one?.source ? word(`placement.source.${one.source}`) : "";
   const about = one ? [
@@ -204,13 +204,13 @@ function arrow(context, [x1, y1], [x2, y2], strong) {
   const length = Math.hypot(x2 - x1, y2 - y1);
   if (length < 3) return;
   const [ux, uy] = [(x2 - x1) / length, (y2 - y1) / length];
-  const tip = Math.min(9, length / 2);
+  const barb = Math.min(9, length / 2);
   halo(context, strong ? "#ffffff" : "#d9dee6", strong ? 2.2 : 1.3, () => {
     context.moveTo(x1, y1);
     context.lineTo(x2, y2);
-    context.moveTo(x2 - tip * (ux + 0.5 * uy), y2 - tip * (uy - 0.5 * ux));
+    context.moveTo(x2 - barb * (ux + 0.5 * uy), y2 - barb * (uy - 0.5 * ux));
     context.lineTo(x2, y2);
-    context.lineTo(x2 - tip * (ux - 0.5 * uy), y2 - tip * (uy + 0.5 * ux));
+    context.lineTo(x2 - barb * (ux - 0.5 * uy), y2 - barb * (uy + 0.5 * ux));
   });
 }
 

@@ -1,5 +1,7 @@
 // The placing page: the same places clicked in one photo and in the ortho, saved beside the scan.
-import { byId, element, first, learnNames, number, shortName, start, word } from "./words.js";
+import {
+  byId, element, fillWords, first, learnNames, number, shortName, start, word,
+} from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark, text } from "./overlay.js";
 import {
   drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer,
@@ -39,7 +41,9 @@ async function post(address, body = {}) {
   const headers = { "content-type": "application/json" };
   const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
   const isJson = answer.headers.get("content-type")?.includes("json");
-  return { ok: answer.ok, ...(isJson ? await answer.json() : { error: await answer.text() }) };
+  if (isJson) return { ok: answer.ok, ...(await answer.json()) };
+  const error = answer.status === 403 ? word("notice.guest") : await answer.text();
+  return { ok: answer.ok, error };
 }
 
 /** @param {Side} side @param {Pair} place */
@@ -416,6 +420,7 @@ async function open() {
   state.scans = scans;
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
+  fillWords();
   byId("name").textContent = document.title;
   byId("placing-why").textContent = word("placing.why");
   // design: from the whole picture to 40 pixels of the screen for one of it.

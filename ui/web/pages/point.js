@@ -1,6 +1,7 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
-  all, byId, element, first, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word,
+  all, byId, element, first, number, roleGlyph, shortName, shortPoint, start, stateGlyph, tip,
+  word,
 } from "./words.js";
 import { send } from "./wire.js";
 
@@ -44,8 +45,8 @@ function showHistory(history) {
     const back = () => send({ kind: "back", decision: id });
     const button = { class: "small", title: word(`${turn}.tip`), onclick: back };
     return element("li", { class: stands ? "" : "withdrawn", title },
-      span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""), span(detail, "faint"),
-      span(who, "muted"), element("button", button, word(turn)));
+      span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""),
+      span(word(...detail), "faint"), span(who, "muted"), element("button", button, word(turn)));
   });
   byId("history").append(element("h3", {}, word("history")), element("ul", {}, ...lines));
 }
@@ -86,8 +87,8 @@ const parted = ([x, y], one, other) =>
   span(` (${one}${number(x, 2)}, ${other}${number(y, 2)})`, "faint");
 
 /** @param {string} name @param {(string | Node)[]} content */
-function put(name, content, tip = "") {
-  const title = tip || (start.words[`figure.${name}.tip`] ?? null);
+function put(name, content, warning = "") {
+  const title = warning || tip(`figure.${name}`);
   byId("figures").append(element("div", { class: "figure", "data-figure": name, title },
     element("span", {}, word(`figure.${name}`)), element("span", {}, ...content)));
 }
@@ -108,13 +109,13 @@ function showWhy({ figures: { remark }, state, why }) {
  */
 function showTrial({ role, trial }) {
   const lines = [];
+  const title = !trial ? "trial.effect" : trial.rejects ? "trial.reject" : "trial.accept";
   if (role === "check") lines.push(word("trial.check"));
   else if (!trial) lines.push(word("trial.wait"));
   else {
     const [now, sigma] = [number(trial.now, 3), number(trial.sigma, 3)];
     const values = { now, sigma, shift: number(trial.shift, 2), photo: shortName(trial.photo) };
-    lines.push(word(trial.rejects ? "trial.reject" : "trial.accept", values));
-    lines.push(word("trial.shift", values));
+    lines.push(word("trial.sigma", values), word("trial.shift", values));
   }
   const beside = (trial?.neighbours ?? []).map(([name, , now, then]) => {
     const kind = then > now + 0.02 ? "worse" : then < now - 0.02 ? "better" : "faint";
@@ -124,7 +125,7 @@ function showTrial({ role, trial }) {
   if (beside.length) {
     beside.unshift(element("div", { class: "figure faint" }, word("trial.neighbours")));
   }
-  byId("trial").replaceChildren(element("h3", {}, word("trial")),
+  byId("trial").replaceChildren(element("h3", {}, word(title)),
     ...lines.map((line) => element("div", { class: "figure" }, line)), ...beside);
 }
 

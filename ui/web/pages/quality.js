@@ -1,5 +1,5 @@
 // The quality of the block: verdict with reasons, maps, photos worst first; printable.
-import { all, byId, element, first, number, shortName, start, svg, word } from "./words.js";
+import { all, byId, element, first, number, shortName, start, svg, tip, word } from "./words.js";
 import { send } from "./wire.js";
 
 const MOST_SHIFTS = 12; // design: the photos that moved furthest; the rest says nothing more
@@ -41,7 +41,7 @@ const part = (name, ...children) => element("section",
 /** @param {string[]} names @param {Node[]} lines */
 function table(names, lines) {
   const heads = names.map((name) => element("th",
-    { title: start.words[`quality.${name}.tip`] ?? null }, word(`quality.${name}`)));
+    { title: tip(`quality.${name}`) }, word(`quality.${name}`)));
   return element("table", {}, element("tr", {}, ...heads), ...lines);
 }
 
@@ -57,7 +57,7 @@ function head({ sigma, mp }) {
   return element("header", {}, element("h2", {}, `${word("quality")} \u00b7 ${start.name}`),
     element("span", { class: "muted" }, words), element("span", { class: "stretch" }),
     element("button", { onclick: () => window.print() }, word("quality.print")),
-    element("button", { id: "quality-close", onclick: close }, word("act.refuse")));
+    element("button", { id: "quality-close", onclick: close }, word("act.close")));
 }
 
 /** @param {Quality} found */
@@ -244,16 +244,16 @@ function choice(milestones, chosen, place) {
 
 /** What the adjustment estimates; every change runs it again. @param {Quality} found */
 function freed(found) {
-  const boxes = ["cameras", "robust"].map((name, place) => {
-    const attributes = { "data-free": name, checked: found.free[place], disabled: start.guest };
+  const boxes = ["cameras", "robust"].map((option, place) => {
+    const attributes = { "data-free": option, checked: found.free[place], disabled: start.guest };
     const box = element("input", { type: "checkbox", ...attributes });
     box.addEventListener("change", () => {
       const asked = /** @type {HTMLInputElement[]} */ (all("[data-free]", byId("quality")));
       const chosen = asked.map((item) => [item.dataset.free, item.checked]);
       send({ kind: "free", ...Object.fromEntries(chosen) });
     });
-    const tip = word(`quality.free.${name}.tip`);
-    return element("label", { title: tip }, box, word(`quality.free.${name}`));
+    const name = `quality.free.${option}`;
+    return element("label", { title: tip(name) }, box, word(name));
   });
   return element("p", { class: "free" }, ...boxes);
 }

@@ -22,7 +22,7 @@ async function open() {
   byId("results").replaceChildren(
     element("h2", {}, word("results")), element("p", {}, word("results.long")),
     files.length ? element("ul", {}, ...lines) : element("p", {}, word("results.none")),
-    element("button", { onclick: () => byId("results").close() }, word("act.refuse")));
+    element("button", { onclick: () => byId("results").close() }, word("act.close")));
   byId("results").showModal();
 }
 

@@ -13,6 +13,18 @@ export function word(key, values = {}) {
   return text.replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
 }
 
+/** The longer text of a key; null where it has none. @param {string} key */
+export const tip = (key) => start.words[`${key}.tip`] ?? null;
+
+/** The texts of a page that are written in its HTML. */
+export function fillWords() {
+  document.documentElement.lang = start.language;
+  for (const place of all("[data-word]")) place.textContent = word(place.dataset.word ?? "");
+  for (const place of all("[data-label]")) {
+    place.setAttribute("aria-label", word(place.dataset.label ?? ""));
+  }
+}
+
 /**
  * @template {keyof HTMLElementTagNameMap} T
  * @param {T} tag
