@@ -20,6 +20,7 @@ Status = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """auto: used, no human has looked; unused: proposed and filtered out by the engine."""
 Role = Literal["control", "check"]
 Source = Literal["junction", "salient", "surveyed", "hand"]
+# design: at least ten thousand times what any coordinate is known to.
 UNKNOWN_M = 1e4
 """Standard deviation of a coordinate that is not known at all, metres: it has no weight."""
 USED: tuple[Status, ...] = ("auto", "accepted")

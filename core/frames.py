@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from core.arrays import ObjectPoints, PixelPoints, Position
 
-HALF_PIXEL = 0.5
+HALF_PIXEL = 0.5  # source: definition; the outer corner and the centre of a pixel.
 
 
 def opencv_from_pixel(points: PixelPoints) -> PixelPoints:

@@ -92,7 +92,7 @@ def _ties(given: BlockInput, results: StageResults, work: Work) -> Tied:
     if results.ties is not None and results.ties.still_hold(localised.block):
         return results.ties
     features = localised.features or detect_features(
-        localised.block, results.opened_scans, given.localisation, work.part(0.0, 0.3)
+        localised.block, results.opened_scans, given.localisation, work.part(0.0, FEATURES_SHARE)
     )
     return tie_photos(localised.block, features, given.localisation.ties, work)
 
@@ -128,6 +128,10 @@ def _published_control(given: BlockInput, results: StageResults, work: Work) -> 
     )
     return ControlFound(report, doubts, moved=0.0)
 
+
+# design: share of the bar on the screen; nothing is computed from it.
+FEATURES_SHARE = 0.3
+"""Share of the stage of ties that finding features takes."""
 
 STAGES: tuple[Stage, ...] = (
     Stage(

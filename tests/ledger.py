@@ -11,7 +11,8 @@ A setting is
 
 Trivial are 0, 1, 2, 3, 4, 10, 100, 1000, 0.5, 90, 180, 360, the same below zero, and the ranges of
 whole numbers of 8 and 16 bits (255, 256, 65535, 65536); also indices, exponents, shapes, axes and
-digits to print. Members of an `Enum` and names that end in `VERSION` are no settings.
+digits to print. Members of an `Enum`, versions of stages and names that end in `VERSION` are no
+settings.
 
 The reason is a comment, behind the statement, inside it, or on the lines right above it:
 `# source: ...`, `# measured: ...` or `# design: ...`.
@@ -40,7 +41,18 @@ SHAPES = {
     *("transpose", "round", "ljust", "rjust", "zfill", "islice"),
 }
 """Functions whose arguments are shapes, counts or digits."""
-SHAPE_KEYWORDS = {"axis", "axes", "shape", "ndmin", "digits", "ndigits", "decimals", "indent"}
+SHAPE_KEYWORDS = {
+    "axis",
+    "axes",
+    "shape",
+    "ndmin",
+    "digits",
+    "ndigits",
+    "decimals",
+    "indent",
+    "version",
+}
+"""Keyword arguments that are shapes, counts, digits or the version of a stage."""
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 FIDUCIALS = {
     *("camera_group", "camera_marks", "candidates", "centring", "constellation", "corrected_marks"),

@@ -106,16 +106,15 @@ def _twice(block: Block, control: Mapping[Key, Measurement]) -> dict[Key, str]:
 
 def _told(reasons: Mapping[Key, str]) -> list[Doubt]:
     """One doubt for each point that lost measurements."""
-    # design: a twin costs redundancy, a wrong coordinate the block.
-    kinds = (
-        ("once more", "duplicate-points", 0.4),
-        ("km from", "control-far-away", 0.8),
-        ("no number", "impossible-number", 0.8),
-    )
+    kinds = {
+        "once more": "duplicate-points",
+        "km from": "control-far-away",
+        "no number": "impossible-number",
+    }
     found: dict[str, Doubt] = {}
     for (name, photo), why in reasons.items():
-        kind, gravity = next((kind, gravity) for word, kind, gravity in kinds if word in why)
-        found.setdefault(name, Doubt(kind, name, why, gravity, {"scan": photo}))
+        kind = next(kind for word, kind in kinds.items() if word in why)
+        found.setdefault(name, Doubt(kind, name, why, evidence={"scan": photo}))
     return list(found.values())
 
 

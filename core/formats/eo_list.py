@@ -1,11 +1,10 @@
 """Exterior orientation lists: CSV `scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_*]`.
 
-Angles may be left empty (position only); `_gon` in place of `_deg` is read as gon. The same columns
-are written to `results/exterior_orientation.csv`.
+Angles may be left empty (position only); `_gon` in place of `_deg` is read as gon.
 """
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +14,7 @@ from core.errors import ProjectError
 
 POSITION = ("X", "Y", "Z")
 ANGLES = ("omega", "phi", "kappa")
-HEADER = (
-    "scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg", "sigma_X", "sigma_Y", "sigma_Z",
-    "sigma_omega_deg", "sigma_phi_deg", "sigma_kappa_deg",
-)  # fmt: skip
+# source: definition of degree and gon.
 RADIANS = {"_deg": np.pi / 180, "_gon": np.pi / 200}
 REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."
 Triple = tuple[float, float, float]
@@ -66,23 +62,6 @@ def read_eo_list(path: Path) -> Mapping[str, EoRecord]:
     _check_angle_columns(path, header)
     records = [_record(path, _Row(path, number, row, header)) for number, row in enumerate(rows, 2)]
     return {record.scan: record for record in records}
-
-
-def write_eo_list(path: Path, records: Iterable[EoRecord]) -> None:
-    """Write a list with all thirteen columns; what is not known is left empty."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEADER)
-        for record in records:
-            writer.writerow(
-                [
-                    record.scan,
-                    *_written(record.centre, 4),
-                    *_written(_degrees(record.angles), 8),
-                    *_written(record.sigma_centre_m, 4),
-                    *_written(_degrees(record.sigma_angles), 8),
-                ]
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,16 +142,3 @@ def scan_stem(name: str) -> str:
     stem, dot, extension = plain.rpartition(".")
     known = {"tif", "tiff", "jpg", "jpeg", "jp2", "j2k", "png", "img", "vrt"}
     return stem if dot and extension.lower() in known else plain
-
-
-def _degrees(angles: Triple | None) -> Triple | None:
-    """Radians as degrees."""
-    if angles is None:
-        return None
-    omega, phi, kappa = np.degrees(np.array(angles)).tolist()
-    return omega, phi, kappa
-
-
-def _written(values: Triple | None, decimals: int) -> list[str]:
-    """Three cells."""
-    return ["", "", ""] if values is None else [f"{value:.{decimals}f}" for value in values]

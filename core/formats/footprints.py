@@ -74,20 +74,6 @@ def read_footprints(path: Path, name_attribute: str, photo_ids: Iterable[str]) -
     return Footprints(path, meta.get("crs"), found)
 
 
-def write_footprints(
-    path: Path, polygons: Mapping[str, Polygon], name_attribute: str, crs: str
-) -> None:
-    """Write polygons by scan file name, as a GeoPackage or what the extension says."""
-    pyogrio.raw.write(
-        path,
-        geometry=shapely.to_wkb(list(polygons.values())),
-        field_data=[np.array(list(polygons), dtype=object)],
-        fields=[name_attribute],
-        geometry_type="Polygon",
-        crs=crs,
-    )
-
-
 def _read(path: Path, name_attribute: str) -> tuple[dict[str, Any], Any, Any]:
     """Meta, geometries (WKB) and names of the first layer that has the attribute."""
     if not path.exists():

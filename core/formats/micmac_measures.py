@@ -41,7 +41,7 @@ def read_camera_measures(path: Path) -> dict[str, tuple[float, float]]:
     """
     marks = next(iter(_read(path).values()))
     places = np.array(list(marks.values()))
-    if (places >= -1e-9).all():
+    if (places >= 0).all():
         # The origin is arbitrary there: the middle of the box of marks stands for the centre.
         middle = (places.min(axis=0) + places.max(axis=0)) / 2
         places = (places - middle) * np.array([1.0, -1.0])

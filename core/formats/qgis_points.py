@@ -132,7 +132,7 @@ def _numbers(path: Path, rows: list[list[str]], places: dict[str, int]) -> np.nd
 
 def _crs_of_rows(rows: list[list[str]]) -> str:
     """Some development builds wrote the CRS into every row's ninth column."""
-    return rows[0][8].strip() if rows and len(rows[0]) > 8 else ""
+    return "".join(rows[0][8:9]).strip() if rows else ""
 
 
 def _is_number(word: str) -> bool:

@@ -114,7 +114,6 @@ def _no_roads(layer: VectorLayer, bounds: Bounds | None) -> Doubt:
         subject=layer.file,
         message=f"Road layer {layer.name} gives no roads: {what}{where}. "
         "Control is looked for at salient ortho points instead.",
-        gravity=0.3,
     )
 
 

@@ -30,6 +30,10 @@ LAYER_MARK = "|layername="
 """What QGIS writes between a file and one of its layers."""
 CZECH_DBF = "windows-1250"
 """Encoding of shapefiles that name none: those of the Czech Office are all in it."""
+LENGTH_AT = 24  # source: ESRI Shapefile Technical Description, July 1998, page 4.
+"""Byte at which a shapefile says its length, in words of two bytes."""
+LANGUAGE_AT = 29  # source: structure of a dBASE III+ file header.
+"""Byte at which the table of a shapefile names its encoding; nought where it does not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,9 +119,9 @@ def _refuse_cut_shapefile(path: Path) -> None:
     if path.suffix.lower() != ".shp":
         return
     with path.open("rb") as stream:
-        header = stream.read(28)
-    # Bytes 24 to 27 hold the file's length in words of two bytes.
-    if len(header) < 28 or int.from_bytes(header[24:28], "big") * 2 > path.stat().st_size:
+        stream.seek(LENGTH_AT)
+        words = stream.read(4)
+    if len(words) < 4 or 2 * int.from_bytes(words, "big") > path.stat().st_size:
         raise ReferenceDataError(
             path,
             "the shapefile is shorter than its header says: it was cut off.",
@@ -136,8 +140,8 @@ def _encoding(file: str) -> str | None:
     if not table.exists():
         return None
     with table.open("rb") as stream:
-        header = stream.read(30)
-    return CZECH_DBF if len(header) == 30 and header[29] == 0 else None
+        stream.seek(LANGUAGE_AT)
+        return CZECH_DBF if stream.read(1) == b"\0" else None
 
 
 def _corners(bounds: Sequence[float]) -> np.ndarray:
@@ -164,6 +168,7 @@ def _way_to_block(
 def _box_in(to_block: Operation, bounds: Bounds) -> Bounds:
     """Bounds that hold the block's bounds in the layer's CRS."""
     corners = _corners(bounds)
+    # design: eighths of a side of a block bend by less than a metre between two CRS.
     share = np.linspace(0, 1, 9)[:-1, None]
     outline = corners[:, None] + share * (np.roll(corners, -1, axis=0) - corners)[:, None]
     there = to_block.backward(outline.reshape(-1, 2))

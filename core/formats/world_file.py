@@ -16,6 +16,9 @@ from core.arrays import Affine2, locked
 from core.errors import ScanError
 from core.frames import HALF_PIXEL
 
+NO_AREA = 1e-18  # design: a pixel of a nanometre, which is rounding and no pixel.
+"""Square metres (or degrees) below which a pixel has no area."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldFile:
@@ -79,7 +82,7 @@ def read_world_file(path: Path) -> WorldFile:
             "Write A, D, B, E, C, F on a line each, or take the file away.",
         ) from error
     linear = np.array([[a, b], [d, e]])
-    if not np.isfinite([a, b, c, d, e, f]).all() or abs(np.linalg.det(linear)) < 1e-18:
+    if not np.isfinite([a, b, c, d, e, f]).all() or abs(np.linalg.det(linear)) < NO_AREA:
         raise ScanError(
             path,
             "Its pixel has no area: the lines A, D, B, E are no transform.",

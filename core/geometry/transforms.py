@@ -33,11 +33,9 @@ class PlaneTransform:
     """Computed minus given, one row per point, units of the target."""
     sigma: float
     """A-posteriori standard deviation of one target coordinate; NaN without redundancy."""
-    covariance: Matrix
-    """6 x 6, of `matrix` row by row; NaN without redundancy."""
 
     def __post_init__(self) -> None:
-        for name in ("matrix", "residuals", "covariance"):
+        for name in ("matrix", "residuals"):
             object.__setattr__(self, name, locked(getattr(self, name)))
 
     @property
@@ -49,13 +47,6 @@ class PlaneTransform:
     def scale(self) -> float:
         """Mean scale: square root of the absolute determinant."""
         return float(np.sqrt(abs(np.linalg.det(self.matrix[:, :2]))))
-
-    def predicted_sigmas(self, points: PlanePoints) -> PlanePoints:
-        """Standard deviations of transformed points (x, y) that follow from the fit alone."""
-        ones = np.column_stack([points, np.ones(len(points))])
-        first = np.einsum("ni,ij,nj->n", ones, self.covariance[:3, :3], ones)
-        second = np.einsum("ni,ij,nj->n", ones, self.covariance[3:, 3:], ones)
-        return np.sqrt(np.column_stack([first, second]))
 
 
 def fit_similarity(
@@ -132,10 +123,7 @@ def _fit(
     residuals = (design @ parameters).reshape(-1, 2) - (target - aim)
     redundancy = 2 * len(source) - unknowns
     variance = float(np.sum(residuals**2)) / redundancy if redundancy else np.nan
-    cofactor = (right.T / singular**2) @ right
-    return PlaneTransform(
-        model, matrix, residuals, float(np.sqrt(variance)), variance * (back @ cofactor @ back.T)
-    )
+    return PlaneTransform(model, matrix, residuals, float(np.sqrt(variance)))
 
 
 def _normalisation(points: PlanePoints) -> tuple[Place, float]:

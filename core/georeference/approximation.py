@@ -34,44 +34,49 @@ from core.geometry.transforms import (
 )
 
 GeoreferenceSource = Literal["world-file", "points", "footprints", "exterior", "area"]
-QUARTERS = np.arange(4) * np.pi / 2
+QUARTERS = np.arange(4) * np.pi / 2  # source: definition of a quarter turn.
+# source: specification of the Czech orthophoto flights: 95 % of photos tilt by less than 3 degrees.
+TILT = float(np.radians(3.0))
+"""Standard deviation of omega and phi of a photo that is called vertical, radians."""
+# design: five kilometres of error happen, half a country does not.
 FAR_M = 50_000.0
 """A photo further than this outside the DEM is a mistake, not a poor start, metres."""
+# design: frames nominally square differ by a twentieth in a scan; tilt and relief stretch by less.
+SQUARE = 0.05
+"""Lengths that differ by less than this share are taken as alike."""
+# design: that of drift between photos of one strip, several times over.
+ALONG_STRIP = float(np.radians(20.0))
+"""Standard deviation of kappa that follows from the direction of flight, radians."""
+# design: an area without any hint is searched whole: its border lies 2.5 deviations off the middle.
+AREA_SIGMAS = 5
+"""Width of an area over the standard deviation of a place in it."""
 
 
 @dataclass(frozen=True, slots=True)
-class PriorOptions:
-    """A-priori standard deviations; near-vertical photos throughout."""
+class Trust:
+    """How far a source is trusted, as a-priori standard deviations of near-vertical photos."""
 
-    tilt_deg: float = 3.0
-    """omega and phi, degrees."""
-    world_file_m: float = 100.0
-    """Place from a world file, metres: good ones are within 10 m, bad ones 300 m off. That of a
-    tilted photo's perspective centre is less sure, by the height times its tilt."""
-    world_file_kappa_deg: float = 5.0
-    """kappa from a world file, degrees."""
-    height_share: float = 0.04
-    """Height over ground from a scale, as a share of it."""
-    points_m: float = 20.0
-    """Place from points clicked by hand, metres; twice their residuals if that is more."""
-    points_kappa_deg: float = 2.0
-    """kappa from points clicked by hand, degrees."""
-    footprint_m: float = 300.0
-    """Place from a footprint, metres."""
-    footprint_kappa_deg: float = 10.0
-    """kappa of each hypothesis from a footprint, degrees."""
-    footprint_height_share: float = 0.1
-    """Height over ground from the size of a footprint, as a share of it."""
-    list_m: float = 5.0
-    """Place from an EO list without sigma columns, metres."""
-    list_deg: float = 0.5
-    """Angles from an EO list without sigma columns, degrees."""
-    area_height_share: float = 0.06
-    """Height over ground from a scale number, which archives round, as a share of it."""
-    area_kappa_deg: float = 45.0
-    """kappa of each hypothesis where nothing tells the direction of flight, degrees."""
-    strip_kappa_deg: float = 20.0
-    """kappa of each hypothesis from the direction of flight, degrees."""
+    place_m: float
+    """Easting and northing, metres."""
+    height_share: float
+    """Height over ground from the source's scale, as a share of it."""
+    kappa: float
+    """kappa of each hypothesis, radians."""
+
+
+# design: good world files lie within 10 m, bad ones 300 m off; clicked points are as good as their
+# clicks; footprints are drawn round by hand; archives round scale numbers, and say nothing of the
+# direction of flight, so that each hypothesis covers half a quarter turn on either side. A tilted
+# photo's centre is less sure than its ground, by the height times its tilt: that is not in here.
+TRUST: Mapping[GeoreferenceSource, Trust] = {
+    "world-file": Trust(100.0, 0.04, np.radians(5.0)),
+    "points": Trust(20.0, 0.04, np.radians(2.0)),
+    "footprints": Trust(300.0, 0.1, np.radians(10.0)),
+    "area": Trust(np.nan, 0.06, np.pi / 4),
+}
+# design: what positions of film cameras in flight are worth where the list does not say.
+LISTED = (5.0, float(np.radians(0.5)))
+"""Standard deviations of an EO list without sigma columns: centre (m), angles (rad)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +112,6 @@ def approximate_from_world_file(
     interior: InteriorOrientation,
     camera: Camera,
     ground: Ground,
-    options: PriorOptions | None = None,
 ) -> Approximation:
     """The vertical photo that lies as the similarity part of a world file says.
 
@@ -116,13 +120,11 @@ def approximate_from_world_file(
         interior: Interior orientation of the scan.
         camera: Camera.
         ground: CRS and mean height.
-        options: Standard deviations.
 
     Raises:
         ScanError: The world file is mirrored.
         CrsError: Its coordinates cannot belong to the block's CRS.
     """
-    options = options or PriorOptions()
     if world.mirrored:
         raise ScanError(
             world.path,
@@ -133,10 +135,7 @@ def approximate_from_world_file(
     _check_ground(placed, camera, ground, world.path)
     kappa, scale = rotation_and_scale(placed)
     exterior = _vertical(placed, kappa, scale, camera, ground)
-    prior = _prior(
-        options.world_file_m, options.height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.world_file_kappa_deg,
-    )  # fmt: skip
+    prior = _prior("world-file", scale, camera)
     doubts = _affine_doubt(world.path.stem, placed)
     return Approximation(exterior, prior, "world-file", (exterior,), doubts)
 
@@ -146,7 +145,6 @@ def approximate_from_points(
     interior: InteriorOrientation,
     camera: Camera,
     ground: Ground,
-    options: PriorOptions | None = None,
 ) -> Approximation:
     """The vertical photo that fits points clicked in QGIS, by a similarity from film to ground.
 
@@ -154,7 +152,6 @@ def approximate_from_points(
         ScanError: Fewer than two distinct enabled points.
         CrsError: Their coordinates cannot belong to the block's CRS.
     """
-    options = options or PriorOptions()
     plane = _in_block(points.plane[points.enabled], points.crs, ground.crs, points.path)
     film = interior.film_from_pixel(points.pixels[points.enabled])
     fit = fit_similarity(film, plane)
@@ -163,11 +160,7 @@ def approximate_from_points(
     _check_ground(fit.matrix, camera, ground, points.path)
     kappa, scale = rotation_and_scale(fit.matrix)
     exterior = _vertical(fit.matrix, kappa, scale, camera, ground)
-    prior = _prior(
-        max(options.points_m, 2 * fit.rms),
-        options.height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.points_kappa_deg,
-    )  # fmt: skip
+    prior = _prior("points", scale, camera, place_m=max(TRUST["points"].place_m, 2 * fit.rms))
     return Approximation(exterior, prior, "points", (exterior,))
 
 
@@ -175,20 +168,18 @@ def approximate_from_footprint(
     footprint: Footprint,
     camera: Camera,
     ground: Ground,
-    options: PriorOptions | None = None,
 ) -> Approximation:
     """Vertical photos whose frame fills a footprint; its outline leaves kappa open by quarters.
 
     A square frame gives four hypotheses, an oblong one the two that lie along the footprint.
     """
-    options = options or PriorOptions()
     corners = footprint.corners
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
     longest = sides[int(np.argmax(lengths))]
     width, height = camera.frame_mm
     along = float(np.arctan2(longest[1], longest[0]))
-    square = abs(width - height) < 0.05 * max(width, height)
+    square = abs(width - height) < SQUARE * max(width, height)
     if square:
         # Which of the four is meant nobody knows: the one nearest to north up comes first.
         first = float((along + np.pi / 4) % (np.pi / 2) - np.pi / 4)
@@ -199,11 +190,7 @@ def approximate_from_footprint(
     middle = corners.mean(axis=0)
     check_place(middle, ground, footprint.path)
     hypotheses = tuple(_over(middle, float(kappa), scale, camera, ground) for kappa in kappas)
-    prior = _prior(
-        options.footprint_m,
-        options.footprint_height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.footprint_kappa_deg,
-    )  # fmt: skip
+    prior = _prior("footprints", scale, camera)
     return Approximation(hypotheses[0], prior, "footprints", hypotheses)
 
 
@@ -212,7 +199,6 @@ def approximate_in_area(
     scale_number: float,
     camera: Camera,
     ground: Ground,
-    options: PriorOptions | None = None,
 ) -> Approximation:
     """A vertical photo somewhere in an area, of any kappa: all that its scale number tells.
 
@@ -221,17 +207,11 @@ def approximate_in_area(
         scale_number: Flying height over principal distance, such as 15000 for 1 : 15 000.
         camera: Camera.
         ground: CRS and mean height.
-        options: Standard deviations.
     """
-    options = options or PriorOptions()
     west, south, east, north = area
     middle, scale = np.array([west + east, south + north]) / 2, scale_number / 1000
     hypotheses = tuple(_over(middle, float(k), scale, camera, ground) for k in QUARTERS)
-    prior = _prior(
-        max(east - west, north - south) / 5,
-        options.area_height_share * scale * camera.principal_distance_mm,
-        options.tilt_deg, options.area_kappa_deg,
-    )  # fmt: skip
+    prior = _prior("area", scale, camera, place_m=max(east - west, north - south) / AREA_SIGMAS)
     return Approximation(hypotheses[0], prior, "area", hypotheses)
 
 
@@ -240,7 +220,6 @@ def approximate_from_eo(
     file: Path,
     ground: Ground,
     direction: float | None = None,
-    options: PriorOptions | None = None,
 ) -> Approximation:
     """The row of an EO list; a row without angles is a vertical photo of unknown kappa.
 
@@ -250,13 +229,11 @@ def approximate_from_eo(
         ground: CRS and mean height.
         direction: Direction of flight (radians from grid east, counter-clockwise) where it is
             known, see `flight_directions`: kappa is then one of four quarters from it.
-        options: Standard deviations.
 
     Raises:
         CrsError: The position cannot belong to the block's CRS.
         ProjectError: The camera would stand below the ground.
     """
-    options = options or PriorOptions()
     centre = np.array(record.centre)
     check_place(centre[:2], ground, file)
     if centre[2] <= ground.height_m:
@@ -266,17 +243,17 @@ def approximate_from_eo(
             f"{ground.height_m:.0f} m.",
             "Check the column Z: it is the height of the perspective centre, not over ground.",
         )
-    place = record.sigma_centre_m or (options.list_m,) * 3
+    place = record.sigma_centre_m or LISTED[:1] * 3
     if record.angles is not None:
         exterior = ExteriorOrientation(centre, *record.angles)
-        sigma = record.sigma_angles or (np.radians(options.list_deg),) * 3
+        sigma = record.sigma_angles or LISTED[1:] * 3
         prior = ExteriorPrior(np.array(place), np.array(sigma))
         return Approximation(exterior, prior, "exterior", (exterior,))
     start = 0.0 if direction is None else direction
     kappas = start + QUARTERS[[0, 2, 1, 3]]
     hypotheses = tuple(ExteriorOrientation(centre, 0.0, 0.0, _wrapped(float(k))) for k in kappas)
-    spread = options.area_kappa_deg if direction is None else options.strip_kappa_deg
-    angles = np.radians([options.tilt_deg, options.tilt_deg, spread])
+    spread = TRUST["area"].kappa if direction is None else ALONG_STRIP
+    angles = np.array([TILT, TILT, spread])
     return Approximation(
         hypotheses[0], ExteriorPrior(np.array(place), angles), "exterior", hypotheses
     )
@@ -338,11 +315,14 @@ def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _prior(place_m: float, height_m: float, tilt_deg: float, kappa_deg: float) -> ExteriorPrior:
-    """Standard deviations of a near-vertical photo."""
-    return ExteriorPrior(
-        np.array([place_m, place_m, height_m]), np.radians([tilt_deg, tilt_deg, kappa_deg])
-    )
+def _prior(
+    source: GeoreferenceSource, scale: float, camera: Camera, *, place_m: float | None = None
+) -> ExteriorPrior:
+    """Standard deviations of a near-vertical photo; scale in metres of ground per millimetre."""
+    trust = TRUST[source]
+    place = trust.place_m if place_m is None else place_m
+    height = trust.height_share * scale * camera.principal_distance_mm
+    return ExteriorPrior(np.array([place, place, height]), np.array([TILT, TILT, trust.kappa]))
 
 
 def check_place(middle: np.ndarray, ground: Ground, file: Path) -> None:
@@ -386,7 +366,7 @@ def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]
     """A doubt when the world file stretches or shears the photo by more than five per cent."""
     large, small = np.linalg.svd(object_from_film[:, :2], compute_uv=False)
     stretch = float(large / small - 1)
-    if stretch < 0.05:
+    if stretch < SQUARE:
         return ()
     return (
         Doubt(

@@ -1,7 +1,7 @@
 """Where each photo roughly is: the archive's sources opened once, and asked photo by photo."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +18,6 @@ from core.geometry.crs import Bounds, check_range, infer_crs, operation_between,
 from core.georeference.approximation import (
     Approximation,
     Ground,
-    PriorOptions,
     approximate_from_eo,
     approximate_from_footprint,
     approximate_from_points,
@@ -33,6 +32,9 @@ from core.scans.interior_orientation import ScanOrientation
 GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
 NAMED = {"world-file": "world file", "points": ".points file", "footprints": "footprint"}
 """The sources in the words of a sentence."""
+# design: about the ground of one photo 1 : 15 000; only a mean height is taken from it.
+UNDER_M = 1500.0
+"""The ground under a photo is what lies within this of its perspective centre, metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,6 @@ class Georeference:
     """EO list."""
     scale_number: float | None = None
     """Scale of photos that no source places: they are sought all over the reference ortho."""
-    prior: PriorOptions = field(default_factory=PriorOptions)
-    """A-priori standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +179,7 @@ def _from_source(
         return None
     middle = footprint.polygon.centroid
     ground = _ground(dem, archive.crs, middle.x, middle.y)
-    return approximate_from_footprint(footprint, camera, ground, archive.georeference.prior)
+    return approximate_from_footprint(footprint, camera, ground)
 
 
 def _from_list(photo_id: str, record: EoRecord, archive: Archive, dem: Dem) -> Approximation:
@@ -187,7 +187,7 @@ def _from_list(photo_id: str, record: EoRecord, archive: Archive, dem: Dem) -> A
     ground = _ground(dem, archive.crs, *record.centre[:2])
     file = archive.georeference.exterior or Path()
     direction = archive.directions.get(photo_id)
-    return approximate_from_eo(record, file, ground, direction, archive.georeference.prior)
+    return approximate_from_eo(record, file, ground, direction)
 
 
 def _from_world_file(
@@ -198,9 +198,7 @@ def _from_world_file(
     if world is None:
         return None
     ground = _ground(dem, archive.crs, *world_file_centre(world, oriented.interior, camera))
-    return approximate_from_world_file(
-        world, oriented.interior, camera, ground, archive.georeference.prior
-    )
+    return approximate_from_world_file(world, oriented.interior, camera, ground)
 
 
 def _from_points(
@@ -215,31 +213,28 @@ def _from_points(
         # All switched off: as good as no file.
         return None
     # The points' own middle is near enough to look up the ground; it may be in another CRS.
-    first = approximate_from_points(
-        points, oriented.interior, camera, Ground(archive.crs, 0.0), archive.georeference.prior
-    )
+    first = approximate_from_points(points, oriented.interior, camera, Ground(archive.crs, 0.0))
     ground = _ground(dem, archive.crs, *first.exterior.centre[:2].tolist())
-    return approximate_from_points(
-        points, oriented.interior, camera, ground, archive.georeference.prior
-    )
+    return approximate_from_points(points, oriented.interior, camera, ground)
 
 
 def _from_area(scale_number: float, camera: Camera, archive: Archive, dem: Dem) -> Approximation:
     """Somewhere on the reference ortho."""
     west, south, east, north = archive.area
     ground = _ground(dem, archive.crs, (west + east) / 2, (south + north) / 2)
-    return approximate_in_area(
-        archive.area, scale_number, camera, ground, archive.georeference.prior
-    )
+    return approximate_in_area(archive.area, scale_number, camera, ground)
 
 
-def _ground(dem: Dem, crs: str, east: float, north: float, reach_m: float = 1500.0) -> Ground:
-    """The ground about a place; where the DEM has none, the mean of all of it."""
-    box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
-    height = dem.mean_height(box)
-    if not np.isfinite(height):
-        height = dem.mean_height()
+def _ground(dem: Dem, crs: str, east: float, north: float) -> Ground:
+    """The ground about a place."""
+    height = mean_height_under(dem, east, north)
     return Ground(crs, height if np.isfinite(height) else 0.0, dem.bounds)
+
+
+def mean_height_under(dem: Dem, east: float, north: float) -> float:
+    """Mean height about a place; of all the DEM where it has none there, NaN where it is empty."""
+    height = dem.mean_height((east - UNDER_M, north - UNDER_M, east + UNDER_M, north + UNDER_M))
+    return float(height if np.isfinite(height) else dem.mean_height())
 
 
 def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:

@@ -9,10 +9,13 @@ from core.raster.dem import Dem
 from core.raster.grid import Grid
 from core.raster.ortho import LEAST_COVERAGE, Ortho
 
+# design: a fifth of the photos can be oriented; less is another place, or a wrong CRS.
 LEAST_SHARE = 0.2
 """With less of the block covered than this, nothing useful can be made."""
+# design: rims of sheets and lakes of nodata take a percent or two of any reference.
 FULL_SHARE = 0.98
 """Below this share the operator is told what is missing."""
+# design: half a percent across and down, ten times finer than FULL_SHARE asks for.
 SAMPLES = 200
 """The block is looked at in at most this many pixels across and down."""
 
@@ -69,7 +72,7 @@ def _judged(what: str, file: str, share: float, own: Bounds, block: Bounds) -> D
         subject=file,
         message=f"The {what} covers {100 * share:.0f} % of the block; there will be no control "
         "and no mosaic in the rest.",
-        gravity=0.3 + 0.5 * (1 - share),
+        gravity=1 - share,
         evidence={"share": round(share, 4), "bounds": list(own), "block": list(block)},
     )
 

@@ -3,15 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from core.block import Block, Photo, footprint
 from core.doubts import Doubt
 from core.errors import OrientationError, PhotogrammetryError
 from core.geometry.camera import Camera
 from core.geometry.crs import distance_m
 from core.georeference.approximation import Approximation
-from core.georeference.archive import Archive, Georeference, georeference_photo, open_archive
+from core.georeference.archive import (
+    Archive,
+    Georeference,
+    georeference_photo,
+    mean_height_under,
+    open_archive,
+)
 from core.georeference.coverage import check_coverage
 from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
@@ -19,9 +23,6 @@ from core.raster.dem import Dem
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanSet
 
-# design: about the ground of one photo 1 : 15 000; only a mean height is taken from it.
-UNDER_M = 1500.0
-"""The ground under a photo is what lies within this of its perspective centre, metres."""
 # design: as far as that, tie points may still join it to photos that lie inside.
 FAR_FOOTPRINTS = 2.0
 """A photo may lie so many of its own footprints outside the reference."""
@@ -116,10 +117,7 @@ def approximate_photo(
 ) -> Photo:
     """A photo at its approximate orientation, with the mean height of the ground under it."""
     east, north = (float(value) for value in placed.exterior.centre[:2])
-    under = (east - UNDER_M, north - UNDER_M, east + UNDER_M, north + UNDER_M)
-    height = reference.dem.mean_height(under)
-    if np.isnan(height):
-        height = reference.dem.mean_height()
+    height = mean_height_under(reference.dem, east, north)
     return Photo(
         scan.photo_id,
         scan.scan.path,
@@ -129,7 +127,7 @@ def approximate_photo(
         placed.exterior,
         placed.exterior,
         placed.prior,
-        float(height),
+        height,
     )
 
 

@@ -14,11 +14,9 @@ from core.adjustment.positioning import MEASURED_M
 from core.block import Block, ExteriorPrior, Photo, ground_of
 from core.geometry.crs import Bounds
 from core.geometry.exterior import ExteriorOrientation
-from core.georeference.stage import UNDER_M
+from core.georeference.approximation import TILT
+from core.georeference.archive import UNDER_M
 
-# design: as `PriorOptions.tilt_deg` says of every near-vertical photo.
-TILT = float(np.radians(3.0))
-"""Standard deviation of omega and phi of a photo that is called vertical, radians."""
 # design: relief under one photo; it is to have no say against measurements.
 HEIGHT_SHARE = 0.03
 """Standard deviation of the height over ground, as a share of it."""

@@ -12,43 +12,37 @@ from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Position, Scalars, locked
-from core.geometry.crs import Bounds
+from core.geometry.crs import SAME_PLACE_M, Bounds
 from core.raster.dem import Dem
-from core.reference.road_graph import RoadGraph, clusters, planar_graph
-
-__all__ = ["Junction", "JunctionOptions", "find_junctions", "planar_graph"]
+from core.reference.road_graph import RoadGraph, clusters
 
 TRACK_WORDS = ("track", "cesta", "path", "footway", "bridleway", "cycleway", "steps", "pesina")
 """Words in the class or layer of roads that keep their place less well than paved ones."""
-FULL_TURN = 2 * np.pi
+FULL_TURN = 2 * np.pi  # source: definition.
+# design: beyond the ends that were joined, before the next turn of the road.
 AT_NODE_M = 1.0
 """An arm's attributes are those of the road this far from the node."""
-
-
-@dataclass(frozen=True, slots=True)
-class JunctionOptions:
-    """Which nodes count as junctions, and how well they are known."""
-
-    least_degree: int = 3
-    """Arms a junction has at least."""
-    stub_m: float = 5.0
-    """Dead ends shorter than this are no arms, metres."""
-    merge_m: float = 8.0
-    """Junctions closer than this to each other are one (dual carriageways, offset crossings)."""
-    arm_m: float = 15.0
-    """An arm's direction is taken to its point at this distance, metres."""
-    least_angle_deg: float = 12.0
-    """Arms closer in direction than this are one road drawn twice."""
-    ortho_sigma_m: float = 0.25
-    """Accuracy of the ortho, per axis: the patch comes from it, not from the vectors."""
-    dem_sigma_m: float = 0.5
-    """Accuracy of the DEM."""
-    change_paved_m: float = 0.3
-    """What a paved junction has moved in decades, per axis; added in squares (METHODS 7.3)."""
-    change_track_m: float = 0.6
-    """The same where fewer than two arms are paved."""
-    change_height_m: float = 0.3
-    """What its height has changed; sigma_H^2 = dem^2 + (slope sigma_xy)^2 + this^2."""
+# design: what lines overshoot a crossing by when they are digitised, and drives to a gate.
+STUB_M = 5.0
+"""Dead ends shorter than this are no arms, metres."""
+# design: the two carriageways of a road, and arms of a crossing that miss each other by a width.
+MERGE_M = 8.0
+"""Junctions closer than this to each other are one, metres."""
+# design: half a template at the usual scales; a road bends little within it.
+ARM_M = 15.0
+"""An arm's direction is taken to its point at this distance, metres."""
+# design: two roads of 3 m are apart at ARM_M from this angle on.
+LEAST_ANGLE = float(np.radians(12.0))
+"""Arms closer in direction than this are one road drawn twice, radians."""
+# design: a paved crossing is rebuilt within its own width, a track moves with its ruts.
+CHANGE_M = {"paved": 0.3, "track": 0.6}
+"""What a junction has moved in decades, per axis; added in squares, metres."""
+# design: a new surface of the road, or none.
+CHANGE_HEIGHT_M = 0.3
+"""What its height has changed, metres."""
+# design: the mean of hilly country.
+USUAL_SLOPE = 0.1
+"""Slope of the ground where the DEM does not tell it, as at its rim."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +92,9 @@ class _Arms:
 def find_junctions(
     graph: RoadGraph,
     dem: Dem,
-    options: JunctionOptions = JunctionOptions(),
+    *,
+    ortho_sigma_m: float,
+    dem_sigma_m: float,
     bounds: Bounds | None = None,
     mask: BaseGeometry | None = None,
     bridges: BaseGeometry | None = None,
@@ -108,24 +104,26 @@ def find_junctions(
     Args:
         graph: The planar graph of the roads.
         dem: Terrain; junctions outside it or in its gaps are left out.
-        options: What counts as a junction.
+        ortho_sigma_m: Accuracy of the ortho, per axis: the patch comes from it, not from the lines.
+        dem_sigma_m: Accuracy of the DEM.
         bounds: Only junctions within these, metres.
         mask: Area where nothing may be matched.
         bridges: Bridge areas: roads that only run through each other within one do not meet.
     """
-    arms = _ground_arms(graph, options, bridges)
-    junction, compact = _junction_of_node(graph, arms, options)
-    arms = _outgoing(graph, arms, junction, options)
-    azimuths = _azimuths(graph, arms, options.arm_m)
+    arms = _ground_arms(graph, bridges)
+    junction, compact = _junction_of_node(graph, arms)
+    arms = _outgoing(graph, arms, junction)
+    azimuths = _azimuths(graph, arms, ARM_M)
     order = np.lexsort((azimuths, junction[arms.node]))
     arms, azimuths = arms.chosen(order), azimuths[order]
     owner = junction[arms.node]
-    distinct = _distinct(owner, azimuths, np.radians(options.least_angle_deg))
+    distinct = _distinct(owner, azimuths, LEAST_ANGLE)
     arms, azimuths, owner = arms.chosen(distinct), azimuths[distinct], owner[distinct]
     degree = np.bincount(owner, minlength=len(compact))
     places = _places(graph, junction, len(compact))
-    kept = np.flatnonzero((degree >= options.least_degree) & _allowed(places, bounds, mask))
-    return _described(graph, dem, options, _Found(places, compact, kept, arms, azimuths, owner))
+    kept = np.flatnonzero((degree >= 3) & _allowed(places, bounds, mask))
+    found = _Found(places, compact, kept, arms, azimuths, owner)
+    return _with_heights(graph, dem, found, (ortho_sigma_m, dem_sigma_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,13 +138,13 @@ class _Found:
     owner: Int64[np.ndarray, "arms"]
 
 
-def _ground_arms(graph: RoadGraph, options: JunctionOptions, bridges: BaseGeometry | None) -> _Arms:
+def _ground_arms(graph: RoadGraph, bridges: BaseGeometry | None) -> _Arms:
     """Both ends of every edge, without stubs and without what passes over or under."""
     count = len(graph.edges)
     edge = np.tile(np.arange(count), 2)
     arms = _Arms(graph.edge_nodes.T.ravel(), edge, np.repeat([True, False], count))
     dead = (graph.degrees[graph.edge_nodes] == 1).any(axis=1)
-    kept = ~(dead & (graph.lengths < options.stub_m))[edge]
+    kept = ~(dead & (graph.lengths < STUB_M))[edge]
     if graph.roads.level.any():
         kept &= ~_passing(graph, arms)
     if bridges is not None and not bridges.is_empty:
@@ -162,7 +160,7 @@ def _passing(graph: RoadGraph, arms: _Arms) -> Bool[np.ndarray, "arms"]:
     raised = np.flatnonzero(graph.roads.level)
     lines = graph.roads.lines[raised]
     ends = np.vstack([shapely.get_coordinates(shapely.get_point(lines, i)) for i in (0, -1)])
-    near = KDTree(graph.nodes).query_ball_point(ends, 2 * graph.snap_m + 1e-6)
+    near = KDTree(graph.nodes).query_ball_point(ends, 2 * graph.snap_m + SAME_PLACE_M)
     at = np.repeat(np.arange(len(ends)), [len(nodes) for nodes in near])
     nodes = np.concatenate([np.asarray(found, dtype=np.int64) for found in near])
     levels = np.tile(graph.roads.level[raised], 2)[at]
@@ -191,7 +189,7 @@ def _points_along(graph: RoadGraph, arms: _Arms, distance_m: float) -> np.ndarra
 
 
 def _junction_of_node(
-    graph: RoadGraph, arms: _Arms, options: JunctionOptions
+    graph: RoadGraph, arms: _Arms
 ) -> tuple[Int64[np.ndarray, "nodes"], Bool[np.ndarray, "junctions"]]:
     """Number of the junction of each node (-1: none), and whether a junction has several nodes."""
     junction = np.full(len(graph.nodes), -1, dtype=np.int64)
@@ -199,7 +197,7 @@ def _junction_of_node(
     meeting = np.flatnonzero(degree >= 3)
     if not len(meeting):
         return junction, np.zeros(0, dtype=bool)
-    group = _tight(graph.nodes[meeting], options.merge_m)
+    group = _tight(graph.nodes[meeting], MERGE_M)
     junction[meeting] = group
     return junction, np.bincount(group) > 1
 
@@ -232,12 +230,10 @@ def _tight(points: Float64[np.ndarray, "n 2"], reach_m: float) -> Int64[np.ndarr
     return np.unique(group, return_inverse=True)[1].astype(np.int64)
 
 
-def _outgoing(
-    graph: RoadGraph, arms: _Arms, junction: Int64[np.ndarray, "nodes"], options: JunctionOptions
-) -> _Arms:
+def _outgoing(graph: RoadGraph, arms: _Arms, junction: Int64[np.ndarray, "nodes"]) -> _Arms:
     """Arms that leave a junction, without the short links between its own nodes."""
     pair = junction[graph.edge_nodes[arms.edge]]
-    inner = (pair[:, 0] == pair[:, 1]) & (graph.lengths[arms.edge] < 3 * options.merge_m)
+    inner = (pair[:, 0] == pair[:, 1]) & (graph.lengths[arms.edge] < 3 * MERGE_M)
     return arms.chosen((junction[arms.node] >= 0) & ~inner)
 
 
@@ -295,8 +291,8 @@ def _allowed(
     return allowed
 
 
-def _described(
-    graph: RoadGraph, dem: Dem, options: JunctionOptions, found: _Found
+def _with_heights(
+    graph: RoadGraph, dem: Dem, found: _Found, sigmas_m: tuple[float, float]
 ) -> tuple[Junction, ...]:
     """The kept junctions with height, accuracy and what is known of their arms."""
     kept = found.kept[np.lexsort(found.places[found.kept].T[::-1])]
@@ -313,15 +309,13 @@ def _described(
     for row in np.flatnonzero(np.isfinite(heights)):
         own = slice(first[row], last[row])
         lines = source[own]
-        change = options.change_paved_m
-        if np.count_nonzero(~tracks[lines]) < 2:
-            change = options.change_track_m
+        change = CHANGE_M["paved" if np.count_nonzero(~tracks[lines]) >= 2 else "track"]
         east, north = (float(value) for value in places[row])
         junctions.append(
             Junction(
                 junction_id=f"J{round(east * 10)}_{round(north * 10)}",
                 position=np.array([east, north, heights[row]]),
-                sigma_m=_sigma(options, change, slopes[row]),
+                sigma_m=place_sigma_m(sigmas_m, (change, CHANGE_HEIGHT_M), slopes[row]),
                 degree=len(lines),
                 arm_azimuths=found.azimuths[own],
                 arm_kinds=tuple(str(words[line]) for line in lines),
@@ -333,12 +327,23 @@ def _described(
     return tuple(junctions)
 
 
-def _sigma(options: JunctionOptions, change_m: float, slope: Float64[np.ndarray, "2"]) -> Position:
-    """Standard deviations of easting, northing and height, metres."""
-    plane = float(np.hypot(options.ortho_sigma_m, change_m))
-    # At the rim of the DEM the slope is unknown; one in ten is a mean of hilly country.
-    steep = float(np.linalg.norm(slope)) if np.isfinite(slope).all() else 0.1
-    height = np.sqrt(options.dem_sigma_m**2 + (steep * plane) ** 2 + options.change_height_m**2)
+def place_sigma_m(
+    reference_m: tuple[float, float],
+    change_m: tuple[float, float],
+    slope: Float64[np.ndarray, "2"],
+) -> Position:
+    """Standard deviations of easting, northing and height of a place of the reference, metres.
+
+    sigma_H^2 = dem^2 + (slope sigma_xy)^2 + change^2, where the slope carries the plan into it.
+
+    Args:
+        reference_m: Standard deviation of the ortho per axis, and of the DEM.
+        change_m: What the place has moved since the photos, per axis, and in height.
+        slope: Rise per metre eastwards and northwards; NaN where it is unknown.
+    """
+    plane = float(np.hypot(reference_m[0], change_m[0]))
+    steep = float(np.linalg.norm(slope)) if np.isfinite(slope).all() else USUAL_SLOPE
+    height = np.sqrt(reference_m[1] ** 2 + (steep * plane) ** 2 + change_m[1] ** 2)
     return np.array([plane, plane, float(height)])
 
 

@@ -14,10 +14,9 @@ from core.geometry.crs import Bounds
 from core.matching.reference import Reference
 from core.progress import Progress
 from core.reference.junctions import Junction
-from core.reference.salient import SalientOptions, SalientPoint, find_salient_points
+from core.reference.salient import TEMPLATE_PX, SalientPoint, find_salient_points
 
-TEMPLATE_PX = 61
-"""Template over which a salient point must be told from its surroundings, pixels."""
+# design: 12 x 12 places are enough to orient a photo where only one in four is found.
 CELLS_ACROSS = 12
 """Cells along the shorter side of a photo in which points are wanted."""
 
@@ -72,18 +71,13 @@ def gather_reference_points(
     finest = reference.ortho.ground_sample_distance_m
     gsd = finest * in_steps(max(gsd_m / finest, 1.0))
     template_m = TEMPLATE_PX * gsd
+    # design: templates of neighbours overlap by a quarter at most.
     spacing = template_m * in_steps(max(photo_width_m / CELLS_ACROSS / template_m, 0.75))
-    options = SalientOptions(
-        ground_sample_distance_m=gsd,
-        template_px=TEMPLATE_PX,
-        per_cell=1,
-        ortho_sigma_m=reference.ortho_sigma_m,
-        dem_sigma_m=reference.dem_sigma_m,
-    )
     places = np.array([junction.position[:2] for junction in junctions]).reshape(-1, 2)
     salient = find_salient_points(
-        reference.ortho, reference.dem, bounds, spacing, places, options, mask, progress, mapper
-    )
+        reference, bounds, spacing,
+        gsd_m=gsd, existing=places, mask=mask, progress=progress, mapper=mapper,
+    )  # fmt: skip
     return joined(junctions, salient)
 
 

@@ -15,13 +15,17 @@ from scipy.spatial import KDTree
 
 from core.arrays import locked
 from core.formats.roads import Roads
+from core.geometry.crs import SAME_PLACE_M
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
 NodePairs = Int64[np.ndarray, "edges 2"]
 """First and last node of every edge."""
+# design: layers of one survey meet to decimetres; no two crossings are that close.
 SNAP_M = 0.5
 """Ends closer than this to each other or to a line meet it: how well layers fit each other."""
+VERTEX_M = 1e-9  # design: a nanometre, the rounding of coordinates of a million metres.
+"""No vertex is put nearer to the end of a line, so that ends stay ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +74,7 @@ def planar_graph(roads: Roads, snap_m: float = SNAP_M) -> RoadGraph:
     pieces = _with_clustered_nodes(pieces, snap_m)
     edges = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(pieces)))
     nodes, edge_nodes = _numbered(edges)
-    distance = KDTree(ends).query(nodes, distance_upper_bound=max(snap_m, 1e-3))[0]
+    distance = KDTree(ends).query(nodes, distance_upper_bound=max(snap_m, SAME_PLACE_M))[0]
     return RoadGraph(
         roads, nodes, edges, edge_nodes, shapely.length(edges), ~np.isfinite(distance), snap_m
     )
@@ -178,7 +182,7 @@ def _with_vertices(
     along -= along[first][owner]
     # Ends stay ends, whatever rounding says of a vertex close to them.
     length = np.maximum.reduceat(along, first)
-    inner = np.clip(measure, 1e-9, np.maximum(length[inverse] - 1e-9, 1e-9))
+    inner = np.clip(measure, VERTEX_M, np.maximum(length[inverse] - VERTEX_M, VERTEX_M))
     owners = np.concatenate([owner, inverse])
     order = np.lexsort((np.concatenate([along, inner]), owners))
     merged = np.vstack([coordinates, points])[order]

@@ -13,7 +13,7 @@ from core.matching.patches import OpenPhoto
 from core.matching.reference import ReferenceFiles, open_reference
 from core.progress import Work
 from core.raster.scan_file import ScanFile
-from core.reference.junctions import JunctionOptions, find_junctions
+from core.reference.junctions import find_junctions
 from core.reference.points import ReferenceFeatures, gather_reference_points
 from core.reference.road_graph import planar_graph
 
@@ -42,9 +42,12 @@ def find_reference_points(
     crs = read_crs(files.crs, "block.toml")
     mask = read_mask_polygons(files.mask, crs, bounds) if files.mask else None
     bridges = read_mask_polygons(files.bridges, crs, bounds) if files.bridges else None
-    options = JunctionOptions(ortho_sigma_m=files.ortho_sigma_m, dem_sigma_m=files.dem_sigma_m)
     roads = read_roads(files.roads, files.crs, bounds)
-    junctions = find_junctions(planar_graph(roads), reference.dem, options, bounds, mask, bridges)
+    junctions = find_junctions(
+        planar_graph(roads), reference.dem,
+        ortho_sigma_m=files.ortho_sigma_m, dem_sigma_m=files.dem_sigma_m,
+        bounds=bounds, mask=mask, bridges=bridges,
+    )  # fmt: skip
     sizes = [
         (opened.width_m, opened.ground_pixel_m)
         for name, photo in block.photos.items()

@@ -27,7 +27,12 @@ def junctions(tiny: Tiny):
     """Road junctions of the tiny block."""
     files = sorted((tiny.folder / "roads").glob("*.shp"))
     bounds = tiny.reference.dem.bounds
-    return find_junctions(planar_graph(read_roads(files, CRS, bounds)), tiny.reference.dem)
+    return find_junctions(
+        planar_graph(read_roads(files, CRS, bounds)),
+        tiny.reference.dem,
+        ortho_sigma_m=tiny.reference.ortho_sigma_m,
+        dem_sigma_m=tiny.reference.dem_sigma_m,
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,11 @@
-"""Small rasters on disk for the tests of the reference."""
+"""Small rasters and polygons on disk for the tests of the reference."""
 
 from pathlib import Path
 
 import numpy as np
+import pyogrio.raw
 import rasterio
+import shapely
 from rasterio.transform import Affine
 
 CRS = "EPSG:32633"
@@ -18,6 +20,18 @@ def write_raster(path: Path, values: np.ndarray, transform: Affine, crs=CRS, **p
     ) as file:  # fmt: skip
         file.write(bands)
     return path
+
+
+def write_footprints(path: Path, polygons: dict, name_attribute: str, crs: str) -> None:
+    """Polygons by scan file name, as a GeoPackage or what the extension says."""
+    pyogrio.raw.write(
+        path,
+        geometry=shapely.to_wkb(list(polygons.values())),
+        field_data=[np.array(list(polygons), dtype=object)],
+        fields=[name_attribute],
+        geometry_type="Polygon",
+        crs=crs,
+    )
 
 
 def place(gsd: float, column: float = 0, row: float = 0) -> Affine:

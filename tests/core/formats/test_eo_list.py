@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.errors import ProjectError
-from core.formats.eo_list import EoRecord, read_eo_list, scan_stem, write_eo_list
+from core.formats.eo_list import read_eo_list, scan_stem
 
 place = st.floats(-1e7, 1e7, allow_nan=False)
 angle = st.floats(-3.14, 3.14, allow_nan=False)
@@ -25,7 +25,10 @@ def test_written_and_read__law(
     sigma: tuple | None,
 ) -> None:
     path = tmp_path_factory.mktemp("eo") / "eo.csv"
-    write_eo_list(path, [EoRecord("LMSA08.1938.HUST25.00859", centre, angles, sigma, angles)])
+    turned = ("",) * 3 if angles is None else np.degrees(angles).tolist()
+    cells = ["LMSA08.1938.HUST25.00859", *centre, *turned, *(sigma or ("",) * 3), *turned]
+    sigmas = ",sigma_X,sigma_Y,sigma_Z,sigma_omega_deg,sigma_phi_deg,sigma_kappa_deg\n"
+    path.write_text(HEADER.strip() + sigmas + ",".join(map(str, cells)) + "\n")
     back = read_eo_list(path)["LMSA08.1938.HUST25.00859"]
     np.testing.assert_allclose(back.centre, centre, atol=1e-4)
     for got, given_ in ((back.angles, angles), (back.sigma_angles, angles)):

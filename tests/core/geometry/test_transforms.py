@@ -61,7 +61,7 @@ def test_affine_is_the_least_squares_solution__oracle() -> None:
 
 
 @pytest.mark.parametrize("model", ["similarity", "affine"])
-def test_sigma_and_covariance_tell_the_scatter__truth(model: str) -> None:
+def test_sigma_tells_the_scatter__truth(model: str) -> None:
     rng = np.random.default_rng(2)
     matrix = similar(0.3, 0.35)
     fit_one = fit_similarity if model == "similarity" else fit_affine
@@ -71,10 +71,6 @@ def test_sigma_and_covariance_tell_the_scatter__truth(model: str) -> None:
     ]
     sigma = np.sqrt(np.mean([fit.sigma**2 for fit in fits]))
     assert sigma == pytest.approx(0.5, rel=0.05)
-    corner = np.array([[12000.0, -3000.0]])
-    scatter = np.std([apply_affine(fit.matrix, corner)[0] for fit in fits], axis=0)
-    told = np.sqrt(np.mean([fit.predicted_sigmas(corner)[0] ** 2 for fit in fits], axis=0))
-    np.testing.assert_allclose(told, scatter, rtol=0.12)
 
 
 def test_too_few_or_in_line_is_a_failure__law() -> None:

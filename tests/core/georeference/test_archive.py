@@ -12,7 +12,7 @@ from shapely.geometry import Polygon, box
 from core.doubts import Failure
 from core.errors import CrsError, ProjectError, ScanError
 from core.formats.eo_list import EoRecord
-from core.formats.footprints import Footprint, Footprints, write_footprints
+from core.formats.footprints import Footprint, Footprints
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile, write_world_file
 from core.geometry.camera import Camera
@@ -36,6 +36,7 @@ from core.georeference.archive import (
 )
 from core.raster.dem import open_dem
 from core.scans.interior_orientation import orient_scan
+from tests.core.raster_files import write_footprints
 from tests.core.scans.film_maker import Film, make_film, write_gray
 
 CAMERA = Camera("wide", 152.0, (230.0, 230.0), principal_point_mm=(0.1, -0.2))
