@@ -11,6 +11,7 @@ from core.formats.control_points import ListedPoint, read_control_points
 from core.formats.micmac_measures import read_image_measures
 from core.geometry.crs import check_range, read_crs
 from core.georeference.archive import Georeference
+from core.literature.baselines import operator_named
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import LocalisationOptions
 from core.matching.reference import ReferenceFiles
@@ -26,7 +27,8 @@ def described(project: Project) -> BlockInput:
     for file in scans.fiducial_measures:
         measured |= read_image_measures(file)
     control = project.control
-    orientation = OrientationOptions(operators=control.operators, network=control.learned)
+    operators = tuple(operator_named(name, control.learned) for name in control.operators)
+    orientation = OrientationOptions(operators=operators)
     return BlockInput(
         name=project.block.name,
         cameras=project.cameras,

@@ -17,12 +17,14 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera
 from core.geometry.crs import parse_crs, read_crs
+from core.literature.baselines import OPERATORS
+from core.literature.dense_descriptors import has_akaze
 from core.literature.published_chains import Preset
-from core.matching.descriptors import has_akaze
 from core.matching.learned import LEARNED, check_network
-from core.matching.local_search import USUAL
-from core.matching.operators import OPERATORS
+from core.matching.operators import USUAL
 
+USUAL_NAMES = tuple(operator.name for operator in USUAL)
+"""The operators that compare where `block.toml` names none."""
 Georeference = Literal["world-file", "points", "footprints", "none"]
 """What the approximate exterior orientation begins from."""
 
@@ -101,7 +103,7 @@ class ControlSection:
 
     points: Path | None = None
     """Surveyed points the user has."""
-    operators: tuple[str, ...] = USUAL
+    operators: tuple[str, ...] = USUAL_NAMES
     """What scan and reference are compared by; the first proposes the control."""
     learned: Path | None = None
     """Weights of the operator `learned`, where it is among them."""
@@ -300,9 +302,9 @@ def _control(document: Document) -> ControlSection:
 def _operators(table: Table) -> tuple[str, ...]:
     """Names of operators, each once."""
     key, every = "operators", (*OPERATORS, LEARNED)
-    given: object = table.values.get(key, list(USUAL))
+    given: object = table.values.get(key, list(USUAL_NAMES))
     names = cast("list[object]", [given] if isinstance(given, str) else given)
-    known = f"Write a list of {', '.join(every)}; without the key it is {list(USUAL)}."
+    known = f"Write a list of {', '.join(every)}; without the key it is {list(USUAL_NAMES)}."
     if not isinstance(given, str | list) or not names:
         raise table.error(key, f"must be a list of operators, not {given!r}.", known)
     for name in names:

@@ -213,7 +213,7 @@ def _measured(
     sigma = HAND_SIGMA_PX * max(1.0, likeness.reduction / 2)
     found = Measurement(
         name, photo_id, column, row, sigma, score,
-        peaks=(Peak(column, row, sigma, height, OPERATOR),),
+        peaks=(Peak(column, row, sigma, height, OPERATOR.name),),
     )  # fmt: skip
     if height >= least:
         return found

@@ -143,7 +143,6 @@ def ballot(
         reduction=reduction,
         template_half_px=orientation.template_half_px,
         operators=orientation.operators,
-        network=orientation.network,
         min_search_px=half,
         max_search_px=half,
     )

@@ -14,12 +14,13 @@ from core.matching.local_search import (
     parts_about,
     prepared,
 )
+from core.matching.operators import FusedOperator
 from core.matching.patches import OpenPhoto, Window, read_pair
 from core.matching.peaks import detect_peaks, level_and_spread
 from core.matching.reference import Reference
 from core.matching.template_search import Image
 
-OPERATOR = "fused"
+OPERATOR = FusedOperator()
 """What the desk compares with."""
 REACH_PX = 3.0
 """A place is refined to a peak no further away than this, pixels of the pass."""
@@ -123,4 +124,5 @@ def likeness_about(
     parts = parts_about(images, pixel[0], half, inner)
     if parts is None:
         return Failure("the reference is not known about the point")
-    return Likeness(images.surface(OPERATOR, *parts), locked(pixel - half * reduction), reduction)
+    scores = images.scores(OPERATOR.name, *parts)
+    return Likeness(scores, locked(pixel - half * reduction), reduction)

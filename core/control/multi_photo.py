@@ -140,7 +140,7 @@ def sights_in(
             plan.matching.reduction,
             plan.inner,
             float(sigma_m),
-            plan.matching.operators[0],
+            plan.matching.operators[0].name,
         )
         for search, pixel, move, sigma_m in zip(
             searches, prediction.pixels, moves, plan.point_sigma_m, strict=True

@@ -177,7 +177,6 @@ def planned(
         reduction=reduction,
         template_half_px=orientation.template_half_px,
         operators=orientation.operators[:1],
-        network=orientation.network,
         min_search_px=wide,
         max_search_px=wide,
     )
@@ -277,9 +276,9 @@ def surfaces_about(
     parts = parts_about(images, pixel, half, matching.template_half_px)
     if parts is None:
         return None
-    name = matching.operators[0]
-    surface = images.surface(name, *parts)
-    mirrored = images.mirrored_surface(name, *parts) if mirror else None
+    name = matching.operators[0].name
+    surface = images.scores(name, *parts)
+    mirrored = images.mirrored_scores(name, *parts) if mirror else None
     return surface, mirrored, has_roads(cut(images.reference[name], parts[1]))
 
 
@@ -334,7 +333,7 @@ def candidates_near(surface: ScoreMap, plan: Plan, chance: Chance) -> tuple[Peak
             (peak.row - rim) * reduction,
             peak.sigma_px * reduction,
             (peak.value - chance.middle) / chance.spread,
-            plan.matching.operators[0],
+            plan.matching.operators[0].name,
         )
         for peak in detect_peaks(near, CANDIDATES, SEPARATION_PX)
     )

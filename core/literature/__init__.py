@@ -1,1 +1,1 @@
-"""Published chains and methods, for comparison and lessons."""
+"""Published chains, methods and operators, for comparison and lessons."""

@@ -20,6 +20,7 @@ from core.arrays import Indices
 from core.block import Block, Measurement, Peak, Photo
 from core.control.proposals import with_proposals
 from core.doubts import Doubt
+from core.literature.baselines import NccOperator
 from core.literature.direct_linear import RansacOptions, agreeing_points, is_flat
 from core.localisation.initial_orientation import Site
 from core.matching.local_search import (
@@ -35,6 +36,7 @@ from core.reference.points import ReferencePoints
 
 Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
 """Our own way, and the chains to compare it with."""
+NCC = NccOperator()
 NAMED = {"junction"}
 """Both chains know nothing but junctions."""
 
@@ -158,7 +160,7 @@ def kept_of(
         template_half_px=inner,
         min_search_px=half,
         max_search_px=half,
-        operators=("ncc",),
+        operators=(NCC,),
     )
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
     halves = np.full(len(points.ids), half)
@@ -168,11 +170,11 @@ def kept_of(
         parts = parts_about(images, pixel, half, inner)
         if parts is None:
             continue
-        for column, row, score in joined_pixels(images.surface("ncc", *parts), options):
+        for column, row, score in joined_pixels(images.scores(NCC.name, *parts), options):
             place = pixel + (np.array([column, row]) - half) * reduction
             if away_from_border(opened, place, options.border_m):
                 column, row = (float(value) for value in place)
-                found.append((point, Peak(column, row, options.sigma_px, score, "ncc")))
+                found.append((point, Peak(column, row, options.sigma_px, score, NCC.name)))
     kept = agreed(opened, points, found, options, rng)
     best: dict[int, Peak] = {}
     for index in kept.tolist():
@@ -186,18 +188,18 @@ def kept_of(
     )
 
 
-def joined_pixels(surface: ScoreMap, options: PublishedOptions) -> list[tuple[float, float, float]]:
+def joined_pixels(scores: ScoreMap, options: PublishedOptions) -> list[tuple[float, float, float]]:
     """The best pixels, neighbours joined to their mean weighted by correlation (script 6)."""
-    order = np.argsort(-surface, axis=None, kind="stable")[: options.best]
-    chosen = np.zeros(surface.shape, np.uint8)
-    rows, columns = np.unravel_index(order, surface.shape)
-    high = surface[rows, columns] >= options.least_ncc
+    order = np.argsort(-scores, axis=None, kind="stable")[: options.best]
+    chosen = np.zeros(scores.shape, np.uint8)
+    rows, columns = np.unravel_index(order, scores.shape)
+    high = scores[rows, columns] >= options.least_ncc
     chosen[rows[high], columns[high]] = 1
     count, labels = cv2.connectedComponents(chosen, connectivity=8)
     clusters: list[tuple[float, float, float]] = []
     for label in range(1, count):
         down, across = np.nonzero(labels == label)
-        weight = surface[down, across].astype(np.float64)
+        weight = scores[down, across].astype(np.float64)
         total = float(weight.sum())
         clusters.append(
             (float(weight @ across) / total, float(weight @ down) / total, float(weight.mean()))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.localisation.photo_placement import NARROW, Placement, PlacementOptions, place_photo
 from core.matching.local_search import (
-    USUAL,
     Found,
     MatchingOptions,
     candidates_of,
@@ -22,6 +20,7 @@ from core.matching.local_search import (
     predict_pixels,
     reduction_for,
 )
+from core.matching.operators import USUAL, Operator
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference
 from core.progress import Progress
@@ -41,10 +40,8 @@ class OrientationOptions:
     crown_shift_m: float = 6.0
     """Standard deviation of what woods and shadows do to the first pass, metres: crowns lean and
     shadows turn with the hour, all the same way, so that no covariance tells of it."""
-    operators: tuple[str, ...] = USUAL
-    """What is compared in all passes, by name."""
-    network: Path | None = None
-    """Weights of the operator `learned`."""
+    operators: tuple[Operator, ...] = USUAL
+    """What is compared in all passes."""
     finest_gsd_m: float = 0.35
     """Finer detail than this is grain rather than ground."""
     placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
@@ -153,7 +150,6 @@ def coarse_pass(
         reduction=reduction_for(at_place, gsd),
         template_half_px=options.coarse_template_half_px,
         operators=options.operators,
-        network=options.network,
     )
     outcome, _ = resected(at_place, reference, points, placed.covariance, matching, options, rng)
     return outcome
@@ -211,7 +207,6 @@ def fine_passes(
             template_half_px=options.template_half_px,
             min_search_px=10,
             operators=options.operators,
-            network=options.network,
         )
         at_result = opened.at(result.exterior)
         outcome, seen = resected(

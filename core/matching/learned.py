@@ -43,15 +43,15 @@ class LearnedOperator:
     """The weights, an ONNX file."""
     name: str = LEARNED
 
-    def of_scan(self, scan: Image) -> Description:
+    def of_scan(self, scan: Image, template_half_px: int) -> Description:
         """Channels in groups of three, and the squared length of each pixel's."""
         return described(self.network, scan)
 
-    def of_reference(self, reference: Image, roads: Image) -> Description:
+    def of_reference(self, reference: Image, roads: Image, template_half_px: int) -> Description:
         """The same of the ortho."""
         return described(self.network, reference)
 
-    def surface(self, around: Description, patch: Description) -> ScoreMap:
+    def scores(self, around: Description, patch: Description) -> ScoreMap:
         """Correlation of all channels."""
         return channel_scores(around, patch)
 

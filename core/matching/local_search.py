@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64, Int
@@ -11,7 +10,7 @@ from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scala
 from core.block import Peak
 from core.geometry.consensus import Candidates
 from core.geometry.resection import PhotoModel
-from core.matching.operators import GREY, Operator, operator_named
+from core.matching.operators import GREY, USUAL, Operator
 from core.matching.patches import OpenPhoto, Pair, Window, read_pair
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
 from core.matching.reference import Reference
@@ -32,8 +31,6 @@ NCC_TRUST = 0.4
 values of a wood together, so that such peaks agree with each other and are wrong."""
 DULL = 3.0
 """A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""
-USUAL = ("fused", "ncc-high-pass")
-"""What is compared unless `block.toml` says otherwise."""
 LEAST_KNOWN = 0.9
 """Share of a template on which the reference is known at least."""
 LEAST_USABLE = 0.6
@@ -58,10 +55,8 @@ class MatchingOptions:
     """Smallest half-width of the search."""
     max_search_px: int = 120
     """Largest half-width of the search."""
-    operators: tuple[str, ...] = USUAL
-    """What is compared, by name."""
-    network: Path | None = None
-    """Weights of the operator `learned`."""
+    operators: tuple[Operator, ...] = USUAL
+    """What is compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +89,8 @@ class Images:
 
     pair: Pair
     """The pair."""
+    template_half_px: int
+    """Half the templates that are cut out of it, pixels."""
     operators: Mapping[str, Operator]
     """By name."""
     scan: Mapping[str, Description]
@@ -101,20 +98,21 @@ class Images:
     reference: Mapping[str, Description]
     """What each compares of the reference."""
 
-    def surface(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
+    def scores(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
         """Likeness of a patch of the reference at every place within a part of the scan."""
-        return self.operators[operator].surface(
+        return self.operators[operator].scores(
             cut(self.scan[operator], around), cut(self.reference[operator], patch)
         )
 
-    def mirrored_surface(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
+    def mirrored_scores(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
         """The same with the patch mirrored before it is described: whatever it finds is wrong."""
         made = self.operators[operator]
         mirrored = made.of_reference(
             np.ascontiguousarray(self.pair.reference[patch][:, ::-1]),
             np.ascontiguousarray(self.pair.roads[patch][:, ::-1]),
+            self.template_half_px,
         )
-        return made.surface(cut(self.scan[operator], around), mirrored)
+        return made.scores(cut(self.scan[operator], around), mirrored)
 
 
 def predict_pixels(
@@ -219,16 +217,15 @@ def tiles(
 
 def prepared(pair: Pair, options: MatchingOptions) -> Images:
     """Both halves of a pair, described for every operator."""
-    operators = {
-        name: operator_named(name, options.template_half_px, options.network)
-        for name in options.operators
-    }
+    operators = {operator.name: operator for operator in options.operators}
+    half = options.template_half_px
     return Images(
         pair,
+        half,
         operators,
-        {name: operator.of_scan(pair.scan) for name, operator in operators.items()},
+        {name: operator.of_scan(pair.scan, half) for name, operator in operators.items()},
         {
-            name: operator.of_reference(pair.reference, pair.roads)
+            name: operator.of_reference(pair.reference, pair.roads, half)
             for name, operator in operators.items()
         },
     )
@@ -246,8 +243,8 @@ def match_point(
     parts = parts_about(images, pixel, half, options.template_half_px)
     if parts is None:
         return None
-    surfaces = {name: images.surface(name, *parts) for name in images.operators}
-    peaks = merged(surfaces, options)
+    maps = {name: images.scores(name, *parts) for name in images.operators}
+    peaks = merged(maps, options)
     reduction = options.reduction
     moved = tuple(
         Peak(

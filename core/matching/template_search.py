@@ -21,7 +21,10 @@ Description = tuple[Float32[np.ndarray, "..."], ...]
 
 
 def correlation_scores(window: Image, template: Template) -> ScoreMap:
-    """Pearson's correlation of grey values; nought where either is flat."""
+    """Pearson's correlation of grey values; nought where the window is flat.
+
+    A flat template has the same score everywhere, and so no peak.
+    """
     return finite(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
 
 

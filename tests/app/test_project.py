@@ -12,6 +12,8 @@ from app.block_input import described
 from app.project import Project, read_project
 from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
+from core.matching.learned import LearnedOperator
+from core.matching.operators import FusedOperator
 from sessions.products import digest_of
 from tests.onnx_files import write_convolution
 
@@ -214,7 +216,7 @@ def test_the_learned_operator_needs_a_network__truth(folder: Path) -> None:
     project = read(folder, TOML + asked)
     assert project.control.learned == file
     given = described(project).localisation.orientation
-    assert given.network == file
+    assert given.operators == (LearnedOperator(file), FusedOperator())
     before = digest_of(given)
     write_convolution(file, np.full((2, 1, 3, 3), 2.0, np.float32))
     assert digest_of(given) != before

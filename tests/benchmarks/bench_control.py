@@ -30,7 +30,8 @@ from threadpoolctl import threadpool_limits
 
 from app.executors import Threads
 from core.block import Photo
-from core.matching.descriptors import has_akaze
+from core.literature.baselines import OPERATORS, NccOperator
+from core.literature.dense_descriptors import has_akaze
 from core.matching.local_search import (
     TILE_PX,
     MatchingOptions,
@@ -39,7 +40,6 @@ from core.matching.local_search import (
     parts_about,
     predict_pixels,
 )
-from core.matching.operators import OPERATORS
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference
 from tests.benchmarks.control_scene import (
@@ -94,15 +94,16 @@ def task_of(
     pixel_m = opened.ground_pixel_m * reduction
     inner = round((TEMPLATE_M / pixel_m - 1) / 2)
     half = round((WINDOW_M - TEMPLATE_M) / 2 / pixel_m)
+    operators = tuple(OPERATORS[name] for name in names)
     matching = MatchingOptions(
-        reduction, inner, min_search_px=half, max_search_px=half, operators=tuple(names)
+        reduction, inner, min_search_px=half, max_search_px=half, operators=operators
     )
     return Task(opened, true, reference, points, matching, half)
 
 
 def searched(task: Task, workers: int) -> tuple[dict[str, float], float, float]:
     """Share within 3 m by operator; seconds of the whole stage, wall and CPU."""
-    names = task.matching.operators
+    names = [operator.name for operator in task.matching.operators]
     threads = Threads(workers)
     started, spent = time.perf_counter(), time.process_time()
     prediction = predict_pixels(
@@ -130,8 +131,8 @@ def in_tile(task: Task, prediction: Prediction, members: np.ndarray) -> list[lis
         parts = parts_about(images, pixel, task.half, task.matching.template_half_px)
         assert parts is not None
         row: list[float] = []
-        for name in task.matching.operators:
-            surface = images.surface(name, *parts)
+        for operator in task.matching.operators:
+            surface = images.scores(operator.name, *parts)
             down, right = np.unravel_index(int(np.argmax(surface)), surface.shape)
             moved = (np.array([right, down]) - task.half) * task.matching.reduction
             row.append(task.misses_m(point, pixel + moved))
@@ -141,7 +142,7 @@ def in_tile(task: Task, prediction: Prediction, members: np.ndarray) -> list[lis
 
 def phase_correlated(task: Task) -> tuple[float, float]:
     """Share within 3 m of the phase correlation of 256 pixels, and its seconds of CPU alone."""
-    matching = MatchingOptions(task.matching.reduction, 128, operators=("ncc",))
+    matching = MatchingOptions(task.matching.reduction, 128, operators=(NccOperator(),))
     prediction = predict_pixels(
         task.opened, np.zeros((6, 6)), task.points, np.full(task.points.shape, 0.3)
     )

@@ -21,11 +21,11 @@ from scipy.stats import ncx2
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.control.search import ControlOptions
+from core.literature.baselines import OPERATORS
+from core.literature.dense_descriptors import has_akaze
 from core.literature.published_chains import CHAINS, Preset, assemble_published
-from core.matching.descriptors import has_akaze
 from core.matching.local_search import MatchingOptions, looked_at, parts_about, predict_pixels
 from core.matching.local_search import reduction_for as reduced
-from core.matching.operators import OPERATORS
 from core.pipeline import STAGES, made
 from core.reference.points import ReferencePoints
 from core.synthetic.options import SyntheticOptions
@@ -77,8 +77,9 @@ def hits(case: Case, names: list[str]) -> dict[str, tuple[int, int, float]]:
         prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
         quick = [name for name in names if name not in SLOW]
         for group in (quick, [name for name in names if name in SLOW]):
+            operators = tuple(OPERATORS[name] for name in group)
             matching = MatchingOptions(
-                reduction, inner, min_search_px=half, max_search_px=half, operators=tuple(group)
+                reduction, inner, min_search_px=half, max_search_px=half, operators=operators
             )
             seen = 0
             halves = np.full(len(ids), half)
@@ -96,7 +97,7 @@ def hits(case: Case, names: list[str]) -> dict[str, tuple[int, int, float]]:
                 seen += 1
                 for name in group:
                     started = time.perf_counter()
-                    surface = images.surface(name, *parts)
+                    surface = images.scores(name, *parts)
                     found[name][2] += time.perf_counter() - started
                     row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
                     best = pixel + (np.array([column, row]) - half) * reduction

@@ -12,7 +12,7 @@ from core.matching.learned import (
     described,
     features_of,
 )
-from core.matching.operators import Operator, operator_named
+from core.matching.operators import Operator
 from tests.core.matching.test_operators import found_at, ground
 from tests.onnx_files import write_convolution
 
@@ -45,25 +45,23 @@ def test_features_are_those_of_numpy__oracle(sobel):
 
 
 def test_likeness_is_the_correlation_of_all_features__oracle(sobel):
-    operator = operator_named("learned", 20, sobel)
+    operator = LearnedOperator(sobel)
     assert isinstance(operator, Operator)
     scan, ortho = ground(2, 60), ground(3, 41)
     roads = np.zeros_like(ortho)
-    surface = operator.surface(operator.of_scan(scan), operator.of_reference(ortho, roads))
+    shown = operator.of_scan(scan, 20)
+    scores = operator.scores(shown, operator.of_reference(ortho, roads, 20))
     around, patch = by_hand(scan), by_hand(ortho)
-    assert surface.shape == (20, 20)
+    assert scores.shape == (20, 20)
     for row, column in ((0, 0), (7, 13), (19, 19)):
         here = around[:, row : row + 41, column : column + 41]
         wanted = np.sum(here * patch) / np.sqrt(np.sum(here**2) * np.sum(patch**2))
-        assert surface[row, column] == pytest.approx(wanted, abs=1e-3)
+        assert scores[row, column] == pytest.approx(wanted, abs=1e-3)
 
 
-def test_the_same_ground_is_found_where_it_was_moved_to__truth(sobel, monkeypatch):
-    monkeypatch.setattr(
-        "tests.core.matching.test_operators.operator_named", lambda *_: LearnedOperator(sobel)
-    )
+def test_the_same_ground_is_found_where_it_was_moved_to__truth(sobel):
     image = ground(4)
-    assert found_at("learned", np.roll(image, (3, -5), (0, 1)), image) == (-5, 3)
+    assert found_at(LearnedOperator(sobel), np.roll(image, (3, -5), (0, 1)), image) == (-5, 3)
 
 
 def test_a_network_that_cannot_serve_is_told_with_its_remedy__truth(tmp_path):

@@ -4,13 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from core.matching.dense_orb import (
+from core.literature.dense_descriptors import (
     ORB_SIDE_PX,
     orb_pairs,
-    orb_surface,
+    orb_scores,
+    sift_histograms,
+    sift_scores,
     smoothed_for_orb,
+    smoothed_gradients,
 )
-from core.matching.dense_sift import sift_histograms, sift_surface, smoothed_gradients
 from tests.core.matching.test_operators import ground
 
 SIDE = 260
@@ -61,7 +63,7 @@ def test_the_nearest_by_sift_is_the_nearest_by_opencv__oracle():
         patch = np.ascontiguousarray(
             fields[1][y - half_px : y + half_px + 1, x - half_px : x + half_px + 1]
         )
-        own = sift_surface(window, patch)
+        own = sift_scores(window, patch)
         points = [
             cv2.KeyPoint(float(x + right), float(y + down), 41 / 6, 0.0, 0.0, 0, 0)
             for down in range(-reach, reach + 1)
@@ -107,7 +109,7 @@ def test_orb_counts_the_comparisons_that_differ__law():
         values = image[pairs[:, :, 1], pairs[:, :, 0]]
         return values[:, 0] < values[:, 1]
 
-    surface = orb_surface(window, template)
+    surface = orb_scores(window, template)
     assert surface.shape == (5, 5)
     for row in range(5):
         for column in range(5):
