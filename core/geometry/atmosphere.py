@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 # source: mean radius of GRS 80.
 EARTH_RADIUS_M = 6_371_000.0
+BERTRAM = (2410.0, 6.0, 250.0)  # source: Bertram 1966, for heights in kilometres.
+"""Constants of `refraction_constant`, in the order of its formula."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,12 +25,16 @@ def refraction_constant(flying_height_m: float, ground_height_m: float) -> float
     kilometres; with r = 130 mm it reproduces Table 4.1 of the notes on image coordinates.
     """
     high, low = flying_height_m / 1000.0, ground_height_m / 1000.0
-    # source: Bertram 1966, formula and constants as in the docstring.
-    upper = 2410.0 * high / (high * high - 6.0 * high + 250.0)
-    # source: as above.
-    lower = 2410.0 * low / (low * low - 6.0 * low + 250.0)
-    # source: as above, microradians.
-    return (upper - lower * low / high) * 1e-6 if high > 0 else 0.0
+    if high <= 0:
+        return 0.0
+    # source: Bertram 1966, microradians.
+    return (_bertram(high) - _bertram(low) * low / high) * 1e-6
+
+
+def _bertram(height_km: float) -> float:
+    """Refraction of the air below a height, microradians."""
+    factor, linear, constant = BERTRAM
+    return factor * height_km / (height_km * height_km - linear * height_km + constant)
 
 
 def atmosphere_of(flying_height_m: float, ground_height_m: float) -> Atmosphere:

@@ -32,6 +32,9 @@ OUTSIDE_AREA_M = 100_000.0
 # design: below any accuracy asked for.
 SAME_PLACE_M = 0.001
 """Two CRS whose coordinates agree to this are one and the same for us."""
+CACHED = 64  # design: more operations than any block has.
+"""Operations of PROJ kept ready."""
+EARTH_M = 2.1e7  # source: half the Earth's circumference and a little, metres.
 # source: EPSG code of S-JTSK / Krovak East North.
 KROVAK = 5514
 # source: extent of Czechia and Slovakia in S-JTSK.
@@ -182,13 +185,13 @@ def operation_between(
     )
 
 
-@lru_cache(maxsize=64)  # design: more than any block has.
+@lru_cache(maxsize=CACHED)
 def _pipeline(text: str) -> Transformer:
     """PROJ's operation by its description; ours are all given east before north."""
     return Transformer.from_pipeline(text)
 
 
-@lru_cache(maxsize=64)  # design: more than any block has.
+@lru_cache(maxsize=CACHED)
 def _transformer(source: str, target: str) -> Transformer:
     """PROJ's own choice wherever a point lies: for judging coordinates, not for moving them."""
     return Transformer.from_crs(source, target, always_xy=True)
@@ -295,7 +298,7 @@ def _outside_m(crs: CRS, points: PlanePoints) -> float:
     return float(np.hypot(beyond_east, beyond_north).max())
 
 
-@lru_cache(maxsize=64)  # design: more than any block has.
+@lru_cache(maxsize=CACHED)
 def _area_bounds(wkt: str) -> Bounds:
     """Bounds of the CRS's area of use in its own coordinates, metres."""
     crs = CRS(wkt)
@@ -304,11 +307,9 @@ def _area_bounds(wkt: str) -> Bounds:
     area = crs.area_of_use or (CRS.from_authority(*authority).area_of_use if authority else None)
     if area is None:
         # A CRS written out by hand names no area: whatever fits on the Earth is taken.
-        # source: half the Earth's circumference and a little, metres.
-        return -2.1e7, -2.1e7, 2.1e7, 2.1e7
+        return -EARTH_M, -EARTH_M, EARTH_M, EARTH_M
     to_plane = _transformer(_geodetic(crs).to_wkt(), wkt)
-    # source: PROJ's own default.
-    return to_plane.transform_bounds(*area.bounds, densify_pts=21, errcheck=False)
+    return to_plane.transform_bounds(*area.bounds, errcheck=False)
 
 
 def _geodetic(crs: CRS) -> CRS:

@@ -13,7 +13,8 @@ from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints, Scalars, locke
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.interior_models import FilmFit, Warp, film_slopes, fit_film, unwarped, warped
-from core.geometry.transforms import PlaneTransform, fit_similarity
+from core.geometry.robust import TINY
+from core.geometry.transforms import PARAMETERS, PlaneTransform, fit_similarity
 
 InteriorModel = Literal["similarity", "affine", "projective", "bilinear", "nominal"]
 FittedModel = Literal["auto", "similarity", "affine", "projective", "bilinear"]
@@ -261,8 +262,8 @@ def _fit(
         return fit_film(model, pixels, film, sigmas_mm, mirrored)
     plain = "affine" if len(pixels) >= 4 else "similarity"
     best = fit_film(plain, pixels, film, sigmas_mm, mirrored)
-    # design: eight parameters of sixteen equations leave eight to judge them by.
-    if isinstance(best, Failure) or len(pixels) < 8:
+    # As many marks as parameters leave as many equations to judge them by.
+    if isinstance(best, Failure) or len(pixels) < PARAMETERS["projective"]:
         return best
     affine = best
     for larger in ("projective", "bilinear"):
@@ -303,8 +304,7 @@ def _with_film(
 def _called_for(affine: FilmFit, larger: FilmFit) -> bool:
     """F-test of two more parameters."""
     left, gained = larger.weighted_square_sum, affine.weighted_square_sum
-    # design: keeps a division from failing.
-    ratio = (gained - left) / 2 / max(left / larger.redundancy, 1e-30)
+    ratio = (gained - left) / 2 / max(left / larger.redundancy, TINY)
     return bool(fisher.sf(ratio, 2, larger.redundancy) < WARP_CHANCE)
 
 

@@ -13,11 +13,9 @@ from jaxtyping import Float64
 
 from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints, Scalars, locked
 from core.doubts import Failure
-from core.geometry.transforms import PlaneTransform, fit_affine, fit_similarity
+from core.geometry.transforms import PARAMETERS, PlaneTransform, fit_affine, fit_similarity
 
 FilmModel = Literal["similarity", "affine", "projective", "bilinear"]
-# source: definition of the models.
-PARAMETERS: dict[str, int] = {"similarity": 4, "affine": 6, "projective": 8, "bilinear": 8}
 Warp = Float64[np.ndarray, "2"]
 """The two parameters beyond the affine part, per millimetre."""
 Parameters = Float64[np.ndarray, "parameters"]

@@ -184,8 +184,7 @@ def _ideal(offsets: Offsets, rays: RayModel) -> tuple[Scalars, Scalars, Scalars]
 
 def _factor_and_slope(s: Scalars, rays: RayModel) -> tuple[Scalars, Scalars]:
     """Factor f on the ideal image vector, and 2 df/ds."""
-    # source: rows of RayModel.constants.
-    c, k1, k2, k3 = (rays.constants[row] for row in (0, 3, 4, 5))
+    c, _, _, k1, k2, k3 = rays.constants
     bend = rays.atmosphere[0]
     factor = 1 + s * (k1 + s * (k2 + s * k3)) + bend * (1 + s / c**2)
     slope = 2 * (k1 + s * (2 * k2 + 3 * s * k3) + bend / c**2)

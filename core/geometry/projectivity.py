@@ -7,18 +7,17 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.arrays import Rotation, Scalars
+from core.geometry.transforms import PARAMETERS
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Points of a plane, any unit."""
 Projectivity = Float64[np.ndarray, "3 3"]
 """Homogeneous matrix, target from source."""
-# source: four points fix eight unknowns.
-MINIMAL = 4
 
 
 def fit_projectivity(source: PlanePoints, target: PlanePoints) -> Projectivity:
     """Projectivity with the least median of squares; a median shift where none can be found."""
-    if len(source) >= MINIMAL:
+    if 2 * len(source) >= PARAMETERS["projective"]:
         found = cast(Rotation | None, cv2.findHomography(source, target, cv2.LMEDS)[0])
         if found is not None and np.shape(found) == (3, 3):
             return np.asarray(found, dtype=np.float64)

@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from core.arrays import FilmPoints, Flags, Position, Rotation, Scalars, locked
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.robust import TINY
 
 Rays = Float64[np.ndarray, "n 3"]
 """Directions in image space with z = -1."""
@@ -26,6 +27,17 @@ MINIMAL = 5
 """Correspondences that fix a relative orientation."""
 
 
+# design: one failure in ten thousand pairs.
+CONFIDENCE = 0.9999
+"""Probability that the random search sees a sample of right matches."""
+# design: a share of right matches of a fifth has six good samples then.
+MOST_SAMPLES = 20_000
+"""Random samples at most."""
+# design: one pair in a million by chance.
+MOST_LOG10_NFA = -6.0
+"""Number of false alarms at most, log10."""
+
+
 @dataclass(frozen=True, slots=True)
 class RelativeOptions:
     """How a relative orientation is looked for and when it stands."""
@@ -33,18 +45,9 @@ class RelativeOptions:
     # design: matches of features are good to a pixel.
     tolerance_px: float = 2.0
     """A match belongs when its y-parallax is below this, in pixels of the matched scale."""
-    # design: one failure in ten thousand pairs.
-    confidence: float = 0.9999
-    """Wanted probability that the random search has met a good sample."""
-    # design: a share of right matches of a fifth has six good samples then.
-    max_samples: int = 20_000
-    """Random samples at most."""
     # design: four times what fixes the orientation.
     min_inliers: int = 20
     """Fewer matches that agree are never believed."""
-    # design: one pair in a million by chance.
-    max_log10_nfa: float = -6.0
-    """log10 of the number of false alarms below which agreement could not be chance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +163,7 @@ def _judged(
     total = len(rays.first)
     nfa = log10_false_alarms(total, count, options.tolerance_px, window_px)
     evidence = {"matches": total, "agreeing": count, "log10_nfa": nfa}
-    if count < options.min_inliers or nfa > options.max_log10_nfa:
+    if count < options.min_inliers or nfa > MOST_LOG10_NFA:
         return Failure(
             f"Only {count} of {total} matches agree with one relative orientation.", evidence
         )
@@ -201,8 +204,7 @@ def model_depths(rays: RayPairs, orientation: RelativeOrientation) -> tuple[Scal
     uu, vv = np.sum(first * first, axis=1), np.sum(turned * turned, axis=1)
     uv = np.sum(first * turned, axis=1)
     ub, vb = first @ orientation.base, turned @ orientation.base
-    # design: rays within a microradian are parallel.
-    determinant = np.maximum(uu * vv - uv * uv, 1e-12)
+    determinant = np.maximum(uu * vv - uv * uv, TINY)  # of parallel rays
     return (vv * ub - uv * vb) / determinant, (uv * ub - uu * vb) / determinant
 
 
@@ -218,8 +220,7 @@ def _gradient(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
     by_first = (rays.second @ essential.T)[:, :2] * rays.pixel_angles[0]
     by_second = (rays.first @ essential)[:, :2] * rays.pixel_angles[1]
     squared = np.sum(by_first**2, axis=1) + np.sum(by_second**2, axis=1)
-    # design: keeps a division from failing.
-    return np.sqrt(np.maximum(squared, 1e-24))
+    return np.sqrt(np.maximum(squared, TINY**2))
 
 
 def adjust_relative(
@@ -257,10 +258,10 @@ def _step(
     normal = design.T @ (design * weights[:, None])
     # A whisper of damping: flat ground leaves one direction all but undetermined.
     # design: far below what any match says.
-    normal += np.eye(5) * 1e-9 * max(float(np.trace(normal)), 1e-30)
+    normal += np.eye(5) * 1e-9 * max(float(np.trace(normal)), TINY**2)
     change = -np.linalg.solve(normal, design.T @ (weights * misclosure))
     # design: a step of more than eleven degrees leaves what was linearised.
-    change *= min(1.0, 0.2 / max(float(np.linalg.norm(change)), 1e-12))
+    change *= min(1.0, 0.2 / max(float(np.linalg.norm(change)), TINY))
     turn = cast(np.ndarray, cv2.Rodrigues(change[:3])[0])
     base = orientation.base + _tangents(orientation.base) @ change[3:]
     moved = RelativeOrientation(base / np.linalg.norm(base), orientation.rotation @ turn)
@@ -275,7 +276,7 @@ def _sampled(
     theirs = np.ascontiguousarray((rays.second @ OPENCV_FROM_IMAGE)[:, :2])
     scale = float(np.hypot(*rays.pixel_angles)) * options.tolerance_px
     params = cv2.UsacParams()
-    params.confidence, params.maxIterations = options.confidence, options.max_samples
+    params.confidence, params.maxIterations = CONFIDENCE, MOST_SAMPLES
     params.threshold, params.randomGeneratorState = scale, int(rng.integers(1, 2**31 - 1))
     params.score, params.sampler = cv2.SCORE_METHOD_MAGSAC, cv2.SAMPLING_UNIFORM
     # source: OpenCV's own defaults.

@@ -15,7 +15,7 @@ Place = Float64[np.ndarray, "2"]
 """One point of any plane frame."""
 TransformModel = Literal["similarity", "affine"]
 # source: definition of the models.
-PARAMETERS = {"similarity": 4, "affine": 6}
+PARAMETERS: dict[str, int] = {"similarity": 4, "affine": 6, "projective": 8, "bilinear": 8}
 # design: far above rounding, far below any set of points that is used.
 MIN_SPREAD = 1e-6
 """Smallest singular value of a design relative to its largest before it counts as degenerate."""
