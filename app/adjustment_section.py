@@ -4,7 +4,7 @@ from typing import Any, Literal, cast
 
 from app.block_toml import Document, Table, Unit
 from core.adjustment.adjusted import AdjustmentOptions
-from core.geometry.deformation import SETS
+from core.geometry.camera import SETS
 
 DEFAULT = AdjustmentOptions()
 SHIFTS = ("none", "block", "strip")

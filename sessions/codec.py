@@ -38,9 +38,9 @@ from core.block import (
 from core.control.calibration_check import Bin
 from core.control.stage import ControlFound
 from core.doubts import Doubt, Failure
-from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.image_corrections import Atmosphere
 from core.geometry.interior import InteriorOrientation
 from core.georeference.approximation import Approximation
 from core.georeference.stage import Georeferenced

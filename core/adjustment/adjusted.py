@@ -33,7 +33,7 @@ class AdjustmentOptions:
     max_iterations: int = 50
     """Gauss-Newton steps at most."""
     self_calibration: tuple[str, ...] = ()
-    """Additional parameters, sets of `core.geometry.deformation.SETS`; none by default."""
+    """Additional parameters, sets of `core.geometry.camera.SETS`; none by default."""
     per_photo: bool = False
     """Camera constants and additional parameters of each photo by itself, not of each camera."""
     # design: film bends by ten micrometres, some more by twenty.

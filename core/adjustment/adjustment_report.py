@@ -21,8 +21,8 @@ from core.arrays import Position
 from core.block import Block
 from core.doubts import Doubt
 from core.geometry.camera import Camera
+from core.geometry.collinearity import angles_by_increments
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
-from core.geometry.partials import angles_by_increments
 
 
 def report_of(block: Block, sound: Sound, solution: Solution) -> AdjustmentReport:

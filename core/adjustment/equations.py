@@ -12,7 +12,7 @@ from core.adjustment.network import SMALLEST_SIGMA_PX
 from core.adjustment.solution import Solution
 from core.arrays import Indices, Position
 from core.block import Measurement
-from core.geometry.partials import stacked_partials
+from core.geometry.collinearity import stacked_partials
 
 Rows = Float64[np.ndarray, "rows unknowns"]
 """Observations as rows over the unknowns of the photos, in their order, and the shared ones."""

@@ -17,7 +17,7 @@ from core.adjustment.linearised import linearise
 from core.adjustment.network import Network, State
 from core.adjustment.reliability import Precision, precision_from
 from core.adjustment.solution import Solution
-from core.geometry.absolute import Similarity, fit_similarity
+from core.geometry.exterior import Similarity, fit_similarity
 
 # design: far beyond any correction of a block that stands.
 LOOSE_M = 300.0

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from core.adjustment.banded import SIZE
 from core.adjustment.linearised import by_scaled_camera, ray_models
 from core.adjustment.network import Network, State
-from core.geometry.partials import stacked_partials
+from core.geometry.collinearity import stacked_partials
 
 # design: just inside the frame, where photos are still measured.
 REACH = 0.9

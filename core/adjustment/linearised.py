@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float64
 
 from core.adjustment.network import CONSTANTS, Network, State, constants_of_atmospheres
 from core.arrays import Indices
-from core.geometry.deformation import by_parameters
-from core.geometry.partials import (
+from core.geometry.camera import by_parameters
+from core.geometry.collinearity import (
     Deformation,
     FilmPartials,
     RayModel,

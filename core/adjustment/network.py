@@ -11,9 +11,8 @@ from core.adjustment.positioning import Positioning, positioning_of
 from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
 from core.block import Block, Measurement, Photo
 from core.errors import OrientationError
-from core.geometry.camera import Camera
-from core.geometry.deformation import AdditionalSet, additional_set
-from core.geometry.partials import (
+from core.geometry.camera import AdditionalSet, Camera, additional_set
+from core.geometry.collinearity import (
     Rotations,
     angles_from_rotations,
     constants_of,

@@ -7,10 +7,9 @@ from jaxtyping import Bool, Float64
 
 from core.adjustment.network import Network, State
 from core.arrays import Flags, ObjectPoints, Scalars
-from core.geometry.collinearity import VACUUM, ideal_from_film
-from core.geometry.deformation import COEFFICIENTS
+from core.geometry.camera import COEFFICIENTS
+from core.geometry.collinearity import VACUUM, Rotations, constants_of, ideal_from_film
 from core.geometry.intersection import SMALLEST_ANGLE, closest_points
-from core.geometry.partials import Rotations, constants_of
 
 
 def initial_state(network: Network) -> tuple[State, Flags]:

@@ -14,8 +14,8 @@ import numpy as np
 from core.arrays import Position
 from core.block import Block, Photo
 from core.doubts import Failure
-from core.geometry.absolute import UNKNOWNS, SimilarityInSpace
 from core.geometry.consensus import Candidates, Consensus, ConsensusOptions
+from core.geometry.exterior import UNKNOWNS, SimilarityInSpace
 from core.geometry.resection import PhotoModel
 from core.localisation.photo_orientation import (
     OrientationOptions,

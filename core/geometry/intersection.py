@@ -8,18 +8,18 @@ from jaxtyping import Float64
 
 from core.arrays import FilmPoints, Indices, ObjectPoints, Position, Scalars, locked
 from core.doubts import Failure
-from core.geometry.atmosphere import Atmosphere
 from core.geometry.camera import Camera
-from core.geometry.collinearity import ideal_from_film
-from core.geometry.exterior import ExteriorOrientation
-from core.geometry.partials import (
+from core.geometry.collinearity import (
     RayModel,
     constants_of,
     constants_of_air,
     deformation_of_cameras,
+    ideal_from_film,
     ray_model,
     stacked_partials,
 )
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.image_corrections import Atmosphere
 
 # design: a pixel of 15 um at 200 mm would move the height by 22 m in 3 km.
 SMALLEST_ANGLE = 0.01

@@ -1,12 +1,13 @@
-"""Plane transforms between point fields: similarity (Helmert) and affine, fitted and judged."""
+"""Plane transforms between point fields: similarity, affine and projectivity, fitted and judged."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
+import cv2
 import numpy as np
 from jaxtyping import Float64
 
-from core.arrays import Affine2, Matrix, locked
+from core.arrays import Affine2, Matrix, Rotation, Scalars, locked
 from core.doubts import Failure
 
 PlanePoints = Float64[np.ndarray, "n 2"]
@@ -19,6 +20,8 @@ PARAMETERS: dict[str, int] = {"similarity": 4, "affine": 6, "projective": 8, "bi
 # design: far above rounding, far below any set of points that is used.
 MIN_SPREAD = 1e-6
 """Smallest singular value of a design relative to its largest before it counts as degenerate."""
+Projectivity = Float64[np.ndarray, "3 3"]
+"""Homogeneous matrix, target from source."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,3 +164,32 @@ def _matrix_from_parameters(
         undo[row, row] = undo[row + 1, row + 1] = 1 / spread
         undo[row + 2, row : row + 2] = -shift / spread
     return undo @ linear
+
+
+def fit_projectivity(source: PlanePoints, target: PlanePoints) -> Projectivity:
+    """Projectivity with the least median of squares; a median shift where none can be found."""
+    if 2 * len(source) >= PARAMETERS["projective"]:
+        found = cast(Rotation | None, cv2.findHomography(source, target, cv2.LMEDS)[0])
+        if found is not None and np.shape(found) == (3, 3):
+            return np.asarray(found, dtype=np.float64)
+    shift = np.eye(3)
+    if len(source):
+        shift[:2, 2] = np.median(target - source, axis=0)
+    return shift
+
+
+def apply_projectivity(matrix: Projectivity, points: PlanePoints) -> PlanePoints:
+    """Where a projectivity puts points."""
+    return (points @ matrix[:2, :2].T + matrix[:2, 2]) / _depth(matrix, points)[:, None]
+
+
+def jacobians(matrix: Projectivity, points: PlanePoints) -> Float64[np.ndarray, "n 2 2"]:
+    """Derivatives of a projectivity at points."""
+    moved = apply_projectivity(matrix, points)
+    rows = matrix[None, :2, :2] - moved[:, :, None] * matrix[None, 2:, :2]
+    return rows / _depth(matrix, points)[:, None, None]
+
+
+def _depth(matrix: Projectivity, points: PlanePoints) -> Scalars:
+    """The third homogeneous coordinate."""
+    return points @ matrix[2, :2] + matrix[2, 2]

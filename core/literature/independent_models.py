@@ -15,8 +15,14 @@ from scipy.sparse.linalg import splu
 from core.arrays import Indices, ObjectPoints, Position
 from core.block import Block
 from core.doubts import Failure
-from core.geometry.absolute import UNKNOWNS, Similarity, SimilarityInSpace, fit_similarity
-from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
+from core.geometry.exterior import (
+    UNKNOWNS,
+    ExteriorOrientation,
+    Similarity,
+    SimilarityInSpace,
+    angles_from_rotation,
+    fit_similarity,
+)
 from core.literature.stereo_models import Sights, StereoModel
 
 PASSES = 8

@@ -16,8 +16,12 @@ from core.adjustment.strips import places_along, strips_of
 from core.arrays import Indices, ObjectPoints, PixelPoints, Position, Rotation, Scalars
 from core.block import Block, Photo, footprint
 from core.doubts import Failure
-from core.geometry.absolute import Similarity, fit_similarity
-from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
+from core.geometry.exterior import (
+    ExteriorOrientation,
+    Similarity,
+    angles_from_rotation,
+    fit_similarity,
+)
 from core.geometry.resection import PhotoModel, moved
 from core.geometry.robust import cauchy_weights, solve_robustly
 from core.literature.independent_models import Triangulated, composed, joined, known_places

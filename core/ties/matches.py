@@ -11,7 +11,6 @@ from core.block import Photo
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.collinearity import ideal_from_film
-from core.geometry.projectivity import apply_projectivity, fit_projectivity
 from core.geometry.relative import (
     OrientedPair,
     RayPairs,
@@ -21,6 +20,7 @@ from core.geometry.relative import (
     rays_from_ideal,
     relative_from_exteriors,
 )
+from core.geometry.transforms import apply_projectivity, fit_projectivity
 from core.ties.features import Features
 
 SAME_PHOTO = "same_photo"

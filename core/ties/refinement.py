@@ -12,7 +12,7 @@ from jaxtyping import Float32, Float64
 from scipy.spatial import KDTree
 
 from core.arrays import Flags, PixelPoints, Scalars
-from core.geometry.projectivity import fit_projectivity, jacobians
+from core.geometry.transforms import fit_projectivity, jacobians
 from core.raster.scan_file import ScanFile, read_window
 
 Patches = Float32[np.ndarray, "n side side"]

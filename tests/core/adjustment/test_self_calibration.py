@@ -9,7 +9,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.block import ExteriorPrior, TiePoints
 from core.errors import OrientationError
-from core.geometry.deformation import additional_set
+from core.geometry.camera import additional_set
 from core.geometry.exterior import angles_from_rotation, rotation_from_angles
 from core.quality.rules import doubts_of
 from tests.flights import FlightPlan, fly

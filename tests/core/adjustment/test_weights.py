@@ -9,8 +9,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.strips import places_along, strips_of
 from core.block import UNKNOWN_M, TiePoints
-from core.geometry.absolute import fit_similarity
-from core.geometry.exterior import rotation_from_angles
+from core.geometry.exterior import fit_similarity, rotation_from_angles
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(strips=3, photos_per_strip=4, ties=900, control=90)

@@ -8,8 +8,8 @@ import pytest
 from core.block import Block
 from core.control.datum import DatumOptions, ballot, joined, lay_on_reference, prior
 from core.doubts import Failure
-from core.geometry.absolute import SimilarityInSpace
 from core.geometry.consensus import ConsensusOptions
+from core.geometry.exterior import SimilarityInSpace
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
 from core.reference.points import ReferencePoints

@@ -1,4 +1,4 @@
-"""Plane transforms against laws, put in truth, and the world-file defect of the seed scripts."""
+"""Plane transforms and projectivities: known ones, least squares, OpenCV."""
 
 import numpy as np
 import pytest
@@ -9,15 +9,19 @@ from core.doubts import Failure
 from core.geometry.transforms import (
     PlaneTransform,
     apply_affine,
+    apply_projectivity,
     compose_affine,
     fit_affine,
+    fit_projectivity,
     fit_similarity,
     invert_affine,
+    jacobians,
     rotation_and_scale,
 )
 
 number = st.floats(-1e4, 1e4, allow_nan=False)
 FIELD = np.array([[0.0, 0.0], [9000.0, 200.0], [8800.0, 9100.0], [100.0, 8900.0], [4000.0, 5000.0]])
+MATRIX = np.array([[-1.02, 0.05, 4000.0], [-0.04, -0.98, 3900.0], [1e-6, -2e-6, 1.0]])
 
 
 def similar(angle: float, scale: float, mirrored: bool = False) -> np.ndarray:
@@ -79,3 +83,32 @@ def test_too_few_or_in_line_is_a_failure__law() -> None:
     assert isinstance(fit_affine(FIELD[:2], FIELD[:2]), Failure)
     assert isinstance(fit_similarity(FIELD[:1], FIELD[:1]), Failure)
     assert isinstance(fit_similarity(np.ones((3, 2)), FIELD[:3]), Failure)
+
+
+def test_projectivity_is_found_among_wrong_points__truth():
+    rng = np.random.default_rng(1)
+    source = rng.uniform(0, 4000, (200, 2))
+    target = apply_projectivity(MATRIX, source)
+    target[:60] = rng.uniform(0, 4000, (60, 2))
+    fitted = fit_projectivity(source, target)
+    assert np.abs(apply_projectivity(fitted, source[60:]) - target[60:]).max() < 1e-3
+
+
+def test_jacobians_are_the_differences__law():
+    points = np.random.default_rng(2).uniform(0, 4000, (20, 2))
+    steps = np.eye(2) * 0.01
+    numeric = np.stack(
+        [
+            (apply_projectivity(MATRIX, points + s) - apply_projectivity(MATRIX, points - s)) / 0.02
+            for s in steps
+        ],
+        axis=2,
+    )
+    assert np.allclose(jacobians(MATRIX, points), numeric, atol=1e-6)
+
+
+def test_too_few_points_give_a_shift__truth():
+    source = np.array([[0.0, 0.0], [10.0, 5.0]])
+    assert np.allclose(
+        apply_projectivity(fit_projectivity(source, source + 3.0), source), source + 3
+    )

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from core.geometry.absolute import SimilarityInSpace
 from core.geometry.camera import Camera
 from core.geometry.collinearity import film_from_object
-from core.geometry.exterior import ExteriorOrientation
+from core.geometry.exterior import ExteriorOrientation, SimilarityInSpace
 
 ABOUT = np.array([-580_000.0, -1_190_000.0, 3300.0])
 CAMERA = Camera("wide", 210.0, (180.0, 180.0), (0.02, 0.01), (1e-8, 0.0, 0.0))
