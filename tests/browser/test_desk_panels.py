@@ -3,6 +3,7 @@
 import pytest
 
 from tests.browser.hands import current, settled, state_of
+from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
 
@@ -96,15 +97,35 @@ def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     page.wait_for_selector(".row.current")
 
 
+CUT_OFF = (
+    "[...document.querySelectorAll('button:not([hidden]), .item, h2')]"
+    ".filter(e => e.offsetParent && (e.scrollWidth > e.clientWidth + 1"
+    " || e.getBoundingClientRect().right > innerWidth + 0.5)).map(e => e.outerHTML)"
+)
+"""What is wider than its place or lies beyond the window."""
+
+
 def test_at_1366_by_768_nothing_is_cut_off__law(sit):
     page = sit(scene=False)
     page.set_viewport_size({"width": 1366, "height": 768})
     page.wait_for_timeout(300)
-    clipped = page.evaluate(
-        "[...document.querySelectorAll('button:not([hidden]), .item, h2')]"
-        ".filter(e => e.offsetParent && (e.scrollWidth > e.clientWidth + 1"
-        " || e.getBoundingClientRect().right > innerWidth + 0.5)).map(e => e.outerHTML)"
-    )
-    assert clipped == []
+    assert page.evaluate(CUT_OFF) == []
     box = page.locator("#acts").bounding_box()
     assert box["y"] + box["height"] < 768
+
+
+@pytest.mark.parametrize("size", [(1600, 1000), (1366, 768)])
+def test_a_czech_browser_reads_czech_and_nothing_is_cut_off__law(chromium, desk, size):
+    width, height = size
+    context = chromium.new_context(
+        locale="cs-CZ", viewport={"width": width, "height": height}, bypass_csp=True
+    )
+    page = context.new_page()
+    page.goto(desk.url)
+    page.wait_for_selector(".row.current")
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.lang") == "cs"
+    assert page.text_content("#queue h2") == words("cs")["queue"]
+    assert page.inner_text("[data-act=accept]").startswith(words("cs")["act.accept"])
+    assert page.evaluate(CUT_OFF) == []
+    context.close()
