@@ -35,7 +35,7 @@ from core.scans.stage import ScanSet
 from sessions.atomic_write import clean_leftovers, whole_file
 from sessions.session import HIDDEN, Session
 from ui.review.compare import DrawnPhoto
-from ui.review.palette import page_palette
+from ui.review.looks import page_palette
 from ui.review.placement import NOWHERE
 from ui.review.tiles import Lattice
 from ui.web.access import Access

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
-from ui.review.adjustment_history import with_adjustment
 from ui.review.compare import redrawn, stale_photos
 from ui.review.doubtful import extra_of
+from ui.review.history import with_adjustment
 from ui.review.queue import Gains
 from ui.review.scene import Footprints, tie_vectors
 from ui.review.snapshot import DeskSnapshot

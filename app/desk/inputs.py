@@ -41,12 +41,11 @@ from core.results import BlockInput
 from core.scans.stage import ScanSet
 from sessions.session import HIDDEN, Session
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
-from ui.review.initial_state import NOTHING_INITIAL, InitialState
 from ui.review.queue import Gains
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import DeskState, Made
+from ui.review.state import NOTHING_INITIAL, DeskState, InitialState, Made
 from ui.review.tiles import OrthoSource, ScanWindow
-from ui.views.terrain import SurfaceSource, TerrainOptions
+from ui.views.meshes import SurfaceSource, TerrainOptions
 
 SEARCH_M = 12.0
 """How far about the expected place reference and scan are compared, metres."""

@@ -25,11 +25,10 @@ from app.desk.messages import (
 )
 from core.doubts import Failure
 from sessions.decisions import AddPoint, Decision, Recorded, Withdraw, standing
-from ui.review.adjustment_history import with_adjustment
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.gestures import Freed, Gesture
-from ui.review.history import gives_reason, key_of, subject_of, touched_by
+from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
 from ui.review.outcome import Act, outcome_of
 from ui.review.pages import Pages
 from ui.review.queue import seat_down

@@ -16,9 +16,8 @@ from sessions.decisions import Accept, AddPoint, Place, PlaceFiducial, Recorded
 from sessions.replay import HAND_SIGMA_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
-from ui.review.initial_state import InitialState
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import DeskState, Notice
+from ui.review.state import DeskState, InitialState, Notice
 
 NAME = re.compile(r"H(\d+)")
 EDGE_MM = 2.0

@@ -17,24 +17,22 @@ from app.desk.loop import ReviewLoop
 from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
 from core.block import Block
 from core.errors import PhotogrammetryError
-from ui.review.coarse import CoarseOrtho
 from ui.review.compare import (
     Drawn,
     PlanePoints,
     drawn_from_block,
 )
-from ui.review.palette import page_palette
+from ui.review.looks import page_palette
 from ui.review.picture import Part, notice_part
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, Seat
-from ui.review.tiles import Lattice
+from ui.review.tiles import CoarseOrtho, Lattice
 from ui.views.block_view import Pointed, Stage
+from ui.views.meshes import terrain_glb
 from ui.views.server import SECRET_HEADER, SceneServer, Shown
-from ui.views.terrain import terrain_glb
 from ui.web.access import Access
-from ui.web.channel import Channel
+from ui.web.channel import Channel, Lines
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Upstream, as_json
-from ui.web.lines import Lines
 from ui.web.tiles import Sources, TileStore
 
 logger = logging.getLogger(__name__)

@@ -31,8 +31,7 @@ from tests.benchmarks.large_desk import NORTH, WEST, say, say_row
 from tests.browser.conftest import SIZE, scene_of
 from tests.browser.hands import press
 from tests.ui.desk_block import desk_inputs
-from ui.review.coarse import CoarseOrtho
-from ui.review.tiles import Lattice
+from ui.review.tiles import CoarseOrtho, Lattice
 
 PROMISES_MS = {
     "keys": (150, 300),

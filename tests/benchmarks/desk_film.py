@@ -27,7 +27,7 @@ from core.scans.interior_orientation import ScanOrientation
 from core.scans.measured_marks import FiducialMeasurement
 from tests.benchmarks.large_desk import write_scan
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho
-from ui.review.initial_state import InitialState
+from ui.review.state import InitialState
 
 EDGE_MM, ARM_PX, NOISE_PX = 84.0, 5, 0.1
 MARKS = {

@@ -14,7 +14,7 @@ from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of
 from tests.browser.hands import current, press, sigma, state_of
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
-from ui.views import names
+from ui.views import block_view as names
 from ui.views.server import SECRET_HEADER
 
 pytestmark = pytest.mark.browser

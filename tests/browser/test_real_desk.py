@@ -14,7 +14,7 @@ from app.terminal import JsonLines
 from app.verbs import RunOptions, walked
 from tests.browser.conftest import scene_of
 from tests.browser.hands import changed, current, place_wrongly, press, settled, sigma, state_of
-from ui.views import names
+from ui.views import block_view as names
 
 pytestmark = pytest.mark.browser
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -56,8 +56,8 @@ from ui.review.gestures import (
     VectorsScaled,
     Verdict,
 )
-from ui.review.picking import Picked, pick
 from ui.review.queue import coming, neighbour, sort_keys, visible
+from ui.review.scene import Picked, pick
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Key, Notice, QueueFilter, Seat, Sorting
 

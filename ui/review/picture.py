@@ -9,8 +9,8 @@ import numpy as np
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
+from ui.review.looks import short, shortened
 from ui.review.misfit import misfits
-from ui.review.numbers import short, shortened
 from ui.review.queue import Row, coming
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Seat
 from ui.review.trial import Trial

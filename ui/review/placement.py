@@ -11,8 +11,7 @@ from core.block import Photo, ground_of
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.quality.displacement import displacement
-from ui.review.initial_state import InitialState
-from ui.review.state import DeskState
+from ui.review.state import DeskState, InitialState
 
 Part = dict[str, Any]
 NOWHERE = ("area",)

@@ -7,7 +7,7 @@ import shapely
 
 from core.quality.assessment import BlockQuality, assess_block
 from core.quality.rules import judge_block
-from ui.review.adjustment_history import AdjustmentRecord, record_line, shifts_m
+from ui.review.history import AdjustmentRecord, record_line, shifts_m
 from ui.review.picture import Part, position_error_m
 from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.state import DeskState

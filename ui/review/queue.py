@@ -7,9 +7,8 @@ from typing import Any
 
 from core.adjustment.expected_gain import Gain
 from core.block import Measurement
+from ui.review.looks import ShownState, short
 from ui.review.misfit import Misfit, controllability, misfits
-from ui.review.numbers import short
-from ui.review.palette import ShownState
 from ui.review.state import (
     POINT_KINDS,
     DeskState,

@@ -8,12 +8,11 @@ import numpy as np
 from core.block import Block
 from core.doubts import Doubt
 from sessions.decisions import Recorded
-from ui.review.adjustment_history import AdjustmentRecord
 from ui.review.compare import Drawn, HeightSource
-from ui.review.initial_state import NOTHING_INITIAL, InitialState
+from ui.review.history import AdjustmentRecord
 from ui.review.queue import NO_ROWS, QueueTable, Row, keep_seat_up
 from ui.review.scene import Segments
-from ui.review.state import DeskState, Key, Seat
+from ui.review.state import NOTHING_INITIAL, DeskState, InitialState, Key, Seat
 from ui.review.trial import Trial
 
 NO_SEGMENTS = np.zeros((0, 2, 3))

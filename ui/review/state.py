@@ -7,7 +7,9 @@ from typing import Literal
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
-from ui.review.palette import ShownState
+from core.geometry.exterior import ExteriorOrientation
+from core.scans.interior_orientation import ScanOrientation
+from ui.review.looks import ShownState
 
 Key = tuple[str, str]
 """Point and photo: what names a measurement."""
@@ -218,3 +220,24 @@ class DeskState:
     def residual_px(self, key: Key) -> tuple[float, float] | None:
         """Residual (column, row) of one measurement, pixels; None before it was adjusted."""
         return self.report.residuals_px.get(key)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InitialState:
+    """What is known of the photos before the block was adjusted."""
+
+    films: Mapping[str, ScanOrientation] = field(default_factory=dict[str, ScanOrientation])
+    """Scans with their marks as they were found, by photo; empty where that was not kept."""
+    pixel_mm: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Nominal size of a scan pixel by photo, millimetres."""
+    sources: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What placed each photo at first: `world-file`, `points`, `footprints` or `exterior`."""
+    set_aside: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Scans that could not be used or placed at all, with the reason."""
+    exterior: Mapping[str, ExteriorOrientation] = field(
+        default_factory=dict[str, ExteriorOrientation]
+    )
+    """Where its source put each photo."""
+
+
+NOTHING_INITIAL = InitialState()

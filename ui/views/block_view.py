@@ -8,14 +8,22 @@ import viser
 from viser import transforms
 
 from core.arrays import Position
-from ui.review import palette
-from ui.review.palette import LOOKS, ShownState, rgb
+from ui.review import looks
+from ui.review.looks import LOOKS, ShownState, rgb
 from ui.review.scene import FrustumPicture, Points, ScenePicture, Segments
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
-from ui.views import names
-from ui.views.needles import needles_glb
+from ui.views.meshes import needles_glb
 
+TERRAIN = "/terrain"
+FOOTPRINTS = "/footprints"
+VECTORS = "/vectors"
+CHECKS = "/checks"
+TIES = "/ties"
+TIE_VECTORS = "/tie_vectors"
+CURRENT = "/current"
+CURRENT_RAY = "/current_ray"
+"""Names of nodes of the scene, which tests look for as well."""
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
 NOWHERE = np.zeros((1, 3))
@@ -29,6 +37,26 @@ FROM_SOUTH = np.array([0.0, -0.5, 1.0])
 RING_PARTS = 28
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
+
+
+def photo_node(photo_id: str) -> str:
+    """Frustum of one photo."""
+    return f"/photos/{_plain(photo_id)}"
+
+
+def points_node(state: ShownState) -> str:
+    """Cloud of the control points in one state."""
+    return f"/points/{state}"
+
+
+def label_node(point_id: str) -> str:
+    """Name of a surveyed point."""
+    return f"/labels/{_plain(point_id)}"
+
+
+def _plain(name: str) -> str:
+    """A name without the separator of the scene tree."""
+    return name.replace("/", "_")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,10 +110,10 @@ class BlockView:
         for frustum in picture.frustums:
             self._show_frustum(frustum, picture.depth_m, "photos" not in hidden)
         for state, points in picture.points.items():
-            self._show_cloud(names.points_node(state), points, "points" not in hidden)
-        self._show_cloud(names.CHECKS, picture.checks, "checks" not in hidden)
-        self._show_cloud(names.TIES, picture.ties, "ties" not in hidden)
-        self._show_lines(names.FOOTPRINTS, picture.footprints, "footprints" not in hidden)
+            self._show_cloud(points_node(state), points, "points" not in hidden)
+        self._show_cloud(CHECKS, picture.checks, "checks" not in hidden)
+        self._show_cloud(TIES, picture.ties, "ties" not in hidden)
+        self._show_lines(FOOTPRINTS, picture.footprints, "footprints" not in hidden)
         self._show_vectors(picture, options)
         self._show_tie_vectors(picture, options)
         self._show_labels(picture.labels, "labels" not in hidden)
@@ -94,7 +122,7 @@ class BlockView:
     def drape(self, terrain: bytes) -> None:
         """Lay the terrain, a GLB, under everything."""
         self._terrain = self._scene.add_glb(
-            names.TERRAIN, terrain, cast_shadow=False, visible=self._terrain_shown
+            TERRAIN, terrain, cast_shadow=False, visible=self._terrain_shown
         )
 
     def picture(self, photo_id: str, thumbnail: Colour) -> None:
@@ -133,14 +161,14 @@ class BlockView:
     def _build(self, picture: ScenePicture) -> None:
         for state, look in LOOKS.items():
             size, shape = look.cloud_size, look.cloud_shape
-            self._add_cloud(names.points_node(state), look.colour, shape, size)
-        self._add_cloud(names.CHECKS, palette.CHECK, "square", 1.1)
-        self._add_cloud(names.TIES, palette.TIE, "square", 0.3)
+            self._add_cloud(points_node(state), look.colour, shape, size)
+        self._add_cloud(CHECKS, looks.CHECK, "square", 1.1)
+        self._add_cloud(TIES, looks.TIE, "square", 0.3)
         for name, colour, thickness in (
-            (names.FOOTPRINTS, palette.FOOTPRINT, 1.4),
-            (names.VECTORS, palette.CURRENT, 2.4),
-            (names.CURRENT, palette.CURRENT, 3.0),
-            (names.CURRENT_RAY, palette.CURRENT, 1.4),
+            (FOOTPRINTS, looks.FOOTPRINT, 1.4),
+            (VECTORS, looks.CURRENT, 2.4),
+            (CURRENT, looks.CURRENT, 3.0),
+            (CURRENT_RAY, looks.CURRENT, 1.4),
         ):
             self._lines[name] = self._scene.add_line_segments(
                 name,
@@ -152,7 +180,7 @@ class BlockView:
         for frustum in picture.frustums:
             self._add_frustum(frustum, picture.depth_m)
 
-    def _add_cloud(self, name: str, colour: str, shape: palette.CloudShape, size: float) -> None:
+    def _add_cloud(self, name: str, colour: str, shape: looks.CloudShape, size: float) -> None:
         self._sizes[name] = size
         self._clouds[name] = self._scene.add_point_cloud(
             name, NOWHERE, rgb(colour), point_size=size * self._point_m, point_shape=shape,
@@ -164,13 +192,13 @@ class BlockView:
         # Viser divides by this so that its volume is that of a unit pyramid.
         by_volume = float(np.cbrt(half * frustum.aspect * half / 3))
         self._frustums[frustum.photo_id] = self._scene.add_camera_frustum(
-            names.photo_node(frustum.photo_id),
+            photo_node(frustum.photo_id),
             fov=frustum.vertical_fov,
             aspect=frustum.aspect,
             scale=depth_m * by_volume,
             thickness=1.6,
             thickness_units="screen",
-            color=rgb(palette.PHOTO),
+            color=rgb(looks.PHOTO),
             jpeg_quality=80,
             cast_shadow=False,
             receive_shadow=False,
@@ -181,9 +209,9 @@ class BlockView:
             self._add_frustum(frustum, depth_m)
         handle = self._frustums[frustum.photo_id]
         rotation = frustum.object_from_image @ IMAGE_FROM_OPENCV
-        colour = palette.STALE if frustum.stale else palette.PHOTO
+        colour = looks.STALE if frustum.stale else looks.PHOTO
         shown = (*frustum.centre.tolist(), *rotation.ravel().tolist(), colour)
-        if self._is_new(names.photo_node(frustum.photo_id), shown):
+        if self._is_new(photo_node(frustum.photo_id), shown):
             handle.wxyz = transforms.SO3.from_matrix(rotation).wxyz
             handle.position = frustum.centre
             handle.color = rgb(colour)
@@ -203,9 +231,9 @@ class BlockView:
 
     def _show_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
         """Residuals lengthened; each in the colour of its measurement's state."""
-        handle, segments = self._lines[names.VECTORS], picture.vectors
+        handle, segments = self._lines[VECTORS], picture.vectors
         shown = (segments.tobytes(), picture.vector_states, options.vector_scale)
-        if len(segments) and self._is_new(names.VECTORS, shown):
+        if len(segments) and self._is_new(VECTORS, shown):
             start, end = segments[:, 0], segments[:, 1]
             longer = start + (end - start) * options.vector_scale
             points = np.stack([start, longer], axis=1) + 1.2 * self._lift
@@ -214,20 +242,18 @@ class BlockView:
                 handle.points, handle.colors = points.astype(np.float32), colours
             else:
                 handle.remove()
-                handle = self._lines[names.VECTORS] = self._scene.add_line_segments(
-                    names.VECTORS, points, colours, thickness=2.4, thickness_units="screen"
+                handle = self._lines[VECTORS] = self._scene.add_line_segments(
+                    VECTORS, points, colours, thickness=2.4, thickness_units="screen"
                 )
         handle.visible = "vectors" not in options.hidden and len(segments) > 0
 
     def _show_tie_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
         """Residuals of tie points as one mesh of needles: made when they are first asked for."""
         shown = "tie_vectors" not in options.hidden and len(picture.tie_vectors) > 0
-        if shown and self._is_new(
-            names.TIE_VECTORS, (id(picture.tie_vectors), options.vector_scale)
-        ):
+        if shown and self._is_new(TIE_VECTORS, (id(picture.tie_vectors), options.vector_scale)):
             width = 0.12 * self._point_m
             data = needles_glb(picture.tie_vectors, options.vector_scale, width, 1.1 * self._lift)
-            self._needles = self._scene.add_glb(names.TIE_VECTORS, data, cast_shadow=False)
+            self._needles = self._scene.add_glb(TIE_VECTORS, data, cast_shadow=False)
         if self._needles is not None:
             self._needles.visible = shown
 
@@ -237,7 +263,7 @@ class BlockView:
             for point_id, position in labels.items():
                 if point_id not in self._labels:
                     self._labels[point_id] = self._scene.add_label(
-                        names.label_node(point_id), point_id, position=position + 2 * self._lift
+                        label_node(point_id), point_id, position=position + 2 * self._lift
                     )
         for handle in self._labels.values():
             handle.visible = visible
@@ -249,11 +275,11 @@ class BlockView:
             turn = np.linspace(0, 2 * np.pi, RING_PARTS + 1)
             around = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
             ring = pointed.position + around * 1.7 * self._point_m
-            self._show_lines(names.CURRENT, np.stack([ring[:-1], ring[1:]], axis=1), True)
+            self._show_lines(CURRENT, np.stack([ring[:-1], ring[1:]], axis=1), True)
             ray = np.stack([pointed.position, pointed.centre - self._lift])[None]
-            self._show_lines(names.CURRENT_RAY, ray, True)
+            self._show_lines(CURRENT_RAY, ray, True)
         else:
-            self._lines[names.CURRENT].visible = self._lines[names.CURRENT_RAY].visible = False
+            self._lines[CURRENT].visible = self._lines[CURRENT_RAY].visible = False
 
     def _is_new(self, name: str, shown: object) -> bool:
         """True when a node must be sent: what it last showed is remembered."""

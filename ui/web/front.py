@@ -1,4 +1,4 @@
-"""The one public port: own pages, tiles, the wire to the loop, and a proxy to viser."""
+"""The one public port: own pages, tiles, results, the wire to the loop, and a proxy to viser."""
 
 import asyncio
 import json
@@ -15,7 +15,6 @@ from aiohttp import WSMsgType, web
 
 from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
-from ui.web.results import result_routes
 from ui.web.tiles import TileStore, tile_routes
 from ui.words.catalogue import KEYS, preferred_language, words
 
@@ -38,6 +37,17 @@ INTO_SCENE = (
 )
 """Put into viser's page: hides its panel and hands our keys up to the desk."""
 Serve = Callable[[web.Request], Awaitable[web.StreamResponse]]
+PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}")
+RESULT_CONTENT = {
+    ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
+    ".gpkg": "application/geopackage+sqlite3",
+}  # fmt: skip
+LISTED_FIRST = {".html": 0, ".tif": 1}
+"""What is looked for most stands first: the report, then the mosaic."""
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+)
+"""The report needs nothing but itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,3 +266,43 @@ async def _pass(
 def as_json(value: Any) -> str:
     """JSON text as the wire carries it."""
     return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
+def result_routes(folder: Path | None) -> list[web.RouteDef]:
+    """A list of what there is, and each file; none where there is no folder."""
+    if folder is None:
+        return []
+
+    async def listed(request: web.Request) -> web.StreamResponse:
+        found = sorted(
+            _results(folder), key=lambda path: LISTED_FIRST.get(path.suffix, len(LISTED_FIRST))
+        )
+        return web.json_response([[path.name, path.stat().st_size] for path in found])
+
+    async def one(request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        found = next((path for path in _results(folder) if path.name == name), None)
+        if found is None:
+            raise web.HTTPNotFound(text="There is no such result.")
+        headers = {"Content-Type": RESULT_CONTENT[found.suffix], "Cache-Control": "no-cache"}
+        if found.suffix == ".html":
+            headers["Content-Security-Policy"] = REPORT_POLICY
+        else:
+            headers["Content-Disposition"] = f'attachment; filename="{found.name}"'
+        return web.FileResponse(found, headers=headers)
+
+    return [web.get("/results/", listed), web.get("/results/{name}", one)]
+
+
+def _results(folder: Path) -> list[Path]:
+    """Plain files with a plain name directly in the folder, no links."""
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if PLAIN_NAME.fullmatch(path.name)
+        and path.suffix in RESULT_CONTENT
+        and path.is_file()
+        and not path.is_symlink()
+    )

@@ -17,8 +17,8 @@ from ui.review.compare import (
     stale_photos,
     with_made,
 )
+from ui.review.looks import LOOKS, rgb
 from ui.review.misfit import misfits
-from ui.review.palette import LOOKS, rgb
 from ui.review.picture import Pictured, point_part, queue_part, scene_part, status_part
 from ui.review.queue import NO_ROWS, seat_down
 from ui.review.scene import scene_picture

@@ -7,10 +7,10 @@ import pytest
 from app.scan_files import ScanFiles
 from core.raster.grid import Grid
 from tests.ui.desk_block import CAMERA, tiny_block, true_photos
-from ui.review.coarse import CoarseOrtho
 from ui.review.compare import DrawnPhoto
 from ui.review.tiles import (
     TILE,
+    CoarseOrtho,
     Lattice,
     Stretch,
     fit_stretch,

@@ -1,7 +1,7 @@
 // The wire to the desk: gestures go up, what changed comes down; a lost connection is made anew.
 import { byId, element, start, word } from "./words.js";
 
-const PIECE = 50; // as `ui/web/lines.py` cuts the table
+const PIECE = 50; // as `ui/web/channel.py` cuts the table
 const FIRST_WAIT_MS = 250; // design: a short break is not noticed
 const LONGEST_WAIT_MS = 1000; // design: nobody waits longer for a desk that is back
 const state = {

@@ -1,7 +1,8 @@
-"""Colours and shapes of the desk: one place, told apart by colour-blind eyes, shape as well."""
+"""How things look on the pages and in 3D: colours and shapes of states, rounded figures."""
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 ShownState = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """State of a measurement as the desk shows it."""
@@ -66,3 +67,15 @@ def page_palette() -> dict[str, object]:
         "predicted": PREDICTED,
         "peak": PEAK,
     }
+
+
+def short(value: float | None, digits: int) -> float | None:
+    """A rounded number, None for what is not one."""
+    if value is None or not math.isfinite(value):
+        return None
+    return round(float(value), digits)
+
+
+def shortened(values: Any, digits: int) -> list[float | None] | None:
+    """The same of several."""
+    return None if values is None else [short(float(value), digits) for value in values]
