@@ -8,6 +8,8 @@ import numpy as np
 
 CRS = "EPSG:5514"
 """S-JTSK, in which all synthetic places lie."""
+FINEST_M = 0.2  # design: memory; film seldom resolves more
+"""No ground is painted finer, metres."""
 Size = Literal["tiny", "small", "full"]
 Georeference = Literal["world-file", "footprints", "points", "exterior", "none"]
 Quality = Literal["good", "bad"]
@@ -91,13 +93,13 @@ class SyntheticOptions:
         """The pixel sizes of the block."""
         usual = SCALES[self.size]
         ground_m = self.scan_ground_m or usual.scan_ground_m
-        # The ground is painted no coarser, against what scans show of it, than usual.
-        finer = min(1.0, ground_m / usual.scan_ground_m)
+        # The ground is painted as finely, against what scans show of it, as usual.
+        texture_m = usual.texture_m * min(1.0, ground_m / usual.scan_ground_m)
         return replace(
             usual,
             scan_pixel_um=self.scan_pixel_um or usual.scan_pixel_um,
             scan_ground_m=ground_m,
-            texture_m=usual.texture_m * finer,
+            texture_m=max(texture_m, min(FINEST_M, usual.texture_m)),
         )
 
     @property

@@ -6,8 +6,9 @@ from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Bool
+from scipy.spatial import KDTree
 
-from core.arrays import Flags, Scalars
+from core.arrays import Flags, PixelPoints, Scalars
 from core.block import Block, TiePoints
 from core.geometry.relative import MINIMAL, RelativeOrientation, adjust_relative
 from core.geometry.robust import robust_sigma
@@ -22,6 +23,11 @@ _BOUND = NormalDist().inv_cdf((1 + KEPT) / 2)
 # source: second moment of a normal distribution cut off where KEPT of it lies within
 TRIMMED = 1 - 2 * _BOUND * NormalDist().pdf(_BOUND) / KEPT
 """Mean square of the smallest KEPT of a normal distribution, over its variance."""
+NEIGHBOURS = 8  # design: they reach over an eighth of a photo with the ties of a common pair
+"""So many places about a parallax say what lens and film do there."""
+# source: variance of the median of eight normal values over that of one, by numerical integration
+MEDIAN_VARIANCE = 0.1682
+"""Variance of the median of `NEIGHBOURS` values over that of one."""
 CLASSES = 10  # design: a line through ten means, each of twenty parallaxes or more
 """Classes of formal variance in which variances are compared with parallaxes."""
 LEAST_IN_CLASS = 20  # design: their mean square is known to a third
@@ -54,9 +60,9 @@ def measure_ties(given: GivenTies, progress: Progress) -> MeasuredTies:
     """Measure every ray finely and say how well.
 
     In each point one ray is fixed and the others are matched to it. A match's variance is a
-    power of the formal one times a factor; both are found from the y-parallaxes of all pairs, so
-    that lens and film errors that no stage has modelled yet are in the figure too. It is shared
-    equally between the two rays of the match.
+    power of the formal one times a factor; both are found from the y-parallaxes of all pairs, each
+    against its neighbours': lens and film bend them alike, and are the adjustment's to model. The
+    variance is shared equally between the two rays of the match.
     """
     block, ties = given.block, given.ties
     fine = match_to_fixed(given, progress)
@@ -110,15 +116,26 @@ def _observed_variances(
         seen = np.isfinite(residual)
         direct = (fine.fixed[theirs] == ours) | (fine.fixed[ours] == theirs)
         direct &= seen
-        # The unknowns of the pair were fitted to these very parallaxes.
-        freedom = max(int(direct.sum()), MINIMAL + 1) / max(int(direct.sum()) - MINIMAL, 1)
-        squares.append(2 * residual[direct] ** 2 * freedom)
-        formal.append(np.maximum(fine.formal[ours], fine.formal[theirs])[direct] ** 2)
+        if direct.sum() > NEIGHBOURS:
+            own = against_neighbours(ties.pixels[ours[direct]], residual[direct])
+            squares.append(2 * own**2 / (1 + MEDIAN_VARIANCE))
+            formal.append(np.maximum(fine.formal[ours], fine.formal[theirs])[direct] ** 2)
         failed = ((fine.fixed[theirs] < 0) | (fine.fixed[ours] < 0)) & seen
         coarse.append(np.abs(residual[failed]))
     rough = np.concatenate(coarse)
     sigma = robust_sigma(rough) if len(rough) >= ENOUGH_FAILED else float("nan")
     return np.concatenate(squares), np.concatenate(formal), sigma
+
+
+def against_neighbours(pixels: PixelPoints, values: Scalars) -> Scalars:
+    """Each value less the median of its nearest neighbours': what changes slowly goes.
+
+    Args:
+        pixels: Where the values stand, more than `NEIGHBOURS` places.
+        values: One for each place.
+    """
+    _, near = KDTree(pixels).query(pixels, k=NEIGHBOURS + 1)
+    return values - np.median(values[near[:, 1:]], axis=1)
 
 
 def fit_variance_law(squares: Scalars, formal: Scalars) -> tuple[float, float]:
@@ -173,8 +190,12 @@ def _agreeing_rays(
         ours, theirs, residual = pair_parallax(block, ties, pair, orientation)
         expected = np.sqrt((ties.sigma_px[ours] ** 2 + ties.sigma_px[theirs] ** 2) / 2)
         limit = MOST_PARALLAX_PX * max(given.reductions[name] for name in pair)
-        limits = np.minimum(MOST_PARALLAX_SIGMAS * expected, limit)
-        bad = np.abs(residual) > limits
+        bad = ~(np.abs(residual) <= limit)
+        near = np.flatnonzero(~bad)
+        own = residual[near]
+        if len(near) > NEIGHBOURS:
+            own = against_neighbours(ties.pixels[ours[near]], own)
+        bad[near] = np.abs(own) > MOST_PARALLAX_SIGMAS * expected[near]
         for rays in (ours, theirs):
             count[rays] += 1
             wrong[rays] += bad
