@@ -1,6 +1,6 @@
 """Whether blocks predict their own error: predicted against true ground error, and sigma nought.
 
-Run: python -m tests.benchmarks.prove_predicted [--blocks 30] [--seed 1] [--folder KEPT]
+Run: python -m tests.benchmarks.prove_predicted [--seed 1] [--numbers N ...] [--folder KEPT]
 
 Blocks of different scale, scan pixel (15 to 90 micrometres), grain, blur, relief and change, drawn
 by the seed; weights are not corrected by variance components. The predicted figure is that of the
@@ -89,18 +89,18 @@ def main() -> int:
     """Print a row for each block, then what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--blocks", type=int, default=30)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--numbers", type=int, nargs="+", help="these alone")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folder", type=Path, help="where blocks are kept; else they are not")
     options = parser.parse_args()
     sys.stdout.write(
         "| seed | pixel, um | on the ground, m | blur, px / grain | epoch, relief, change | "
-        "control used / wrong | sigma nought | its classes: tie, image, plan, height | predicted, m | "
-        "true, m | ratio | last movement |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
+        "control used / wrong | sigma nought | its classes: tie, image, plan, height | "
+        "predicted, m | true, m | ratio | last movement |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     ratios: list[float] = []
     noughts: list[float] = []
-    for number in range(options.first, options.first + options.blocks):
+    for number in options.numbers or range(options.blocks):
         wanted = drawn(options.seed, number)
         with tempfile.TemporaryDirectory() as temporary:
             folder = (options.folder or Path(temporary)) / str(wanted.seed)
