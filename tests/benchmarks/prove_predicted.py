@@ -96,7 +96,7 @@ def main() -> int:
     sys.stdout.write(
         "| seed | pixel, um | on the ground, m | blur, px / grain | epoch, relief, change | "
         "control used / wrong | sigma nought | its classes: tie, image, plan, height | "
-        "predicted, m | true, m | ratio | last movement |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
+        "predicted, m | true, m | ratio | last movement |\n" + 12 * "|---" + "|\n"
     )
     ratios: list[float] = []
     noughts: list[float] = []
