@@ -20,6 +20,7 @@ from core.block import Block, Peak
 from core.control.score_map_store import KeptSurfaces
 from core.control.search import (
     CANDIDATES,
+    MATCH_FLOOR_PX,
     Chance,
     ControlOptions,
     Search,
@@ -29,7 +30,7 @@ from core.control.search import (
 )
 from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
-from core.matching.local_search import SEPARATION_PX, predict_pixels
+from core.matching.local_search import DULL, SEPARATION_PX, predict_pixels
 from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks, nearest_peak
 
@@ -262,16 +263,17 @@ def told_by(
     same, its standard deviation grows by their root: together they know no more than it does.
     """
     search, reduction = sight.search, sight.reduction
+    sigma_px = search.peaks[0].sigma_px if search.peaks else DULL * MATCH_FLOOR_PX * reduction
     candidates: list[Peak] = []
     for peak, place in zip(peaks, places, strict=True):
         own = nearest_peak(heights, *place, OWN_PX)
         column, row = place if own is None else (own.column, own.row)
-        sigma_px = peak.sigma_px * np.sqrt(photos) if own is None else own.sigma_px
+        shared = np.sqrt(photos) if own is None else 1.0
         candidates.append(
             Peak(
                 (column - heights.shape[1] // 2) * reduction + search.predicted[0],
                 (row - heights.shape[0] // 2) * reduction + search.predicted[1],
-                float(sigma_px) * reduction,
+                float(sigma_px * shared),
                 (peak.value - chance.middle) / chance.spread,
                 sight.operator,
             )

@@ -24,6 +24,7 @@ from core.matching.local_search import (
     Images,
     MatchingOptions,
     Prediction,
+    Slices,
     cut,
     looked_at,
     parts_about,
@@ -40,6 +41,9 @@ Keep = Callable[[str, str, ScoreMap], None]
 """Is told the surface of a point in a photo, by their names."""
 MATCH_FLOOR_PX = 0.35
 """No match is better than this, in pixels of the pass."""
+# measured: prove_peak_sigma; error without any noise, which is that of the paraboloid.
+PEAK_FLOOR_PX = 0.025
+"""No peak is found better than this, pixels of the pass."""
 CANDIDATES = 8
 """So many peaks near a prediction are weighed against each other."""
 MIRRORED_EVERY = 4
@@ -211,14 +215,15 @@ def searched(
         pixel, name = prediction.pixels[point], points.ids[point]
         before = known.get(name)
         mirror = before is None and point % MIRRORED_EVERY == 0
-        seen = surfaces_about(images, pixel, int(halves[point]), matching, mirror)
-        if seen is None:
+        parts = parts_about(images, pixel, int(halves[point]), matching.template_half_px)
+        if parts is None:
             continue
-        surface, mirrored, roads = seen
+        surface, mirrored, roads = surfaces_about(images, parts, matching, mirror)
         if keep is not None:
             keep(name, opened.photo.photo_id, surface)
         chance = chance_of(surface, mirrored, plan) if before is None else before.chance
         peaks = candidates_near(surface, plan, chance)
+        sigma_px = matching.reduction * best_sigma_px(images, parts, surface, peaks, plan, chance)
         place = float(pixel[0]), float(pixel[1])
         empty = np.zeros(0)
         one = Search(
@@ -227,7 +232,12 @@ def searched(
             roads if before is None else before.roads,
             place,
             tuple(
-                replace(peak, column=peak.column + place[0], row=peak.row + place[1])
+                replace(
+                    peak,
+                    column=peak.column + place[0],
+                    row=peak.row + place[1],
+                    sigma_px=sigma_px,
+                )
                 for peak in peaks
             ),
             empty,
@@ -266,20 +276,33 @@ def sigma_on_ground_m(
 
 
 def surfaces_about(
-    images: Images,
-    pixel: np.ndarray,
-    half: int,
-    matching: MatchingOptions,
-    mirror: bool,
-) -> tuple[ScoreMap, ScoreMap | None, bool] | None:
+    images: Images, parts: tuple[Slices, Slices], matching: MatchingOptions, mirror: bool
+) -> tuple[ScoreMap, ScoreMap | None, bool]:
     """The surface of a point, that of its mirrored template, and whether roads place it."""
-    parts = parts_about(images, pixel, half, matching.template_half_px)
-    if parts is None:
-        return None
     name = matching.operators[0].name
     surface = images.scores(name, *parts)
     mirrored = images.mirrored_scores(name, *parts) if mirror else None
     return surface, mirrored, has_roads(cut(images.reference[name], parts[1]))
+
+
+def best_sigma_px(
+    images: Images,
+    parts: tuple[Slices, Slices],
+    surface: ScoreMap,
+    peaks: Sequence[Peak],
+    plan: Plan,
+    chance: Chance,
+) -> float:
+    """How well the highest candidate's place is known, were it right, pixels of the pass.
+
+    Where chance rises as high there is nothing to be asked: then it is as dull as a match may be.
+    """
+    if not peaks or peaks[0].score <= max(chance.heights, default=0.0):
+        return DULL * MATCH_FLOOR_PX
+    half, reduction = surface.shape[0] // 2, plan.matching.reduction
+    place = round(half + peaks[0].row / reduction), round(half + peaks[0].column / reduction)
+    known = images.place_sigma_px(plan.matching.operators[0].name, *parts, place)
+    return float(np.clip(known, PEAK_FLOOR_PX, DULL * MATCH_FLOOR_PX))
 
 
 def chance_of(surface: ScoreMap, mirrored: ScoreMap | None, plan: Plan) -> Chance:

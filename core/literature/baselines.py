@@ -54,6 +54,10 @@ class NccOperator:
         """Pearson's correlation."""
         return correlation_scores(around[0], patch[0])
 
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """Grey values less their means."""
+        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+
 
 @dataclass(frozen=True, slots=True)
 class GradientOperator:
@@ -72,6 +76,10 @@ class GradientOperator:
     def scores(self, around: Description, patch: Description) -> ScoreMap:
         """Re sum(conj(z_T) z_S) / sqrt(sum |z_T|^2 sum |z_S|^2)."""
         return cosine_scores(around[0], patch[0])
+
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """Both fields."""
+        return shown[:1], patch[:1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +101,10 @@ class RoadOperator:
         """The weighted likeness; nought where no road is drawn."""
         return road_scores(around, patch, road_content(patch)[0])
 
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """The scan's field, and that of the drawn roads times its weight."""
+        return shown[:1], patch[:1]
+
 
 @dataclass(frozen=True, slots=True)
 class CfogOperator:
@@ -111,6 +123,10 @@ class CfogOperator:
     def scores(self, around: Description, patch: Description) -> ScoreMap:
         """Correlation of all channels; as they have equal length, it ranks as squares would."""
         return channel_scores(around, patch)
+
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """All channels."""
+        return shown[:-1], patch[:-1]
 
 
 OPERATORS: dict[str, Operator] = {

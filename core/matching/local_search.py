@@ -13,6 +13,7 @@ from core.geometry.resection import PhotoModel
 from core.matching.operators import GREY, USUAL, Operator
 from core.matching.patches import OpenPhoto, Pair, Window, read_pair
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
+from core.matching.precision import place_covariance, sharpness_of
 from core.matching.reference import Reference
 from core.matching.template_search import Description
 from core.progress import Progress, Silent
@@ -103,6 +104,29 @@ class Images:
         return self.operators[operator].scores(
             cut(self.scan[operator], around), cut(self.reference[operator], patch)
         )
+
+    def place_sigma_px(
+        self, operator: str, around: Slices, patch: Slices, place: tuple[int, int]
+    ) -> float:
+        """Standard deviation per axis of the place of a patch, were it the right one.
+
+        Args:
+            operator: What is compared.
+            around: The part of the scan that was searched.
+            patch: The patch of the reference.
+            place: Row and column of the place in the scores.
+        """
+        rows, columns = (
+            slice(part.start + step, part.start + step + own.stop - own.start)
+            for part, step, own in zip(around, place, patch, strict=True)
+        )
+        shown, template = self.operators[operator].correlated(
+            cut(self.scan[operator], (rows, columns)), cut(self.reference[operator], patch)
+        )
+        sharpness = sharpness_of(template)
+        if sharpness is None:
+            return float("inf")
+        return float(np.sqrt(np.trace(place_covariance(sharpness, shown)) / 2))
 
     def mirrored_scores(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
         """The same with the patch mirrored before it is described: whatever it finds is wrong."""

@@ -59,6 +59,10 @@ class Operator(Protocol):
         """Likeness at every place of a patch of the reference within a window of the scan."""
         ...
 
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """The layers of scan and reference whose products `surface` sums, both of one size."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class FusedOperator:
@@ -83,6 +87,18 @@ class FusedOperator:
             return ortho
         return (ortho + road_scores(around, patch[1:], energy)) / np.float32(2)
 
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """The scan's field, and the sum of ortho and roads as their likenesses weigh them."""
+        energy, along = road_content(patch[1:])
+        if not fixed_by_roads(energy, along):
+            return shown[:1], patch[:1]
+        field, squares = shown
+        ortho, roads, weight = patch
+        of_ortho = np.sqrt(float(np.sum(ortho * ortho)) * float(np.sum(squares))) + FLAT
+        of_roads = np.sqrt(energy * float(np.sum(weight * squares))) + FLAT
+        both = ortho / np.float32(of_ortho) + roads / np.float32(of_roads)
+        return (field,), (both,)
+
 
 @dataclass(frozen=True, slots=True)
 class HighPassOperator:
@@ -104,6 +120,10 @@ class HighPassOperator:
     def scores(self, around: Description, patch: Description) -> ScoreMap:
         """Pearson's correlation."""
         return correlation_scores(around[0], patch[0])
+
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """Grey values less their means."""
+        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
 
 
 USUAL = (FusedOperator(), HighPassOperator())

@@ -1,0 +1,112 @@
+"""How well a template's place is known, told by the template and by what it was found on.
+
+What the template does not explain of the window there moves the peak about: noise, grain, and
+whatever looks different today. With g the gradients of the template, c the autocorrelation of what
+is left and a the gain, the shift has the covariance
+
+    H^-1 (sum over u of c(u) (g * g)(u)) H^-1 / a^2,   H = sum of g g^T,
+
+least squares of a shift with correlated errors (METHODS 3.4). It holds of any layers that are
+correlated, so that each operator's peaks are judged by what it compares.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex64, Float32, Float64
+from scipy import fft
+
+from core.matching.template_search import Description
+
+Layers = Float32[np.ndarray, "layers rows columns"]
+Covariance = Float64[np.ndarray, "2 2"]
+
+# design: time; grain and blur are alike over a pixel or two, and errors of ten pixels' reach
+# would move the whole template, which its gradients cannot tell.
+REACH_PX = 3
+"""What is left is taken for unlike at greater distances, pixels."""
+# design: numerical safety; a hundred-thousandth of what a usual template has.
+LEAST_DETERMINANT = 1e-10
+"""A template is an edge that slides along itself where the determinant of H is less, of its trace
+squared."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sharpness:
+    """A template, with what its gradients say of a shift."""
+
+    template: Layers
+    """What is correlated."""
+    inverse: Covariance
+    """H^-1."""
+    spread: Float32[np.ndarray, "axes axes layers layers lags lags"]
+    """(g * g)(u) of both axes and all layers."""
+
+
+def sharpness_of(template: Description) -> Sharpness | None:
+    """What the gradients of a template say; None where they do not fix a place.
+
+    Args:
+        template: Layers that are correlated.
+    """
+    layers = _layers(template)
+    gradients = np.stack(np.gradient(layers, axis=(2, 1)))
+    flat = gradients.reshape(2, -1)
+    normal = (flat @ flat.T).astype(np.float64)
+    if np.linalg.det(normal) <= LEAST_DETERMINANT * np.trace(normal) ** 2:
+        return None
+    spectra = _spectra(gradients)
+    lags = _lags(np.einsum("akrc,blrc->abklrc", spectra, spectra.conj()), layers.shape[1:])
+    return Sharpness(layers, np.linalg.inv(normal), lags)
+
+
+def place_covariance(sharpness: Sharpness, window: Description) -> Covariance:
+    """Covariance (column, row) of the place of a template, square pixels.
+
+    Args:
+        sharpness: The template.
+        window: The same layers of the picture where the template was found, of its size.
+
+    Returns:
+        The covariance; infinite where the picture has nothing of the template.
+    """
+    template, shown = sharpness.template, _layers(window)
+    gain = float(np.sum(template * shown) / np.sum(template**2))
+    if gain <= 0:
+        return np.full((2, 2), np.inf)
+    spectra = _spectra(shown - gain * template)
+    left = _lags(np.einsum("krc,lrc->klrc", spectra, spectra.conj()), template.shape[1:])
+    pixels = template.shape[1] * template.shape[2]
+    noise = np.einsum("abkluv,kluv->ab", sharpness.spread, left) / pixels
+    return sharpness.inverse @ noise.astype(np.float64) @ sharpness.inverse / gain**2
+
+
+def _layers(description: Description) -> Layers:
+    """All planes of a description, one after another."""
+    return np.stack([plane.astype(np.float32) for plane in _planes(description)])
+
+
+def _planes(description: Description) -> Iterator[np.ndarray]:
+    for layer in description:
+        yield from (layer,) if layer.ndim == 2 else np.moveaxis(layer, 2, 0)
+
+
+def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
+    """A size at which products up to the reach do not come round again."""
+    rows, columns = (int(fft.next_fast_len(side + REACH_PX, True) or side) for side in shape[-2:])
+    return rows, columns
+
+
+def _spectra(layers: Float32[np.ndarray, "..."]) -> Complex64[np.ndarray, "..."]:
+    return np.asarray(fft.rfft2(layers, s=_padded(layers.shape)), np.complex64)
+
+
+def _lags(
+    spectra: Complex64[np.ndarray, "..."], shape: tuple[int, ...]
+) -> Float32[np.ndarray, "..."]:
+    """Sums of products at all lags within the reach."""
+    size = _padded(shape)
+    every = np.asarray(fft.irfft2(spectra, s=size), np.float32)
+    reach = np.arange(-REACH_PX, REACH_PX + 1)
+    return every[..., reach[:, None], reach[None, :]]
