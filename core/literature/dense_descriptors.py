@@ -70,6 +70,10 @@ class SiftOperator:
         """Less the distance of descriptors of unit length, so that the highest is the nearest."""
         return sift_scores(around[0], patch[0])
 
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """The gradients: distances of descriptors are no sums of products."""
+        return shown, patch
+
 
 @dataclass(frozen=True, slots=True)
 class OrbOperator:
@@ -95,6 +99,10 @@ class OrbOperator:
         """Less the share of differing bits."""
         return orb_scores(around[0], patch[0])
 
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """Grey values less their means: shares of bits are no sums of products."""
+        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+
 
 @dataclass(frozen=True, slots=True)
 class AkazeOperator:
@@ -117,6 +125,10 @@ class AkazeOperator:
         scale = max(len(patch[0]) / AKAZE_SIDE_PX, 1.0)
         found = described_scores(akaze, around[0], patch[0], AKAZE_SIZE, scale)
         return found / np.float32(486.0)
+
+    def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
+        """Grey values less their means: shares of bits are no sums of products."""
+        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
 
 
 def smoothed_gradients(image: Image) -> Field:

@@ -51,7 +51,8 @@ def sharpness_of(template: Description) -> Sharpness | None:
         template: Layers that are correlated.
     """
     layers = _layers(template)
-    gradients = np.stack(np.gradient(layers, axis=(2, 1)))
+    across, down = np.gradient(layers, axis=2), np.gradient(layers, axis=1)
+    gradients = np.stack([np.asarray(across), np.asarray(down)])
     flat = gradients.reshape(2, -1)
     normal = (flat @ flat.T).astype(np.float64)
     if np.linalg.det(normal) <= LEAST_DETERMINANT * np.trace(normal) ** 2:
