@@ -172,7 +172,7 @@ STAGES: tuple[Stage, ...] = (
         ("localisation",),
         lambda given: (given.localisation.ties,),
         _ties,
-        version=7,
+        version=8,
         repeated=True,
     ),
     Stage(
@@ -181,7 +181,7 @@ STAGES: tuple[Stage, ...] = (
         ("localisation", "ties", "reference"),
         lambda given: (given.control, given.surveyed, given.preset),
         _control,
-        version=10,
+        version=11,
         repeated=True,
     ),
 )
