@@ -135,7 +135,7 @@ def against_neighbours(pixels: PixelPoints, values: Scalars) -> Scalars:
         values: One for each place.
     """
     _, near = KDTree(pixels).query(pixels, k=NEIGHBOURS + 1)
-    return values - np.median(values[near[:, 1:]], axis=1)
+    return values - np.median(values[np.atleast_2d(near)[:, 1:]], axis=1)
 
 
 def fit_variance_law(squares: Scalars, formal: Scalars) -> tuple[float, float]:
