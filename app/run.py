@@ -27,8 +27,7 @@ from core.errors import Cancelled
 from core.localisation.stage import Localised
 from core.matching.reference import open_reference
 from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
-from core.orthos.picture import footprint_of
-from core.orthos.rectification import OrthoProduct, rectify_photo
+from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
 from core.raster.dem import Dem

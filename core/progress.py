@@ -28,6 +28,9 @@ class Silent:
         """Accept the report and do nothing."""
 
 
+SILENT = Silent()
+
+
 class Part:
     """Progress of one part of a longer work, passed on as that part's share of the whole."""
 

@@ -22,39 +22,51 @@ from core.formats.polygons import write_polygons
 from core.geometry.crs import Bounds
 from core.matching.global_search import AngleField, angle_field
 from core.matching.patches import filled
-from core.progress import Progress
+from core.progress import SILENT, Progress
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
-from core.raster.tiles import SILENT
 
+# design: names of the states
 SAME, UNSURE, DIFFERENT = 1, 0, -1
 LAYERS = {"different": DIFFERENT, "same": SAME}
 """Layers of the file; what is in neither nobody can tell."""
+# design: a thousand pixels a side at a time, some tens of megabytes
 TILE_CELLS = 16
+# design: grain of a scan is one or two pixels of a metre wide, fields and roads are tens long
 EDGE_PX = 3.0
 """Edges run on for more than this, grain does not, pixels."""
+# design: the upper quartile; a block has detail in a quarter of its cells at least
 RICH = 75
 """Percentile of the cells that counts as rich in detail."""
 Cells = Float32[np.ndarray, "rows columns"]
-Shift = tuple[int, int]
+Offset = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
 class ChangeOptions:
     """How finely, and how sure."""
 
+    # design: narrower than a field, and four thousand pixels to tell likeness from chance
     cell_px: int = 64
     """Side of a cell, pixels of the common grid."""
+    # design: relief and orientation alone leave some tenths of a metre (docs/accuracy.md)
     least_gsd_m: float = 1.0
     """Finer detail is not compared, metres."""
+    # design: two metres at a metre a pixel, more than orientation and relief leave
     play_px: int = 2
     """Largest shift that is still the cell's own place, pixels per axis; every second is tried."""
+    # design: clear of the play and of an edge, and inside the next cell, so the content is
+    # alike
     away_px: tuple[int, int] = (20, 36)
     """Wrong places lie so far off, pixels; four at each distance."""
+    # design: one wrong cell in fifty is called the same
     same: float = 0.02
     """Fewer wrong places than this share are as like: the ground is the same."""
+    # design: what is the same passes for different only where it ranks with a fifth of wrong
+    # places
     different: float = 0.2
     """More of them than this are: it is another."""
+    # design: half of what a rich cell has still ranks above grain
     least_detail: float = 0.5
     """A cell with less detail than this share of what a rich cell has says nothing."""
 
@@ -159,16 +171,17 @@ def _tile(
     detail = _means(np.hypot(lasting[:, :, 0], lasting[:, :, 1]), size)
     known = _means((middle != 0).astype(np.float32), size) > 0.5
 
-    def like(shift: Shift) -> Cells:
+    def like(shift: Offset) -> Cells:
         beside = now[
             rim + shift[0] : rim + shift[0] + shape_px[0],
             rim + shift[1] : rim + shift[1] + shape_px[1],
         ]
         other = _means(np.abs(beside) ** 2, size)
         common = _means(np.real(middle * np.conj(beside)), size)
+        # design: no division by nought
         return np.where(other > 0, common / np.sqrt(power * other + 1e-9), np.float32(np.nan))
 
-    def best(centre: Shift) -> Cells:
+    def best(centre: Offset) -> Cells:
         play = range(-options.play_px, options.play_px + 1, 2)
         found = np.max([like((centre[0] + dy, centre[1] + dx)) for dy in play for dx in play], 0)
         return np.where(known, found, np.nan)
@@ -180,7 +193,7 @@ def _tile(
     return own, np.array(wrong, np.float32), detail
 
 
-def _around(away: int, ring: int) -> list[Shift]:
+def _around(away: int, ring: int) -> list[Offset]:
     """Four places at a distance; those of every other ring lie between those of the one before."""
     angles = ring * np.pi / 4 + np.arange(4) * np.pi / 2
     return [(round(away * float(np.sin(a))), round(away * float(np.cos(a)))) for a in angles]

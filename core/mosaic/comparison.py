@@ -1,7 +1,9 @@
 """Accuracy of an ortho or mosaic against another of nearly the same content.
 
 At places spread over the common area a patch of the truth is found in the product; what lies
-between is the error of the product, product minus truth, as METHODS 9.1 counts it.
+between is the error of the product, product minus truth, as METHODS 9.1 counts it. Normalised
+correlation finds the whole pixel, least-squares matching (shift, gain and offset) the fraction:
+unlike a parabola through the peak it does not lean towards whole pixels.
 """
 
 from collections.abc import Mapping
@@ -10,21 +12,35 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+import rasterio
+from jaxtyping import Float32, Float64
 from scipy import ndimage, stats
 from scipy.spatial import KDTree
 
 from core.arrays import Flags, Mask, Scalars, locked
-from core.errors import ReferenceDataError
+from core.errors import CrsError, ReferenceDataError
+from core.geometry.crs import shared_bounds
 from core.geometry.robust import robust_sigma
-from core.mosaic.shift import Shift, find_shift
-from core.progress import Progress
-from core.raster.common_view import CommonView, GrayPatch
+from core.matching.peaks import highest_places
+from core.matching.template_search import correlation_scores
+from core.progress import SILENT, Progress
 from core.raster.grid import Grid
-from core.raster.tiles import SILENT
+from core.raster.ortho import Ortho, OrthoPatch, open_ortho
 
 Shifts = Float64[np.ndarray, "n 2"]
+Patch = Float32[np.ndarray, "_ _"]
+# design: a sixth of a patch; broader shading is exposure, season and print, not place
 HIGH_PASS_PX = 8.0
+"""What is broader than this is taken away before patches are compared, pixels."""
+# design: leaves 4 % of what alternates from pixel to pixel, which no interpolation can move
+SMOOTHING_PX = 0.8
+"""Both patches are smoothed a little before the fraction is measured: grain aliases."""
+# design: Newton steps; a good place needs three to five
+MOST_STEPS = 12
+# design: those round a place in a square, as in the median test of Westerweel and Scarano 2005
+NEIGHBOURS = 8
+# design: a normal error passes it once in a million; changed ground lies far outside.
+MISMATCH_SIGMAS = 5
 OUTLIER_RULE = (
     "A place counts when its correlation peak is high enough and alone, lies inside the search, "
     "and is found again when product and truth change roles. Of these, a place is left out as a "
@@ -37,20 +53,42 @@ OUTLIER_RULE = (
 class ComparisonOptions:
     """Where and how patches are compared."""
 
+    # design: the 95 % interval of m_p is then 7 % to either side, by chi-square of 400
     places: int = 200
     """Number of cells the common area is divided into; one place is tried in each."""
+    # design: two thousand pixels against chance, yet a corner of a field and not the field
     patch_px: int = 48
     """Side of a patch, pixels of the common grid."""
+    # design: half a patch; a product further off than that shows it in the places at the edge
     search_px: int = 24
     """How far a patch is looked for in every direction, pixels of the common grid."""
+    # design: a quarter of the variance in common, which chance does not reach over so many pixels
     least_peak: float = 0.5
     """Smallest correlation that counts."""
+    # design: twice the noise of a correlation over some five hundred independent pixels
     least_lead: float = 0.1
     """By how much the peak must stand above the next one."""
+    # design: there and back err independently; more than a fifth of a pixel each is no fix
     return_px: float = 0.3
     """Largest disagreement between there and back, pixels."""
     ground_sample_distance_m: float | None = None
     """Pixel size of the common grid; the coarser of the two when left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Where the content of one patch lies in another."""
+
+    column: float
+    """Pixels to the right."""
+    row: float
+    """Pixels down."""
+    peak: float
+    """Height of the correlation peak, -1 to 1."""
+    second: float
+    """Height of the next one outside the neighbourhood of the first."""
+    at_edge: bool
+    """True when the peak lies at the edge of the search: the shift may be larger."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,13 +174,13 @@ def compare_orthos(
         ReferenceDataError: The two have nothing in common that could be compared.
     """
     options = options or ComparisonOptions()
-    with CommonView(product_path, truth_path, options.ground_sample_distance_m) as view:
-        centres = _choose_places(view, options)
-        found: list[tuple[Shift | None, str]] = []
-        for done, (column, row) in enumerate(centres.tolist()):
-            found.append(_measure(view, column, row, options))
-            progress.report(float(done + 1), float(len(centres)), "comparison")
-        places = _table(view.grid, centres, found)
+    view = _open_both(product_path, truth_path, options.ground_sample_distance_m)
+    centres = _choose_places(view, options)
+    found: list[tuple[Shift | None, str]] = []
+    for done, (column, row) in enumerate(centres.tolist()):
+        found.append(_measure(view, column, row, options))
+        progress.report(float(done + 1), float(len(centres)), "comparison")
+    places = _table(view.grid, centres, found)
     if not places.used.any():
         raise ReferenceDataError(
             product_path,
@@ -152,17 +190,56 @@ def compare_orthos(
     return _summary(_without_mismatches(places, view.grid), view.grid)
 
 
-def _choose_places(view: CommonView, options: ComparisonOptions) -> np.ndarray:
+@dataclass(frozen=True, slots=True, eq=False)
+class _CommonView:
+    """A product and a truth on one grid, on the pixels of the coarser of the two."""
+
+    product: Ortho
+    truth: Ortho
+    grid: Grid
+
+    def read(self, grid: Grid) -> tuple[OrthoPatch, OrthoPatch]:
+        """Both on a grid."""
+        return self.product.read(grid), self.truth.read(grid)
+
+
+def _open_both(product_path: Path, truth_path: Path, gsd_m: float | None) -> _CommonView:
+    """Both in the CRS of the product; the coarser one is not interpolated at all."""
+    for path in (product_path, truth_path):
+        with rasterio.open(path) as file:
+            if file.crs is None:
+                raise CrsError(path, "It has no CRS.", "Write one with gdal_edit.py -a_srs.")
+    with rasterio.open(product_path) as file:
+        crs = str(file.crs.to_wkt())
+    product, truth = open_ortho([product_path], crs), open_ortho([truth_path], crs)
+    own = max(
+        (product.sheets.grid, truth.sheets.grid), key=lambda grid: grid.ground_sample_distance_m
+    )
+    west, south, east, north = shared_bounds(product.bounds, truth.bounds)
+    gsd = gsd_m or own.ground_sample_distance_m
+    if west + gsd >= east or south + gsd >= north:
+        raise ReferenceDataError(
+            product_path, f"It has no area in common with {truth_path}.", "Check the CRS of both."
+        )
+    columns, rows = (int(np.ceil(size / gsd)) for size in (east - own.west, own.north - south))
+    grid = Grid(own.west, own.north, gsd, columns, rows).covering((west, south, east, north))
+    return _CommonView(product, truth, grid)
+
+
+def _choose_places(view: _CommonView, options: ComparisonOptions) -> np.ndarray:
     """Column and row of the place with most texture in every cell of the common area, (n, 2)."""
     grid = view.grid
+    # design: texture is judged on some two million pixels, a few megabytes
     reduction = max(1, round(max(grid.columns, grid.rows) / 1500))
-    product, truth = view.whole(reduction)
+    step = grid.ground_sample_distance_m * reduction
+    small = Grid(grid.west, grid.north, step, grid.columns // reduction, grid.rows // reduction)
+    product, truth = view.read(small)
     half = int(np.ceil((options.patch_px / 2 + options.search_px + 2) / reduction))
-    inside = _inside(product.seen & truth.seen, half)
+    inside = _inside(product.mask & truth.mask, half)
     area = int(np.count_nonzero(inside))
     side = max(1, int(np.sqrt(area / options.places)))
     block = max(3, options.patch_px // reduction)
-    texture = np.asarray(cv2.cornerMinEigenVal(truth.values, min(block, 31), ksize=3))
+    texture = np.asarray(cv2.cornerMinEigenVal(truth.values, block, ksize=3))
     texture = np.where(inside, texture, -1.0)
     centres: list[tuple[int, int]] = []
     for row in range(0, texture.shape[0], side):
@@ -181,14 +258,14 @@ def _inside(seen: Mask, half: int) -> Mask:
 
 
 def _measure(
-    view: CommonView, column: int, row: int, options: ComparisonOptions
+    view: _CommonView, column: int, row: int, options: ComparisonOptions
 ) -> tuple[Shift | None, str]:
     """Find the truth's patch in the product and back; the shift and a verdict."""
     half, search = options.patch_px // 2, options.search_px
     reach = half + search
     start = (max(column - reach, 0), max(row - reach, 0))
-    product, truth = view.window((*start, 2 * reach, 2 * reach))
-    if not (product.seen.all() and truth.seen.all()):
+    product, truth = view.read(view.grid.window(*start, 2 * reach, 2 * reach))
+    if not (product.mask.all() and truth.mask.all()):
         return None, "edge"
     here, there = _high_pass(truth), _high_pass(product)
     there_shift = find_shift(here[search:-search, search:-search], there, search)
@@ -198,8 +275,70 @@ def _measure(
     return there_shift, _verdict(there_shift, back, options)
 
 
-def _high_pass(patch: GrayPatch) -> np.ndarray:
+def _high_pass(patch: OrthoPatch) -> np.ndarray:
     return patch.values - ndimage.gaussian_filter(patch.values, HIGH_PASS_PX)
+
+
+def find_shift(
+    template: Patch, image: Patch, search_px: int, neighbourhood_px: int = 4
+) -> Shift | None:
+    """Find a template in an image that is `search_px` larger on every side.
+
+    Args:
+        template: Patch that is looked for.
+        image: Where it is looked for.
+        search_px: How far it may be shifted, pixels.
+        neighbourhood_px: Around the peak no second one is looked for, pixels.
+
+    Returns:
+        The shift, NaN where the fraction does not converge; None where a patch has no contrast.
+    """
+    # design: gray values; rounding of a flat patch
+    if min(float(np.std(template)), float(np.std(image))) < 1e-3:
+        return None
+    scores = correlation_scores(image, template)
+    place, *others = highest_places(scores, 2, neighbourhood_px)
+    at_edge = min(place) == 0 or max(place) == 2 * search_px
+    fraction = _fraction(template, image, place)
+    return Shift(
+        column=place[1] - search_px + fraction[0],
+        row=place[0] - search_px + fraction[1],
+        peak=float(scores[place]),
+        second=float(scores[others[0]]) if others else -1.0,
+        at_edge=at_edge,
+    )
+
+
+def _fraction(template: Patch, image: Patch, place: tuple[int, int]) -> Float64[np.ndarray, "2"]:
+    """Column and row to add to a whole-pixel place, by least-squares matching; NaN if it fails."""
+    wanted = ndimage.gaussian_filter(template.astype(np.float64), SMOOTHING_PX)[2:-2, 2:-2]
+    smooth = ndimage.gaussian_filter(image.astype(np.float64), SMOOTHING_PX)
+    spline = ndimage.spline_filter(smooth, order=3, mode="mirror")
+    rows, columns = np.mgrid[0 : wanted.shape[0], 0 : wanted.shape[1]].astype(np.float64)
+    rows, columns = rows + place[0] + 2, columns + place[1] + 2
+    shift = np.zeros(2)
+    for _ in range(MOST_STEPS):
+        found = ndimage.map_coordinates(
+            spline, [rows + shift[1], columns + shift[0]], order=3, prefilter=False, mode="mirror"
+        )
+        down, right = np.gradient(found)
+        design = np.stack([right, down, found, np.ones_like(found)], axis=-1)[1:-1, 1:-1]
+        design = design.reshape(-1, 4)
+        try:
+            solution = np.linalg.solve(design.T @ design, design.T @ wanted[1:-1, 1:-1].ravel())
+        except np.linalg.LinAlgError:
+            break
+        # design: contrast lost or turned round: there is nothing to divide by
+        if not solution[2] > 1e-3:
+            break
+        step = solution[:2] / solution[2]
+        shift += np.clip(step, -1, 1)
+        if np.abs(shift).max() > 2:
+            break
+        # design: pixels; a hundredth of what is told
+        if np.abs(step).max() < 1e-4:
+            return shift
+    return np.full(2, np.nan)
 
 
 def _verdict(there: Shift, back: Shift | None, options: ComparisonOptions) -> str:
@@ -235,10 +374,10 @@ def _without_mismatches(places: ComparedPlaces, grid: Grid) -> ComparedPlaces:
     if len(used) < 10:
         return places
     shifts, positions = places.shifts_m[used], places.positions[used]
-    _, neighbours = KDTree(positions).query(positions, k=9)
+    _, neighbours = KDTree(positions).query(positions, k=NEIGHBOURS + 1)
     expected = np.median(shifts[np.asarray(neighbours)[:, 1:]], axis=1)
     away = np.linalg.norm(shifts - expected, axis=1)
-    limit = max(5 * robust_sigma(away), 2 * grid.ground_sample_distance_m)
+    limit = max(MISMATCH_SIGMAS * robust_sigma(away), 2 * grid.ground_sample_distance_m)
     verdicts = list(places.verdicts)
     for index in used[away > limit]:
         verdicts[index] = "mismatch"
@@ -286,6 +425,7 @@ def circular_error_90(m_p: float) -> float:
 
 def rms_interval(rms: float, degrees_of_freedom: int) -> tuple[float, float]:
     """95 % interval of a root mean square of so many independent normal errors."""
+    # source: definition of a two-sided interval of 95 %
     high, low = stats.chi2.ppf([0.975, 0.025], degrees_of_freedom)
     return (
         float(rms * np.sqrt(degrees_of_freedom / high)),

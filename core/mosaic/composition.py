@@ -24,12 +24,11 @@ from core.mosaic.overview import Overview, read_overview
 from core.mosaic.radiometry import Balance, BalanceOptions, balance_orthos
 from core.mosaic.seams import PhotoArea, Seam, SeamOptions, area_of, draw_seams, write_seams
 from core.orthos.rectification import OrthoProduct
-from core.progress import Progress
-from core.raster.grid import Grid
-from core.raster.tiles import (
+from core.progress import SILENT, Progress
+from core.raster.grid import (
     BLOCK_PX,
     NODATA,
-    SILENT,
+    Grid,
     Pixels,
     Tile,
     full_disk_told,
@@ -45,14 +44,19 @@ from core.raster.tiles import (
 class MosaicOptions:
     """How orthos are composed."""
 
+    # design: some megabytes a photo in memory, and four blocks of the file
     tile_px: int = 1024
     """Side of the tiles that are composed at a time, pixels."""
+    # design: the cores of the smallest machine
     threads: int = 2
     """Tiles composed side by side."""
+    # design: METHODS 8 gives 2 to 10; it hides a step of gray and is narrower than a road
     feather_px: int = 8
     """Width over which one photo fades into the next, pixels."""
+    # design: a few metres, less than a seam keeps from the edge of a photo
     pixels_per_cell: int = 8
     """Ortho pixels a side per cell of the overviews that seams are drawn from."""
+    # design: ten thousand cells for two unknowns of a photo, and grain is averaged away
     balance_cells: int = 128
     """Cells along the longest side of an ortho from which the balance is estimated."""
     balance: bool = True
@@ -212,8 +216,10 @@ def _prepare(
 
 
 def _assert_aligned(part: Grid, whole: Grid) -> None:
+    # design: rounding of metres
     assert abs(part.ground_sample_distance_m - whole.ground_sample_distance_m) < 1e-9
     corner = whole.grid_from_object(np.array([[part.west, part.north]]))
+    # design: a thousandth of a pixel is not seen
     assert np.abs(corner - np.rint(corner)).max() < 1e-3, "orthos must share the mosaic's pixels"
 
 
@@ -324,4 +330,5 @@ def _blend(
         weight = np.where(layers.pixels(index) != NODATA, np.asarray(weight), np.float32(0))
         total += weight * layers.balanced(index)
         weights += weight
+    # design: no division by nought
     return total / np.maximum(weights, np.float32(1e-6))

@@ -8,8 +8,7 @@ from jaxtyping import Float32, Float64
 
 from core.arrays import Mask, locked
 from core.orthos.rectification import OrthoProduct
-from core.raster.grid import Grid
-from core.raster.tiles import window_of
+from core.raster.grid import Grid, window_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +33,7 @@ class Overview:
     @property
     def full(self) -> Mask:
         """Cells without a single invalid pixel."""
+        # design: rounding in single precision
         return np.asarray(self.share > 1 - 1e-6)
 
     @property
@@ -54,6 +54,7 @@ class Overview:
         shares[part] = self.share
         cells = (grid.rows, factor, grid.columns, factor)
         total, share = (band.reshape(cells).sum(axis=(1, 3)) for band in (sums, shares))
+        # design: no division by nought
         values = np.where(share > 0, total / np.maximum(share, 1e-6), np.nan)
         return Overview(self.photo_id, self.nadir, grid, values, share / factor**2)
 

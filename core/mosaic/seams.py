@@ -23,6 +23,7 @@ from core.mosaic.overview import Overview
 from core.raster.grid import Grid
 
 Area = Polygon | MultiPolygon
+# design: rounding of metres
 SAME_NADIR_M = 1e-6
 
 
@@ -30,9 +31,11 @@ SAME_NADIR_M = 1e-6
 class SeamOptions:
     """How seams are drawn."""
 
+    # design: clear of the rim, where the mask is known to a cell of some metres
     keep_inside_m: float = 10.0
     """A seam keeps this distance from the edge of a photo's picture where another photo shows the
     place as well, metres: room to feather."""
+    # design: eight by eight cells; smaller ones are marks and scratches
     smallest_hole_cells: float = 64.0
     """Holes in a photo smaller than this are left to the composition, cells."""
 

@@ -1,7 +1,8 @@
 """One photo made into an ortho: every output pixel is one sample of the raw scan.
 
 Indirect rectification (METHODS 8): easting, northing and DEM height of the pixel's centre go
-through collinearity and interior orientation to a place in the scan, which is sampled once.
+through collinearity and interior orientation to a place in the scan, which is sampled once. A mask
+keeps what of the scan shows the ground.
 """
 
 from dataclasses import dataclass
@@ -11,20 +12,33 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rasterio
+from jaxtyping import Float32, Int32, UInt8
+from shapely import segmentize
 from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
-from core.arrays import Mask
+from core.arrays import FilmPoints, Mask, ObjectPoints, PixelPoints
 from core.block import Photo
-from core.frames import HALF_PIXEL
+from core.frames import HALF_PIXEL, opencv_from_pixel
 from core.geometry.camera import Camera
-from core.orthos.lattice import Heights, PixelMap, ScanPlaces, locate_tile
-from core.orthos.picture import PictureMask, footprint_of, picture_mask
-from core.progress import Progress
-from core.raster.grid import Grid
-from core.raster.scan_source import ScanSource
-from core.raster.tiles import NODATA, SILENT, Pixels, Tile, tiled_profile, tiles_of, write_tiles
+from core.orthos.scan_places import Heights, PixelMap, ScanPlaces, locate_tile
+from core.progress import SILENT, Progress
+from core.raster.grid import NODATA, Grid, Pixels, Tile, tiled_profile, tiles_of, write_tiles
+from core.raster.scan_file import ScanSource
 
+# design: relief and lens bend a sixteenth of a side by less than a cell of the overview
+RAYS_PER_SIDE = 16
+"""Rays of the footprint along each side of the frame."""
+# design: a sixteenth of a mask pixel is 12 micrometres
+BINARY_PLACES = 4
+"""Of the fractions of a pixel that OpenCV draws."""
+# design: a fifth of the margin that is left out
+MASK_STEP_MM = 0.2
+"""The mask is drawn with pixels of about this size on the film."""
+# source: OpenCV, remap holds places as signed 16 bit (32767)
+FAR = 32000.0
+"""Mask pixels beyond this would wrap around inside OpenCV."""
+# design: two pixels of the kernel, one of rounding and one to spare
 MARGIN_PX = 4
 """Pixels around a window so that the cubic kernel never meets its edge."""
 
@@ -33,18 +47,25 @@ MARGIN_PX = 4
 class OrthoOptions:
     """How photos are rectified."""
 
+    # design: a megabyte, and four blocks of the file
     tile_px: int = 1024
     """Side of the tiles that are computed at a time, output pixels."""
+    # design: the cores of the smallest machine
     threads: int = 2
     """Tiles computed side by side."""
+    # design: a tenth of what a tie point is measured to, 0.5 px (METHODS 7)
     lattice_limit_px: float = 0.05
     """Largest error of the interpolated scan place, scan pixels."""
+    # design: the soft shadow of the frame is narrower
     frame_margin_mm: float = 1.0
     """Strip along the edge of the picture area that is left out, millimetres of film."""
+    # design: fiducials of aerial cameras are smaller than 4 mm
     mark_radius_mm: float = 2.0
     """Disc around each fiducial that is left out, millimetres of film."""
+    # design: a scan of 23 cm at 8 um; the smallest machine has 8 GB
     scan_budget_bytes: int = 800_000_000
     """A scan up to this size is held in memory, a larger one is read by windows."""
+    # design: speed; grain hardly gets smaller at higher levels
     compression_level: int = 1
     """Deflate level of the file; grain hardly gets smaller at higher ones."""
 
@@ -124,6 +145,7 @@ def read_ortho(path: Path) -> OrthoProduct:
     with rasterio.open(path) as file:
         transform, tags = file.transform, file.tags()
         grid = Grid(transform.c, transform.f, transform.a, file.width, file.height)
+        # design: a quarter of a million pixels give the share to a tenth of a per cent
         sample = file.read(1, out_shape=(min(file.height, 512), min(file.width, 512)))
     east, north = (float(part) for part in tags["NADIR"].split())
     share = float(np.count_nonzero(sample) / sample.size)
@@ -135,14 +157,155 @@ def ortho_grid(photo: Photo, camera: Camera, dem: Heights, ground_sample_distanc
     return Grid.over(footprint_of(photo, camera, dem).bounds, ground_sample_distance_m)
 
 
+def footprint_of(photo: Photo, camera: Camera, dem: Heights, margin_mm: float = 0.0) -> Polygon:
+    """Outline of the picture area on the terrain, in the block's CRS.
+
+    Each ray of the outline goes down to the DEM by iteration; where the DEM has no height, to the
+    mean ground height of the photo.
+    """
+    outline = picture_area_mm(photo, camera, margin_mm)
+    dense = segmentize(outline.exterior, max(camera.frame_mm) / RAYS_PER_SIDE)
+    film: FilmPoints = np.array(dense.coords, dtype=np.float64)
+    polygon = Polygon(_down_to_terrain(photo, camera, dem, film)[:, :2])
+    if polygon.is_valid:
+        return polygon
+    hull = polygon.convex_hull
+    assert isinstance(hull, Polygon)
+    return hull
+
+
+def _down_to_terrain(photo: Photo, camera: Camera, dem: Heights, film: FilmPoints) -> ObjectPoints:
+    """Where the rays of film points meet the DEM."""
+    pixels = photo.interior.pixel_from_film(film)
+    heights = np.full(len(film), photo.ground_height_m)
+    points = photo.object_from_pixel(pixels, heights, camera)
+    for _ in range(30):
+        found = dem.heights(points[:, :2])
+        wanted = np.where(np.isfinite(found), found, photo.ground_height_m)
+        # design: metres; a centimetre of height is below any DEM
+        if np.max(np.abs(wanted - heights)) < 0.01:
+            break
+        # Half steps: a full step swings for ever where the slope is as steep as the ray.
+        heights = (wanted + heights) / 2
+        points = photo.object_from_pixel(pixels, heights, camera)
+    return points
+
+
+def picture_area_mm(photo: Photo, camera: Camera, margin_mm: float) -> Polygon:
+    """The picture area as far as it was scanned, less a margin along its edge, film mm."""
+    width, height = (side / 2 - margin_mm for side in camera.frame_mm)
+    columns, rows = photo.size_px
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=np.float64)
+    scanned = Polygon(photo.interior.film_from_pixel(corners))
+    area = box(-width, -height, width, height).intersection(scanned)
+    assert isinstance(area, Polygon)
+    return area
+
+
 def _tiles_near(footprint: Polygon, grid: Grid, tile_px: int) -> list[Tile]:
     """Tiles that a photo may reach; far outside its frame the lens polynomial means nothing."""
+    # design: a twentieth of its side, more than relief and lens move it
     reach = prep(footprint.buffer(0.05 * np.sqrt(footprint.area)))
     return [
         tile
         for tile in tiles_of(grid, tile_px)
         if reach.intersects(box(*grid.window(*tile).bounds))
     ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureMask:
+    """Which pixels of a scan show the ground, drawn at a reduction."""
+
+    values: UInt8[np.ndarray, "rows columns"]
+    """255 where the scan may be used."""
+    reduction: float
+    """Scan pixels per mask pixel, along each axis."""
+
+    def at(
+        self,
+        columns: Float32[np.ndarray, "r c"],
+        rows: Float32[np.ndarray, "r c"],
+        origin: tuple[int, int],
+    ) -> Mask:
+        """True where scan places (counted from an origin) are usable; NaN never is."""
+        if self._holds_all(columns, rows, origin):
+            return np.ones(columns.shape, dtype=bool)
+        places = [
+            (values + np.float32(start)) * np.float32(1 / self.reduction) - np.float32(HALF_PIXEL)
+            for values, start in zip((columns, rows), origin, strict=True)
+        ]
+        for values in places:
+            # design: a place beside the mask, further than its interpolation reaches
+            np.nan_to_num(values, copy=False, nan=-9.0)
+            # design: a place beside the mask, further than its interpolation reaches
+            np.clip(values, -9.0, FAR, out=values)
+        found = cv2.remap(self.values, places[0], places[1], cv2.INTER_NEAREST, borderValue=(0,))
+        return np.asarray(found > 0)
+
+    def _holds_all(
+        self,
+        columns: Float32[np.ndarray, "r c"],
+        rows: Float32[np.ndarray, "r c"],
+        origin: tuple[int, int],
+    ) -> bool:
+        """True when the mask has no gap around all places, as for most tiles of an ortho."""
+        window: list[slice] = []
+        for values, start, size in zip(
+            (rows, columns), origin[::-1], self.values.shape, strict=True
+        ):
+            low = (float(values.min()) + start) / self.reduction
+            high = (float(values.max()) + start) / self.reduction
+            if not (low >= 1 and high < size - 1):
+                return False
+            window.append(slice(int(low) - 1, int(high) + 2))
+        return bool(self.values[window[0], window[1]].all())
+
+
+def picture_mask(
+    photo: Photo, camera: Camera, margin_mm: float, mark_radius_mm: float, usable: Mask | None
+) -> PictureMask:
+    """The picture area less a margin, less discs around the fiducials, less what is not usable.
+
+    Args:
+        photo: The photo.
+        camera: Its camera.
+        margin_mm: Strip along the edge of the picture area, millimetres.
+        mark_radius_mm: Radius around each fiducial, millimetres.
+        usable: True where the scan may be shown, over the whole scan at any reduction.
+
+    Returns:
+        The mask.
+    """
+    reduction = max(1.0, float(np.floor(MASK_STEP_MM / photo.interior.pixel_size_mm)))
+    columns, rows = (int(np.ceil(size / reduction)) for size in photo.size_px)
+    mask = np.zeros((rows, columns), dtype=np.uint8)
+    area: FilmPoints = np.array(picture_area_mm(photo, camera, margin_mm).exterior.coords)
+    corners = _sixteenths(photo.interior.pixel_from_film(area) / reduction)
+    cv2.fillPoly(mask, [corners], (255,), shift=BINARY_PLACES)
+    if camera.fiducials_mm:
+        marks = np.array(list(camera.fiducials_mm.values()), dtype=np.float64)
+        radius = mark_radius_mm / photo.interior.pixel_size_mm / reduction
+        for x, y in _sixteenths(photo.interior.pixel_from_film(marks) / reduction).tolist():
+            cv2.circle(
+                mask,
+                (x, y),
+                round(radius * (1 << BINARY_PLACES)),
+                (0,),
+                cv2.FILLED,
+                shift=BINARY_PLACES,
+            )
+    if usable is not None:
+        shown = cv2.resize(
+            usable.astype(np.uint8), (columns, rows), interpolation=cv2.INTER_NEAREST
+        )
+        mask[np.asarray(shown) == 0] = 0
+    return PictureMask(mask, reduction)
+
+
+def _sixteenths(points: PixelPoints) -> Int32[np.ndarray, "n 2"]:
+    """Pixels as OpenCV draws them: counted from the centre, integers with four binary places."""
+    return np.rint(opencv_from_pixel(points) * (1 << BINARY_PLACES)).astype(np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,40 +1,52 @@
-"""The terrain: heights at exact places, bilinear, from one DEM file or many."""
+"""The terrain: heights at exact places, bilinear, from one DEM file or many.
+
+Small gaps are closed by the smoothest surface through what surrounds them.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64
+from jaxtyping import Bool, Float, Float32, Float64, Int
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
 
 from core.arrays import Indices, Scalars, locked
 from core.doubts import Doubt
 from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds, parse_crs, shared_bounds
-from core.raster.cache import TILES
-from core.raster.gaps import LARGEST_GAP_PX, fill_gaps, small_gaps
+from core.raster.files import TILES
 from core.raster.grid import Grid
 from core.raster.lattices import SheetSet, open_sheets
 from core.raster.sampling import Kernel, ReadOptions, read_onto
+from core.raster.sheets import label_parts
 
+# design: houses and ponds that laser scans leave open; over more, the slope at the rim says little.
+LARGEST_GAP_PX = 10
+"""Gaps up to this size in rows and in columns are closed; larger ones stay gaps."""
+# design: the largest gap and the rim its second differences reach into.
 MARGIN_PX = LARGEST_GAP_PX + 2
 """Read round every window, so that a gap at its edge is filled as it would be in its middle."""
-# design: the largest gap and the rim its second differences reach into.
+# design: central differences reach one pixel, bilinear interpolation another.
+RIM_PX = 2
+"""Kept round every part, so that slopes and interpolation at its edge find their neighbours."""
+# design: five megabytes, the ground of one photo on a DEM of one to five metres.
 PIECE_PX = 1024
 """Points are looked up in pieces of this size, so that a large DEM is never read whole."""
-# design: five megabytes, the ground of one photo on a DEM of one to five metres.
+# design: coarser ones are only asked for mean heights and hill shading.
 EXACT_TO = 4
 """Up to this reduction heights are means of original pixels."""
-# design: coarser ones are only asked for mean heights and hill shading.
+# design: the majority.
 LEAST_SHARE = 0.5
 """A coarser pixel is known where the files know this share of it."""
-# design: the majority.
+# design: a hill of a photo's hundredth counts; a spike of a pixel does not.
 RANGE_PX = 400
 """The range of heights is taken from so many pixels a side."""
-# design: a hill of a photo's hundredth counts; a spike of a pixel does not.
+# design: rounding of coordinates, a millionth of a millimetre on a DEM of one metre.
 NO_WEIGHT = 1e-9
 """A neighbour with less weight has no say, so that its gap makes no height unknown."""
-# design: rounding of coordinates, a millionth of a millimetre on a DEM of one metre.
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
@@ -92,7 +104,7 @@ class Dem:
         """The DEM within bounds (and a margin), held in memory: for many look-ups."""
         if self.window is not None:
             return self
-        part = _covering(self.grid, bounds, 2)
+        part = self.grid.covering(bounds, RIM_PX)
         return Dem(self.sheets, part, self._read(part))
 
     def heights(self, points: PlanePoints) -> Scalars:
@@ -135,7 +147,7 @@ class Dem:
         if grid.ground_sample_distance_m > 2 * self.ground_sample_distance_m or kernel == "cubic":
             heights = self._resampled(grid, kernel).astype(np.float64)
             return np.where(self._inside(grid), heights, np.nan)
-        window = self.window or self._read(_covering(self.grid, grid.bounds, 2))
+        window = self.window or self._read(self.grid.covering(grid.bounds, RIM_PX))
         east, north = grid.centres()
         corners = np.column_stack([east[[0, -1]], north[[0, -1]]])
         (first, top), (last, bottom) = window.grid.grid_from_object(corners)
@@ -192,7 +204,7 @@ class Dem:
         bounds = self.grid.window(column * PIECE_PX, row * PIECE_PX, PIECE_PX, PIECE_PX).bounds
         return TILES.get(
             (self.sheets.key, "piece", column, row, PIECE_PX),
-            lambda: self._read(_covering(self.grid, bounds, 2)),
+            lambda: self._read(self.grid.covering(bounds, RIM_PX)),
         )
 
     def _read(self, part: Grid) -> HeightWindow:
@@ -214,8 +226,10 @@ class Dem:
     def _resampled(self, grid: Grid, kernel: Kernel) -> Float32[np.ndarray, "rows columns"]:
         """The files on a grid, gaps left open."""
         sampled = read_onto(self.sheets, grid, ReadOptions("heights", kernel, EXACT_TO))
+        # design: rounding of pixel sizes
         coarse = grid.ground_sample_distance_m > self.ground_sample_distance_m * (1 + 1e-9)
         # On the files' own pixels each is known or not, give or take the sum of the weights.
+        # design: the sum of a thousand single-precision weights rounds by less
         least = LEAST_SHARE if coarse or kernel == "cubic" else 1 - 1e-4
         return np.where(sampled.coverage >= least, sampled.values[0], np.float32(np.nan))
 
@@ -242,35 +256,7 @@ def open_dem(paths: Sequence[str | Path] | str | Path, crs: str) -> Dem:
     block = parse_crs(crs, "block.toml [block] crs")
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     sheets = open_sheets(files, block, "DEM")
-    return Dem(sheets, _own_grid(sheets))
-
-
-def _own_grid(sheets: SheetSet) -> Grid:
-    """The finest file's pixels, extended over all files."""
-    finest = sheets.lattices[0]
-    gsd = finest.ground_sample_distance_m
-    west, south, east, north = sheets.bounds
-    if finest.north_up:
-        # On its own pixels, heights are read, not interpolated.
-        (a, _, c), (_, e, f) = finest.plane_from_lattice
-        if abs(a + e) < 1e-9 * a:
-            gsd = float(a)
-            west = float(c) + np.floor((west - c) / gsd + 1e-6) * gsd
-            north = float(f) + np.ceil((north - f) / gsd - 1e-6) * gsd
-    columns = int(np.ceil((east - west) / gsd - 1e-6))
-    rows = int(np.ceil((north - south) / gsd - 1e-6))
-    return Grid(float(west), float(north), gsd, columns, rows)
-
-
-def _covering(grid: Grid, bounds: Bounds, margin: int) -> Grid:
-    """The part of a grid over bounds and a margin of pixels; at least one pixel."""
-    west, south, east, north = bounds
-    corners = grid.grid_from_object(np.array([[west, north], [east, south]]))
-    size = np.array([grid.columns, grid.rows])
-    low = np.clip(np.floor(corners[0]).astype(int) - margin, 0, size - 1)
-    high = np.clip(np.ceil(corners[1]).astype(int) + margin, low + 1, size)
-    columns, rows = (high - low).tolist()
-    return grid.window(int(low[0]), int(low[1]), columns, rows)
+    return Dem(sheets, sheets.grid)
 
 
 def _bilinear(raster: Float32[np.ndarray, "rows columns"], places: PlanePoints) -> Scalars:
@@ -295,3 +281,89 @@ def _mixed(
     mixed = one * (1 - share) + other * share
     mixed = np.where(share < NO_WEIGHT, one, mixed)
     return np.where(share > 1 - NO_WEIGHT, other, mixed)
+
+
+def small_gaps(
+    heights: Float32[np.ndarray, "rows columns"], largest_px: int = LARGEST_GAP_PX
+) -> Bool[np.ndarray, "rows columns"]:
+    """The gaps (NaN) that may be closed: small ones that do not reach the raster's edge."""
+    empty = np.isnan(heights)
+    if not empty.any() or empty.all():
+        return np.zeros_like(empty)
+    labels, count = label_parts(empty)
+    small = np.zeros(count + 1, dtype=bool)
+    for label, (down, across) in enumerate(ndimage.find_objects(labels), start=1):
+        inside = (
+            down.start > 0
+            and across.start > 0
+            and down.stop < heights.shape[0]
+            and across.stop < heights.shape[1]
+        )
+        size = max(down.stop - down.start, across.stop - across.start)
+        small[label] = inside and size <= largest_px
+    return small[labels]
+
+
+def fill_gaps(
+    heights: Float32[np.ndarray, "rows columns"], gaps: Bool[np.ndarray, "rows columns"]
+) -> Float32[np.ndarray, "rows columns"]:
+    """The raster with these gaps closed.
+
+    The squares of all second differences that touch a gap are made least: the surface goes on
+    with the slope it has at the rim, so a plane with holes becomes the plane.
+    """
+    if not gaps.any():
+        return heights
+    number = np.full(heights.shape, -1, dtype=np.int64)
+    number[gaps] = np.arange(np.count_nonzero(gaps))
+    open_gap = np.isnan(heights) & ~gaps
+    rows, columns, weights, constants = [], [], [], []
+    first = 0
+    for offsets, factors in _SECOND_DIFFERENCES:
+        cells = _stencils(gaps, open_gap, offsets)
+        if not len(cells):
+            continue
+        constant = np.zeros(len(cells))
+        for offset, factor in zip(offsets, factors, strict=True):
+            down, across = (cells + offset).T
+            unknown = number[down, across]
+            free = unknown >= 0
+            rows.append(first + np.flatnonzero(free))
+            columns.append(unknown[free])
+            weights.append(np.full(int(free.sum()), factor))
+            constant[~free] -= factor * heights[down[~free], across[~free]]
+        constants.append(constant)
+        first += len(cells)
+    entries = (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns)))
+    design = coo_array(entries, shape=(first, int(gaps.sum()))).tocsc()
+    filled = heights.copy()
+    normal = (design.T @ design).tocsc()
+    filled[gaps] = splu(normal).solve(design.T @ np.concatenate(constants))
+    return filled
+
+
+# source: definition: central second differences
+_SECOND_DIFFERENCES = (
+    (((0, -1), (0, 0), (0, 1)), (1.0, -2.0, 1.0)),
+    (((-1, 0), (0, 0), (1, 0)), (1.0, -2.0, 1.0)),
+    (((0, 0), (0, 1), (1, 0), (1, 1)), (1.0, -1.0, -1.0, 1.0)),
+)
+"""Row and column offsets, and factors, of d2/dc2, d2/dr2 and d2/dcdr."""
+
+
+def _stencils(
+    gaps: Bool[np.ndarray, "rows columns"],
+    open_gap: Bool[np.ndarray, "rows columns"],
+    offsets: tuple[tuple[int, int], ...],
+) -> Int[np.ndarray, "n 2"]:
+    """Where a difference touches a gap and meets neither the edge nor a gap that stays."""
+    touched = np.unique(np.vstack([np.argwhere(gaps) - offset for offset in offsets]), axis=0)
+    sound = np.ones(len(touched), dtype=bool)
+    for offset in offsets:
+        place = touched + offset
+        sound &= ((place >= 0) & (place < gaps.shape)).all(axis=1)
+    touched = touched[sound]
+    whole = np.ones(len(touched), dtype=bool)
+    for offset in offsets:
+        whole &= ~open_gap[tuple((touched + offset).T)]
+    return touched[whole]

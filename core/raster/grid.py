@@ -1,9 +1,43 @@
-"""The grid of a north-up raster product: where its pixels lie on the ground."""
+"""A north-up raster product: where its pixels lie on the ground, and its file, tile by tile.
 
+Tiles are computed side by side and written in order as tiled GeoTIFFs.
+"""
+
+import errno
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+import rasterio
+from affine import Affine
+from jaxtyping import Float64, Shaped
+from rasterio._err import CPLE_BaseError
+from rasterio.errors import RasterioError
+from rasterio.windows import Window
+
+from core.frames import HALF_PIXEL
+from core.geometry.crs import Bounds
+from core.progress import Progress
+
+# design: the one value that 8 and 16 bit have in common and photographs do not need.
+NODATA = 0
+"""Gray value of what is not seen; whatever is seen is at least 1."""
+# source: GDAL's driver for Cloud Optimized GeoTIFF, default of BLOCKSIZE
+BLOCK_PX = 512
+"""Side of the blocks of a file, pixels."""
+# design: what is left of nine digits of metres in double precision at a pixel of a millimetre.
+ROUNDING_PX = 1e-6
+"""An edge nearer than this to the edge of a pixel lies on it."""
+Tile = tuple[int, int, int, int]
+"""Column, row, columns, rows of a part of a grid."""
+Pixels = Shaped[np.ndarray, "rows columns"]
+"""Gray values in the type of the scans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,17 +56,15 @@ class Grid:
     """Number of rows."""
 
     @staticmethod
-    def over(bounds: tuple[float, float, float, float], ground_sample_distance_m: float) -> "Grid":
+    def over(bounds: Bounds, ground_sample_distance_m: float) -> "Grid":
         """Smallest grid on multiples of the pixel size that covers west, south, east, north."""
         gsd = ground_sample_distance_m
-        west, south = np.floor(bounds[0] / gsd + 1e-9), np.floor(bounds[1] / gsd + 1e-9)
-        east, north = np.ceil(bounds[2] / gsd - 1e-9), np.ceil(bounds[3] / gsd - 1e-9)
-        return Grid(
-            float(west * gsd), float(north * gsd), gsd, int(east - west), int(north - south)
-        )
+        west, south = (int(np.floor(edge / gsd + ROUNDING_PX)) for edge in bounds[:2])
+        east, north = (int(np.ceil(edge / gsd - ROUNDING_PX)) for edge in bounds[2:])
+        return Grid(west * gsd, north * gsd, gsd, east - west, north - south)
 
     @property
-    def bounds(self) -> tuple[float, float, float, float]:
+    def bounds(self) -> Bounds:
         """West, south, east, north, metres."""
         gsd = self.ground_sample_distance_m
         east, south = self.west + self.columns * gsd, self.north - self.rows * gsd
@@ -49,6 +81,16 @@ class Grid:
         gsd = self.ground_sample_distance_m
         return Grid(self.west + column * gsd, self.north - row * gsd, gsd, columns, rows)
 
+    def covering(self, bounds: Bounds, margin: int = 0) -> "Grid":
+        """The part of this grid over bounds and a margin of pixels; at least one pixel."""
+        west, south, east, north = bounds
+        corners = self.grid_from_object(np.array([[west, north], [east, south]]))
+        size = np.array([self.columns, self.rows])
+        low = np.clip(np.floor(corners[0] + ROUNDING_PX).astype(int) - margin, 0, size - 1)
+        high = np.clip(np.ceil(corners[1] - ROUNDING_PX).astype(int) + margin, low + 1, size)
+        columns, rows = (high - low).tolist()
+        return self.window(int(low[0]), int(low[1]), columns, rows)
+
     def object_from_grid(self, points: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Easting and northing of grid points (column, row; the outer corner is (0, 0))."""
         gsd = self.ground_sample_distance_m
@@ -63,6 +105,136 @@ class Grid:
         """Eastings of the column centres and northings of the row centres, metres."""
         gsd = self.ground_sample_distance_m
         return (
-            self.west + (np.arange(self.columns) + 0.5) * gsd,
-            self.north - (np.arange(self.rows) + 0.5) * gsd,
+            self.west + (np.arange(self.columns) + HALF_PIXEL) * gsd,
+            self.north - (np.arange(self.rows) + HALF_PIXEL) * gsd,
         )
+
+
+def tiles_of(grid: Grid, tile_px: int) -> Iterator[Tile]:
+    """The tiles of a grid, row by row."""
+    for row in range(0, grid.rows, tile_px):
+        for column in range(0, grid.columns, tile_px):
+            columns, rows = min(tile_px, grid.columns - column), min(tile_px, grid.rows - row)
+            yield column, row, columns, rows
+
+
+def write_tiles(
+    path: Path,
+    profile: dict[str, Any],
+    tags: dict[str, str],
+    compute: Callable[[Tile], Pixels | None],
+    tiles: Sequence[Tile],
+    threads: int,
+    progress: Progress,
+    what: str,
+) -> int:
+    """Compute tiles and write them; the number of pixels that are not nodata.
+
+    Raises:
+        OSError: The disk is full.
+    """
+    covered, filled = 0, set[tuple[int, int]]()
+    with rasterio.open(path, "w", **profile) as out:
+        out.update_tags(**tags)
+        with closing(_in_order(compute, tiles, threads)) as results:
+            for done, (tile, values) in enumerate(results, start=1):
+                if values is not None:
+                    covered += int(np.count_nonzero(values))
+                    filled.update(_filled_blocks(tile, values))
+                    with full_disk_told(path):
+                        out.write(values, 1, window=window_of(tile))
+                progress.report(float(done), float(len(tiles)), what)
+    refuse_incomplete(path, len(filled))
+    return covered
+
+
+@contextmanager
+def full_disk_told(path: Path) -> Generator[None]:
+    """What GDAL says when a raster cannot be written, as an OSError: the disk is full."""
+    try:
+        yield
+    except (RasterioError, CPLE_BaseError) as error:
+        raise _full(path) from error
+
+
+def refuse_incomplete(path: Path, blocks: int) -> None:
+    """Make sure that a TIFF is whole: on a full disk GDAL writes behind, and closes without a word.
+
+    Args:
+        path: A file that was just written and closed.
+        blocks: How many of the blocks hold something.
+
+    Raises:
+        OSError: Blocks are missing, or lie beyond the end of the file.
+    """
+    with full_disk_told(path), rasterio.open(path) as file:
+        size, present = path.stat().st_size, 0
+        height, width = file.block_shapes[0]
+        for i in range(-(-file.height // height)):
+            for j in range(-(-file.width // width)):
+                offset = int(file.get_tag_item(f"BLOCK_OFFSET_{j}_{i}", "TIFF", bidx=1) or 0)
+                length = int(file.get_tag_item(f"BLOCK_SIZE_{j}_{i}", "TIFF", bidx=1) or 0)
+                present += offset > 0
+                if offset + length > size:
+                    raise _full(path)
+        if present < blocks:
+            raise _full(path)
+
+
+def _full(path: Path) -> OSError:
+    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+def _filled_blocks(tile: Tile, values: Pixels) -> Iterator[tuple[int, int]]:
+    """Blocks of the file, by row and column, in which a tile has more than nodata."""
+    column, row, columns, rows = tile
+    for i in range(row // BLOCK_PX, -(-(row + rows) // BLOCK_PX)):
+        for j in range(column // BLOCK_PX, -(-(column + columns) // BLOCK_PX)):
+            top, left = max(i * BLOCK_PX - row, 0), max(j * BLOCK_PX - column, 0)
+            part = values[top : (i + 1) * BLOCK_PX - row, left : (j + 1) * BLOCK_PX - column]
+            if (part != NODATA).any():
+                yield i, j
+
+
+def window_of(tile: Tile) -> Window:
+    """A tile as rasterio's window."""
+    return Window(*tile)  # pyright: ignore[reportCallIssue]
+
+
+def tiled_profile(grid: Grid, crs: str, dtype: str) -> dict[str, Any]:
+    """One band of gray values in blocks of 512, empty blocks left out."""
+    return {
+        "driver": "GTiff",
+        "width": grid.columns,
+        "height": grid.rows,
+        "count": 1,
+        "dtype": dtype,
+        "crs": crs,
+        "transform": Affine.from_gdal(*grid.geotransform),
+        "nodata": NODATA,
+        "tiled": True,
+        "blockxsize": BLOCK_PX,
+        "blockysize": BLOCK_PX,
+        "bigtiff": "if_safer",
+        "sparse_ok": True,
+    }
+
+
+def _in_order(
+    compute: Callable[[Tile], Pixels | None], tiles: Sequence[Tile], threads: int
+) -> Generator[tuple[Tile, Pixels | None], None, None]:
+    """Tiles in their order, computed side by side, with few waiting to be written."""
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[tuple[Tile, Future[Pixels | None]]] = deque()
+        try:
+            for tile in tiles:
+                waiting.append((tile, pool.submit(compute, tile)))
+                if len(waiting) > 2 * threads:
+                    first, future = waiting.popleft()
+                    yield first, future.result()
+            while waiting:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        finally:
+            for _, future in waiting:
+                future.cancel()

@@ -14,12 +14,12 @@ from core.raster.grid import Grid
 from core.raster.lattices import SheetSet, open_sheets
 from core.raster.sampling import ReadOptions, read_onto
 
+# design: the majority.
 LEAST_COVERAGE = 0.5
 """A pixel is usable when the sheets fill at least this share of it."""
-# design: the majority.
+# design: half a cell aside does not show on a screen.
 COARSE_TO = 2
 """Beyond this reduction overviews serve for showing, and for what is covered."""
-# design: half a cell aside does not show on a screen.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,24 +15,32 @@ from scipy.sparse import csr_array
 
 from core.frames import HALF_PIXEL
 from core.raster.grid import Grid
-from core.raster.lattices import Lattice, SheetSet
-from core.raster.pyramid import BANDS, Cells, CellWindow, Content, read_cells, sheets_under
+from core.raster.lattices import (
+    BANDS,
+    Cells,
+    CellWindow,
+    Content,
+    Lattice,
+    SheetSet,
+    read_cells,
+    sheets_under,
+)
 from core.raster.sheets import block_outline
 
 Kernel = Literal["cubic", "linear"]
+# source: Keys 1981, table I; its definition
 RADIUS: dict[Kernel, float] = {"cubic": 2.0, "linear": 1.0}
 """Reach of a kernel on either side, source cells, at no reduction."""
-# source: Keys 1981, table I; its definition
-EXACT_TO = 10
-"""Up to this reduction original pixels are read; beyond it overviews may serve."""
 # design: photos of a fifth of the ortho's resolution are still measured on it; what is coarser only
 # searches, and would read the whole ortho for that.
+EXACT_TO = 10
+"""Up to this reduction original pixels are read; beyond it overviews may serve."""
+# design: bounds the memory, 40 MB a band.
 PIECE_PX = 3072
 """Edge of the largest piece worked on at once, original pixels."""
-# design: bounds the memory, 40 MB a band.
+# design: over this distance map projections are straight to far below a millimetre.
 NODE_STEP = 16
 """Coordinates of other CRS are computed at every so many pixels and interpolated between."""
-# design: over this distance map projections are straight to far below a millimetre.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +73,7 @@ def read_onto(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
     reduction = grid.ground_sample_distance_m / finest
     # Exact reading holds original pixels, otherwise up to four cells to a pixel each way.
     across = max(1.0, reduction) if reduction <= options.exact_to else 4.0
+    # design: pieces neither so small that their rims outweigh them nor larger than a screen
     step = int(np.clip(PIECE_PX / across, 64, 2048))
     for row in range(0, grid.rows, step):
         for column in range(0, grid.columns, step):
@@ -122,7 +131,7 @@ def _read_north_up(
     cells = read_cells(lattice, window, options.content, exact)
     if not cells.weight.any():
         return None
-    if abs(a + e) < 1e-9 * a and cells.weight.min() < 1:
+    if lattice.square and cells.weight.min() < 1:
         west, top = c + window.column * size * a, f + window.row * size * e
         place = Grid(float(west), float(top), float(a * size), window.columns, window.rows)
         cells = _continued(cells, coarser, place, options)
@@ -219,6 +228,7 @@ def _cell_size(reduction: float) -> int:
 
     With two the kernel, not the cell, decides what is smoothed, wherever the pixel lies.
     """
+    # design: rounding; a reduction of exactly four is four
     return 1 << max(0, int(np.floor(np.log2(max(reduction, 2.0) + 1e-9))) - 1)
 
 
@@ -318,7 +328,9 @@ def _weights(
 
 def _cubic(t: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
     """Keys' cubic convolution with a = -1/2, of the distance t >= 0."""
+    # source: Keys 1981, the kernel of cubic convolution with a = -1/2
     near = (1.5 * t - 2.5) * t * t + 1
+    # source: Keys 1981, the kernel of cubic convolution with a = -1/2
     far = ((-0.5 * t + 2.5) * t - 4) * t + 2
     return np.where(t < 1, near, np.where(t < 2, far, 0.0))
 
@@ -340,6 +352,7 @@ def _filled(cells: Cells, reach: int) -> Float32[np.ndarray, "bands rows columns
     window = (2 * reach + 1, 2 * reach + 1)
     weight = cv2.boxFilter(cells.weight, -1, window, normalize=False)
     filled = cells.values.copy()
+    # design: rounding of the box filter
     hole = (cells.weight == 0) & (weight > 1e-6)
     for band in filled:
         sums = cv2.boxFilter(band * cells.weight, -1, window, normalize=False)

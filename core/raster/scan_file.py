@@ -1,35 +1,125 @@
-"""A scan as a file that is read by windows; what cannot be read says why and what to do."""
+"""A scan as a file that is read by windows, and which part of it is photograph.
 
-import warnings
+What cannot be read says why and what to do.
+"""
+
+import zlib
 from collections.abc import Generator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
-import rasterio
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.windows import Window
+from rasterio.errors import RasterioError
 
+from core.arrays import Flags, Indices, Mask, PixelPoints, locked
 from core.errors import ScanError
+from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
-from core.raster.usable_area import UsableArea
+from core.raster.files import FILES, LUMINANCE, gray_from_colour
+from core.raster.grid import Pixels, Tile, window_of
 
 GrayWindow = Float32[np.ndarray, "rows columns"]
 """Part of a scan as gray values."""
-LUMA = (0.299, 0.587, 0.114)
-"""Weights of red, green and blue in gray, ITU-R BT.601."""
 READABLE = ("uint8", "uint16")
+# design: what programs append behind the picture is shorter, and this is one read
 TAIL_BYTES = 65536
-OPENING = Lock()
+"""A JPEG or JPEG 2000 ends with its mark within so many bytes of the end of the file."""
+# design: a scan may cut off a twentieth of the frame at either side, or show a rim of a quarter of
+# it; a scan_pixel_um that is wrong by a factor of two is refused.
 MIN_FIT, MAX_FIT = 0.9, 1.6
 """Side of the scan relative to the side of the frame that still counts as this camera's."""
+# design: a frame of 6 cm on a page of A4.
 PAGE_FIT = 5.0
 """The same of a whole page on a flat bed, on which the photo's border has to be seen."""
+# design: some tens of megabytes, and rows of strips or tiles are decoded once.
+STRIP_ROWS = 1024
+"""Rows that one thread reads at a time into memory."""
+# design: a scratch is a pixel or two wide, and a cubic kernel reaches two beside it.
+SCRATCH_PX = 3.0
+"""What is no farther than this from a scratch is not used, pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scratch:
+    """A thin line along the film that is no part of the picture."""
+
+    axis: int
+    """0 when it runs along the rows of the scan, 1 along its columns."""
+    first: float
+    """Column (of axis 1, row) of its beginning, pixels."""
+    last: float
+    """The same of its end."""
+    course: tuple[float, float, float]
+    """Its row (of axis 1, column): the factors of the square, of the column, and the constant."""
+
+    def near(self, pixels: PixelPoints, reach_px: float) -> Flags:
+        """Which pixels lie no farther from it."""
+        along, across = pixels[:, self.axis], pixels[:, 1 - self.axis]
+        beside = np.abs(across - np.polyval(self.course, along)) <= reach_px
+        return beside & (along >= self.first - reach_px) & (along <= self.last + reach_px)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UsableArea:
+    """True where a scan may be used, in cells of equal size that cover the whole scan."""
+
+    size_px: tuple[int, int]
+    """Columns and rows of the scan."""
+    shape: tuple[int, int]
+    """Rows and columns of cells."""
+    packed: UInt8[np.ndarray, "n"]
+    """The cells as bits, row by row, deflated."""
+    scratches: tuple[Scratch, ...] = ()
+    """Lines that are left out, thinner than a cell."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "packed", locked(self.packed, np.uint8))
+
+    @staticmethod
+    def of(
+        mask: Mask, size_px: tuple[int, int], scratches: tuple[Scratch, ...] = ()
+    ) -> "UsableArea":
+        """A mask of any resolution that covers the whole scan."""
+        rows, columns = mask.shape
+        deflated = zlib.compress(np.packbits(mask).tobytes())
+        return UsableArea(size_px, (rows, columns), np.frombuffer(deflated, np.uint8), scratches)
+
+    @property
+    def mask(self) -> Mask:
+        """The cells; unpacked anew each time, so that a thousand scans need no room."""
+        bits = np.frombuffer(zlib.decompress(self.packed.tobytes()), np.uint8)
+        count = self.shape[0] * self.shape[1]
+        return np.unpackbits(bits, count=count).astype(bool).reshape(self.shape)
+
+    def at(self, pixels: PixelPoints) -> Flags:
+        """Whether scan pixels may be used; none outside the scan, nor where there is no number."""
+        places = np.where(np.isfinite(pixels), pixels, -1.0)
+        column, across = self._cells(places[:, 0], 0)
+        row, down = self._cells(places[:, 1], 1)
+        usable = across & down & self.mask[row, column]
+        for scratch in self.scratches:
+            usable &= ~scratch.near(places, SCRATCH_PX)
+        return usable
+
+    def within(self, column: int, row: int, columns: int, rows: int, reduction: int) -> Mask:
+        """The same for all pixels of a window of the reduced scan that begins at a scan pixel.
+
+        Asked by what looks at areas, such as templates, to which a scratch matters little.
+        """
+        cells, across = self._cells(column + (np.arange(columns) + HALF_PIXEL) * reduction, 0)
+        lines, down = self._cells(row + (np.arange(rows) + HALF_PIXEL) * reduction, 1)
+        return self.mask[np.ix_(lines, cells)] & np.outer(down, across)
+
+    def _cells(self, places: np.ndarray, axis: int) -> tuple[Indices, Flags]:
+        """Cells of scan columns (axis 0) or rows (1), and which of them lie in the scan."""
+        count = self.shape[1 - axis]
+        cells = np.floor(places * (count / self.size_px[axis])).astype(np.int64)
+        return np.clip(cells, 0, count - 1), (cells >= 0) & (cells < count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,13 +225,9 @@ def read_window(
     first_i, last_i = _cells_inside(row, shape[0], reduction, scan.size_px[1])
     if first_j >= last_j or first_i >= last_i:
         return np.full(shape, np.nan, dtype=np.float32)
-    window = Window(
-        column + first_j * reduction,  # pyright: ignore[reportCallIssue]
-        row + first_i * reduction,
-        (last_j - first_j) * reduction,
-        (last_i - first_i) * reduction,
-    )
-    inside = _read_gray(scan, window, (last_i - first_i, last_j - first_j))
+    first = (column + first_j * reduction, row + first_i * reduction)
+    size = ((last_j - first_j) * reduction, (last_i - first_i) * reduction)
+    inside = _read_gray(scan, (*first, *size), (last_i - first_i, last_j - first_j))
     if inside.shape == shape:
         return inside
     margins = ((first_i, shape[0] - last_i), (first_j, shape[1] - last_j))
@@ -155,17 +241,18 @@ def read_overview(scan: ScanFile, reduction: int) -> GrayWindow:
     return read_window(scan, 0, 0, scan.size_px[0], scan.size_px[1], reduction)
 
 
-def _read_gray(scan: ScanFile, window: Window, shape: tuple[int, int]) -> GrayWindow:
+def _read_gray(scan: ScanFile, window: Tile, shape: tuple[int, int]) -> GrayWindow:
     """A window that lies inside the scan.
 
     Never GDAL's `boundless` reading: with a rotated world file beside the scan it reads elsewhere.
+    One or two bands are gray, more begin with red, green, blue.
     """
-    bands = _gray_bands(scan.bands)
+    bands = [1, 2, 3] if scan.bands >= 3 else [1]
     with _opened(scan.path) as dataset:
         try:
             values: Any = dataset.read(
-                list(range(1, len(bands) + 1)),
-                window=window,
+                bands,
+                window=window_of(window),
                 out_shape=(len(bands), *shape),
                 out_dtype="float32",
                 resampling=Resampling.average,
@@ -178,21 +265,14 @@ def _read_gray(scan: ScanFile, window: Window, shape: tuple[int, int]) -> GrayWi
             ) from error
         if dataset.colorinterp[0] == ColorInterp.palette:
             values = _through_palette(values, dataset.colormap(1))
-    if len(bands) == 1:
-        return values[0]
-    return np.einsum("b,bij->ij", np.array(bands, dtype=np.float32), values)
-
-
-def _gray_bands(bands: int) -> tuple[float, ...]:
-    """Weights of the first bands: one or two bands are gray, more begin with red, green, blue."""
-    return LUMA if bands >= 3 else (1.0,)
+    return values[0] if len(bands) == 1 else gray_from_colour(values)
 
 
 def _through_palette(values: Any, palette: dict[int, tuple[int, int, int, int]]) -> Any:
     """Gray of palette entries."""
     table = np.zeros(max(palette) + 1, dtype=np.float32)
     for index, colour in palette.items():
-        table[index] = np.dot(LUMA, colour[:3])
+        table[index] = np.dot(LUMINANCE, colour[:3])
     return table[np.rint(values).astype(np.int64)]
 
 
@@ -206,18 +286,15 @@ def _cells_inside(start: int, cells: int, reduction: int, size: int) -> tuple[in
 @contextmanager
 def _opened(path: Path) -> Generator[Any]:
     """The open dataset; what GDAL cannot open is a ScanError."""
-    # Python's warning filters belong to all threads, so only one may put them aside at a time.
-    with OPENING, warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+    with ExitStack() as stack:
         try:
-            dataset = rasterio.open(path)
+            dataset = stack.enter_context(FILES.borrow(path))
         except (RasterioError, OSError) as error:
             raise ScanError(
                 path,
                 "It is not an image that can be read, or its file was cut off.",
                 "Copy the scan again from the archive, or take it out of [scans] files.",
             ) from error
-    with dataset:
         yield dataset
 
 
@@ -281,3 +358,44 @@ def _fits(sides: np.ndarray, frame: np.ndarray, page: bool) -> bool:
     """True when a scan of these sides (mm) can hold the frame (mm)."""
     ratio = sides / frame
     return bool((ratio >= MIN_FIT).all() and (ratio <= (PAGE_FIT if page else MAX_FIT)).all())
+
+
+class ScanSource:
+    """Windows of one scan, averaged over `reduction` pixels a side, in the type of the scan.
+
+    A scan is read once from end to end where it fits the budget: film scans come in strips as
+    often as in tiles, and a turned photo would have every strip decoded for every ortho tile.
+    """
+
+    def __init__(self, path: Path, reduction: int, threads: int, budget_bytes: int) -> None:
+        self.scan: ScanFile = open_scan(path)
+        self.reduction = reduction
+        self.dtype = np.dtype(self.scan.dtype)
+        columns, rows = (-(-size // reduction) for size in self.scan.size_px)
+        fits = columns * rows * self.dtype.itemsize <= budget_bytes
+        self._whole: Pixels | None = self._read_whole(columns, rows, threads) if fits else None
+
+    def window(self, column: int, row: int, columns: int, rows: int) -> Pixels:
+        """A window counted in reduced pixels; edge values go on outside the scan."""
+        if self._whole is not None:
+            return self._whole[row : row + rows, column : column + columns]
+        return self._read(column, row, columns, rows)
+
+    def _read_whole(self, columns: int, rows: int, threads: int) -> Pixels:
+        whole = np.empty((rows, columns), dtype=self.dtype)
+
+        def read(start: int) -> None:
+            end = min(start + STRIP_ROWS, rows)
+            whole[start:end] = self._read(0, start, columns, end - start)
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(read, range(0, rows, STRIP_ROWS)))
+        return whole
+
+    def _read(self, column: int, row: int, columns: int, rows: int) -> Pixels:
+        step = self.reduction
+        values = read_window(
+            self.scan, column * step, row * step, columns * step, rows * step, step, "edge"
+        )
+        np.rint(values, out=values)
+        return values.astype(self.dtype)

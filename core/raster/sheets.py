@@ -6,11 +6,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import rasterio
-from jaxtyping import Bool, Float64, Num
+from jaxtyping import Bool, Float64, Int32, Num
 from pyproj import CRS
 from rasterio.enums import ColorInterp, MaskFlags
 from rasterio.errors import RasterioError
@@ -26,40 +26,40 @@ from core.geometry.crs import (
     read_crs,
     same_coordinates,
 )
-from core.raster.cache import FILES, Stamp, file_stamp
-from core.raster.gaps import labelled
+from core.raster.files import FILES, Stamp, file_stamp
 
 SheetKind = Literal["ortho", "DEM"]
 """What a sheet holds, in the words of messages."""
 
+# design: one block of JPEG, the smallest piece a lossy codec keeps flat.
 CORNER_PX = 8
 """A corner this large, black or white in every band, makes a collar suspected."""
-# design: one block of JPEG, the smallest piece a lossy codec keeps flat.
+# design: what JPEG of quality 75 and above leaves beside an edge, after `SMEARED_PX`.
 NOISE = 3
 """Gray values a lossy collar wanders from pure black or white."""
-# design: what JPEG of quality 75 and above leaves beside an edge, after `SMEARED_PX`.
+# design: an eighth of the range; a cell of the picture that dark and inside the rough shape is rim.
 HALF_RANGE = 32
 """The same of reduced pixels, which mix collar and picture."""
-# design: an eighth of the range; a cell of the picture that dark and inside the rough shape is rim.
+# design: the codec's kernel decays to half a gray value over two pixels.
 SMEARED_PX = 2
 """Pixels beside a collar into which a lossy codec smears it."""
-# design: the codec's kernel decays to half a gray value over two pixels.
+# design: one megabyte a sheet, and cells of some ten pixels.
 REDUCED_PX = 1024
 """A collar's shape is found on a reduction of the sheet to at most this size."""
-# design: one megabyte a sheet, and cells of some ten pixels.
+# design: only for showing; clouds and roofs may burn out.
 WHITE_SAMPLE_PX = 256
+# design: only for showing; clouds and roofs may burn out
 WHITE_PERCENTILE = 99.5
 """White of sheets with more than 8 bits: this percentile of so many pixels a side."""
-# design: only for showing; clouds and roofs may burn out.
+# design: half a gigabyte of collars at worst, which only slanted sheets have.
 MOST_SHEETS = 512
 """Sheets whose properties are remembered."""
-# design: half a gigabyte of collars at worst, which only slanted sheets have.
+# design: a second of reading.
 LOOKED_THROUGH_PX = 40_000_000
 """DEM files up to this size are looked through for heights when they are opened."""
-# design: a second of reading.
+# design: a thousandth of a second, and nearly every DEM shows a height among them.
 EMPTY_SAMPLE_PX = 500
 """So many of its pixels a side are looked at first."""
-# design: a thousandth of a second, and nearly every DEM shows a height among them.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,6 +143,7 @@ def block_outline(sheet: Sheet) -> Float64[np.ndarray, "n 2"]:
     corners = sheet.corners()
     if sheet.operation is None:
         return corners
+    # design: eight chords a side; a sheet of 10 km then leaves its outline by centimetres
     share, side = np.linspace(0, 1, 9)[:-1, None], np.roll(corners, -1, axis=0) - corners
     outline = (corners[:, None] + share * side[:, None]).reshape(-1, 2)
     return sheet.operation.forward(outline)
@@ -244,6 +245,7 @@ def _refuse_feet(raster: rasterio.DatasetReader, path: Path) -> None:
     if raster.crs is not None:
         for part in read_crs(raster.crs.to_wkt(version="WKT2_2019"), path).sub_crs_list[1:]:
             factor = part.axis_info[0].unit_conversion_factor
+    # design: rounding; feet differ by two thirds
     if unit in ("", "m", "metre", "meter", "metres", "meters") and abs(factor - 1) < 1e-6:
         return
     raise ReferenceDataError(
@@ -276,6 +278,7 @@ def _white(raster: rasterio.DatasetReader, band: int) -> float:
     shape = (min(raster.height, WHITE_SAMPLE_PX), min(raster.width, WHITE_SAMPLE_PX))
     sample = raster.read(band, out_shape=shape, masked=True).compressed()
     sample = sample[np.isfinite(sample)]
+    # design: no division by nought
     return max(float(np.percentile(sample, WHITE_PERCENTILE)), 1e-6) if len(sample) else 255.0
 
 
@@ -327,8 +330,18 @@ def _corner_value(raster: rasterio.DatasetReader, bands: tuple[int, ...]) -> flo
 
 def _touching_edge(flat: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
     """The connected parts that reach the sheet's edge over a length no shadow has."""
-    labels, count = labelled(flat)
+    labels, count = label_parts(flat)
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     lengths = np.bincount(edge, minlength=count + 1)
+    # design: cells; a two-hundredth of a side is longer than the shadow of a house
     wanted = np.flatnonzero(lengths >= max(3, min(flat.shape) // 200))
     return np.isin(labels, wanted[wanted > 0])
+
+
+def label_parts(
+    flags: Bool[np.ndarray, "rows columns"],
+) -> tuple[Int32[np.ndarray, "rows columns"], int]:
+    """Number of the connected part (eight neighbours) of every pixel, 0 outside; how many."""
+    labels = np.zeros(flags.shape, dtype=np.int32)
+    count = ndimage.label(flags, structure=np.ones((3, 3)), output=labels)
+    return labels, cast(int, count)

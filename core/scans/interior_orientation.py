@@ -14,8 +14,7 @@ from core.geometry.interior import (
     fit_interior,
     nominal_interior,
 )
-from core.raster.scan_file import ScanFile, check_fits_camera, open_scan, photo_id_of
-from core.raster.usable_area import UsableArea
+from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
 from core.scans.data_strip import find_data_strip, ways_of_strip
 from core.scans.duplicate_scans import Look, look_of
 from core.scans.fiducials import (

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from core.arrays import Flags, Indices, Mask, PixelPoints
-from core.raster.scan_file import ScanFile, read_window
-from core.raster.usable_area import Scratch
+from core.raster.scan_file import ScanFile, Scratch, read_window
 
 STRIP_PX = 1024
 """Rows of pixels that are read at a time, about."""

@@ -17,8 +17,7 @@ from core.arrays import Flags, Indices, Mask, PixelPoints, Scalars, locked
 from core.block import Photo
 from core.frames import pixel_from_opencv
 from core.geometry.camera import Camera
-from core.raster.scan_file import ScanFile, read_window
-from core.raster.usable_area import UsableArea
+from core.raster.scan_file import ScanFile, UsableArea, read_window
 
 Descriptors = UInt8[np.ndarray, "n 128"]
 """RootSIFT times 512: whole numbers, so that products in single precision are exact."""

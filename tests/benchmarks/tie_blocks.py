@@ -24,7 +24,7 @@ from core.geometry.interior import InteriorOrientation
 from core.pipeline import STAGES, made
 from core.progress import Work
 from core.raster.grid import Grid
-from core.raster.usable_area import UsableArea
+from core.raster.scan_file import UsableArea
 from core.results import StageResults
 from core.scans.interior_orientation import ScanOrientation, orient_scan
 from core.synthetic.archive import make_block

@@ -11,7 +11,7 @@ from rasterio.transform import Affine
 from rasterio.warp import reproject
 
 from core.errors import CrsError, ReferenceDataError
-from core.raster.cache import TILES
+from core.raster.files import TILES
 from core.raster.grid import Grid
 from core.raster.ortho import open_ortho
 from tests.core.raster_files import CRS, NORTH, WEST, place, smooth_picture, write_raster

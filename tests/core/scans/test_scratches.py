@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.raster.scan_file import open_scan, read_overview
-from core.raster.usable_area import Scratch, UsableArea
+from core.raster.scan_file import Scratch, UsableArea, open_scan, read_overview
 from core.scans.interior_orientation import orient_scan
 from core.scans.scratches import find_scratches
 from tests.core.scans.film_maker import Film, make_film, write_gray

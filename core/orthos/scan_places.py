@@ -14,17 +14,23 @@ from jaxtyping import Float32, Float64
 
 from core.arrays import Matrix, Scalars
 from core.block import Photo
+from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
 from core.raster.grid import Grid
 
+# design: speed alone; the check halves it where it is too wide
 LARGEST_SPACING = 8
 """Output pixels between fine nodes at most."""
+# design: speed alone; the check halves it where it is too wide
 COARSE_SPACING = 32
 """Output pixels between coarse nodes at first: tilt bends the image by 0.003 px in between."""
+# design: planes are cheap from here on; what is left is the lens
 FINEST_COARSE = 8
 """Output pixels between coarse nodes at last."""
+# design: 256 places, one for every four thousand pixels of a tile
 CHECKED_PER_AXIS = 16
 """The lattice is compared with exact projection at this many places along each axis of a tile."""
+# design: no division by nought; nobody photographs from a metre
 LEAST_DEPTH_M = 1.0
 """Ground nearer below the perspective centre is not looked for, metres."""
 
@@ -66,7 +72,12 @@ class ScanPlaces:
 
 
 def locate_tile(
-    photo: Photo, camera: Camera, dem: Heights, tile: Grid, limit_px: float = 0.05
+    # design: a tenth of what a tie point is measured to, 0.5 px (METHODS 7)
+    photo: Photo,
+    camera: Camera,
+    dem: Heights,
+    tile: Grid,
+    limit_px: float = 0.05,
 ) -> ScanPlaces | None:
     """Scan places of every pixel centre of a tile; None where the DEM has no height at all.
 
@@ -123,6 +134,7 @@ def _interpolate(
     depths = float(photo.exterior.centre[2]) - heights
     inverse = 1 / np.where(depths > LEAST_DEPTH_M, depths, np.nan)
     low, high = (float(f(inverse)) for f in (np.nanmin, np.nanmax))
+    # design: level ground needs three different planes too
     middle, half = (low + high) / 2, max((high - low) / 2, low * 1e-3)
     planes = np.stack(
         [
@@ -180,14 +192,16 @@ def _largest_error(
 ) -> float:
     """Compare interpolated with exact places at pixels spread unevenly over the tile."""
     steps = np.arange(CHECKED_PER_AXIS)
-    columns = np.unique(((steps + 0.5) / CHECKED_PER_AXIS * tile.columns).astype(int))
+    columns = np.unique(((steps + HALF_PIXEL) / CHECKED_PER_AXIS * tile.columns).astype(int))
+    # design: golden section, so that places fall on no regular pattern of nodes
     rows = np.unique(((steps * 0.618 + 0.31) % 1.0 * tile.rows).astype(int))
     column, row = (part.ravel() for part in np.meshgrid(columns, rows))
-    ground = tile.object_from_grid(np.column_stack([column, row]) + 0.5)
+    ground = tile.object_from_grid(np.column_stack([column, row]) + HALF_PIXEL)
     exact = photo.pixel_from_object(np.column_stack([ground, dem.heights(ground)]), camera)
     seen = np.column_stack([places.columns[row, column], places.rows[row, column]])
     difference = np.linalg.norm(seen + np.array(places.origin, dtype=np.float64) - exact, axis=1)
     # What lies far outside the scan is never sampled, and the lens polynomial is wild there.
+    # design: a tenth of the scan beside it
     reach = 0.1 * np.array(photo.size_px)
     counts = ((exact > -reach) & (exact < photo.size_px + reach)).all(axis=1)
     return float(np.max(difference, initial=0.0, where=counts & np.isfinite(difference)))

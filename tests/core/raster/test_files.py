@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from core.raster.cache import OpenFiles, TileCache, file_stamp
+from core.raster.files import OpenFiles, TileCache, file_stamp
 from tests.core.raster_files import place, write_raster
 
 

@@ -1,4 +1,4 @@
-"""What is kept of rasters between two reads: decoded tiles and open files, both bounded."""
+"""Raster files: those that wait open, decoded tiles of them (both bounded), and colour as gray."""
 
 import warnings
 from collections import OrderedDict
@@ -8,21 +8,26 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 
+import numpy as np
 import rasterio
+from jaxtyping import Float32, Num
 from rasterio._env import set_gdal_config
 from rasterio.errors import NotGeoreferencedWarning
 
-TILE_BYTES = 512_000_000
-"""Most that decoded tiles take together, bytes."""
+# source: Rec. ITU-R BT.601-7, section 2.5.1
+LUMINANCE = (0.299, 0.587, 0.114)
+"""Weights of red, green and blue in gray."""
 # design: 128 million gray pixels, the ground of a dozen photos at half a metre; less than half of
 # what a run needs besides, and it grows neither with the scans nor with the area of a block.
+TILE_BYTES = 512_000_000
+"""Most that decoded tiles take together, bytes."""
+# design: the sheets under one photo and the scans beside it; systems allow a thousand and more.
 OPEN_FILES = 32
 """Most files that wait open for their next read."""
-# design: the sheets under one photo and the scans beside it; systems allow a thousand and more.
-GDAL_BYTES = 128_000_000
-"""Most that GDAL keeps of the blocks of open files, bytes."""
 # design: a row of blocks of a wide sheet, so that neighbouring tiles decode no block twice. Left to
 # itself GDAL takes a twentieth of the machine's memory.
+GDAL_BYTES = 128_000_000
+"""Most that GDAL keeps of the blocks of open files, bytes."""
 
 
 @runtime_checkable
@@ -159,3 +164,13 @@ def _opened(path: Path, options: dict[str, str]) -> Any:
 OPENING = Lock()
 FILES = OpenFiles(OPEN_FILES)
 """The scans and sheets of this process."""
+
+
+def gray_from_colour(
+    bands: Num[np.ndarray, "3 rows columns"],
+) -> Float32[np.ndarray, "rows columns"]:
+    """Luminance of red, green and blue."""
+    gray = np.multiply(bands[0], LUMINANCE[0], dtype=np.float32)
+    for band, share in zip(bands[1:], LUMINANCE[1:], strict=True):
+        gray += np.multiply(band, share, dtype=np.float32)
+    return gray

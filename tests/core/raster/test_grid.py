@@ -1,4 +1,4 @@
-"""Tiles on disk: what GDAL could not write to the end is never taken for whole."""
+"""Places of a grid; tiles on disk, of which what GDAL did not finish is never taken for whole."""
 
 from functools import partial
 
@@ -7,8 +7,7 @@ import pytest
 import rasterio
 
 from core.progress import Silent
-from core.raster.grid import Grid
-from core.raster.tiles import refuse_incomplete, tiled_profile, tiles_of, write_tiles
+from core.raster.grid import Grid, refuse_incomplete, tiled_profile, tiles_of, write_tiles
 
 GRID = Grid(-577_000.0, -1_192_000.0, 1.0, 1300, 900)
 
@@ -51,3 +50,24 @@ def test_a_raster_that_lacks_a_block_is_refused__truth(tmp_path):
     written(tmp_path / "noise.tif")
     with pytest.raises(OSError, match="No space left"):
         refuse_incomplete(tmp_path / "noise.tif", blocks=6)
+
+
+def test_places_of_a_grid_are_those_of_gdal__oracle():
+    transform = rasterio.Affine.from_gdal(*GRID.geotransform)
+    places = np.array([[0.0, 0.0], [0.5, 0.5], [1300.0, 900.0], [-7.25, 3.0]])
+    columns, rows = places.T
+    ground = np.column_stack(rasterio.transform.xy(transform, rows, columns, offset="ul"))
+    np.testing.assert_allclose(GRID.object_from_grid(places), ground)
+    np.testing.assert_allclose(GRID.grid_from_object(ground), places, atol=1e-9)
+    east, north = GRID.centres()
+    assert (east[0], north[0]) == rasterio.transform.xy(transform, 0, 0)
+    assert GRID.bounds == rasterio.transform.array_bounds(900, 1300, transform)
+
+
+def test_a_grid_over_bounds_covers_them_and_no_more__law():
+    grid = Grid.over((10.1, 20.0, 14.0, 25.3), 0.5)
+    assert grid.bounds == (10.0, 20.0, 14.0, 25.5)
+    assert grid == Grid.over(grid.bounds, 0.5)
+    assert GRID.covering(GRID.window(7, 5, 30, 20).bounds) == GRID.window(7, 5, 30, 20)
+    assert GRID.covering(GRID.window(7, 5, 30, 20).bounds, 2) == GRID.window(5, 3, 34, 24)
+    assert GRID.covering(GRID.window(-9, -9, 30, 20).bounds) == GRID.window(0, 0, 21, 11)
