@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.adjustment.adjusted import ClassFigures
+from core.adjustment.banded import SIZE
 from core.adjustment.gauss_newton import Fit
 from core.adjustment.linearised import Linearised
 from core.adjustment.network import Network
@@ -78,7 +79,7 @@ def _positions(network: Network, lin: Linearised, precision: Precision) -> dict[
     priors, first = network.priors, network.lensed
     identity = np.broadcast_to(np.eye(3), (len(network.photos), 3, 3))
     classes: dict[str, ClassFigures] = {}
-    # source: three coordinates, then three angles.
+    # Three coordinates, then three angles.
     for name, own, by_own, by_shared, residuals, measured in (
         (
             "centre",
@@ -90,7 +91,7 @@ def _positions(network: Network, lin: Linearised, precision: Precision) -> dict[
         ),
         (
             "angles",
-            slice(3, 6),
+            slice(3, SIZE),
             lin.angles_by_rotation,
             lin.angles_by_positioning,
             lin.angles,

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 from scipy import sparse
+from scipy.special import expit
 
 from core.adjustment.influence import BATCH, Influence, Key
 from core.arrays import Indices, Scalars
@@ -207,8 +208,7 @@ def _probability(errors: Pairs, variances: Blocks, share: float) -> np.ndarray:
         for sigma in WRONG_SIGMAS
     ]
     bad = np.logaddexp.reduce(spread, axis=0)
-    # source: exp overflows beyond 709.
-    return 1 / (1 + np.exp(np.clip(good - bad + np.log((1 - share) / share), -700, 700)))
+    return expit(bad - good + np.log(share / (1 - share)))
 
 
 def _log_density(errors: Pairs, variances: Blocks) -> np.ndarray:

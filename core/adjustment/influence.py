@@ -21,7 +21,7 @@ from core.adjustment.gauss_newton import Fit
 from core.adjustment.ground_shifts import ground_shifts_of
 from core.adjustment.linearised import linearise
 from core.adjustment.network import Network, State, network_of
-from core.adjustment.reliability import NONCENTRALITY
+from core.adjustment.reliability import NONCENTRALITY, SMALLEST_REDUNDANCY
 from core.adjustment.solution import Solution, resolved, with_held
 from core.adjustment.start import initial_state
 from core.adjustment.terrain import Terrain, laid_on_terrain
@@ -155,8 +155,7 @@ class Influence:
         inverse = np.linalg.pinv(np.eye(2) - hats, rcond=1e-9, hermitian=True)
         left = (inverse @ residuals[:, :, None])[:, :, 0]
         moved = self.ground.largest((pairs @ left[:, :, None])[:, :, 0].T)
-        # design: a redundancy below a millionth is none.
-        redundancy = np.maximum(1 - self.solution.precision.rays[:, rays], 1e-6)
+        redundancy = np.maximum(1 - self.solution.precision.rays[:, rays], SMALLEST_REDUNDANCY)
         errors = NONCENTRALITY / np.sqrt(redundancy).T
         worst = self.ground.largest(columns * errors.ravel()).reshape(count, 2).max(axis=1)
         sigmas = [network.measurements[m].sigma_px for m in network.rays.measurement[rays]]

@@ -17,9 +17,6 @@ from core.geometry.robust import robust_sigma
 # source: Baarda 1968: risk 0.1 %, power 80 %.
 NONCENTRALITY = 4.13
 """Shift of w that is found in 80 % of cases at a risk of 0.1 % (Baarda 1968)."""
-# source: Baarda 1968.
-RISK = 0.001
-"""Probability that a good coordinate is taken for a gross error."""
 # design: below it rounding decides.
 SMALLEST_REDUNDANCY = 1e-6
 """Below this a residual is nought whatever was measured, and says nothing."""

@@ -6,6 +6,7 @@ from jaxtyping import Float64
 from core.adjustment.adjusted import SharedParameter
 from core.adjustment.network import CONSTANTS, Network, State
 from core.adjustment.reliability import Precision
+from core.geometry.robust import TINY
 
 # design: one in 370 by chance, of a dozen parameters.
 SIGNIFICANT = 3.0
@@ -89,8 +90,7 @@ def shared_parameters(
                 name,
                 float(values[row]) * unit,
                 sigma * unit,
-                # design: keeps a division from failing.
-                0.0 if row in held else float(values[row]) / max(sigma, 1e-30),
+                0.0 if row in held else float(values[row]) / max(sigma, TINY),
                 float(correlations[row, partner]) if partner != row else 0.0,
                 names[partner]
                 if owners[partner] == owner

@@ -258,8 +258,8 @@ def _changed(solution: Solution, task: _Task) -> Solution | None:
         moved = np.abs(new.known - old.known) * np.minimum(new.known_weight, 1 / sigma)
         changed = np.abs(new.known_weight - old.known_weight) * sigma
         ties = len(new.tie)
-        # design: a twentieth of a standard deviation, a fiftieth of a weight change no result.
-        same = bool((moved[:ties] < 0.05).all() and (changed[:ties] < 0.02).all())
+        # design: a twentieth of a standard deviation changes no result.
+        same = bool((moved[:ties] < 0.05).all() and (changed[:ties] < SAME_WEIGHT).all())
         network = network if same else laid
     if options.variance_components:
         more = next_factors(solution.classes)

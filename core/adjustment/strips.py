@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from core.block import Photo
+from core.geometry.robust import TINY
 
 # design: crab differs by a few degrees within a strip, strips by 180 or 90.
 TURNED = np.radians(20.0)
@@ -96,6 +97,5 @@ def places_along(
         direction = np.linalg.svd(offset, full_matrices=False)[2][0]
         along = offset @ direction
         half = (along.max() - along.min()) / 2
-        # design: a strip of one photo has no length.
-        places[members] = (along - along.min()) / max(half, 1e-9) - 1
+        places[members] = (along - along.min()) / max(half, TINY) - 1
     return places
