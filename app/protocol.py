@@ -10,7 +10,7 @@ from app.control_spread import spread_lines
 from app.protocol_figures import protocol_figures
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
-from core.adjustment.terrain import Terrain
+from core.adjustment.weights import Terrain
 from core.raster.dem import Dem
 from sessions.atomic_write import whole_file
 

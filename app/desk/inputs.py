@@ -22,7 +22,7 @@ from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import SILENT, adjust_block
 from core.adjustment.expected_gain import Gain, expected_gains
 from core.adjustment.influence import influence_of
-from core.adjustment.terrain import Terrain
+from core.adjustment.weights import Terrain
 from core.arrays import ObjectPoints
 from core.block import Block, Photo
 from core.control.likeness import Likeness, likeness_about, search_options

@@ -15,16 +15,13 @@ from jaxtyping import Float64
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import one_thread
-from core.adjustment.components import reweighted
-from core.adjustment.equations import Equations
-from core.adjustment.gauss_newton import Fit
-from core.adjustment.ground_shifts import ground_shifts_of
+from core.adjustment.equations import Equations, ground_shifts_of
+from core.adjustment.gauss_newton import Fit, initial_state
 from core.adjustment.linearised import linearise
 from core.adjustment.network import Network, State, network_of
 from core.adjustment.reliability import NONCENTRALITY, SMALLEST_REDUNDANCY
 from core.adjustment.solution import Solution, resolved, with_held
-from core.adjustment.start import initial_state
-from core.adjustment.terrain import Terrain, laid_on_terrain
+from core.adjustment.weights import Terrain, laid_on_terrain, reweighted
 from core.arrays import Flags, Indices, Position
 from core.block import UNKNOWN_M, Block
 from core.progress import Progress, Silent

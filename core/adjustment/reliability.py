@@ -6,8 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy import stats
 
-from core.adjustment.banded import SIZE, BorderedInverse, DenseInverse, invert_bordered
-from core.adjustment.cholesky3 import backward3
+from core.adjustment.factorisation import (
+    SIZE,
+    BorderedInverse,
+    DenseInverse,
+    backward3,
+    invert_bordered,
+)
 from core.adjustment.linearised import Linearised
 from core.adjustment.network import Network
 from core.adjustment.solver import Normals, Pattern, Weights

@@ -6,8 +6,14 @@ import numpy as np
 from scipy import stats
 
 from core.adjustment.adjusted import AdjustmentOptions, ClassFigures
-from core.adjustment.components import OBSERVED, classes_of, next_factors, reweighted
-from core.adjustment.gauss_newton import Fit, begin, minimise
+from core.adjustment.gauss_newton import (
+    Fit,
+    at_state,
+    begin,
+    initial_state,
+    minimise,
+    on_the_ground,
+)
 from core.adjustment.network import SMALLEST_SIGMA_MM, Network
 from core.adjustment.reliability import (
     Chosen,
@@ -21,8 +27,14 @@ from core.adjustment.reliability import (
 )
 from core.adjustment.significance import insignificant
 from core.adjustment.solver import Normals, Pattern, normals_of, pattern_of
-from core.adjustment.start import at_state, initial_state, on_the_ground
-from core.adjustment.terrain import Terrain, laid_on_terrain
+from core.adjustment.weights import (
+    OBSERVED,
+    Terrain,
+    classes_of,
+    laid_on_terrain,
+    next_factors,
+    reweighted,
+)
 from core.geometry.robust import robust_sigma
 from core.progress import Progress
 

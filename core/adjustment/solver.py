@@ -8,15 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
-from core.adjustment.band_ordering import narrow_places
-from core.adjustment.banded import (
+from core.adjustment.factorisation import (
     SIZE,
     BorderedFactor,
+    backward3,
     band_places,
+    cholesky3,
     factor_bordered,
+    forward3,
+    narrow_places,
     solve_bordered,
 )
-from core.adjustment.cholesky3 import backward3, cholesky3, forward3
 from core.adjustment.linearised import Linearised
 from core.adjustment.network import Network
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import SILENT, adjust_block
-from core.adjustment.terrain import Terrain
+from core.adjustment.weights import Terrain
 from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
 from core.control.common_shift import common_shift, weighed

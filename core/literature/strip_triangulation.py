@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float64
 
-from core.adjustment.strips import places_along, strips_of
+from core.adjustment.positioning import places_along, strips_of
 from core.arrays import Indices, ObjectPoints, PixelPoints, Position, Rotation, Scalars
 from core.block import Block, Photo, footprint
 from core.doubts import Failure

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.adjustment.strips import places_along
+from core.adjustment.positioning import places_along
 from core.arrays import PlanPosition
 from core.block import Block, footprint
 from core.quality.ray_counts import ray_counts_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from core.adjustment.ground_shifts import REACH
+from core.adjustment.equations import REACH
 from core.adjustment.influence import Influence
 from core.arrays import PixelPoints, Position
 from core.block import Block, Measurement

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.adjustment.strips import strips_of
+from core.adjustment.positioning import strips_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,13 +18,12 @@ from time import perf_counter, process_time
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentOptions
-from core.adjustment.banded import invert_bordered
 from core.adjustment.block_adjustment import adjust_block, adjust_with_solution, one_thread
-from core.adjustment.gauss_newton import begin, minimise
+from core.adjustment.factorisation import invert_bordered
+from core.adjustment.gauss_newton import begin, initial_state, minimise
 from core.adjustment.influence import Influence
 from core.adjustment.network import network_of
 from core.adjustment.solver import normals_of, pattern_of
-from core.adjustment.start import initial_state
 from core.block import Block
 from core.progress import Silent
 from tests.benchmarks.blocks import comparable, sized

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.gauss_newton import initial_state
 from core.adjustment.network import Network, State, network_of
-from core.adjustment.start import initial_state
 from tests.benchmarks.blocks import comparable
 
 CERES_FROM_IMAGE = np.diag([1.0, -1.0, -1.0])

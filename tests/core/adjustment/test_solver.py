@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
-from core.adjustment.components import classes_of
-from core.adjustment.gauss_newton import Fit
+from core.adjustment.gauss_newton import Fit, initial_state
 from core.adjustment.linearised import linearise
 from core.adjustment.network import network_of
 from core.adjustment.reliability import precision_of
 from core.adjustment.solver import normals_of, pattern_of, solve
-from core.adjustment.start import initial_state
+from core.adjustment.weights import classes_of
 from core.block import ExteriorPrior
 from tests.flights import FlightPlan, fly
 

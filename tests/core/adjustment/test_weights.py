@@ -7,7 +7,7 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.adjustment.strips import places_along, strips_of
+from core.adjustment.positioning import places_along, strips_of
 from core.block import UNKNOWN_M, TiePoints
 from core.geometry.exterior import fit_similarity, rotation_from_angles
 from tests.flights import FlightPlan, fly

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.adjustment.banded import (
+from core.adjustment.factorisation import (
     band_places,
     factor_bordered,
     invert_bordered,

@@ -2,6 +2,8 @@
 
 The band holds the photos (six unknowns each, ordered so that neighbours are near), the border the
 few unknowns that all photos share.
+
+3 x 3 blocks of points are factored apart, and photos ordered so that their band is narrow.
 """
 
 from dataclasses import dataclass
@@ -9,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded, solve_triangular
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from core.arrays import Indices, Matrix
 
@@ -24,6 +28,12 @@ Corner = Float64[np.ndarray, "shared shared"]
 """Coefficients between the border's unknowns."""
 Tiles = Float64[np.ndarray, "tiles size size"]
 """Square parts of a large matrix."""
+# design: every three degrees of half a turn.
+DIRECTIONS = 60
+"""Directions in plan, over half a turn, in which the block is swept."""
+
+Ends = Int[np.ndarray, "pairs"]
+"""One photo of each pair that shares points."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,3 +205,78 @@ def band_places(
     column = columns[:, None, None] * SIZE + six[None, None, :]
     below = row - column
     return np.where(below >= 0, below, 0) * unknowns + column, (below >= 0).astype(np.float64)
+
+
+def narrow_places(
+    low: Ends, high: Ends, centres: Float64[np.ndarray, "photos 3"]
+) -> Int[np.ndarray, "photos"]:
+    """Where each photo stands, so that the farthest two that share points are near.
+
+    Reverse Cuthill and McKee's order begins at a corner of the block and runs across it; photos one
+    strip after the other, or swept in the best of some directions, often reach half as far.
+
+    Args:
+        low: One photo of each pair that shares points.
+        high: The other.
+        centres: Perspective centres, metres.
+
+    Returns:
+        Place of each photo.
+    """
+    photos = len(centres)
+    ones = np.ones(len(low), dtype=np.int8)
+    graph = csr_array((ones, (low, high)), shape=(photos, photos))
+    best = np.arange(photos)
+    farthest = _reach(best, low, high)
+    angles = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
+    plan = centres[:, :2] - centres[:, :2].mean(axis=0)
+    swept = plan @ np.stack([np.cos(angles), np.sin(angles)])
+    sequences = [reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True)]
+    sequences.extend(np.argsort(swept, axis=0, kind="stable").T)
+    for sequence in sequences:
+        place = np.empty(photos, dtype=np.int64)
+        place[sequence] = np.arange(photos)
+        reach = _reach(place, low, high)
+        if reach < farthest:
+            best, farthest = place, reach
+    return best
+
+
+def _reach(place: Int[np.ndarray, "photos"], low: Ends, high: Ends) -> int:
+    return int(np.abs(place[low] - place[high]).max(initial=0))
+
+
+def cholesky3(own: Float64[np.ndarray, "6 points"]) -> Float64[np.ndarray, "6 points"]:
+    """Cholesky roots of many 3 x 3 matrices; a point nothing is known of gets infinite roots.
+
+    An infinite root makes everything that is divided by it nought: such a point stays where it is.
+    """
+    a, b, c, d, e, f = own
+    r00 = np.sqrt(np.where(a > 0, a, np.inf))
+    r10, r20 = b / r00, d / r00
+    rest = c - r10 * r10
+    r11 = np.sqrt(np.where(rest > 0, rest, np.inf))
+    r21 = (e - r20 * r10) / r11
+    rest = f - r20 * r20 - r21 * r21
+    r22 = np.sqrt(np.where(rest > 0, rest, np.inf))
+    return np.stack([r00, r10, r11, r20, r21, r22])
+
+
+def forward3(
+    root: Float64[np.ndarray, "6 n"], side: Float64[np.ndarray, "3 n"]
+) -> Float64[np.ndarray, "3 n"]:
+    """L^-1 times a vector, for many at once."""
+    x = side[0] / root[0]
+    y = (side[1] - root[1] * x) / root[2]
+    z = (side[2] - root[3] * x - root[4] * y) / root[5]
+    return np.stack([x, y, z])
+
+
+def backward3(
+    root: Float64[np.ndarray, "6 n"], side: Float64[np.ndarray, "3 n"]
+) -> Float64[np.ndarray, "3 n"]:
+    """L^-T times a vector, for many at once."""
+    z = side[2] / root[5]
+    y = (side[1] - root[4] * z) / root[2]
+    x = (side[0] - root[1] * y - root[3] * z) / root[0]
+    return np.stack([x, y, z])
