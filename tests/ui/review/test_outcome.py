@@ -14,7 +14,7 @@ from sessions.decisions import (
     Reject,
     SetRole,
 )
-from tests.ui.desk_block import tiny_block, tiny_snapshot
+from tests.ui.desk_block import tiny_snapshot
 from ui.review.compare import ground_from_pixel
 from ui.review.gestures import (
     Explained,
@@ -30,10 +30,9 @@ from ui.review.gestures import (
     Sorted,
     Stepped,
     Undone,
-    gesture_from_message,
 )
 from ui.review.outcome import outcome_of
-from ui.review.queue import keep_seat_up, seat_down, visible
+from ui.review.queue import seat_down, visible
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Seat
 
@@ -159,12 +158,6 @@ def test_a_filter_shows_only_what_fits_and_keeps_a_current_point__law(desk, seat
     assert filtered.current in shown
 
 
-def test_doubt_finds_the_blunders_first__truth(desk, seat):
-    blunders = tiny_block().blunders
-    first = set(seat.order[: 2 * len(blunders)])
-    assert len(blunders & first) >= 0.9 * len(blunders)
-
-
 def test_a_ray_to_a_point_makes_it_current__truth(desk, seat):
     block = desk.state.oriented
     key = seat.order[7]
@@ -185,35 +178,8 @@ def test_a_ray_through_a_frustum_shows_that_photo__truth(desk, seat):
         assert found.seat.current[1] == photo_id
 
 
-def test_new_measurements_join_the_end_and_vanished_ones_leave__law(desk, seat):
-    rows = dict(desk.rows)
-    gone, moved = seat.order[3], seat.order[5]
-    row = rows.pop(gone)
-    rows["J999", moved[1]] = replace(row, key=("J999", moved[1]))
-    kept = keep_seat_up(seat, rows)
-    assert gone not in kept.order
-    assert kept.order[-1] == ("J999", moved[1])
-
-
 def test_selected_must_exist__law(desk, seat):
     assert outcome_of(Selected(seat.seat_id, ("none", "none")), seat, desk).seat == seat
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        {},
-        {"kind": "nonsense"},
-        {"kind": "judge", "key": ["a", "b"], "verdict": "burn"},
-        {"kind": "judge", "key": 7, "verdict": "accept"},
-        {"kind": "place", "key": ["a", "b"], "place": ["nan", 1e300]},
-        {"kind": "sort", "column": "colour", "descending": True},
-        {"kind": "layer", "layer": "/secret", "shown": True},
-        {"kind": "vectors", "scale": None},
-    ],
-)
-def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
-    assert gesture_from_message("seat-1", message) is None
 
 
 def test_a_filter_that_lets_nothing_through_shows_nothing_and_forgets_nothing__law(desk, seat):
@@ -222,14 +188,3 @@ def test_a_filter_that_lets_nothing_through_shows_nothing_and_forgets_nothing__l
     assert empty.current is None
     back = outcome_of(Filtered(seat.seat_id, "review", "", ""), empty, desk).seat
     assert back.current == here.current
-
-
-def test_who_sits_down_second_begins_elsewhere__law(desk, seat):
-    second = seat_down(Seat("seat-2", "berta"), desk.rows, [seat.current])
-    assert second.current not in (None, seat.current)
-
-
-def test_when_a_point_vanishes_the_one_beside_it_is_shown__law(desk, seat):
-    gone, beside = seat.order[4], seat.order[5]
-    rows = {key: row for key, row in desk.rows.items() if key != gone}
-    assert keep_seat_up(replace(seat, current=gone), rows).current == beside

@@ -1,0 +1,81 @@
+"""Messages of a page become gestures, or nothing."""
+
+from typing import get_args
+
+import pytest
+
+from ui.review.gestures import (
+    LONGEST_NAME,
+    LOOKING,
+    Gesture,
+    Judged,
+    LayerSwitched,
+    MarkPlaced,
+    Named,
+    PlacedInScan,
+    PlacedOnGround,
+    QualityAsked,
+    Stepped,
+    VectorsScaled,
+    gesture_from_message,
+)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {},
+        {"kind": "nonsense"},
+        {"kind": "judge", "key": ["a", "b"], "verdict": "burn"},
+        {"kind": "judge", "key": 7, "verdict": "accept"},
+        {"kind": "place", "key": ["a", "b"], "place": ["nan", 1e300]},
+        {"kind": "sort", "column": "colour", "descending": True},
+        {"kind": "layer", "layer": "/secret", "shown": True},
+        {"kind": "vectors", "scale": None},
+    ],
+)
+def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
+    assert gesture_from_message("seat-1", message) is None
+
+
+@pytest.mark.parametrize(
+    ("message", "gesture"),
+    [
+        (
+            {"kind": "judge", "key": ["J1", "a"], "verdict": "reject"},
+            Judged("s", ("J1", "a"), "reject"),
+        ),
+        (
+            {"kind": "place", "key": ["J1", "a"], "place": [1, 2], "frame": "scan"},
+            PlacedInScan("s", ("J1", "a"), 1.0, 2.0),
+        ),
+        (
+            {"kind": "place", "key": ["J1", "a"], "place": [1, 2]},
+            PlacedOnGround("s", ("J1", "a"), 1.0, 2.0),
+        ),
+        ({"kind": "step", "step": -7}, Stepped("s", -1)),
+        ({"kind": "layer", "layer": "ties", "shown": 1}, LayerSwitched("s", "ties", True)),
+        ({"kind": "vectors", "scale": 1e9}, VectorsScaled("s", 1000.0)),
+        ({"kind": "quality", "shown": True, "pair": [1, 3]}, QualityAsked("s", True, (1, 3))),
+        (
+            {"kind": "mark", "photo": "a", "name": "1", "place": [3, 4], "snap": True},
+            MarkPlaced("s", "a", "1", 3.0, 4.0, True),
+        ),
+    ],
+)
+def test_a_message_is_its_gesture__truth(message, gesture):
+    assert gesture_from_message("s", message) == gesture
+
+
+def test_names_are_one_short_printable_line__law():
+    told = gesture_from_message("s", {"kind": "name", "name": " Anna\x00\n  " + "x" * 99})
+    assert isinstance(told, Named)
+    assert told.name.startswith("Annax") or told.name.startswith("Anna x")
+    assert len(told.name) == LONGEST_NAME
+    assert gesture_from_message("s", {"kind": "name", "name": "\n "}) is None
+
+
+def test_guests_may_only_do_what_changes_nothing__law():
+    deciding = {kind.__name__ for kind in get_args(Gesture)} - {kind.__name__ for kind in LOOKING}
+    assert {"Judged", "Explained", "PlacedInScan", "Undone", "RemakeAsked", "Freed"} <= deciding
+    assert not {"Selected", "Filtered", "Sorted"} & deciding

@@ -1,0 +1,117 @@
+"""The history: what was decided about a point, and what every adjustment came to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sessions.decisions import (
+    REASONS,
+    Accept,
+    AddPoint,
+    JudgePhoto,
+    Place,
+    Recorded,
+    Reject,
+    SetRole,
+    Withdraw,
+)
+from tests.ui.desk_block import tiny_snapshot
+from ui.review.history import (
+    KEPT,
+    gives_reason,
+    history_of,
+    key_of,
+    record_line,
+    shifts_m,
+    subject_of,
+    touched_by,
+    with_adjustment,
+)
+from ui.review.state import NO_EXTRA
+from ui.words.catalogue import words
+
+KEY = ("J101", "a")
+
+
+def said(*decisions, who="anna") -> tuple[Recorded, ...]:
+    return tuple(
+        Recorded(number, "2026-01-01T00:00:00", who, decision)
+        for number, decision in enumerate(decisions, start=1)
+    )
+
+
+def test_only_what_concerns_the_point_is_told_newest_first__law():
+    recorded = said(
+        Accept(*KEY), Accept("J101", "b"), SetRole("J101", "check"), Reject("J102", "a", "hidden"),
+        Reject(*KEY, "changed"),
+    )  # fmt: skip
+    told = history_of(KEY, recorded, NO_EXTRA)
+    assert [line["what"] for line in told] == ["Reject", "SetRole", "Accept"]
+    assert all(line["stands"] for line in told)
+
+
+def test_a_withdrawn_decision_says_by_whom__law():
+    first, *_ = said(Accept(*KEY))
+    back = Recorded(2, "2026-01-01T00:01:00", "berta", Withdraw(1))
+    line = history_of(KEY, (first, back), NO_EXTRA)[0]
+    assert (line["stands"], line["by"]) == (False, "berta")
+    again = Recorded(3, "2026-01-01T00:02:00", "anna", Withdraw(2))
+    assert history_of(KEY, (first, back, again), NO_EXTRA)[0]["stands"]
+    assert touched_by(again, (first, back, again)) is first
+
+
+@pytest.mark.parametrize(
+    ("decision", "detail"),
+    [
+        *((Reject(*KEY, reason), reason) for reason in REASONS),
+        (Place(*KEY, 3.25, 4.0), "3.2, 4.0 px"),
+        (SetRole("J101", "check"), "Check"),
+        (Accept(*KEY), ""),
+        (AddPoint("J101", 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), ()), "0 scans"),
+    ],
+)
+def test_details_read_as_they_were_decided__truth(decision, detail):
+    text, values = history_of(KEY, said(decision), NO_EXTRA)[0]["detail"]
+    assert (words()[text].format(**values) if text else "") == detail
+
+
+def test_the_measurement_a_decision_is_about__truth():
+    assert key_of(Accept(*KEY), NO_EXTRA) == KEY
+    assert key_of(SetRole("J101", "check"), NO_EXTRA) is None
+    assert key_of(JudgePhoto("a", use=False), NO_EXTRA) is None
+    assert subject_of(SetRole("J101", "check")) == "J101"
+
+
+def test_a_reason_belongs_to_the_rejection_before_it__law():
+    assert gives_reason(Reject(*KEY, "other"), Reject(*KEY, "hidden"))
+    assert not gives_reason(Reject(*KEY, "other"), Reject("J102", "a", "hidden"))
+    assert not gives_reason(Accept(*KEY), Reject(*KEY, "hidden"))
+
+
+def test_the_first_adjustment_is_kept_for_good__law():
+    state = tiny_snapshot().state
+    kept = ()
+    for _ in range(KEPT + 5):
+        kept = with_adjustment(kept, state.report, state)
+    assert len(kept) == KEPT
+    assert [kept[0].number, kept[1].number, kept[-1].number] == [1, 7, KEPT + 5]
+    line = record_line(kept[-1])
+    assert line["sigma"] == pytest.approx(state.report.sigma_nought, abs=1e-4)
+    control = [k for k in state.block.measurements if state.block.surveyed[k[0]].role == "control"]
+    assert 0 < line["used"] <= len(control)
+
+
+def test_shifts_between_two_adjustments_are_metres_on_the_ground__truth():
+    state = tiny_snapshot().state
+    (one,) = with_adjustment((), state.report, state)
+    name, photo = next(iter(state.report.block.photos.items()))
+    exterior = replace(photo.exterior, centre=photo.exterior.centre + np.array([3.0, 0.0, 0.0]))
+    moved = state.report.block.with_photos(
+        {**state.report.block.photos, name: photo.with_exterior(exterior, True)}
+    )
+    (other,) = with_adjustment((), replace(state.report, block=moved), state)
+    shifts = shifts_m(one, other)
+    # Ground of level height moves with the centre.
+    assert shifts.pop(name) == pytest.approx(3.0, rel=0.1)
+    assert max(shifts.values()) < 1e-6

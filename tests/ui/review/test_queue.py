@@ -1,0 +1,139 @@
+"""The queue: what is doubtful comes first, and order and filter keep their promises."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.ui.desk_block import tiny_block, tiny_snapshot
+from ui.review.misfit import Misfit
+from ui.review.queue import (
+    coming,
+    keep_seat_up,
+    neighbour,
+    passes,
+    queue_row,
+    row_line,
+    seat_down,
+    sort_keys,
+    visible,
+)
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import QueueFilter, Seat, Sorting
+
+
+@pytest.fixture(scope="module")
+def desk() -> DeskSnapshot:
+    return tiny_snapshot()
+
+
+@pytest.fixture
+def seat(desk: DeskSnapshot) -> Seat:
+    return seat_down(Seat("seat-1", "anna"), desk.rows)
+
+
+def test_doubt_finds_the_blunders_first__truth(desk, seat):
+    blunders = tiny_block().blunders
+    first = set(seat.order[: 2 * len(blunders)])
+    assert len(blunders & first) >= 0.9 * len(blunders)
+
+
+def test_new_measurements_join_the_end_and_vanished_ones_leave__law(desk, seat):
+    rows = dict(desk.rows)
+    gone, moved = seat.order[3], seat.order[5]
+    row = rows.pop(gone)
+    rows["J999", moved[1]] = replace(row, key=("J999", moved[1]))
+    kept = keep_seat_up(seat, rows)
+    assert gone not in kept.order
+    assert kept.order[-1] == ("J999", moved[1])
+
+
+def test_who_sits_down_second_begins_elsewhere__law(desk, seat):
+    second = seat_down(Seat("seat-2", "berta"), desk.rows, [seat.current])
+    assert second.current not in (None, seat.current)
+
+
+def test_when_a_point_vanishes_the_one_beside_it_is_shown__law(desk, seat):
+    gone, beside = seat.order[4], seat.order[5]
+    rows = {key: row for key, row in desk.rows.items() if key != gone}
+    assert keep_seat_up(replace(seat, current=gone), rows).current == beside
+
+
+def test_a_decision_changes_its_row_only_as_if_all_were_made_anew__law(desk, seat):
+    rejected = replace(desk.state.block.measurements[seat.current], status="rejected")
+    after = replace(desk.state, block=desk.state.block.with_measurement(rejected))
+    quick, whole = desk.table.with_changes(desk.state, after), desk.table.renewed(after)
+    assert quick.lines == whole.lines
+    changed = [old is not new for old, new in zip(desk.table.lines, quick.lines, strict=True)]
+    assert sum(changed) == 1
+    assert quick.rows[seat.current].human
+
+
+def test_rows_that_went_are_gone__law(desk):
+    gone = next(iter(desk.state.block.measurements))
+    left = {k: m for k, m in desk.state.block.measurements.items() if k != gone}
+    after = replace(desk.state, block=replace(desk.state.block, measurements=left))
+    assert gone not in desk.table.with_changes(desk.state, after).rows
+
+
+def test_rows_without_a_figure_come_last_either_way__law(desk):
+    some = list(desk.rows.values())[:5]
+    rows = [replace(some[0], misfit_px=float("nan")), *some[1:]]
+    for descending in (True, False):
+        order = sort_keys(rows, Sorting("misfit", descending))
+        assert order[-1] == rows[0].key
+        values = [row.misfit_px for key in order[:-1] for row in rows if row.key == key]
+        assert values == sorted(values, reverse=descending)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "state", "role", "let_through"),
+    [
+        ("review", "unused", "control", False),
+        ("review", "rejected", "control", True),
+        ("open", "auto", "check", True),
+        ("open", "accepted", "control", False),
+        ("all", "unused", "control", True),
+        ("dubious", "dubious", "control", True),
+        ("all", "auto", "tie", False),
+    ],
+)
+def test_a_filter_lets_through_what_it_names__truth(desk, wanted, state, role, let_through):
+    row = replace(next(iter(desk.rows.values())), state=state, role=role)
+    assert passes(row, QueueFilter(wanted)) == let_through
+    assert passes(row, QueueFilter("all", role=role))
+    assert not passes(row, QueueFilter("all", photo_id="elsewhere", role=role))
+
+
+def test_what_comes_next_is_open_and_nobody_elses__law(desk, seat):
+    ahead = coming(desk.rows, seat)
+    assert all(desk.rows[key].state == "auto" for key in ahead)
+    assert ahead[0] not in coming(desk.rows, seat, {ahead[0]})
+
+
+def test_steps_end_at_the_ends__law(desk, seat):
+    shown = visible(desk.rows, seat)
+    assert neighbour(shown, replace(seat, current=shown[-1]), 1) == shown[-1]
+    assert neighbour(shown, replace(seat, current=shown[0]), -1) == shown[0]
+    assert neighbour((), seat, 1) is None
+
+
+def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
+    key = next(k for k in desk.rows if k not in tiny_block().blunders)
+    figures = desk.table.figures
+    calm = queue_row(desk.state, figures, key)
+    far = replace(figures, misfits={**figures.misfits, key: Misfit((40.0, 0.0), (7.0, 0.0), 20.0)})
+    row = queue_row(desk.state, far, key)
+    assert row.grounds[0].text == "doubt.misfit"
+    assert row.grounds[0].value == 20.0
+    assert row.doubt > 0.95 > calm.doubt
+    poor = replace(desk.state.block.measurements[key], score=0.1)
+    state = replace(desk.state, block=desk.state.block.with_measurement(poor))
+    assert "doubt.score" in {ground.text for ground in queue_row(state, figures, key).grounds}
+
+
+def test_a_line_holds_what_the_page_expects__law(desk):
+    row = next(iter(desk.rows.values()))
+    line = row_line(replace(row, misfit_px=np.pi, score=float("nan")))
+    assert line[:2] == list(row.key)
+    assert line[6:] == [3.14, None]

@@ -1,0 +1,55 @@
+"""A trial: what a decision would do is what it does."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
+from ui.review.state import DeskState
+from ui.review.trial import NEIGHBOURS, TrialWork, largest_shift, turn_measurement
+
+
+@pytest.fixture(scope="module")
+def state() -> DeskState:
+    return tiny_snapshot().state
+
+
+def test_rejecting_a_blunder_would_lower_sigma_nought__truth(state):
+    key = sorted(tiny_block().blunders)[0]
+    work = TrialWork(state, key)
+    block = work.block()
+    assert block is not None
+    assert block.measurements[key].status == "rejected"
+    found = work.conclude(adjust(block))
+    assert found is not None
+    assert found.rejects
+    assert found.sigma_nought < state.report.sigma_nought
+    assert found.photo_id in state.block.photos
+    assert 0 < found.shift_m < 5
+    assert len(found.neighbours) == NEIGHBOURS
+    assert all(one.key[1] == key[1] != one.key for one in found.neighbours)
+
+
+def test_what_is_left_out_would_be_taken_in__law(state):
+    control = {name for name, point in state.block.surveyed.items() if point.role == "control"}
+    unused = [key for key, item in state.block.measurements.items() if item.status == "unused"]
+    key = next(key for key in unused if key[0] in control)
+    block = turn_measurement(state, key)
+    assert block is not None
+    assert block.measurements[key].status == "accepted"
+
+
+def test_a_check_point_and_what_is_gone_change_nothing__law(state):
+    check = next(k for k in state.block.measurements if state.block.surveyed[k[0]].role == "check")
+    assert turn_measurement(state, check) is None
+    assert turn_measurement(state, ("none", "none")) is None
+
+
+def test_a_trial_that_does_not_settle_says_nothing__law(state):
+    key = sorted(tiny_block().blunders)[0]
+    lost = replace(state.report, converged=False)
+    assert TrialWork(state, key).conclude(lost) is None
+
+
+def test_no_change_shifts_nothing__law(state):
+    assert largest_shift(state.oriented, state.oriented)[0] < 1e-6
