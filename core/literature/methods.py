@@ -9,8 +9,12 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Position
 from core.block import Block
 from core.doubts import Failure
-from core.literature.independent_models import Triangulated, triangulate_models
-from core.literature.stereo_models import Sights, form_models
+from core.literature.independent_models import (
+    Sights,
+    Triangulated,
+    form_models,
+    triangulate_models,
+)
 from core.literature.strip_triangulation import triangulate_strips
 
 

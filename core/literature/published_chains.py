@@ -5,6 +5,10 @@ takes the five best pixels above a threshold, joins neighbours, and keeps what R
 agrees on; Höhle and Potůčková take the best pixel above a high threshold. What they keep enters the
 same bundle adjustment as everything else. Two things are kinder here than in the originals: the
 ortho is warped into the scan with the DEM, and heights are of the bare earth.
+
+The DLT (direct linear transformation) has eleven parameters, which nearly level ground does not
+determine (thesis: Milovice); `is_flat` tells so. With the principal distance known,
+`core/geometry/resection.py` needs three points where this needs six.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,15 +17,15 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
+from jaxtyping import Float64, Int
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
-from core.arrays import Indices
+from core.arrays import Indices, ObjectPoints, PixelPoints, Scalars
 from core.block import Block, Measurement, Peak, Photo
 from core.control.proposals import with_proposals
 from core.doubts import Doubt
 from core.literature.baselines import NccOperator
-from core.literature.direct_linear import RansacOptions, agreeing_points, is_flat
 from core.localisation.initial_orientation import Site
 from core.matching.local_search import (
     MatchingOptions,
@@ -39,6 +43,25 @@ Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
 NCC = NccOperator()
 NAMED = {"junction"}
 """Both chains know nothing but junctions."""
+SAMPLE = 6
+PARAMETERS = 11
+BATCH = 2000
+LEAST_RELIEF = 0.02
+"""Below this share of the flying height the relief does not determine the parameters."""
+Agreeing = Int[np.ndarray, "agreeing"]
+"""Indices of candidates."""
+Models = Float64[np.ndarray, "samples 11"]
+"""Parameters of many transformations."""
+
+
+@dataclass(frozen=True, slots=True)
+class RansacOptions:
+    """The plain RANSAC of the thesis (script 7)."""
+
+    samples: int = 100_000
+    """Samples of six points."""
+    threshold_px: float = 4.0
+    """A point agrees when the model puts it closer than this, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,3 +253,85 @@ def agreed(
     return agreeing_points(
         points.positions[owner], pixels, owner, RansacOptions(options.samples, limit), rng
     )
+
+
+def agreeing_points(
+    points: ObjectPoints,
+    pixels: PixelPoints,
+    owner: Indices,
+    options: RansacOptions,
+    rng: np.random.Generator,
+) -> Agreeing:
+    """Candidates that the best of many samples of six agrees with.
+
+    As in the thesis: most candidates win, ties go to the lesser sum of distances, the sample itself
+    counts, nothing is refitted.
+
+    Args:
+        points: Known point of each candidate, metres.
+        pixels: Where each candidate lies.
+        owner: Number of the known point of each candidate; a sample has six different ones.
+        options: How many, how near.
+        rng: Source of the samples.
+    """
+    if len(np.unique(owner)) < SAMPLE:
+        return np.zeros(0, dtype=np.int64)
+    ground, image = conditioned(points), conditioned(pixels)
+    best, least = np.zeros(0, dtype=np.int64), (0, 0.0)
+    scale = float(np.std(pixels - pixels.mean(axis=0)))
+    for start in range(0, options.samples, BATCH):
+        size = min(BATCH, options.samples - start)
+        drawn = np.argsort(rng.random((size, len(points))), axis=1)[:, :SAMPLE]
+        named = np.sort(owner[drawn], axis=1)
+        drawn = drawn[(np.diff(named, axis=1) > 0).all(axis=1)]
+        models = solved(ground[drawn], image[drawn])
+        away = distances(models, ground, image) * scale
+        near = away < options.threshold_px
+        count, total = near.sum(axis=1), np.where(near, away, 0.0).sum(axis=1)
+        order = np.lexsort((total, -count))
+        if len(order):
+            first = int(order[0])
+            found = (-int(count[first]), float(total[first]))
+            if found < least:
+                least, best = found, np.flatnonzero(near[first])
+    return best
+
+
+def conditioned(points: Float64[np.ndarray, "n axes"]) -> Float64[np.ndarray, "n axes"]:
+    """Coordinates about their mean in units of their common spread."""
+    centred = points - points.mean(axis=0)
+    return centred / max(float(np.std(centred)), 1e-12)
+
+
+def solved(
+    ground: Float64[np.ndarray, "samples 6 3"], image: Float64[np.ndarray, "samples 6 2"]
+) -> Models:
+    """Parameters of every sample by least squares over its twelve equations; NaN if singular."""
+    count = len(ground)
+    design = np.zeros((count, 12, PARAMETERS))
+    for axis in range(2):
+        rows = slice(axis, 12, 2)
+        design[:, rows, 4 * axis : 4 * axis + 3] = ground
+        design[:, rows, 4 * axis + 3] = 1.0
+        design[:, rows, 8:] = -image[:, :, axis : axis + 1] * ground
+    right = image.reshape(count, 12, 1)
+    normal = np.swapaxes(design, 1, 2) @ design
+    normal += 1e-12 * np.eye(PARAMETERS)
+    return np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ right)[:, :, 0]
+
+
+def distances(
+    models: Models, ground: Float64[np.ndarray, "n 3"], image: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, "samples n"]:
+    """Distance between where every model puts every point and where it is."""
+    whole = np.column_stack([ground, np.ones(len(ground))])
+    depth = models[:, 8:] @ ground.T + 1.0
+    depth = np.where(np.abs(depth) < 1e-9, np.nan, depth)
+    across = (models[:, :4] @ whole.T) / depth - image[:, 0]
+    down = (models[:, 4:8] @ whole.T) / depth - image[:, 1]
+    return np.nan_to_num(np.hypot(across, down), nan=np.inf)
+
+
+def is_flat(heights: Scalars, flying_height_m: float) -> bool:
+    """Whether the relief of the points is too low for eleven parameters."""
+    return bool(np.ptp(heights) < LEAST_RELIEF * flying_height_m) if len(heights) else True

@@ -24,8 +24,14 @@ from core.geometry.exterior import (
 )
 from core.geometry.resection import PhotoModel, moved
 from core.geometry.robust import cauchy_weights, solve_robustly
-from core.literature.independent_models import Triangulated, composed, joined, known_places
-from core.literature.stereo_models import Sights, StereoModel
+from core.literature.independent_models import (
+    Sights,
+    StereoModel,
+    Triangulated,
+    composed,
+    joined,
+    known_places,
+)
 
 STEPS = 8
 FAR = 3.0  # design: beyond 3 sigma a good coordinate is one in four hundred.

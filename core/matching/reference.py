@@ -1,13 +1,29 @@
-"""What is known of the ground today, in one value: ortho, heights, roads, and how good they are."""
+"""What is known of the ground today, in one value: ortho, heights, roads, and how good they are.
+
+Roads are centre lines in space, to be drawn into a photo: a template that owes the ortho nothing.
+Where roads stayed and everything about them changed, the map still says what must be there: strips
+of their width, whatever their tone.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.formats.roads import read_roads
+import numpy as np
+import shapely
+from jaxtyping import Float64, Int64
+
+from core.arrays import ObjectPoints, locked
+from core.formats.roads import Roads, read_roads
 from core.geometry.crs import Bounds
-from core.matching.road_lines import RoadLines, lines_on_ground
 from core.raster.dem import Dem, open_dem
 from core.raster.ortho import Ortho, open_ortho
+
+STEP_M = 10.0
+"""No two vertices of a road are further apart, so that lines follow the terrain."""
+USUAL_WIDTH_M = 5.0
+"""Width of a road of which the map does not tell any."""
+WIDTHS_M = (2.5, 12.0)
+"""Narrower and wider ones are drawn as these: lanes of a motorway are no edge of one strip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +46,37 @@ class ReferenceFiles:
     """Standard deviation of the ortho per axis, metres."""
     dem_sigma_m: float = 0.5
     """Standard deviation of a height, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoadLines:
+    """Roads as one array of vertices."""
+
+    points: ObjectPoints
+    """Vertices of all lines, one line after the other, metres."""
+    first: Int64[np.ndarray, "lines"]
+    """Index of the first vertex of each line."""
+    width_m: Float64[np.ndarray, "lines"]
+    """Width of each road, metres."""
+    boxes: Float64[np.ndarray, "lines 4"]
+    """West, south, east, north of each line, metres."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", locked(self.points))
+        object.__setattr__(self, "first", locked(self.first, np.int64))
+        object.__setattr__(self, "width_m", locked(self.width_m))
+        object.__setattr__(self, "boxes", locked(self.boxes))
+
+    def within(self, bounds: Bounds) -> list[tuple[ObjectPoints, float]]:
+        """Vertices and width of every line that comes near an area."""
+        west, south, east, north = bounds
+        near = (self.boxes[:, 0] <= east) & (self.boxes[:, 2] >= west)
+        near &= (self.boxes[:, 1] <= north) & (self.boxes[:, 3] >= south)
+        last = np.append(self.first[1:], len(self.points))
+        return [
+            (self.points[self.first[line] : last[line]], float(self.width_m[line]))
+            for line in np.flatnonzero(near)
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,4 +115,29 @@ def open_reference(files: ReferenceFiles, bounds: Bounds | None = None) -> Refer
         files.ortho_sigma_m,
         files.dem_sigma_m,
         None if roads is None else lines_on_ground(roads, dem),
+    )
+
+
+def lines_on_ground(roads: Roads, dem: Dem) -> RoadLines:
+    """The roads that can be seen from above, laid on the terrain.
+
+    Args:
+        roads: Centre lines; tunnels are left out.
+        dem: Terrain; where it is unknown a line takes the height it had before.
+    """
+    seen = np.asarray(roads.level >= 0)
+    lines = shapely.segmentize(roads.lines[seen], STEP_M) if seen.any() else roads.lines[seen]
+    plan, owner = shapely.get_coordinates(lines, return_index=True)
+    first = np.searchsorted(owner, np.arange(len(lines)))
+    heights = dem.heights(plan) if len(plan) else np.zeros(0)
+    known = np.isfinite(heights)
+    if known.any():
+        last_known = np.maximum.accumulate(np.where(known, np.arange(len(heights)), -1))
+        heights = heights[np.where(last_known < 0, int(np.argmax(known)), last_known)]
+    width = np.where(np.isfinite(roads.width_m[seen]), roads.width_m[seen], USUAL_WIDTH_M)
+    return RoadLines(
+        np.column_stack([plan, np.nan_to_num(heights)]),
+        first.astype(np.int64),
+        np.clip(width, *WIDTHS_M),
+        np.asarray(shapely.bounds(lines), dtype=np.float64).reshape(-1, 4),
     )

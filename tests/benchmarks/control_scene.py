@@ -17,8 +17,7 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.geometry.resection import moved
 from core.matching.patches import OpenPhoto
-from core.matching.reference import Reference
-from core.matching.road_lines import RoadLines
+from core.matching.reference import Reference, RoadLines
 from core.raster.dem import open_dem
 from core.raster.ortho import open_ortho
 from core.raster.scan_file import open_scan

@@ -1,18 +1,18 @@
-"""Strips and independent models on flights that are known, beside the bundle."""
+"""Independent models on flights that are known."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from core.adjustment.adjusted import AdjustmentOptions
-from core.adjustment.block_adjustment import adjust_block
-from core.block import TiePoints
 from core.doubts import Failure
-from core.literature.independent_models import Triangulated, triangulate_models
-from core.literature.methods import compare_methods
-from core.literature.stereo_models import Sights, form_models
-from core.literature.strip_triangulation import triangulate_strips
+from core.literature.independent_models import (
+    Sights,
+    StereoModel,
+    Triangulated,
+    form_model,
+    form_models,
+    triangulate_models,
+)
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(ties=400, control=20, check=12, camera_errors=False)
@@ -24,7 +24,6 @@ EXACT = replace(
     control_sigma_px=1e-4,
     control_sigma_m=(1e-4, 1e-4, 1e-4),
 )
-OPTIONS = AdjustmentOptions(estimate_cameras=False)
 
 
 def astray_m(block, truth):
@@ -35,39 +34,36 @@ def astray_m(block, truth):
     )
 
 
-@pytest.mark.parametrize("method", [triangulate_models, triangulate_strips])
-def test_without_noise_every_method_finds_the_truth__truth(method):
+def test_without_noise_models_find_the_truth__truth():
     """Relief and Earth curvature included."""
     rng = np.random.default_rng(1)
     flight = fly(EXACT, rng)
     models = form_models(flight.block, rng)
-    found = method(flight.block, models, Sights.of(flight.block))
+    found = triangulate_models(flight.block, models, Sights.of(flight.block))
     assert isinstance(found, Triangulated)
     assert astray_m(found.block, flight.truth) < 0.01
     assert found.joint_m.max() < 0.001
 
 
-def test_methods_stand_behind_the_bundle_as_the_books_say__paper():
-    """Bundle before models before strips in the mean; none far behind where control is dense."""
-    rms = {"strips": [], "models": [], "bundle": []}
-    for seed in range(8):
-        flight = fly(PLAN, np.random.default_rng(seed))
-        for result in compare_methods(adjust_block(flight.block, OPTIONS)):
-            assert result.reason == ""
-            rms[result.method].append(np.sum(result.check_m**2))
-    strips, models, bundle = (np.sqrt(np.mean(rms[name])) for name in rms)
-    assert bundle < models < strips < 4 * bundle
+def test_a_model_is_the_ground_but_for_its_size_and_place__truth():
+    """The angle between both axes and the ratio of distances are those of the flight."""
+    flight = fly(EXACT, np.random.default_rng(2))
+    sights = Sights.of(flight.block)
+    first, second = sorted(flight.block.photos)[:2]
+    model = form_model(flight.block, sights, (first, second), np.random.default_rng(0))
+    assert isinstance(model, StereoModel)
+    assert model.numbers[-2:].tolist() == [sights.centres[first], sights.centres[second]]
+    true = [flight.truth.photos[name].exterior for name in (first, second)]
+    turn = true[0].object_from_image.T @ true[1].object_from_image
+    np.testing.assert_allclose(model.rotations[1], turn, atol=1e-5)
+    base = true[0].object_from_image.T @ (true[1].centre - true[0].centre)
+    np.testing.assert_allclose(model.positions[-1], base / np.linalg.norm(base), atol=1e-5)
+    assert (model.positions[:-2, 2] < 0).all()  # below the camera
 
 
-def test_what_cannot_be_done_is_said__law():
-    flight = fly(replace(PLAN, strips=1, photos_per_strip=3), np.random.default_rng(3))
-    report = adjust_block(flight.block, OPTIONS)
-    block = report.block
-    alone = replace(report, block=replace(block, ties=TiePoints.none(), measurements={}))
-    assert [bool(result.reason) for result in compare_methods(alone)] == [True, True, False]
-    few = dict(list(block.surveyed.items())[:2])
-    kept = {key: m for key, m in block.measurements.items() if key[0] in few}
-    loose = replace(block, surveyed=few, measurements=kept)
-    models = form_models(loose, np.random.default_rng(0))
-    assert isinstance(triangulate_strips(loose, models, Sights.of(loose)), Failure)
-    assert isinstance(triangulate_models(loose, models, Sights.of(loose)), Triangulated)
+def test_photos_without_common_points_make_no_model__law():
+    flight = fly(replace(PLAN, ties=0), np.random.default_rng(3))
+    first, second = sorted(flight.block.photos)[:2]
+    sights = Sights.of(replace(flight.block, measurements={}))
+    found = form_model(flight.block, sights, (first, second), np.random.default_rng(0))
+    assert isinstance(found, Failure)

@@ -121,7 +121,7 @@ def test_a_drawn_road_lies_where_the_photo_shows_it__truth(tiny):
     """Vertices of the true lines, projected, lie on the strips that were drawn."""
     from core.formats.roads import read_roads
     from core.matching.patches import Window, drawn_roads
-    from core.matching.road_lines import lines_on_ground
+    from core.matching.reference import lines_on_ground
     from core.synthetic.options import CRS
 
     roads = read_roads(sorted((tiny.folder / "roads").glob("*.shp")), CRS)
