@@ -10,9 +10,8 @@ from typing import Literal, cast, get_args
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from app.adjustment_section import adjustment_options
+from app.block_sections import adjustment_options, read_camera
 from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
-from app.camera_table import read_camera
 from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import CrsError, ProjectError
 from core.geometry.camera import Camera

@@ -7,16 +7,14 @@ from importlib.metadata import version
 from typing import cast
 
 from app.block_input import described
-from app.change_layer import make_change
-from app.executors import Threads
-from app.fiducial_tables import write_fiducials
 from app.interruption import Interruption, interruptible
 from app.project import Project
-from app.protocol import terrain_of, write_protocol
-from app.report import write_report
-from app.report_content import ReportContent
-from app.results import write_results
-from app.run_summary import remarks
+from app.report.model import ReportContent
+from app.report.page import write_report
+from app.report.protocol import terrain_of, write_protocol
+from app.report.tables import write_fiducials, write_results
+from app.report.wording import remarks
+from app.settings import Threads
 from app.terminal import Voice
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -26,11 +24,13 @@ from core.control.stage import ControlFound, adjusted_without_gross
 from core.errors import Cancelled
 from core.localisation.stage import Localised
 from core.matching.reference import open_reference
+from core.mosaic.change import find_change, write_change
 from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
 from core.raster.dem import Dem
+from core.raster.ortho import open_ortho
 from core.results import BlockInput, StageResults
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
@@ -44,6 +44,7 @@ LAST_STAGES = {
     "report": "Results and report",
 }
 PAGE = "report.html"
+CHANGE = "change.gpkg"
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -422,3 +423,38 @@ SUMMARIES: Mapping[str, Callable[[StageResults], str]] = {
 def counted(number: int, thing: str) -> str:
     """`1 scan`, `2 scans`."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def make_change(
+    session: Session,
+    project: Project,
+    mosaic: MosaicProduct,
+    progress: Progress,
+    anew: bool = False,
+) -> Mapping[str, float]:
+    """Write the layer unless it is fresh.
+
+    Args:
+        session: Where results are kept.
+        project: For the reference.
+        mosaic: The mosaic, on disk.
+        progress: Told per tile.
+        anew: Make it again.
+
+    Returns:
+        Share of the ground that is the same, and that is different.
+    """
+    crs, reference = project.block.crs, project.reference.ortho
+    target = session.results / CHANGE
+    digest = session.products.digest_of("change", 1, mosaic.path, reference)
+    kept = None if anew else session.products.load_value("change", digest)
+    if kept is not None and target.is_file():
+        return kept
+    found = find_change(
+        open_ortho([mosaic.path], crs), open_ortho(reference, crs), mosaic.grid.bounds,
+        progress=progress,
+    )  # fmt: skip
+    with whole_file(target) as temporary:
+        write_change(found, temporary, crs)
+    session.products.save_value("change", digest, found.shares)
+    return found.shares

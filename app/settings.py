@@ -1,8 +1,14 @@
-"""What a start of the program is told about machine and operator; read once, passed down."""
+"""How this start is to run: machine, operator, and the threads that pieces of a stage run in."""
 
 import getpass
 import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
 
 
 def default_workers() -> int:
@@ -31,3 +37,25 @@ class Settings:
     """TCP port of the desk."""
     host: str = "127.0.0.1"
     """Address the desk listens at; this machine only by default."""
+
+
+class Threads:
+    """A pool of threads; numpy, OpenCV and GDAL leave the interpreter while they compute."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self.pool = ThreadPoolExecutor(workers, thread_name_prefix="gruber")
+
+    def map(self, function: Callable[[A], B], items: Iterable[A]) -> Iterator[B]:
+        """Results in the order of the items; the first error cancels what has not begun."""
+        futures: list[Future[B]] = [self.pool.submit(function, item) for item in items]
+        try:
+            for future in futures:
+                yield future.result()
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def close(self, wait: bool = True) -> None:
+        """Let go of the threads, having waited for what they do unless told not to."""
+        self.pool.shutdown(wait=wait, cancel_futures=True)

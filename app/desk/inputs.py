@@ -11,12 +11,10 @@ from typing import Protocol, cast
 import numpy as np
 
 from app.block_input import described
-from app.change_layer import make_change
 from app.desk.background import Adjust, Remake
 from app.project import Project
-from app.protocol import terrain_of
-from app.run import Run, RunOptions, make_mosaic, make_orthos, write_all
-from app.scan_files import ScanFiles
+from app.report.protocol import terrain_of
+from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, write_all
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import SILENT, adjust_block
@@ -36,7 +34,7 @@ from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, open_reference
 from core.progress import Part, Progress
-from core.raster.scan_file import ScanFile
+from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
 from core.scans.stage import ScanSet
 from sessions.session import HIDDEN, Session

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -399,3 +400,26 @@ class ScanSource:
         )
         np.rint(values, out=values)
         return values.astype(self.dtype)
+
+
+class ScanFiles:
+    """Grey values of windows of scans, by their path; asked from several threads."""
+
+    def __init__(self, folder: Path = Path()) -> None:
+        """Paths of scans that are not absolute are counted from `folder`."""
+        self._folder = folder
+        self._opened: dict[Path, ScanFile] = {}
+        self._lock = Lock()
+
+    def __call__(
+        self, scan: Path, column: int, row: int, columns: int, rows: int, reduction: int
+    ) -> GrayWindow:
+        """Grey values of a window, averaged over `reduction` pixels a side."""
+        return read_window(self.opened(scan), column, row, columns, rows, reduction, "edge")
+
+    def opened(self, scan: Path) -> ScanFile:
+        """A scan by its path, looked at once."""
+        with self._lock:
+            if scan not in self._opened:
+                self._opened[scan] = open_scan(self._folder / scan)
+            return self._opened[scan]

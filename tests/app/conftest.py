@@ -8,7 +8,7 @@ import rasterio
 from affine import Affine
 from shapely.geometry import box
 
-from app.report_content import ReportContent
+from app.report.model import ReportContent
 from core.adjustment.block_adjustment import adjust_block
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from app.block_input import described
-from app.placing import Clicking, Placeable, in_crs
-from app.placing_run import Running
+from app.placing import Clicking, Placeable, Running, in_crs
 from app.project import read_project
 from core.errors import ScanError
 from core.formats.qgis_points import QgisPoints, read_qgis_points, write_qgis_points

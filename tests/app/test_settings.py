@@ -1,10 +1,11 @@
 """Settings of a start."""
 
 import getpass
+from threading import Event
 
 import pytest
 
-from app.settings import Settings, default_operator
+from app.settings import Settings, Threads, default_operator
 
 
 def test_operator_is_the_user_and_the_desk_stays_on_this_machine__truth(
@@ -23,3 +24,20 @@ def test_a_user_without_a_name_is_the_operator__truth(monkeypatch: pytest.Monkey
     monkeypatch.delenv("USER", raising=False)
     monkeypatch.setattr(getpass, "getuser", nameless)
     assert default_operator() == "operator"
+
+
+def test_threads_give_results_in_the_order_of_the_items__law() -> None:
+    threads, slow = Threads(3), Event()
+
+    def half(item: int) -> float:
+        # The first waits for the last, and still comes out first.
+        if item == 0:
+            slow.wait(5)
+        if item == 2:
+            slow.set()
+        return item / 2
+
+    assert list(threads.map(half, range(3))) == [0, 0.5, 1]
+    with pytest.raises(ZeroDivisionError):
+        list(threads.map(lambda item: 1 / item, [1, 0, 2]))
+    threads.close()

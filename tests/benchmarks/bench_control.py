@@ -28,7 +28,7 @@ import numpy as np
 import rasterio
 from threadpoolctl import threadpool_limits
 
-from app.executors import Threads
+from app.settings import Threads
 from core.block import Photo
 from core.literature.baselines import OPERATORS, NccOperator
 from core.literature.dense_descriptors import has_akaze

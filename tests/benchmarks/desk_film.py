@@ -11,7 +11,6 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
 
 from app.desk.inputs import Comparing, DeskInputs
-from app.scan_files import ScanFiles
 from core.block import Photo
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, fit_interior
@@ -21,7 +20,7 @@ from core.progress import Silent
 from core.raster.dem import open_dem
 from core.raster.grid import Grid
 from core.raster.ortho import open_ortho
-from core.raster.scan_file import open_scan
+from core.raster.scan_file import ScanFiles, open_scan
 from core.scans.film_area import area_from_interior
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.measured_marks import FiducialMeasurement

@@ -13,7 +13,6 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.windows import Window
 
 from app.desk.inputs import Adjusting, DeskInputs, lasting_token
-from app.scan_files import ScanFiles
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import (
     Block,
@@ -29,6 +28,7 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.progress import Silent
 from core.raster.grid import Grid
+from core.raster.scan_file import ScanFiles
 from sessions.session import HIDDEN, Session
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho, keep_for_reduction
 

@@ -16,6 +16,7 @@ from core.geometry.camera import Camera
 from core.matching.local_search import predict_pixels
 from core.matching.patches import Window, object_on_ground, read_pair
 from core.raster.scan_file import (
+    ScanFiles,
     ScanSource,
     UsableArea,
     check_fits_camera,
@@ -172,6 +173,16 @@ def test_scan_has_to_fit_the_frame__truth(tmp_path: Path, pixel_um: float, fits:
         return
     with pytest.raises(ScanError, match=r"does not fit the 18 x 18 mm.*'small'.*scan_pixel_um"):
         check_fits_camera(open_scan(path), camera, pixel_um / 1000)
+
+
+def test_scans_are_found_by_their_path_and_looked_at_once__law(scan_path: Path) -> None:
+    files = ScanFiles(scan_path.parent)
+    name = Path(scan_path.name)
+    np.testing.assert_array_equal(files(name, 5, 7, 20, 10, 1), VALUES[7:17, 5:25])
+    halved = files(name, 20, 30, 50, 40, 2)
+    expected = VALUES[30:70, 20:70].reshape(20, 2, 25, 2).mean((1, 3))
+    assert halved == pytest.approx(expected, abs=1)
+    assert files.opened(name) is files.opened(name)
 
 
 @pytest.mark.parametrize("reduction", [1, 3])

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from app.scan_files import ScanFiles
 from core.raster.grid import Grid
 from tests.ui.desk_block import CAMERA, tiny_block, true_photos
 from ui.review.compare import DrawnPhoto
@@ -122,15 +121,6 @@ def test_tiles_of_even_contrast_fit_together__law(drawn):
     assert store.ortho((0, 8, 6), True).shape == (TILE, TILE, 3)
     assert store.raw(drawn, (0, 1, 1), True).shape == (TILE, TILE)
     store.close()
-
-
-def test_scans_in_files_are_read_by_windows__law(tmp_path):
-    values = np.random.default_rng(3).integers(0, 255, (300, 400)).astype(np.uint8)
-    cv2.imwrite(str(tmp_path / "scan.tif"), values)
-    read = ScanFiles(tmp_path)
-    assert np.array_equal(read("scan.tif", 20, 30, 50, 40, 1), values[30:70, 20:70])
-    halved = read("scan.tif", 20, 30, 50, 40, 2)
-    assert halved == pytest.approx(values[30:70, 20:70].reshape(20, 2, 25, 2).mean((1, 3)), abs=1)
 
 
 def test_the_small_ortho_shows_what_the_files_show__truth():

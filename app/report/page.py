@@ -12,16 +12,15 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 from rasterio.enums import Resampling
 
-from app.report_content import ReportContent
-from app.report_drawing import (
+from app.report.drawing import (
     draw_bars,
     draw_coverage,
     draw_map,
     draw_reliability,
     draw_seams,
 )
-from app.report_figures import gather
-from app.report_wording import findings, tell
+from app.report.model import ReportContent, gather
+from app.report.wording import findings, tell
 from sessions.atomic_write import whole_file
 
 THUMBNAIL_PX = 1400
@@ -61,7 +60,7 @@ def render(figures: dict[str, Any], mosaic_jpeg: str = "") -> str:
         One HTML document with everything inline.
     """
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -72,7 +71,7 @@ def render(figures: dict[str, Any], mosaic_jpeg: str = "") -> str:
     block_map, enlarged = draw_map(figures["map"])
     caption = tell("map_caption_plain") if enlarged is None else tell("map_caption", scale=enlarged)
     mosaic = figures["mosaic"]
-    return environment.get_template("report.html").render(
+    return environment.get_template("page.html").render(
         f=figures,
         found=findings(figures),
         tell=tell,

@@ -1,8 +1,11 @@
-"""Every figure of the accuracy report, as one JSON-able value; the page shows nothing else."""
+"""What the report is made from, and every figure of it as one JSON-able value.
+
+The page shows nothing else.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +14,16 @@ import rasterio
 import shapely
 from shapely.geometry import Polygon
 
-from app.control_spread import spread_figures
-from app.report_accuracy import check_accuracy, comparison_accuracy
-from app.report_content import ReportContent
-from app.results import final_status
-from core.adjustment.adjusted import AdjustmentReport
+from app.report.accuracy import check_accuracy, comparison_accuracy
+from app.report.protocol_figures import spread_figures
+from app.report.tables import final_status
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.influence import Influence
 from core.block import Block, Measurement, Photo
-from core.control.calibration_check import calibration_error
+from core.control.calibration_check import Bin, calibration_error
+from core.doubts import Doubt
 from core.geometry.camera import Camera
+from core.mosaic.comparison import MosaicAccuracy
 from core.mosaic.seams import Seam
 from core.quality.displacement import displacement
 from core.quality.rules import check_release
@@ -27,6 +32,46 @@ CELLS = 3
 """Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
 SHOWN_TIES = 4000
 """Tie points drawn in the block figure at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportContent:
+    """Everything a report tells of; what is left out is left out of the report."""
+
+    name: str
+    """Name of the block."""
+    report: AdjustmentReport
+    """The adjusted block and its figures."""
+    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
+    """What it was adjusted with."""
+    before: Block | None = None
+    """The block before the adjustment, for the changes of the cameras."""
+    heights: str = ""
+    """Height system in words."""
+    doubts: Sequence[Doubt] = ()
+    """What the engine is unsure of."""
+    set_aside: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Scans that could not be used, with the reason."""
+    reference_sigma_m: tuple[float, float] | None = None
+    """Accuracy of the reference ortho and DEM, metres."""
+    influence: Influence | None = None
+    """Equations of the adjusted block, to tell where control would help; None: it is not told."""
+    reliability: Sequence[Bin] = ()
+    """How far the probabilities of control proposals are borne out."""
+    footprints: Mapping[str, Polygon] = field(default_factory=dict[str, Polygon])
+    """Footprint of each photo; over level ground when left out."""
+    mosaic: Path | None = None
+    """The mosaic."""
+    seams: Sequence[Seam] = ()
+    """Its seams."""
+    change: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Share of the ground that is `same` as today and that is `different`; empty: not known."""
+    comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
+    """Mosaic against other orthos, by their name."""
+    timings_s: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Seconds of each stage."""
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Versions, options, digests, times."""
 
 
 def gather(content: ReportContent) -> dict[str, Any]:
@@ -40,7 +85,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
     figures = {
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report),
-        "checks": check_accuracy(content),
+        "checks": check_accuracy(report),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": _control_figures(report),
         "reliability": _reliability(content),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.results import write_results
+from app.report.tables import write_results
 
 
 @pytest.fixture(scope="module")

@@ -6,21 +6,12 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
-import pytest
 
-from app.report import render, write_report
-from app.report_accuracy import horizontal
-from app.report_content import ReportContent
-from app.report_wording import findings
+from app.report.model import ReportContent
+from app.report.page import render, write_report
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
-
-
-@pytest.fixture(scope="module")
-def written(content, tmp_path_factory):
-    html, figures = write_report(tmp_path_factory.mktemp("report"), content)
-    return html.read_text(encoding="utf-8"), json.loads(figures.read_text(encoding="utf-8"))
 
 
 class Texts(HTMLParser):
@@ -88,21 +79,6 @@ def test_headings_say_the_finding__truth(written):
     assert text.index("junction 118") < text.index("Fiducial 3") < text.index("The DEM has a gap")
 
 
-def test_statistics_follow_their_definitions__paper():
-    # METHODS 9.1: c, s, m and m_p of differences written out by hand.
-    differences = np.array([[0.3, -0.4, 0.0], [0.1, 0.0, 0.0], [-0.1, 0.4, 0.0], [0.1, 0.2, 0.0]])
-    found = horizontal(differences)
-    assert found["mean_shift"] == pytest.approx([0.1, 0.05])
-    assert found["deviation"] == pytest.approx([np.sqrt(0.08 / 3), np.sqrt(0.35 / 3)])
-    assert found["m_x"] == pytest.approx(np.sqrt(0.03))
-    assert found["m_y"] == pytest.approx(np.sqrt(0.09))
-    assert found["m_p"] == pytest.approx(np.sqrt(0.12))
-    assert found["largest"] == pytest.approx(0.5)
-    assert found["mean_significant"] == [False, False]
-    low, high = found["m_p_interval"]
-    assert low < found["m_p"] < high
-
-
 def test_without_check_points_accuracy_is_relative__law(content, tmp_path):
     bare = replace(content, report=replace(content.report, checks=()), mosaic=None, seams=())
     html, _ = write_report(tmp_path, bare)
@@ -140,23 +116,6 @@ def test_barest_block_still_makes_a_report__law(content, tmp_path):
     assert "No tie points" in text
     told = json.loads(figures.read_text(encoding="utf-8"))
     assert told["adjustment"]["sigma_nought"] is None
-
-
-@pytest.mark.parametrize(
-    ("value", "said"), [(1.0, "as large as"), (1.5, "larger"), (0.5, "smaller")]
-)
-def test_sigma_nought_is_put_into_words__law(written, value, said):
-    figures = json.loads(json.dumps(written[1]))
-    figures["adjustment"]["sigma_nought"] = value
-    assert said in findings(figures)["sigma"]
-
-
-def test_coverage_counts_all_used_control__law(written):
-    figures = written[1]
-    used = sum(figures["control"]["by_status"].get(s, 0) for s in ("auto", "accepted"))
-    assert sum(np.sum(photo["control"]) for photo in figures["coverage"]) == used
-    rays = sum(int(n) * count for n, count in figures["ties"]["points_by_rays"].items())
-    assert rays == figures["ties"]["rays"]
 
 
 def test_comparison_with_truth_is_told__law(content, tmp_path):

@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from app.control_spread import PLACES, spread_figures
-from app.results import final_status
+from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
 from core.adjustment.reliability import TestLimits
 from core.literature.methods import compare_methods
+from core.quality.control_count import ControlSpread, count_control
+from core.quality.control_design import Want, wanted_control
 from core.quality.ray_counts import RayCounts, ray_counts_of
-from core.quality.rules import doubts_of
+from core.quality.rules import EDGE_BASES, PER_MODEL, STRIP_POINTS, doubts_of
 
 AXES = ("X", "Y", "Z")
+PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")
+"""The nine places of a photo, as they lie on the film."""
 
 
 def protocol_figures(
@@ -366,3 +369,49 @@ def _median(values: list[float]) -> float | None:
 
 def _mean(values: list[float]) -> float | None:
     return float(np.mean(values)) if values else None
+
+
+def spread_figures(report: AdjustmentReport, influence: Influence | None) -> dict[str, Any]:
+    """Control against the rules, and the places where one more point would help most.
+
+    Args:
+        report: The adjusted block.
+        influence: Its equations; None where no photo took part.
+    """
+    count = count_control(report)
+    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    wants = () if influence is None else wanted_control(influence)
+    rules = None if count is None else {
+        "base_m": count.base_m,
+        "models": count.models,
+        "strip_points_least": STRIP_POINTS,
+        "poorest_strip": {"scan": count.poorest_strip[0], "points": count.poorest_strip[1]},
+        "plan": _spread(count.plan, 0),
+        "heights": _spread(count.heights, 1),
+        "check_share": count.check_share,
+    }  # fmt: skip
+    return {"rules": rules, "wanted": [_want(want, scale) for want in wants]}
+
+
+def _spread(spread: ControlSpread, kind: int) -> dict[str, Any]:
+    return {
+        "points": spread.points,
+        "edge_gap_bases": spread.gap.bases,
+        "edge_gap_most": EDGE_BASES[kind],
+        "edge_gap_at": spread.gap.middle.tolist(),
+        "edge_gap_scan": spread.gap.photo_id,
+        "per_model": spread.per_model,
+        "per_model_least": PER_MODEL[kind],
+    }
+
+
+def _want(want: Want, scale: float) -> dict[str, Any]:
+    return {
+        "scan": want.photo_id,
+        "place": PLACES[want.place],
+        "at": want.position[:2].tolist(),
+        "scans": list(want.photos),
+        "sigma_now_m": scale * want.sigma_now_m,
+        "sigma_then_m": scale * want.sigma_then_m,
+        "worst_then_m": scale * want.worst_then_m,
+    }

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from app.report_content import ReportContent
+from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import ObjectPoints
 from core.geometry.robust import robust_sigma
 from core.mosaic.comparison import (
@@ -19,10 +19,10 @@ ASPRS_LEAST = 30
 """Check points below which the ASPRS standard (Ed. 2, 2023) allows no statement."""
 
 
-def check_accuracy(content: ReportContent) -> dict[str, Any]:
+def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
     """Check points one by one and together; `count` is 0 where there are none."""
-    surveyed = content.report.block.surveyed
-    checks = content.report.checks
+    surveyed = report.block.surveyed
+    checks = report.checks
     points = [
         {
             "point_id": check.point_id,

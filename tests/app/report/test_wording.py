@@ -1,6 +1,10 @@
-"""A few lines after a run: every scan set aside, one line for each kind of grave doubt."""
+"""Findings in words, and a few lines after a run: scans set aside, kinds of grave doubts."""
 
-from app.run_summary import LINES, remarks
+import json
+
+import pytest
+
+from app.report.wording import LINES, findings, remarks
 from core.doubts import Doubt
 
 
@@ -35,3 +39,12 @@ def test_no_more_lines_than_can_be_read__truth():
 
 def test_nothing_to_tell_is_not_told__law():
     assert remarks({}, [], "report.html") == []
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(1.0, "as large as"), (1.5, "larger"), (0.5, "smaller")]
+)
+def test_sigma_nought_is_put_into_words__law(written, value, said):
+    figures = json.loads(json.dumps(written[1]))
+    figures["adjustment"]["sigma_nought"] = value
+    assert said in findings(figures)["sigma"]

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from app.control_spread import spread_lines
-from app.protocol_figures import protocol_figures
+from app.report.protocol_figures import protocol_figures
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
 from core.adjustment.weights import Terrain
@@ -82,7 +81,7 @@ def protocol_text(figures: Mapping[str, Any]) -> str:
         _photos,
         _ground,
         _control,
-        lambda f: spread_lines(f["control_spread"]),
+        _spread,
         _checks,
         _methods,
         _exterior,
@@ -260,6 +259,37 @@ def _control(f: Mapping[str, Any]) -> list[str]:
         *rays,
         "",
     ]
+
+
+def _spread(f: Mapping[str, Any]) -> list[str]:
+    """Is control enough, and where would more help most."""
+    rules, lines = f["control_spread"]["rules"], ["CONTROL: ENOUGH AND WELL SPREAD?"]
+    if rules is None:
+        lines.append("no two photos follow one another in a strip: the rules say nothing")
+    else:
+        poorest = rules["poorest_strip"]
+        lines += [
+            f"base {rules['base_m']:.0f} m, {rules['models']} stereo models; the poorest strip "
+            f"({poorest['scan']}) shows {poorest['points']} points, "
+            f"at least {rules['strip_points_least']}",
+            *(_spread_line(name, rules[name]) for name in ("plan", "heights")),
+        ]
+    lines += [
+        f"{number}. a point in {want['scan']}, {want['place']} (E {want['at'][0]:.0f}, "
+        f"N {want['at'][1]:.0f}): {want['sigma_now_m']:.2f} m now, {want['sigma_then_m']:.2f} m "
+        f"then; the worst of the block {want['worst_then_m']:.2f} m"
+        for number, want in enumerate(f["control_spread"]["wanted"], 1)
+    ]
+    return [*lines, ""]
+
+
+def _spread_line(name: str, spread: Mapping[str, Any]) -> str:
+    return (
+        f"{name:<8}{spread['points']:>5} points; along the edge at most "
+        f"{spread['edge_gap_bases']:.1f} bases apart (rule {spread['edge_gap_most']:g}; widest by "
+        f"{spread['edge_gap_scan']}); inside {spread['per_model']:.1f} a model "
+        f"(rule {spread['per_model_least']:g})"
+    )
 
 
 def _checks(f: Mapping[str, Any]) -> list[str]:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.block_input import described
-from app.fiducial_tables import write_fiducials
 from app.project import read_project
+from app.report.tables import write_fiducials
 from core.errors import PhotogrammetryError
 from core.formats.micmac_measures import (
     read_camera_measures,
