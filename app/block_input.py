@@ -7,7 +7,7 @@ import numpy as np
 from app.project import Project
 from core.block import UNKNOWN_M, SurveyedPoint
 from core.control.stage import ControlStageOptions
-from core.formats.control_points import ListedPoint, read_control_points
+from core.formats.csv_lists import ListedPoint, read_control_points
 from core.formats.micmac_measures import read_image_measures
 from core.geometry.crs import check_range, read_crs
 from core.georeference.archive import Georeference

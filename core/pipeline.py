@@ -16,8 +16,7 @@ from core.localisation.initial_orientation import Site
 from core.localisation.stage import Localised, detect_features, localise_again, localise_photos
 from core.matching.reference import open_reference
 from core.progress import Work
-from core.reference.points import ReferenceFeatures
-from core.reference.stage import find_reference_points
+from core.reference.stage import ReferenceFeatures, find_reference_points
 from core.results import BlockInput, StageResults
 from core.scans.stage import ScanSet, orient_scans
 from core.ties.stage import Tied, tie_photos

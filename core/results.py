@@ -16,7 +16,7 @@ from core.matching.reference import ReferenceFiles
 from core.mosaic.composition import MosaicProduct
 from core.orthos.rectification import OrthoProduct
 from core.raster.scan_file import ScanFile
-from core.reference.points import ReferenceFeatures
+from core.reference.stage import ReferenceFeatures
 from core.scans.stage import ScanInput, ScanSet
 from core.ties.stage import Tied
 

@@ -52,7 +52,7 @@ from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid
 from core.raster.scan_file import ScanFile, Scratch, UsableArea
-from core.reference.points import ReferenceFeatures, ReferencePoints
+from core.reference.stage import ReferenceFeatures, ReferencePoints
 from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.measured_marks import FiducialMeasurement

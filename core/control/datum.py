@@ -33,7 +33,7 @@ from core.matching.local_search import (
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference
 from core.raster.scan_file import ScanFile
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 LEAST_SHIFT_PX = 4.0
 """The block's place is never taken to be surer than this many of the finest pixels: a search

@@ -22,7 +22,7 @@ from core.matching.probability import (
     displaced,
     probabilities,
 )
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 Kind = tuple[Source, bool]
 """Where a point comes from, and whether roads say where it is: peaks of one kind look alike."""

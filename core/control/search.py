@@ -35,7 +35,7 @@ from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap, detect_peaks, level_and_spread, local_maxima
 from core.matching.reference import Reference
 from core.progress import Progress
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 Keep = Callable[[str, str, ScoreMap], None]
 """Is told the surface of a point in a photo, by their names."""

@@ -31,7 +31,7 @@ from core.matching.patches import OpenPhoto
 from core.matching.reference import ReferenceFiles, open_reference
 from core.progress import Progress, Work
 from core.raster.scan_file import ScanFile
-from core.reference.points import ReferenceFeatures
+from core.reference.stage import ReferenceFeatures
 
 # design: of a thousand good points one has a correction as large in either axis.
 GROSS = 3.5

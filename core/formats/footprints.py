@@ -15,7 +15,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from core.errors import ProjectError
-from core.formats.eo_list import scan_stem
+from core.formats.csv_lists import scan_stem
 
 
 @dataclass(frozen=True, slots=True, eq=False)

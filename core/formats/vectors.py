@@ -1,5 +1,7 @@
 """Vector files of any GDAL driver: layers, geometries and attributes in the block's CRS."""
 
+import errno
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyogrio
+import pyogrio.raw
 import shapely
 from pyogrio import raw
 from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
@@ -34,6 +37,8 @@ LENGTH_AT = 24  # source: ESRI Shapefile Technical Description, July 1998, page 
 """Byte at which a shapefile says its length, in words of two bytes."""
 LANGUAGE_AT = 29  # source: structure of a dBASE III+ file header.
 """Byte at which the table of a shapefile names its encoding; nought where it does not."""
+NO_TIME = "2000-01-01T00:00:00Z"
+"""When every layer was written last: the same run gives the same bytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,3 +202,46 @@ def read_mask_polygons(
             areal = pieces[shapely.get_dimensions(pieces) == 2]
             parts.extend(shapely.make_valid(areal))
     return shapely.unary_union(parts) if parts else shapely.Polygon()
+
+
+def write_polygons(
+    path: Path,
+    layer: str,
+    areas: Sequence[BaseGeometry],
+    fields: Mapping[str, np.ndarray],
+    crs: str,
+    append: bool = False,
+) -> None:
+    """Write one layer of polygons or multipolygons.
+
+    Args:
+        path: The GeoPackage, in a folder that can be written to.
+        layer: Name of the layer.
+        areas: Geometries of one kind.
+        fields: Attributes by name, one value for each geometry.
+        crs: CRS of the coordinates.
+        append: Put the layer into the file that is there.
+
+    Raises:
+        OSError: The disk is full.
+    """
+    several = any(isinstance(area, shapely.MultiPolygon) for area in areas)
+    # The time of writing that GDAL puts into a GeoPackage would make every run another file.
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
+    try:
+        pyogrio.raw.write(
+            path,
+            geometry=np.array([shapely.to_wkb(area) for area in areas], dtype=object),
+            field_data=list(fields.values()),
+            fields=np.array(list(fields), dtype=object),
+            geometry_type="MultiPolygon" if several else "Polygon",
+            crs=crs,
+            driver="GPKG",
+            layer=layer,
+            append=append,
+        )
+    except (DataSourceError, DataLayerError, FeatureError) as error:
+        # The folder has been found to be writable: only room for what is put in may be lacking.
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})

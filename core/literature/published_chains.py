@@ -36,7 +36,7 @@ from core.matching.local_search import (
 )
 from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
 """Our own way, and the chains to compare it with."""

@@ -19,7 +19,7 @@ from core.localisation.photo_placement import prior_covariance
 from core.matching.patches import object_on_ground
 from core.matching.reference import Reference
 from core.raster.scan_file import ScanFile
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 MIN_TIES = 8
 APART = 0.02

@@ -11,7 +11,7 @@ from core.block import Block, Measurement, Source, SurveyedPoint
 from core.doubts import Failure
 from core.localisation.initial_orientation import MIN_TIES
 from core.localisation.photo_orientation import OrientedPhoto
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 # design: crowns lean and shadows turn together by this much, so that single photos may be wrong
 # together; they must not bend the block.

@@ -24,7 +24,7 @@ from core.matching.operators import USUAL, Operator
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference
 from core.progress import Progress
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 
 @dataclass(frozen=True, slots=True)

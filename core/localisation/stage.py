@@ -28,7 +28,7 @@ from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
 from core.raster.scan_file import ScanFile
-from core.reference.points import ReferenceFeatures, ReferencePoints
+from core.reference.stage import ReferenceFeatures, ReferencePoints
 from core.ties.features import Features
 from core.ties.tie_points import TieOptions, detect_block_features, match_roughly
 

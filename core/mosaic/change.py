@@ -18,7 +18,7 @@ from jaxtyping import Float32, Int8
 from shapely.geometry import shape
 
 from core.arrays import Mask
-from core.formats.polygons import write_polygons
+from core.formats.vectors import write_polygons
 from core.geometry.crs import Bounds
 from core.matching.global_search import AngleField, angle_field
 from core.matching.patches import filled

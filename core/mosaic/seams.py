@@ -18,7 +18,7 @@ from shapely.geometry import MultiPolygon, Polygon, shape
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask
-from core.formats.polygons import write_polygons
+from core.formats.vectors import write_polygons
 from core.mosaic.overview import Overview
 from core.raster.grid import Grid
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import rasterio
 from jaxtyping import Float32, Int32, UInt8
 from shapely import segmentize
 from shapely.geometry import Polygon, box
@@ -138,18 +137,6 @@ def rectify_photo(
     )
     share = covered / (grid.columns * grid.rows)
     return OrthoProduct(photo.photo_id, path, grid, share, nadir)
-
-
-def read_ortho(path: Path) -> OrthoProduct:
-    """An ortho that `rectify_photo` wrote, as a value again; its covered share is a sample's."""
-    with rasterio.open(path) as file:
-        transform, tags = file.transform, file.tags()
-        grid = Grid(transform.c, transform.f, transform.a, file.width, file.height)
-        # design: a quarter of a million pixels give the share to a tenth of a per cent
-        sample = file.read(1, out_shape=(min(file.height, 512), min(file.width, 512)))
-    east, north = (float(part) for part in tags["NADIR"].split())
-    share = float(np.count_nonzero(sample) / sample.size)
-    return OrthoProduct(tags["PHOTO_ID"], path, grid, share, (east, north))
 
 
 def ortho_grid(photo: Photo, camera: Camera, dem: Heights, ground_sample_distance_m: float) -> Grid:

@@ -162,16 +162,6 @@ class Dem:
         known = self._overview(bounds)
         return float(known.mean()) if len(known) else float("nan")
 
-    def height_range(self, bounds: Bounds | None = None) -> tuple[float, float]:
-        """Lowest and highest height within bounds, metres; NaN without heights.
-
-        Of a few hundred pixels each way: peaks narrower than that are averaged.
-        """
-        known = self._overview(bounds)
-        if not len(known):
-            return float("nan"), float("nan")
-        return float(known.min()), float(known.max())
-
     def _overview(self, bounds: Bounds | None) -> Scalars:
         """The heights known within bounds, of a few hundred pixels each way."""
         west, south, east, north = shared_bounds(self.bounds, bounds or self.bounds)

@@ -1,21 +1,53 @@
 """Stage reference: the junctions and salient points of today's ground that photos may show."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from shapely.geometry.base import BaseGeometry
 
-from core.block import Block
+from core.arrays import ObjectPoints
+from core.block import Block, Source
+from core.doubts import Doubt
 from core.formats.roads import read_roads
 from core.formats.vectors import read_mask_polygons
-from core.geometry.crs import read_crs
+from core.geometry.crs import Bounds, read_crs
 from core.matching.patches import OpenPhoto
-from core.matching.reference import ReferenceFiles, open_reference
-from core.progress import Work
+from core.matching.reference import Reference, ReferenceFiles, open_reference
+from core.progress import Progress, Work
 from core.raster.scan_file import ScanFile
-from core.reference.junctions import find_junctions
-from core.reference.points import ReferenceFeatures, gather_reference_points
+from core.reference.junctions import Junction, find_junctions
 from core.reference.road_graph import planar_graph
+from core.reference.salient import TEMPLATE_PX, SalientPoint, find_salient_points
+
+# design: 12 x 12 places are enough to orient a photo where only one in four is found.
+CELLS_ACROSS = 12
+"""Cells along the shorter side of a photo in which points are wanted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferencePoints:
+    """Points of the reference to be found in the photos, as parallel arrays."""
+
+    ids: tuple[str, ...]
+    """Names."""
+    positions: ObjectPoints
+    """Where they are, metres."""
+    sigma_m: ObjectPoints
+    """Standard deviations per axis, metres, change between the epochs included."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceFeatures:
+    """The points of the reference, and where each comes from."""
+
+    points: ReferencePoints
+    """Places and accuracies."""
+    sources: dict[str, Source]
+    """Junction or salient, by name."""
+    doubts: tuple[Doubt, ...] = ()
+    """Road layers that give nothing here."""
 
 
 def find_reference_points(
@@ -59,3 +91,61 @@ def find_reference_points(
         reference, junctions, bounds, float(width), gsd, mask, work.progress, work.mapper
     )
     return replace(features, doubts=roads.notes)
+
+
+def gather_reference_points(
+    reference: Reference,
+    junctions: tuple[Junction, ...],
+    bounds: Bounds,
+    photo_width_m: float,
+    gsd_m: float,
+    mask: BaseGeometry | None,
+    progress: Progress,
+    mapper: Callable[..., Iterable[Any]] = map,
+) -> ReferenceFeatures:
+    """Junctions with a height, and salient points where junctions are missing or few.
+
+    Args:
+        reference: Ortho and heights.
+        junctions: Road junctions within the block.
+        bounds: West, south, east, north of the block, metres.
+        photo_width_m: Shorter side of a photo on the ground, metres.
+        gsd_m: Ground sample distance of the scans, metres.
+        mask: Area where nothing may be matched.
+        progress: Told as the ortho is looked through.
+        mapper: Runs a function over parts of the ortho.
+    """
+    # Sizes in steps, so that a georeference whose scale is a little off leads to the same points.
+    finest = reference.ortho.ground_sample_distance_m
+    gsd = finest * in_steps(max(gsd_m / finest, 1.0))
+    template_m = TEMPLATE_PX * gsd
+    # design: templates of neighbours overlap by a quarter at most.
+    spacing = template_m * in_steps(max(photo_width_m / CELLS_ACROSS / template_m, 0.75))
+    places = np.array([junction.position[:2] for junction in junctions]).reshape(-1, 2)
+    salient = find_salient_points(
+        reference, bounds, spacing,
+        gsd_m=gsd, existing=places, mask=mask, progress=progress, mapper=mapper,
+    )  # fmt: skip
+    return joined(junctions, salient)
+
+
+def in_steps(ratio: float) -> float:
+    """The power of a fourth root of two that is nearest to a ratio."""
+    return float(2 ** (np.round(4 * np.log2(ratio)) / 4))
+
+
+def joined(junctions: tuple[Junction, ...], salient: tuple[SalientPoint, ...]) -> ReferenceFeatures:
+    """Both kinds as parallel arrays; a name given twice is taken once."""
+    sources: dict[str, Source] = {}
+    rows: list[tuple[np.ndarray, np.ndarray]] = []
+    for junction in junctions:
+        if junction.junction_id not in sources:
+            sources[junction.junction_id] = "junction"
+            rows.append((junction.position, junction.sigma_m))
+    for point in salient:
+        if point.point_id not in sources:
+            sources[point.point_id] = "salient"
+            rows.append((point.position, point.sigma_m))
+    positions = np.array([row[0] for row in rows]).reshape(-1, 3)
+    sigma = np.array([row[1] for row in rows]).reshape(-1, 3)
+    return ReferenceFeatures(ReferencePoints(tuple(sources), positions, sigma), sources)

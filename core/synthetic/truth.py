@@ -74,11 +74,6 @@ class ControlJudgement:
     distances_m: Mapping[tuple[str, str], float]
     """Distance of every one by (point, photo), metres."""
 
-    @property
-    def wrong_keys(self) -> tuple[tuple[str, str], ...]:
-        """(point, photo) of the wrong ones."""
-        return tuple(key for key, away in self.distances_m.items() if away > WRONG_M)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationJudgement:

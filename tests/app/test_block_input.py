@@ -9,7 +9,7 @@ import pytest
 from app.block_input import described, surveyed
 from app.project import read_project
 from core.errors import PhotogrammetryError
-from core.formats.control_points import ListedPoint
+from core.formats.csv_lists import ListedPoint
 
 
 def own_toml(tiny_block: Path, folder: Path, more: str = "") -> Path:

@@ -9,8 +9,8 @@ from core.formats.roads import read_roads
 from core.georeference.stage import Georeferenced
 from core.progress import Silent, Work
 from core.reference.junctions import find_junctions
-from core.reference.points import ReferenceFeatures, gather_reference_points
 from core.reference.road_graph import planar_graph
+from core.reference.stage import ReferenceFeatures, gather_reference_points
 from core.results import BlockInput
 from core.scans.stage import ScanSet, orient_scans
 from core.synthetic.options import CRS

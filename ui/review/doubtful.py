@@ -15,7 +15,7 @@ from sessions.decisions import (
     Recorded,
     standing,
 )
-from sessions.judging import tie_at
+from sessions.replay import tie_at
 from ui.review.compare import DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.state import DeskState, DoubtReason, Extra, Key, Kind
 

@@ -10,7 +10,7 @@ import pytest
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Screen, SeatLeft, SeatTaken
 from sessions.decisions import Accept, AddPoint, JudgeTie, Reject
-from sessions.judging import judged
+from sessions.replay import judged
 from sessions.session import Session
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
 from ui.review.compare import made_with

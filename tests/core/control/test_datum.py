@@ -12,7 +12,7 @@ from core.geometry.consensus import ConsensusOptions
 from core.geometry.exterior import SimilarityInSpace
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 from core.synthetic.truth import judge_orientations
 
 ORIENTATION = OrientationOptions(template_half_px=30)

@@ -21,7 +21,7 @@ from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
 from core.progress import Work
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 from tests.tiny import ground_over
 
 HALF = 40

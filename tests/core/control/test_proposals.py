@@ -8,7 +8,7 @@ import pytest
 from core.block import Block, Measurement, Peak, Source, SurveyedPoint
 from core.control.proposals import judged, measurement_of, surveyed_of, with_proposals
 from core.control.search import Chance, ControlOptions, Search
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 OPTIONS = ControlOptions()
 PIXEL_M = 0.5

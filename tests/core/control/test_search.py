@@ -13,7 +13,7 @@ from core.control.search import (
 )
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 
 OPTIONS = ControlOptions()
 SMALL = OrientationOptions(template_half_px=30)

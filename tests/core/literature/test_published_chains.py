@@ -19,7 +19,7 @@ from core.literature.published_chains import (
 )
 from core.localisation.initial_orientation import Site
 from core.matching.patches import object_on_ground
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 from tests.tiny import true_ties
 
 

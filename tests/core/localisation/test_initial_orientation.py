@@ -11,7 +11,7 @@ from core.errors import OrientationError
 from core.geometry.resection import moved
 from core.localisation.initial_orientation import MIN_TIES, Site, carried_by_ties, stand_up
 from core.localisation.photo_orientation import OrientedPhoto
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 from core.synthetic.truth import judge_orientations
 from tests.tiny import true_ties
 

@@ -10,7 +10,7 @@ from core.geometry.resection import moved
 from core.localisation.joined_block import WeakControl, join_photos, weak_control
 from core.localisation.photo_orientation import OrientedPhoto
 from core.matching.local_search import Found
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 from core.synthetic.truth import judge_orientations
 from tests.tiny import ground_over, true_ties
 

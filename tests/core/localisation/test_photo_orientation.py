@@ -14,7 +14,7 @@ from core.localisation.photo_orientation import (
     widened,
 )
 from core.localisation.photo_placement import NARROW, PlacementOptions
-from core.reference.points import ReferencePoints
+from core.reference.stage import ReferencePoints
 from tests.core.localisation.test_photo_placement import astray_m, displaced
 
 QUICK = OrientationOptions(placements=(NARROW,))

@@ -8,7 +8,7 @@ import rasterio
 
 from core.errors import Cancelled
 from core.geometry.camera import Camera
-from core.orthos.rectification import OrthoOptions, footprint_of, read_ortho, rectify_photo
+from core.orthos.rectification import OrthoOptions, footprint_of, rectify_photo
 from core.raster.grid import Grid
 
 CRS = "EPSG:32633"
@@ -144,13 +144,6 @@ def test_footprint_is_where_the_ortho_is__truth(scene, middle, tmp_path):
     shown = product.covered_share * product.grid.columns * product.grid.rows * 0.36
     assert footprint.is_valid
     assert shown == pytest.approx(footprint.area, rel=0.01)
-
-
-def test_ortho_is_read_back_as_it_was__law(scene, middle, tmp_path):
-    product = rectify_photo(middle, scene.camera, scene.dem, 2.0, tmp_path / "o.tif", CRS)
-    again = read_ortho(product.path)
-    assert (again.photo_id, again.grid, again.nadir) == ("middle", product.grid, product.nadir)
-    assert again.covered_share == pytest.approx(product.covered_share, abs=0.02)
 
 
 def test_rectification_stops_when_asked__law(scene, middle, tmp_path):

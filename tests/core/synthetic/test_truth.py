@@ -98,7 +98,7 @@ def test_one_wrong_control_measurement_is_counted__truth(tiny_block):
     assert (judged.used, judged.wrong) == (10, 1)
     assert judged.wrong_share == pytest.approx(0.1)
     assert judged.rms_m < 0.01
-    assert judged.wrong_keys[0][0] == "P9"
+    assert max(judged.distances_m, key=judged.distances_m.__getitem__)[0] == "P9"
 
 
 def test_rejected_measurements_and_check_points_are_not_judged__truth(tiny_block):
