@@ -19,7 +19,6 @@ from ui.review.tiles import (
     scan_map,
     warped_tile,
 )
-from ui.web.tiles import Sources, TileStore
 
 PLAIN = Stretch(0.0, 255.0)
 
@@ -107,20 +106,6 @@ def test_the_stretch_leaves_half_a_per_cent_at_either_end_and_margins_out__law()
     stretch = fit_stretch(values)
     assert stretch.black == pytest.approx(50.2, abs=0.1)
     assert stretch.white == pytest.approx(89.8, abs=0.1)
-
-
-def test_tiles_of_even_contrast_fit_together__law(drawn):
-    tiny = tiny_block()
-    lattice = Lattice.over(tiny.land.today.bounds, 0.5)
-    store = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice))
-    left = store.scan(drawn, lattice.tile(0, 8, 6), True).astype(float)
-    right = store.scan(drawn, lattice.tile(0, 9, 6), True).astype(float)
-    within = np.abs(np.diff(left, axis=1)).mean()
-    between = np.abs(right[:, 0] - left[:, -1]).mean()
-    assert between < 2 * within + 2
-    assert store.ortho((0, 8, 6), True).shape == (TILE, TILE, 3)
-    assert store.raw(drawn, (0, 1, 1), True).shape == (TILE, TILE)
-    store.close()
 
 
 def test_the_small_ortho_shows_what_the_files_show__truth():

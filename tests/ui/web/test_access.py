@@ -1,0 +1,67 @@
+"""The lock: who knows the token comes in, from our own pages only."""
+
+import asyncio
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+
+from ui.web.access import Access, is_guest
+
+
+def test_addresses_carry_the_token_and_guests_get_another__law():
+    access = Access("0.0.0.0", "secret-token")
+    assert access.url(8765) == "http://127.0.0.1:8765/?token=secret-token"
+    assert "secret-token" not in access.guest_url(8765)
+    assert access.guest_token in access.guest_url(8765)
+    assert Access("localhost", "other").cookie != access.cookie
+
+
+@pytest.mark.parametrize(
+    ("listening", "asked", "ours"),
+    [
+        ("127.0.0.1", "127.0.0.1:8765", True),
+        ("127.0.0.1", "localhost:8765", True),
+        ("127.0.0.1", "[::1]:8765", True),
+        ("127.0.0.1", "evil.example:8765", False),
+        ("127.0.0.1", "192.168.1.7:8765", False),
+        ("0.0.0.0", "192.168.1.7:8765", True),
+        ("0.0.0.0", "evil.example:8765", False),
+    ],
+)
+def test_a_rebound_name_is_not_ours__truth(listening, asked, ours):
+    assert Access(listening).host_is_ours(asked) == ours
+
+
+def test_other_origins_are_not_ours__truth():
+    access = Access("127.0.0.1")
+    assert access.origin_is_ours(None, "127.0.0.1:1")
+    assert access.origin_is_ours("http://127.0.0.1:1", "127.0.0.1:1")
+    assert not access.origin_is_ours("http://127.0.0.1:2", "127.0.0.1:1")
+    assert not access.origin_is_ours("null", "127.0.0.1:1")
+
+
+def test_operators_and_guests_come_in_and_strangers_do_not__law():
+    access = Access("127.0.0.1", "secret-token")
+
+    async def who(request: web.Request) -> web.Response:
+        return web.Response(text="guest" if is_guest(request) else "operator")
+
+    async def visit() -> None:
+        application = web.Application(middlewares=[access.guard()])
+        application.add_routes([web.get("/", who), web.get("/page", who)])
+        async with TestServer(application) as server, TestClient(server) as client:
+            assert (await client.get("/page")).status == 401
+            assert (await client.get("/?token=guessed")).status == 401
+            for token, name in (("secret-token", "operator"), (access.guest_token, "guest")):
+                entered = await client.get(f"/?token={token}", allow_redirects=False)
+                assert (entered.status, entered.headers["Location"]) == (303, "/")
+                cookies = {access.cookie: token}
+                answer = await client.get("/page", cookies=cookies)
+                assert await answer.text() == name
+                assert answer.headers["X-Frame-Options"] == "SAMEORIGIN"
+            headers = {"Origin": "http://evil.example"}
+            refused = await client.get("/page", cookies=cookies, headers=headers)
+            assert refused.status == 403
+
+    asyncio.run(visit())

@@ -1,0 +1,114 @@
+"""The front: pages with their policy, texts in the browser's language, results to take away."""
+
+import http.client
+import json
+from dataclasses import replace
+
+import pytest
+
+from tests.ui.desk_block import tiny_block
+from ui.review.tiles import Lattice
+from ui.web.access import Access
+from ui.web.front import Front, FrontInputs, as_json
+from ui.web.tiles import Sources, TileStore
+from ui.words.catalogue import KEYS, words
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    tiny = tiny_block()
+    lattice = Lattice.over(tiny.land.today.bounds, 1.0)
+    tiles = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice))
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "report.html").write_text("<p>report</p>")
+    (results / "control_points.csv").write_text("point_id")
+    (results / "secret.key").write_text("k")
+    (results / "link.csv").symlink_to("/etc/hostname")
+    yield FrontInputs(Access("127.0.0.1", "t" * 32), None, tiles, None, {"name": "kobyli"}, results)
+    tiles.close()
+
+
+class Visitor:
+    """Somebody with the token."""
+
+    def __init__(self, inputs: FrontInputs) -> None:
+        self.front = Front(inputs, "127.0.0.1", 0)
+        self.front.start()
+        self.cookie = f"{inputs.access.cookie}={inputs.access.token}"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.front.close()
+
+    def get(self, path: str, **headers: str):
+        connection = http.client.HTTPConnection("127.0.0.1", self.front.port, timeout=10)
+        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        connection.request("GET", path, headers={"Cookie": self.cookie, **given})
+        answer = connection.getresponse()
+        body = answer.read().decode()
+        connection.close()
+        return answer, body
+
+
+@pytest.mark.parametrize(
+    ("chosen", "accepted", "language"),
+    [("", "cs-CZ,cs;q=0.9", "cs"), ("", "de", "en"), ("en", "cs", "en"), ("cs", "", "cs")],
+)
+def test_texts_are_in_the_language_chosen_or_else_the_browsers__law(
+    inputs, chosen, accepted, language
+):
+    with Visitor(replace(inputs, language=chosen)) as visitor:
+        start = json.loads(visitor.get("/start", Accept_Language=accepted)[1])
+    assert start["language"] == language
+    assert start["words"] == words(language)
+    assert start["keys"] == [list(pair) for pair in KEYS]
+    assert (start["name"], start["guest"]) == ("kobyli", False)
+
+
+def test_pages_have_their_policy_and_nothing_else_is_served__law(inputs):
+    with Visitor(inputs) as visitor:
+        page, body = visitor.get("/")
+        assert "default-src 'self'" in page.headers["Content-Security-Policy"]
+        assert "desk.js" in body
+        assert visitor.get("/pages/desk.css")[0].headers["Content-Type"].startswith("text/css")
+        for path in ("/pages/none.js", "/pages/..%2Ffront.py", "/pages/front.py", "/scene/x/"):
+            assert visitor.get(path)[0].status == 404, path
+
+
+def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs):
+    with Visitor(inputs) as visitor:
+        listed = json.loads(visitor.get("/results/")[1])
+        assert [name for name, _ in listed] == ["report.html", "control_points.csv"]
+        report, _ = visitor.get("/results/report.html")
+        assert "default-src 'none'" in report.headers["Content-Security-Policy"]
+        table, body = visitor.get("/results/control_points.csv")
+        assert (body, table.headers["Content-Disposition"].split(";")[0]) == (
+            "point_id", "attachment",
+        )  # fmt: skip
+        for name in ("secret.key", "link.csv", "..%2Fblock.toml"):
+            assert visitor.get(f"/results/{name}")[0].status == 404, name
+
+
+def test_a_seat_is_given_and_an_own_one_is_kept__law(inputs):
+    with Visitor(inputs) as visitor:
+        fresh = json.loads(visitor.get("/start")[1])["seat"]
+        assert len(fresh) >= 6
+        kept = json.loads(visitor.get("/start?seat=seat-number-1&own=1")[1])["seat"]
+        assert kept == "seat-number-1"
+        assert json.loads(visitor.get("/start?seat=%3Cb%3E&own=1")[1])["seat"] != "<b>"
+
+
+def test_a_port_that_is_taken_is_an_error__law(inputs):
+    with Visitor(inputs) as visitor:
+        other = Front(inputs, "127.0.0.1", visitor.front.port)
+        with pytest.raises(OSError, match="in use"):
+            other.start()
+
+
+def test_json_knows_no_nan__law():
+    assert as_json({"a": "\u010d", "b": [1]}) == '{"a":"\u010d","b":[1]}'
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        as_json(float("nan"))

@@ -1,0 +1,88 @@
+"""Tiles over HTTP: drawn once, kept, and fitting together."""
+
+import asyncio
+
+import cv2
+import numpy as np
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+
+from tests.ui.desk_block import CAMERA, tiny_block, true_photos
+from ui.review.compare import DrawnPhoto
+from ui.review.tiles import TILE, Lattice
+from ui.web.tiles import Sources, TileStore, as_veil, encoded_tile, tile_routes
+
+
+@pytest.fixture(scope="module")
+def drawn() -> DrawnPhoto:
+    photo = true_photos(1200, tiny_block().land.dem)["1938_01_015"]
+    return DrawnPhoto(photo, CAMERA, 1)
+
+
+@pytest.fixture
+def store():
+    tiny = tiny_block()
+    lattice = Lattice.over(tiny.land.today.bounds, 0.5)
+    made = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice))
+    yield made
+    made.close()
+
+
+def test_tiles_of_even_contrast_fit_together__law(drawn):
+    tiny = tiny_block()
+    lattice = Lattice.over(tiny.land.today.bounds, 0.5)
+    store = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice))
+    left = store.scan(drawn, lattice.tile(0, 8, 6), True).astype(float)
+    right = store.scan(drawn, lattice.tile(0, 9, 6), True).astype(float)
+    within = np.abs(np.diff(left, axis=1)).mean()
+    between = np.abs(right[:, 0] - left[:, -1]).mean()
+    assert between < 2 * within + 2
+    assert store.ortho((0, 8, 6), True).shape == (TILE, TILE, 3)
+    assert store.raw(drawn, (0, 1, 1), True).shape == (TILE, TILE)
+    store.close()
+
+
+def test_a_tile_is_drawn_once_and_then_kept__law(store):
+    drawings = []
+
+    def draw():
+        drawings.append(1)
+        return np.full((TILE, TILE), 77, np.uint8)
+
+    async def ask():
+        return [await store.tile("/tiles/x", draw) for _ in range(3)]
+
+    first, *others = asyncio.run(ask())
+    assert all(other == first for other in others)
+    assert len(drawings) == 1
+
+
+def test_an_encoded_tile_has_the_colours_it_was_given__oracle():
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[..., 0] = 200
+    read = cv2.imdecode(np.frombuffer(encoded_tile(picture), np.uint8), cv2.IMREAD_COLOR)
+    assert np.abs(read[..., ::-1].astype(int) - picture).max() < 6
+
+
+def test_a_veil_is_clear_where_nothing_is_alike_and_dense_at_the_peak__oracle():
+    values = np.zeros((32, 32))
+    values[10, 20] = 1.0
+    read = cv2.imdecode(np.frombuffer(as_veil(values), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert read[0, 0, 3] == 0
+    assert read[10, 20, 3] > 200
+
+
+def test_addresses_beyond_reason_are_not_there__law(store, drawn):
+    store.publish({"a": drawn})
+
+    async def visit():
+        application = web.Application()
+        application.add_routes(tile_routes(store))
+        async with TestServer(application) as server, TestClient(server) as client:
+            there = await client.get("/tiles/ortho/0/8/6")
+            assert (there.status, there.content_type) == (200, "image/jpeg")
+            for path in ("/tiles/ortho/99/0/0", "/tiles/ortho/0/9999999999/0"):
+                assert (await client.get(path)).status == 404, path
+
+    asyncio.run(visit())
