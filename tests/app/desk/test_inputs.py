@@ -1,0 +1,97 @@
+"""What the desk begins with: sizes, orientations and the secret that a page is let in by."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from app.desk.inputs import (
+    Adjusting,
+    first_snapshot,
+    first_state,
+    lasting_token,
+    ortho_orientations,
+    same_results,
+    template_m,
+)
+from core.adjustment.adjusted import AdjustmentOptions
+from core.localisation.photo_orientation import OrientationOptions
+from tests.ui.desk_block import OPTIONS, desk_inputs, tiny_block, tiny_snapshot
+
+
+def test_the_secret_lasts_and_is_the_owners_alone__law(tmp_path: Path):
+    first = lasting_token(tmp_path)
+    assert len(first) >= 32
+    assert lasting_token(tmp_path) == first
+    assert (tmp_path / "desk-token").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize("spoilt", [b"short", b"\xff\xfe\x00"])
+def test_a_spoilt_secret_is_made_anew__law(tmp_path: Path, spoilt: bytes):
+    (tmp_path / "desk-token").write_bytes(spoilt)
+    fresh = lasting_token(tmp_path)
+    assert len(fresh) >= 32
+    assert lasting_token(tmp_path) == fresh
+
+
+def test_a_template_is_as_wide_as_its_pixels_on_the_ground__truth():
+    block, options = tiny_block().block, OrientationOptions()
+    photo = next(iter(block.photos.values()))
+    pixel = photo.ground_pixel_m(block.camera_of(photo.photo_id))
+    half = template_m(block, 0.5, options)
+    reduction = max(1, round(max(options.finest_gsd_m, pixel, 0.5) / pixel))
+    assert half == pytest.approx(options.template_half_px * reduction * pixel, rel=0.05)
+    assert template_m(replace(block, photos={}), 0.5, options) == 0
+
+
+def test_cameras_stay_fixed_where_the_block_says_so__law():
+    adjusting = Adjusting(OPTIONS)
+    adjusting.choose(cameras=True, robust=True)
+    assert adjusting._options == replace(OPTIONS, robust=True)
+    free = Adjusting(AdjustmentOptions(estimate_cameras=True))
+    free.choose(cameras=False, robust=False)
+    assert not free._options.estimate_cameras
+    free.choose(cameras=True, robust=False)
+    assert free._options.estimate_cameras
+
+
+def test_the_chosen_adjustment_is_the_engines__oracle():
+    tiny = tiny_block().block
+    found = Adjusting(OPTIONS)(tiny)
+    assert found.sigma_nought == tiny_snapshot().state.report.sigma_nought
+
+
+def test_another_status_is_another_result__law():
+    report = tiny_snapshot().state.report
+    assert same_results(report, report)
+    assert not same_results(report, replace(report, sigma_nought=report.sigma_nought + 1e-9))
+    key, item = next(iter(report.block.measurements.items()))
+    other = report.block.with_measurement(replace(item, status="dubious"))
+    assert key in other.measurements
+    assert not same_results(report, replace(report, block=other))
+
+
+def test_orthos_that_were_kept_remember_their_orientation__law():
+    block = tiny_snapshot().state.report.block
+    name, other = list(block.photos)[:2]
+    photo = block.photos[name]
+    exterior = replace(photo.exterior, centre=photo.exterior.centre + np.ones(3))
+    kept = (photo.with_exterior(exterior, True), block.camera_of(name))
+    latest = Mock(side_effect={f"made-with/{name}": kept}.get)
+    session = SimpleNamespace(products=SimpleNamespace(latest_value=latest))
+    made = ortho_orientations(session, block)
+    assert made[name] is kept
+    assert made[other] == (block.photos[other], block.camera_of(other))
+
+
+def test_the_desk_opens_on_the_block_as_it_was_adjusted__law(tmp_path: Path):
+    inputs = desk_inputs(tmp_path)
+    state, snapshot = first_state(inputs), first_snapshot(inputs)
+    assert state.report is inputs.report
+    assert set(state.made) == set(inputs.block.photos)
+    assert snapshot.base is inputs.block
+    assert set(snapshot.drawn) == set(inputs.block.photos)
+    inputs.session.close()

@@ -1,0 +1,57 @@
+"""The open desk: its parts are joined, its page is told what it needs, its port is its own."""
+
+import http.client
+import json
+from dataclasses import replace
+
+import pytest
+
+from app.desk.wiring import open_desk
+from core.errors import PhotogrammetryError
+from tests.ui.desk_block import desk_inputs, tiny_block
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    made = desk_inputs(tmp_path, language="cs", token="t" * 32)
+    yield made
+    made.session.close()
+
+
+def told(port: int, path: str, cookie: str) -> dict:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path, headers={"Cookie": cookie})
+    answer = connection.getresponse()
+    assert answer.status == 200
+    found = json.loads(answer.read())
+    connection.close()
+    return found
+
+
+def test_a_page_is_told_what_it_needs_once__law(inputs):
+    with open_desk(inputs) as desk:
+        cookie = f"{desk._access.cookie}={'t' * 32}"
+        start = told(desk.port, "/start", cookie)
+        assert desk.url.endswith("t" * 32)
+        assert desk.guest_url != desk.url
+    assert start["language"] == "cs"
+    assert start["photos"] == list(tiny_block().block.photos)
+    assert start["lattice"]["levels"] > 1
+    # Scan pixels are 1.18 m on the ground, the ortho's 0.5 m: tiles are as fine as the finer.
+    assert start["lattice"]["pixel"] == pytest.approx(0.5, rel=0.01)
+    assert (start["results"], start["free"]) == (False, False)
+
+
+def test_a_port_that_is_taken_is_told_with_the_remedy__law(inputs, tmp_path):
+    with open_desk(inputs) as desk:
+        other = replace(desk_inputs(tmp_path / "other"), port=desk.port)
+        with pytest.raises(PhotogrammetryError, match="--port"):
+            open_desk(other)
+        other.session.close()
+
+
+def test_a_closed_desk_is_closed_once__law(inputs):
+    desk = open_desk(inputs)
+    desk.close()
+    desk.close()
+    desk.wait()
