@@ -31,8 +31,10 @@ from core.matching.template_search import (
     cosine_scores,
 )
 
+# source: CFOG of Ye et al. 2019: nine orientations, smoothed by 0.8 px.
 CHANNELS = 9
 """Orientations of CFOG."""
+# source: the same.
 CFOG_SIGMA_PX = 0.8
 
 
@@ -166,6 +168,8 @@ def oriented_channels(image: Image) -> Description:
         cv2.accumulateSquare(channel, energy)
     mean /= np.float32(CHANNELS)
     length = np.sqrt(energy)
+    # design: where edges are a hundredth of the usual length or less, directions are noise and
+    # should not count as much as those of edges.
     length += np.float32(1e-2) * length.mean() + np.float32(1e-6)
     energy[:] = 0
     for channel in channels:

@@ -16,22 +16,32 @@ from jaxtyping import Float32, Int, UInt8
 from core.matching.peaks import ScoreMap
 from core.matching.template_search import Description, Field, Image, Template, TemplateField
 
+# source: Lowe 2004, section 6.1.
 ORIENTATIONS, BINS = 8, 4
 """Orientations and bins a side of a SIFT descriptor."""
+# source: Lowe 2004, section 3.3: smoothed to 1.6 px, a picture being sharp to 0.5 px.
 SIFT_SMOOTHED_PX = float(np.sqrt(1.6**2 - 0.5**2))
+# source: Lowe 2004, section 6.1.
 MOST = np.float32(0.2)
 """No value of a descriptor of unit length counts for more, so that no single edge rules it."""
+# design: keeps the division finite where nothing has a gradient.
 DULL = np.float32(1e-6)
+# source: Rublee et al. 2011, section 4: patches of 31 pixels.
 ORB_SIDE_PX = 31
 """The pattern of ORB spans so many pixels; it is stretched over the template."""
+# source: OpenCV's ORB, which smooths so before it compares pixels.
 ORB_SMOOTHED_SIDE_PX, ORB_SMOOTHED_PX = 7, 2.0
 """Smoothing of ORB: side and standard deviation of its Gaussian, stretched with the pattern."""
+# source: Rublee et al. 2011, section 4: 256 comparisons.
 BITS = 256
+# design: twice half of ORB_SIDE_PX and a little, so that no pixel of the pattern is missed.
 REACH_PX = 32
 """No pixel of the pattern lies so far along the lines it is asked along."""
+# source: OpenCV's AKAZE; 2 * 10 * 0.75 * 2.67 = 40.
 AKAZE_SIDE_PX, AKAZE_SIZE = 40, 2.67
 """Template and window are brought to a scale at which AKAZE spans so many pixels, its pattern
 reaching ten steps of 0.75 sizes to either side."""
+# design: beyond any distance of two descriptors.
 FAR = 1e6
 
 Gray8 = UInt8[np.ndarray, "rows columns"]
@@ -124,6 +134,7 @@ class AkazeOperator:
         akaze = library.AKAZE_create(descriptor_type=library.AKAZE_DESCRIPTOR_MLDB_UPRIGHT)
         scale = max(len(patch[0]) / AKAZE_SIDE_PX, 1.0)
         found = described_scores(akaze, around[0], patch[0], AKAZE_SIZE, scale)
+        # source: the full descriptor of AKAZE in OpenCV has 486 bits.
         return found / np.float32(486.0)
 
     def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
@@ -368,6 +379,9 @@ def described(
 
 def eight_bit(image: Image) -> Gray8:
     """Grey values stretched over eight bits."""
+    # design: one pixel in a hundred may be brighter or darker than film shows ground: dust and
+    # scratches must not compress the rest.
     low, high = (float(v) for v in np.percentile(image[::2, ::2], (0.5, 99.5)))
+    # design: keeps the division finite on flat ground.
     stretched = (image - low) * (255.0 / max(high - low, 1e-3))
     return np.clip(np.rint(stretched), 0, 255).astype(np.uint8)

@@ -35,13 +35,19 @@ from core.geometry.relative import (
 )
 from core.ties.matches import ray_pairs
 
+# design: twice the six points of the textbook's model (von Gruber), so that a wrong one shows.
 LEAST_COMMON = 12
 """Two photos with fewer common points are no model."""
+# design: refined ties are good to a third of a pixel and control to one, so that four pixels keep
+# all good points; ten agreeing points are twice the five that fix a pair.
 OPTIONS = RelativeOptions(tolerance_px=4.0, min_inliers=10)
 """Points are measured by now, and their errors known: wrong ones stand far out."""
+# design: an upper limit; STILL_M ends the adjustment.
 PASSES = 8
+# design: far below what any method reaches on the ground.
 STILL_M = 1e-4
 """The adjustment ends when no model is shifted by more, metres."""
+# design: a ten-thousandth of their weight; it fixes what would else be singular.
 SOFT = 100.0
 """So much less than their priors say approximate perspective centres count."""
 Placed = dict[int, Position]

@@ -43,9 +43,13 @@ Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
 NCC = NccOperator()
 NAMED = {"junction"}
 """Both chains know nothing but junctions."""
+# source: six points give twelve equations for eleven parameters.
 SAMPLE = 6
+# source: definition of the direct linear transformation.
 PARAMETERS = 11
+# design: memory; two megabytes for every hundred candidates.
 BATCH = 2000
+# design: the thesis could not use a DLT at Milovice, with 20 m of relief at most.
 LEAST_RELIEF = 0.02
 """Below this share of the flying height the relief does not determine the parameters."""
 Agreeing = Int[np.ndarray, "agreeing"]
@@ -58,8 +62,10 @@ Models = Float64[np.ndarray, "samples 11"]
 class RansacOptions:
     """The plain RANSAC of the thesis (script 7)."""
 
+    # source: thesis, Table 6.
     samples: int = 100_000
     """Samples of six points."""
+    # source: thesis, Table 6: 4 m at 1 m a pixel.
     threshold_px: float = 4.0
     """A point agrees when the model puts it closer than this, pixels."""
 
@@ -68,32 +74,45 @@ class RansacOptions:
 class PublishedOptions:
     """The parameters of one chain (thesis, Table 6; chapter 2.3)."""
 
+    # source: thesis, Table 6.
     gsd_m: float = 1.0
     """Ground sample distance of scan and ortho, metres."""
+    # source: thesis, Table 6.
     template: float = 51.0
     """Side of the patch, metres; pixels where `in_pixels`."""
+    # source: thesis, Table 6, photos of 1938.
     window: float = 110.0
     """Side of the searched area, template included, metres or pixels."""
     in_pixels: bool = False
     """Whether template and window are given in pixels."""
+    # source: thesis, Table 6.
     best: int = 5
     """So many of the best pixels are candidates; neighbours are joined."""
+    # source: thesis, Table 6, photos of 1938.
     least_ncc: float = 0.4
     """Correlation a pixel has at least."""
+    # source: thesis, Table 6.
     border_m: float = 5.0
     """Nothing is taken closer to the border of the picture, metres."""
+    # source: thesis, Table 6, photos of 1938.
     ransac_m: float | None = 4.0
     """Threshold of RANSAC with the DLT, metres; None leaves it to the adjustment."""
+    # source: thesis, Table 6.
     samples: int = 100_000
     """Samples of RANSAC."""
+    # source: thesis: Campari with GCP=[3 m, 5.22 px].
     sigma_m: float = 3.0
     """Standard deviation of control per axis in the adjustment, metres."""
+    # source: the same.
     sigma_px: float = 5.22
     """Standard deviation of its measurement, pixels."""
 
 
 MILOVICE_1938 = PublishedOptions()
+# source: thesis, Table 6, photos of 1984.
 KOBYLI_1984 = PublishedOptions(window=160.0, least_ncc=0.45, ransac_m=2.0)
+# source: thesis, chapter 2.3, on Höhle and Potůčková 2001: sizes and limit. design: it gives no
+# standard deviations; a metre and a pixel are usual.
 HOEHLE_2001 = PublishedOptions(
     template=31.0, window=61.0, in_pixels=True, best=1, least_ncc=0.7, ransac_m=None,
     sigma_m=1.0, sigma_px=1.0,
@@ -218,6 +237,7 @@ def joined_pixels(scores: ScoreMap, options: PublishedOptions) -> list[tuple[flo
     rows, columns = np.unravel_index(order, scores.shape)
     high = scores[rows, columns] >= options.least_ncc
     chosen[rows[high], columns[high]] = 1
+    # source: thesis, Table 6: clusters in the neighbourhood of eight.
     count, labels = cv2.connectedComponents(chosen, connectivity=8)
     clusters: list[tuple[float, float, float]] = []
     for label in range(1, count):
@@ -300,6 +320,7 @@ def agreeing_points(
 def conditioned(points: Float64[np.ndarray, "n axes"]) -> Float64[np.ndarray, "n axes"]:
     """Coordinates about their mean in units of their common spread."""
     centred = points - points.mean(axis=0)
+    # design: keeps the division finite where all points are one.
     return centred / max(float(np.std(centred)), 1e-12)
 
 
@@ -310,12 +331,14 @@ def solved(
     count = len(ground)
     design = np.zeros((count, 12, PARAMETERS))
     for axis in range(2):
+        # source: six points, two equations each.
         rows = slice(axis, 12, 2)
         design[:, rows, 4 * axis : 4 * axis + 3] = ground
         design[:, rows, 4 * axis + 3] = 1.0
         design[:, rows, 8:] = -image[:, :, axis : axis + 1] * ground
     right = image.reshape(count, 12, 1)
     normal = np.swapaxes(design, 1, 2) @ design
+    # design: coordinates are of unit spread, so that it only keeps singular samples solvable.
     normal += 1e-12 * np.eye(PARAMETERS)
     return np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ right)[:, :, 0]
 
@@ -326,6 +349,7 @@ def distances(
     """Distance between where every model puts every point and where it is."""
     whole = np.column_stack([ground, np.ones(len(ground))])
     depth = models[:, 8:] @ ground.T + 1.0
+    # design: a point in the plane of the camera has no place in the picture.
     depth = np.where(np.abs(depth) < 1e-9, np.nan, depth)
     across = (models[:, :4] @ whole.T) / depth - image[:, 0]
     down = (models[:, 4:8] @ whole.T) / depth - image[:, 1]

@@ -33,9 +33,12 @@ from core.literature.independent_models import (
     known_places,
 )
 
+# design: the weights settle within the steps; from metres away the resection needs fewer.
 STEPS = 8
 FAR = 3.0  # design: beyond 3 sigma a good coordinate is one in four hundred.
 """At this many robust standard deviations a coordinate has half its weight."""
+# design: the polynomial in plan has six unknowns, two a point, that in height five; with fewer than
+# eight points it would bend to their errors.
 QUADRATIC = 8
 """So many known points along a strip allow it to be bent; fewer only to be shifted and turned."""
 Left = Float64[np.ndarray, "left 3"]

@@ -24,10 +24,14 @@ from core.raster.ortho import Ortho
 
 AngleField = Complex64[np.ndarray, "rows columns"]
 """Doubled gradient angles as complex numbers, 0 where nothing is known."""
+# design: a photo covers two fifths of a grid that holds it however it is turned; an eighth of that
+# is no picture.
 LEAST_COVER = 0.05
 """A trial whose picture fills less of its grid than this says nothing."""
+# design: far below the likeness by chance, above rounding.
 NOTHING = 1e-6
 """Likeness no better than this is that of blank ground."""
+# design: half the width of a peak at this coarseness, whose edges span two or three pixels.
 APART_PX = 4
 """Two shifts of one turn and scale are further apart than this in one direction."""
 
@@ -53,6 +57,8 @@ class Turn:
         """Whether two put a picture of a width to about the same place, whatever their scale."""
         shift = np.hypot(self.east_m - other.east_m, self.north_m - other.north_m)
         turned = abs(np.angle(np.exp(1j * (self.kappa - other.kappa))))
+        # design: nearer ones lead the coarse pass, which searches up to 120 of 1,400 px, to one
+        # place; a tenth of a radian moves the rim by a twentieth of the width.
         return bool(shift <= 0.05 * width_m and turned <= 0.1)
 
     def moved(
@@ -112,6 +118,7 @@ class Backdrop:
         inside = self.mask[whole, whole].astype(np.float32)
         share = cv2.resize(inside, size, interpolation=cv2.INTER_AREA)
         known = np.where(inside > 0, self.values[whole, whole], 0).astype(np.float32)
+        # design: keeps the division finite where nothing is known.
         mean = cv2.resize(known, size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)
         grid = Grid(self.grid.west, self.grid.north, gsd, side, side)
         return Backdrop(grid, np.asarray(mean, np.float32), np.asarray(share) > 0.5)
@@ -184,7 +191,8 @@ class Level:
         under: Any = fft.irfft2(self.energy * covered, self.shape)
         own = float(np.sum(np.abs(template) ** 2))
         under = under[:reach, :reach]
-        # Ground that is nearly blank, or hardly there, must not make any likeness look great.
+        # design: three tenths of the greatest energy; without a floor blank ground and the rim
+        # would look alike to anything.
         under = np.maximum(under, 0.3 * float(np.max(under)) + 1e-6)
         return np.asarray(np.real(common[:reach, :reach]) / np.sqrt(own * under), np.float32)
 
@@ -210,6 +218,7 @@ def turned(laid: Laid, kappa: float, scale: float) -> tuple[AngleField, Mask]:
     angles = np.ascontiguousarray(laid.field).view(np.float32).reshape(rows, columns, 2)
     parts = np.dstack([angles, laid.mask.astype(np.float32)])
     parts = np.asarray(cv2.warpAffine(parts, matrix, (columns, rows)), np.float32)
+    # design: rounding of the resampling; less is a pixel that the rim has touched.
     mask = parts[:, :, 2] > 0.99
     field = (parts[:, :, 0] + 1j * parts[:, :, 1]) * mask * np.exp(-2j * kappa)
     return np.asarray(field, np.complex64), np.asarray(mask)

@@ -18,16 +18,22 @@ from core.matching.template_search import Description, Image, channel_scores
 
 Features = Float32[np.ndarray, "channels rows columns"]
 LEARNED = "learned"
+# design: memory: a tile of 1,600 pixels takes 330 MB at 32 channels.
 MOST_CHANNELS = 32
 """More would not fit: a tile of the scan and of the ortho are held for each worker."""
+# design: memory: bands keep what a network holds in between to some hundred megabytes.
 BAND_PX = 256
 """So many rows at a time, so that what the network holds in between stays small."""
+# design: more than the receptive field of the usual networks for dense features at full size.
 MARGIN_PX = 64
 """What lies further away has no part in a feature; beyond the rim the picture is mirrored."""
+# design: networks that halve their picture five times at most.
 STEP_PX = 32
 """Sides of what the network is given are multiples of this: some halve their picture often."""
+# design: OpenCV correlates interleaved pictures of a few channels in one go.
 GROUP = 3
 """Channels that are correlated in one go."""
+# design: keeps the division finite.
 SMALL = np.float32(1e-6)
 FORM = (
     f"It must take one grey channel (1, 1, rows, columns), from 0 to 1, to at most {MOST_CHANNELS} "
@@ -77,7 +83,10 @@ def described(file: Path, image: Image) -> Description:
     """
     network = read_network(file)
     rows, columns = image.shape
+    # design: one pixel in a hundred may be brighter or darker than film shows ground: dust and
+    # scratches must not compress the rest.
     low, high = (float(v) for v in np.percentile(image[::2, ::2], (0.5, 99.5)))
+    # design: keeps the division finite on flat ground.
     grey = np.clip((image - np.float32(low)) / np.float32(max(high - low, 1e-3)), 0, 1)
     more = (-(rows + 2 * MARGIN_PX) % STEP_PX, -(columns + 2 * MARGIN_PX) % STEP_PX)
     padded = cv2.copyMakeBorder(

@@ -24,18 +24,27 @@ Pixel = Float64[np.ndarray, "2"]
 """One place, column and row."""
 Slices = tuple[slice, slice]
 """Rows and columns of a window."""
+# design: memory: fifteen layers, of which the two usual operators' descriptions consist, take 150
+# MB.
 TILE_PX = 1536
+# design: edges are smoothed by 1.2 px, so that two maxima closer than this are one.
 SEPARATION_PX = 4
 """No two peaks of a surface, and no peak and its rim, are closer than this (window pixels)."""
+# design: less than half a vote, so that grey values alone never outvote the edges.
 NCC_TRUST = 0.4
 """Vote of a grey-value peak that the gradients do not share: crowns and shadows move all grey
 values of a wood together, so that such peaks agree with each other and are wrong."""
+# design: wider ones are ridges, whose place along them is chance.
 DULL = 3.0
 """A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""
+# design: a hole of a tenth leaves a template most of its edges.
 LEAST_KNOWN = 0.9
 """Share of a template on which the reference is known at least."""
+# design: more than half of what is compared must be ground.
 LEAST_USABLE = 0.6
 """Share of it on which the scan is photograph: a picture may end within a template."""
+# design: right peaks scatter by half a pixel (METHODS 4.3); three deviations of the difference of
+# two that scatter a little more.
 SAME_PLACE_PX = 2.5
 """Peaks of two operators closer than this (window pixels) are one candidate."""
 
@@ -44,16 +53,23 @@ SAME_PLACE_PX = 2.5
 class MatchingOptions:
     """Sizes of one pass, in pixels of the reduced scan."""
 
+    # design: as scanned.
     reduction: int = 1
     """Scan pixels to one pixel of the pass."""
+    # design: windows of 51 to 101 px are safe after warping (METHODS 4.2).
     template_half_px: int = 30
     """The template is 2 n + 1 pixels wide."""
+    # design: the truth is among the best peaks of several operators far more often than it is the
+    # best of one (METHODS 4.3).
     peaks: int = 2
     """Peaks kept of each operator."""
+    # design: 99 % of normal errors in the plane.
     search_sigmas: float = 3.0
     """Half-width of the search in standard deviations of the prediction."""
+    # design: twice SEPARATION_PX: a peak needs a rim, and chance some room to show itself.
     min_search_px: int = 8
     """Smallest half-width of the search."""
+    # design: time grows with the square; beyond, chance finds higher peaks than the truth.
     max_search_px: int = 120
     """Largest half-width of the search."""
     operators: tuple[Operator, ...] = USUAL
@@ -344,4 +360,6 @@ def candidates_of(found: list[Found], sigma_ground_px: Scalars, floor_px: float)
 
 def reduction_for(opened: OpenPhoto, gsd_m: float) -> int:
     """Whole reduction of a scan that comes closest to a ground sample distance from below."""
+    # design: up to a quarter of a scan pixel coarser than asked for, rather than nearly twice as
+    # fine.
     return max(1, int(np.floor(gsd_m / opened.ground_pixel_m + 0.25)))

@@ -24,16 +24,24 @@ from core.matching.template_search import (
     sum_of_products,
 )
 
+# design: less than a pixel takes grain away and leaves edges (METHODS 4.2).
 GRAIN_SIGMA_PX = 0.7
+# design: edges of scan and ortho become of nearly one width (METHODS 4.1).
 GRADIENT_SIGMA_PX = 1.2
+# design: a Gaussian of five pixels changes little from one pixel to the next.
 REDUCED_SIGMA_PX = 5.0
 """A wide mean is found on an image so far reduced that it still spans this many pixels."""
+# design: a metre or two: maps draw the axis, and the width is that of a class.
 VERGE_PX, FADE_PX = 2.0, 3.0
 """A drawn road is compared to so many pixels beyond its edges, and fades out over so many more."""
+# source: exp(-3.03 squared / 2) = 0.01.
 FADED = 3.03
 """Beyond so many times `FADE_PX` less than a hundredth is left of it."""
+# design: both edges of a road across twenty pixels, a third of a template.
 LEAST_ROAD_PX = 40.0
 """With less of a road in the template there is nothing to compare."""
+# design: equal roads that cross at less than 32 degrees, or a side road of a thirteenth of all: the
+# peak is a ridge.
 MOST_STRAIGHT = 0.85
 """Where this share of all drawn edges runs one way, they say nothing of the place along it."""
 
@@ -143,6 +151,7 @@ def doubled_angle_field(image: Image) -> Field:
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
     across, along = right * right, down * down
     squared = across + along
+    # design: the flatter 60 % of the ground count for less than a half each (METHODS 4.1).
     tau_squared = float(np.percentile(squared[::3, ::3], 60)) + FLAT
     squared += np.float32(tau_squared)
     across -= along
@@ -217,6 +226,7 @@ def surroundings(image: Image, sigma_px: float) -> Image:
     """Gaussian mean about every place; where it is wide, found on a reduced image."""
     size = int(sigma_px / REDUCED_SIGMA_PX)
     rows, columns = image.shape
+    # design: with fewer reduced pixels to a side the rim would decide.
     if size < 2 or min(rows, columns) < 8 * size:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
     shape = (-(-columns // size), -(-rows // size))

@@ -26,25 +26,37 @@ Decoys = Float64[np.ndarray, "decoys"]
 """Heights of peaks that are certainly wrong."""
 Table = Float64[np.ndarray, "heights"]
 """One value for each height of GRID."""
+# design: four above the 90th percentile, whose mean excess is then known to a half.
 LEAST_DECOYS = 40
 """With fewer decoys nothing is known of chance."""
+# design: high enough for a tail, low enough to leave decoys in it.
 TAIL = 0.9
 """Above this quantile the heights of decoys fall off exponentially."""
+# measured: test_probability: with 30 or 120 rounds no probability differs by 0.0001.
 ROUNDS = 60
+# design: heights in steps of a twentieth of a deviation; those beyond take the values at the ends.
 GRID = np.linspace(-2.0, 30.0, 641)
 """Heights at which densities are tabulated."""
+# design: a third of a deviation smooths some hundred decoys without blurring their tail.
 BANDWIDTH = 0.35
+# design: the noise of the map is one deviation by itself, and beyond six right peaks would have any
+# height.
 HEIGHT_SIGMA = (0.8, 6.0)
 """Least and greatest standard deviation of the heights of right peaks."""
+# source: exp(-3 squared / 2) = 0.011 of a normal distribution in the plane lie beyond.
 GATE = 3.0
 """Right peaks lie within this many stated standard deviations (99 % of them)."""
+# design: stated deviations are right to within a half; beyond, chance peaks would widen them.
 WIDER = (0.6, 1.25)
 """Least and greatest factor on the stated standard deviations of distance."""
+# design: a verge, a lane or a row of trees is a metre or two wide.
 DISPLACED_M = 1.0
 """Standard deviation per axis of how far objects stand aside of where the map has them, metres:
 what lies further off than three of them is another object."""
+# design: one in five is a guess that the block replaces; most objects of a map are in their place.
 DISPLACED_SHARE, MOST_DISPLACED = 0.2, 0.5
 """Share of right ones that stand aside: where a block tells nothing of it, and at most."""
+# design: it weighs as four searches, nothing among the hundreds of a block.
 PRIOR_COUNT, PRIOR_SHARE = 4.0, 0.25
 """So many searches of which so many are right are added to those of the block, their peaks as high
 as one in twenty decoys: a few searches alone cannot say what right peaks look like."""
@@ -105,6 +117,7 @@ def probabilities(searches: Searches, mapped: bool = False) -> tuple[Scalars, Ca
     if len(searches.height) == 0 or len(searches.decoys) < LEAST_DECOYS:
         return np.zeros(len(searches.height)), None
     log_chance = log_clutter(searches.decoys, searches.decoy_area_m2)
+    # design: one in twenty decoys is as high: right peaks begin there.
     usual = float(np.quantile(searches.decoys, 0.95))
     moved = DISPLACED_SHARE if mapped else 0.0
     first = Calibration(0.5, usual + 1.0, 2.0, 1.0, moved, np.zeros_like(GRID))
@@ -122,13 +135,16 @@ def log_clutter(decoys: Decoys, area_m2: float) -> Table:
     so that a height never seen among decoys is rare and not impossible.
     """
     knee = float(np.quantile(decoys, TAIL))
+    # design: a tail no steeper than the steps of the grid can show.
     excess = max(float(np.mean(decoys[decoys > knee] - knee)), 0.1) if decoys.max() > knee else 0.1
     step = GRID[1] - GRID[0]
     counts = np.histogram(decoys, bins=np.append(GRID - step / 2, GRID[-1] + step / 2))[0]
+    # design: 40 steps are two deviations, nearly six bandwidths: the kernel has ended.
     reach = np.arange(-40, 41) * step
     kernel = np.exp(-0.5 * (reach / BANDWIDTH) ** 2)
     density = np.convolve(counts, kernel / kernel.sum(), mode="same") / step
     tail = (1 - TAIL) * len(decoys) / excess * np.exp(-np.maximum(GRID - knee, 0) / excess)
+    # design: keeps the logarithm finite where no decoy was seen.
     both = np.where(knee < GRID, tail, np.maximum(density, 1e-3 * len(decoys)))
     return np.log(both / area_m2)
 
@@ -154,9 +170,11 @@ def with_ratio(found: Calibration, log_chance: Table) -> Calibration:
 def posterior(searches: Searches, found: Calibration) -> Scalars:
     """Probability of every candidate under a calibration."""
     near = searches.distance_m <= gate_m(searches.sigma_m, found)
+    # design: keeps the logarithm finite.
     log_odds = np.interp(searches.height, GRID, found.log_ratio) + np.log(
         np.maximum(np.sum(densities(searches, found), axis=0), 1e-30)
     )
+    # design: exp(60) still leaves room for sums of doubles.
     odds = np.where(near, found.share * np.exp(np.clip(log_odds, -60.0, 60.0)), 0.0)
     total = np.bincount(searches.search, weights=odds, minlength=searches.count)
     return odds / (1.0 - found.share + total[searches.search])
@@ -185,6 +203,7 @@ def normal(distance_m: Scalars, sigma_m: Scalars) -> Scalars:
 def displaced(searches: Searches, found: Calibration) -> Scalars:
     """Probability that the object of a candidate stands aside of its place, were it right."""
     in_place, aside = densities(searches, found)
+    # design: keeps the division finite.
     return aside / np.maximum(in_place + aside, 1e-30)
 
 
@@ -192,6 +211,7 @@ def maximised(searches: Searches, right: Scalars, aside: Scalars, usual: float) 
     """The parameters under which these probabilities are likeliest; `with_ratio` adds the ratio."""
     prior = PRIOR_COUNT * PRIOR_SHARE
     weight = float(right.sum())
+    # design: one search in fifty may always be without its point, so that no probability is one.
     share = min((weight + prior) / (searches.count + PRIOR_COUNT), 0.98)
     height = (float(right @ searches.height) + prior * usual) / (weight + prior)
     spread = (float(right @ (searches.height - height) ** 2) + prior) / (weight + prior)

@@ -18,10 +18,13 @@ from core.geometry.crs import Bounds
 from core.raster.dem import Dem, open_dem
 from core.raster.ortho import Ortho, open_ortho
 
+# design: the spacing of usual terrain models.
 STEP_M = 10.0
 """No two vertices of a road are further apart, so that lines follow the terrain."""
+# design: a road of two narrow lanes.
 USUAL_WIDTH_M = 5.0
 """Width of a road of which the map does not tell any."""
+# design: a track, and a road of three lanes.
 WIDTHS_M = (2.5, 12.0)
 """Narrower and wider ones are drawn as these: lanes of a motorway are no edge of one strip."""
 
@@ -42,6 +45,7 @@ class ReferenceFiles:
     """Polygons in which nothing may be matched."""
     bridges: Path | None = None
     """Polygons of bridges."""
+    # design: a pixel of usual national orthos; `block.toml` states it.
     ortho_sigma_m: float = 0.25
     """Standard deviation of the ortho per axis, metres."""
     dem_sigma_m: float = 0.5

@@ -58,12 +58,14 @@ def sum_of_products(window: Sequence[np.ndarray], template: Sequence[np.ndarray]
 def normalised(product: ScoreMap, energy: ScoreMap, template_energy: float) -> ScoreMap:
     """Products over the geometric mean of both energies; nought where there is none."""
     scale = np.sqrt(np.maximum(energy, 0.0) * template_energy)
+    # design: a thousandth of the greatest energy is rounding of single precision sums.
     flat = scale < 1e-3 * float(scale.max()) + 1e-9
     return finite(np.where(flat, 0.0, product / np.where(flat, 1.0, scale)).astype(np.float32))
 
 
 def finite(scores: np.ndarray) -> ScoreMap:
     """Flat places have no correlation: they count as nought."""
+    # design: more than one by rounding is none; what is farther off is a division by nearly nought.
     bad = ~np.isfinite(scores) | (np.abs(scores) > 1.0 + 1e-3)
     scores[bad] = 0.0
     return np.asarray(scores, dtype=np.float32)

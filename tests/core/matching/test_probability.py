@@ -48,6 +48,17 @@ def drawn(rng, count, share, height=4.0, aside=0.0):
     return searches, np.array(right)
 
 
+@pytest.mark.parametrize("rounds", [30, 120])
+def test_more_or_fewer_rounds_change_no_probability__law(monkeypatch, rounds):
+    """Half and double: none by a ten-thousandth."""
+    for seed in range(4):
+        searches, _ = drawn(np.random.default_rng(seed), 200, 0.4)
+        usual = probabilities(searches)[0]
+        with monkeypatch.context() as changed:
+            changed.setattr("core.matching.probability.ROUNDS", rounds)
+            np.testing.assert_allclose(probabilities(searches)[0], usual, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("share", "height", "aside"),
     [(0.8, 4.0, 0.0), (0.4, 3.0, 0.0), (0.15, 4.0, 0.0), (0.8, 4.0, 0.3), (0.4, 3.0, 0.3)],
