@@ -11,13 +11,14 @@ from app.interruption import Interruption, interruptible
 from app.project import Project
 from app.report.model import ReportContent
 from app.report.page import write_report
-from app.report.protocol import terrain_of, write_protocol
+from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results
 from app.report.wording import remarks
 from app.settings import Threads
 from app.terminal import Voice
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
+from core.adjustment.weights import Terrain
 from core.arrays import Mask
 from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
@@ -458,3 +459,8 @@ def make_change(
         write_change(found, temporary, crs)
     session.products.save_value("change", digest, found.shares)
     return found.shares
+
+
+def terrain_of(dem: Dem) -> Terrain:
+    """The heights of a DEM under object points."""
+    return lambda points: dem.heights(points[:, :2])

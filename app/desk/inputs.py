@@ -13,11 +13,10 @@ import numpy as np
 from app.block_input import described
 from app.desk.background import Adjust, Remake
 from app.project import Project
-from app.report.protocol import terrain_of
-from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, write_all
+from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
-from core.adjustment.block_adjustment import SILENT, adjust_block
+from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.expected_gain import Gain, expected_gains
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
@@ -33,7 +32,7 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, open_reference
-from core.progress import Part, Progress
+from core.progress import SILENT, Part, Progress
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
 from core.scans.stage import ScanSet

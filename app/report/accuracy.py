@@ -40,7 +40,7 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
     return {
         "count": len(checks),
         "points": points,
-        **horizontal(differences),
+        **plan_figures(differences),
         **_heights(differences[intersected, 2]),
         "survey_rms_horizontal": float(np.sqrt(np.mean(np.sum(sigma[:, :2] ** 2, axis=1)))),
         "asprs_least": ASPRS_LEAST,
@@ -48,7 +48,7 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
     }
 
 
-def horizontal(differences: ObjectPoints) -> dict[str, Any]:
+def plan_figures(differences: ObjectPoints) -> dict[str, Any]:
     """Plan figures of differences in metres (n, 3)."""
     plan, count = differences[:, :2], len(differences)
     m_x, m_y = np.sqrt(np.mean(plan**2, axis=0))

@@ -15,7 +15,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from app.report.accuracy import check_accuracy, comparison_accuracy
-from app.report.protocol_figures import spread_figures
+from app.report.protocol_figures import json_value, spread_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
@@ -116,7 +116,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
     }
-    return _plain(figures)
+    return json_value(figures)
 
 
 def _release(content: ReportContent) -> dict[str, Any] | None:
@@ -406,18 +406,3 @@ def _level_footprint(photo: Photo, camera: Camera) -> Polygon:
     corners = photo.interior.pixel_from_film(camera.frame_corners_mm)
     heights = np.full(len(corners), photo.ground_height_m)
     return Polygon(photo.object_from_pixel(corners, heights, camera)[:, :2])
-
-
-def _plain(value: Any) -> Any:
-    """The same value in JSON's own types."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, (np.bool_, np.integer)):
-        return value.item()
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value if isinstance(value, (str, int, bool)) or value is None else str(value)

@@ -1,16 +1,13 @@
 """The adjustment's protocol as files: `adjustment.txt` to read, `adjustment.json` for machines."""
 
 import json
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from app.report.protocol_figures import protocol_figures
+from app.report.protocol_figures import json_value, protocol_figures
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
-from core.adjustment.weights import Terrain
-from core.raster.dem import Dem
 from sessions.atomic_write import whole_file
 
 CLASSES = {
@@ -41,7 +38,7 @@ def write_protocol(
         options: What it was adjusted with.
         influence: Its equations; None where no photo took part.
     """
-    figures = cast("dict[str, Any]", plain(protocol_figures(name, report, options, influence)))
+    figures = cast("dict[str, Any]", json_value(protocol_figures(name, report, options, influence)))
     text_path, json_path = folder / "adjustment.txt", folder / "adjustment.json"
     with whole_file(json_path) as temporary:
         text = json.dumps(figures, indent=1, ensure_ascii=False, allow_nan=False)
@@ -49,23 +46,6 @@ def write_protocol(
     with whole_file(text_path) as temporary:
         temporary.write_text(protocol_text(figures), encoding="utf-8")
     return text_path, json_path
-
-
-def terrain_of(dem: Dem) -> Terrain:
-    """The heights of a DEM under object points."""
-    return lambda points: dem.heights(points[:, :2])
-
-
-def plain(value: Any) -> Any:
-    """The value with nothing JSON cannot hold: no number becomes null."""
-    if isinstance(value, Mapping):
-        held = cast("Mapping[Any, Any]", value)
-        return {str(key): plain(item) for key, item in held.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in cast("Sequence[Any]", value)]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
 
 
 def protocol_text(figures: Mapping[str, Any]) -> str:

@@ -415,3 +415,18 @@ def _want(want: Want, scale: float) -> dict[str, Any]:
         "sigma_then_m": scale * want.sigma_then_m,
         "worst_then_m": scale * want.worst_then_m,
     }
+
+
+def json_value(value: Any) -> Any:
+    """The same value in JSON's own types; what is no number becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): json_value(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_value(part) for part in value]
+    if isinstance(value, np.ndarray):
+        return json_value(value.tolist())
+    if isinstance(value, (np.bool_, np.integer)):
+        return value.item()
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value if isinstance(value, (str, int, bool)) or value is None else str(value)

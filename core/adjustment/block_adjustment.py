@@ -27,10 +27,9 @@ from core.adjustment.solution import Solution, solve_network
 from core.adjustment.weights import Terrain
 from core.block import Block
 from core.geometry.exterior import Similarity, fit_similarity
-from core.progress import Progress, Silent
+from core.progress import SILENT, Progress
 
 DEFAULT = AdjustmentOptions()
-SILENT = Silent()
 # design: a dense border of that size is worth two threads, the band of the photos never is.
 MANY_UNKNOWNS = 1000
 """Below this many shared unknowns, whose equations are dense, one BLAS thread is faster: in the

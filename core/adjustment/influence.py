@@ -24,9 +24,8 @@ from core.adjustment.solution import Solution, resolved, with_held
 from core.adjustment.weights import Terrain, laid_on_terrain, reweighted
 from core.arrays import Flags, Indices, Position
 from core.block import UNKNOWN_M, Block
-from core.progress import Progress, Silent
+from core.progress import SILENT, Progress
 
-SILENT = Silent()
 Key = tuple[str, str]
 """Point and photo."""
 # design: a batch of 2,400 unknowns (400 photos) takes 10 MB.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
-from core.adjustment.block_adjustment import SILENT, adjust_block
+from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.weights import Terrain
 from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
@@ -29,7 +29,7 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import ReferenceFiles, open_reference
-from core.progress import Progress, Work
+from core.progress import SILENT, Progress, Work
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferenceFeatures
 

@@ -40,35 +40,27 @@ RICH = 75
 """Percentile of the cells that counts as rich in detail."""
 Cells = Float32[np.ndarray, "rows columns"]
 Offset = tuple[int, int]
-
-
-@dataclass(frozen=True, slots=True)
-class ChangeOptions:
-    """How finely, and how sure."""
-
-    # design: narrower than a field, and four thousand pixels to tell likeness from chance
-    cell_px: int = 64
-    """Side of a cell, pixels of the common grid."""
-    # design: relief and orientation alone leave some tenths of a metre (docs/accuracy.md)
-    least_gsd_m: float = 1.0
-    """Finer detail is not compared, metres."""
-    # design: two metres at a metre a pixel, more than orientation and relief leave
-    play_px: int = 2
-    """Largest shift that is still the cell's own place, pixels per axis; every second is tried."""
-    # design: clear of the play and of an edge, and inside the next cell, so the content is
-    # alike
-    away_px: tuple[int, int] = (20, 36)
-    """Wrong places lie so far off, pixels; four at each distance."""
-    # design: one wrong cell in fifty is called the same
-    same: float = 0.02
-    """Fewer wrong places than this share are as like: the ground is the same."""
-    # design: what is the same passes for different only where it ranks with a fifth of wrong
-    # places
-    different: float = 0.2
-    """More of them than this are: it is another."""
-    # design: half of what a rich cell has still ranks above grain
-    least_detail: float = 0.5
-    """A cell with less detail than this share of what a rich cell has says nothing."""
+# design: narrower than a field, and four thousand pixels to tell likeness from chance
+CELL_PX = 64
+"""Side of a cell, pixels of the common grid."""
+# design: relief and orientation alone leave some tenths of a metre (docs/accuracy.md)
+LEAST_GSD_M = 1.0
+"""Finer detail is not compared, metres."""
+# design: two metres at a metre a pixel, more than orientation and relief leave
+PLAY_PX = 2
+"""Largest shift that is still the cell's own place, pixels per axis; every second is tried."""
+# design: clear of the play and of an edge, and inside the next cell, so the content is alike
+AWAY_PX = (20, 36)
+"""Wrong places lie so far off, pixels; four at each distance."""
+# design: one wrong cell in fifty is called the same
+SAME_CHANCE = 0.02
+"""Fewer wrong places than this share are as like: the ground is the same."""
+# design: what is the same passes for different only where it ranks with a fifth of wrong places
+DIFFERENT_CHANCE = 0.2
+"""More of them than this are: it is another."""
+# design: half of what a rich cell has still ranks above grain
+LEAST_DETAIL = 0.5
+"""A cell with less detail than this share of what a rich cell has says nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +90,6 @@ def find_change(
     mosaic: Ortho,
     reference: Ortho,
     bounds: Bounds,
-    options: ChangeOptions | None = None,
     progress: Progress = SILENT,
 ) -> ChangeMap:
     """Compare the mosaic with the ortho of today.
@@ -107,17 +98,15 @@ def find_change(
         mosaic: The archive's ground.
         reference: Today's.
         bounds: West, south, east, north of the mosaic, metres.
-        options: Cells and limits.
         progress: Told per tile; may raise `Cancelled`.
     """
-    options = options or ChangeOptions()
     gsd = max(
-        options.least_gsd_m,
+        LEAST_GSD_M,
         mosaic.ground_sample_distance_m,
         reference.ground_sample_distance_m,
     )
     west, south, east, north = bounds
-    side = options.cell_px * gsd
+    side = CELL_PX * gsd
     columns, rows = max(int((east - west) / side), 1), max(int((north - south) / side), 1)
     grid = Grid(west, north, side, columns, rows)
     own, detail = np.full((2, rows, columns), np.nan, np.float32)
@@ -127,9 +116,9 @@ def find_change(
         progress.report(done, len(parts), "change")
         place = np.s_[down, across]
         own[place], wrong[:, *place], detail[place] = _tile(
-            mosaic, reference, grid, (down, across), gsd, options
+            mosaic, reference, grid, (down, across), gsd
         )
-    return _judged(grid, own, wrong, detail, options)
+    return _judge_cells(grid, own, wrong, detail)
 
 
 def _tiles(grid: Grid) -> Iterator[tuple[slice, slice]]:
@@ -147,12 +136,11 @@ def _tile(
     cells: Grid,
     part: tuple[slice, slice],
     gsd_m: float,
-    options: ChangeOptions,
 ) -> tuple[Cells, Float32[np.ndarray, "8 rows columns"], Cells]:
     """Likeness of some cells at their own place and at eight wrong ones, and their detail."""
-    rim = options.away_px[1] + options.play_px
+    rim = AWAY_PX[1] + PLAY_PX
     down, across = part
-    size = options.cell_px
+    size = CELL_PX
     shape_px = ((down.stop - down.start) * size, (across.stop - across.start) * size)
     grid = Grid(
         cells.west + (across.start * size - rim) * gsd_m,
@@ -182,18 +170,18 @@ def _tile(
         return np.where(other > 0, common / np.sqrt(power * other + 1e-9), np.float32(np.nan))
 
     def best(centre: Offset) -> Cells:
-        play = range(-options.play_px, options.play_px + 1, 2)
+        play = range(-PLAY_PX, PLAY_PX + 1, 2)
         found = np.max([like((centre[0] + dy, centre[1] + dx)) for dy in play for dx in play], 0)
         return np.where(known, found, np.nan)
 
-    centres = [c for ring, away in enumerate(options.away_px) for c in _around(away, ring)]
+    centres = [c for ring, away in enumerate(AWAY_PX) for c in _places_around(away, ring)]
     wrong = [best(centre) for centre in centres]
     seen = _means((now[rim:-rim, rim:-rim] != 0).astype(np.float32), size) > 0.5
     own = np.where(seen, best((0, 0)), np.nan)
     return own, np.array(wrong, np.float32), detail
 
 
-def _around(away: int, ring: int) -> list[Offset]:
+def _places_around(away: int, ring: int) -> list[Offset]:
     """Four places at a distance; those of every other ring lie between those of the one before."""
     angles = ring * np.pi / 4 + np.arange(4) * np.pi / 2
     return [(round(away * float(np.sin(a))), round(away * float(np.cos(a)))) for a in angles]
@@ -212,24 +200,23 @@ def _means(values: np.ndarray, size: int) -> Cells:
     return np.asarray(cells.mean(axis=(1, 3)), np.float32)
 
 
-def _judged(
+def _judge_cells(
     grid: Grid,
     own: Cells,
     wrong: Float32[np.ndarray, "8 rows columns"],
     detail: Cells,
-    options: ChangeOptions,
 ) -> ChangeMap:
     """Hold every cell against the wrong places of all cells."""
     seen = np.isfinite(own)
     rich = float(np.percentile(detail[seen], RICH)) if seen.any() else 0.0
-    told = seen & (detail >= options.least_detail * rich)
+    told = seen & (detail >= LEAST_DETAIL * rich)
     null = np.sort(wrong[:, told][np.isfinite(wrong[:, told])])
     chance = np.full(own.shape, np.nan, np.float32)
     if len(null):
         chance[seen] = 1 - np.searchsorted(null, own[seen]) / len(null)
     state = np.zeros(own.shape, np.int8)
-    state[told & (chance <= options.same)] = SAME
-    state[told & (chance >= options.different)] = DIFFERENT
+    state[told & (chance <= SAME_CHANCE)] = SAME
+    state[told & (chance >= DIFFERENT_CHANCE)] = DIFFERENT
     return ChangeMap(grid, state, seen, chance)
 
 

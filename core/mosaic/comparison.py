@@ -47,6 +47,15 @@ OUTLIER_RULE = (
     "mismatch when it departs from the median of its eight nearest neighbours by more than five "
     "normalised median deviations and more than two pixels; m_p with them is given beside."
 )
+# design: a quarter of the variance in common, which chance does not reach over so many pixels
+LEAST_PEAK = 0.5
+"""Smallest correlation that counts."""
+# design: twice the noise of a correlation over some five hundred independent pixels
+LEAST_LEAD = 0.1
+"""By how much the peak must stand above the next one."""
+# design: there and back err independently; more than a fifth of a pixel each is no fix
+RETURN_PX = 0.3
+"""Largest disagreement between there and back, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,17 +71,6 @@ class ComparisonOptions:
     # design: half a patch; a product further off than that shows it in the places at the edge
     search_px: int = 24
     """How far a patch is looked for in every direction, pixels of the common grid."""
-    # design: a quarter of the variance in common, which chance does not reach over so many pixels
-    least_peak: float = 0.5
-    """Smallest correlation that counts."""
-    # design: twice the noise of a correlation over some five hundred independent pixels
-    least_lead: float = 0.1
-    """By how much the peak must stand above the next one."""
-    # design: there and back err independently; more than a fifth of a pixel each is no fix
-    return_px: float = 0.3
-    """Largest disagreement between there and back, pixels."""
-    ground_sample_distance_m: float | None = None
-    """Pixel size of the common grid; the coarser of the two when left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +172,7 @@ def compare_orthos(
         ReferenceDataError: The two have nothing in common that could be compared.
     """
     options = options or ComparisonOptions()
-    view = _open_both(product_path, truth_path, options.ground_sample_distance_m)
+    view = _open_both(product_path, truth_path)
     centres = _choose_places(view, options)
     found: list[tuple[Shift | None, str]] = []
     for done, (column, row) in enumerate(centres.tolist()):
@@ -203,7 +201,7 @@ class _CommonView:
         return self.product.read(grid), self.truth.read(grid)
 
 
-def _open_both(product_path: Path, truth_path: Path, gsd_m: float | None) -> _CommonView:
+def _open_both(product_path: Path, truth_path: Path) -> _CommonView:
     """Both in the CRS of the product; the coarser one is not interpolated at all."""
     for path in (product_path, truth_path):
         with rasterio.open(path) as file:
@@ -216,13 +214,12 @@ def _open_both(product_path: Path, truth_path: Path, gsd_m: float | None) -> _Co
         (product.sheets.grid, truth.sheets.grid), key=lambda grid: grid.ground_sample_distance_m
     )
     west, south, east, north = shared_bounds(product.bounds, truth.bounds)
-    gsd = gsd_m or own.ground_sample_distance_m
+    gsd = own.ground_sample_distance_m
     if west + gsd >= east or south + gsd >= north:
         raise ReferenceDataError(
             product_path, f"It has no area in common with {truth_path}.", "Check the CRS of both."
         )
-    columns, rows = (int(np.ceil(size / gsd)) for size in (east - own.west, own.north - south))
-    grid = Grid(own.west, own.north, gsd, columns, rows).covering((west, south, east, north))
+    grid = own.covering((west, south, east, north))
     return _CommonView(product, truth, grid)
 
 
@@ -272,7 +269,7 @@ def _measure(
     if there_shift is None:
         return None, "flat"
     back = find_shift(there[search:-search, search:-search], here, search)
-    return there_shift, _verdict(there_shift, back, options)
+    return there_shift, _verdict(there_shift, back)
 
 
 def _high_pass(patch: OrthoPatch) -> np.ndarray:
@@ -341,17 +338,17 @@ def _fraction(template: Patch, image: Patch, place: tuple[int, int]) -> Float64[
     return np.full(2, np.nan)
 
 
-def _verdict(there: Shift, back: Shift | None, options: ComparisonOptions) -> str:
+def _verdict(there: Shift, back: Shift | None) -> str:
     if there.at_edge:
         return "edge"
-    if there.peak < options.least_peak:
+    if there.peak < LEAST_PEAK:
         return "low"
-    if there.peak - there.second < options.least_lead:
+    if there.peak - there.second < LEAST_LEAD:
         return "ambiguous"
     if back is None or not np.isfinite([there.column, back.column]).all():
         return "unsteady"
     miss = np.hypot(there.column + back.column, there.row + back.row)
-    return "used" if miss <= options.return_px else "return"
+    return "used" if miss <= RETURN_PX else "return"
 
 
 def _table(

@@ -4,7 +4,7 @@ Tile by tile, so memory does not grow with the number of photos.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -21,8 +21,8 @@ from shapely import STRtree
 from shapely.geometry import box
 
 from core.mosaic.overview import Overview, read_overview
-from core.mosaic.radiometry import Balance, BalanceOptions, balance_orthos
-from core.mosaic.seams import PhotoArea, Seam, SeamOptions, area_of, draw_seams, write_seams
+from core.mosaic.radiometry import Balance, balance_orthos
+from core.mosaic.seams import KEEP_INSIDE_M, PhotoArea, Seam, area_of, draw_seams, write_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import SILENT, Progress
 from core.raster.grid import (
@@ -31,13 +31,23 @@ from core.raster.grid import (
     Grid,
     Pixels,
     Tile,
-    full_disk_told,
     refuse_incomplete,
+    tell_full_disk,
     tiled_profile,
     tiles_of,
     window_of,
     write_tiles,
 )
+
+# design: METHODS 8 gives 2 to 10; it hides a step of gray and is narrower than a road
+FEATHER_PX = 8
+"""Width over which one photo fades into the next, pixels."""
+# design: a few metres, less than a seam keeps from the edge of a photo
+PIXELS_PER_CELL = 8
+"""Ortho pixels a side per cell of the overviews that seams are drawn from."""
+# design: ten thousand cells for two unknowns of a photo, and grain is averaged away
+BALANCE_CELLS = 128
+"""Cells along the longest side of an ortho from which the balance is estimated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,21 +60,8 @@ class MosaicOptions:
     # design: the cores of the smallest machine
     threads: int = 2
     """Tiles composed side by side."""
-    # design: METHODS 8 gives 2 to 10; it hides a step of gray and is narrower than a road
-    feather_px: int = 8
-    """Width over which one photo fades into the next, pixels."""
-    # design: a few metres, less than a seam keeps from the edge of a photo
-    pixels_per_cell: int = 8
-    """Ortho pixels a side per cell of the overviews that seams are drawn from."""
-    # design: ten thousand cells for two unknowns of a photo, and grain is averaged away
-    balance_cells: int = 128
-    """Cells along the longest side of an ortho from which the balance is estimated."""
     balance: bool = True
     """Correct gain and offset of the photos."""
-    seams: SeamOptions = field(default_factory=SeamOptions)
-    """How seams are drawn."""
-    radiometry: BalanceOptions = field(default_factory=BalanceOptions)
-    """How the balance is estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +109,7 @@ def compose_mosaic(
         seams_path: GeoPackage to write the seams to; likewise.
         seams: Seams to use instead of nearest nadir, such as edited ones.
         dates: Date of each photo, for the seams.
-        options: Widths and priors.
+        options: Tiles, and whether to balance.
         progress: Told after every ortho and tile.
 
     Returns:
@@ -136,7 +133,7 @@ def compose_mosaic(
             progress,
             "mosaic",
         )
-        with full_disk_told(path):
+        with tell_full_disk(path):
             rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)
         refuse_incomplete(path, -(-grid.columns // BLOCK_PX) * -(-grid.rows // BLOCK_PX))
     finally:
@@ -167,7 +164,6 @@ class _Work:
     seam_orthos: tuple[int, ...]
     balances: Mapping[str, Balance]
     dtype: np.dtype[Any]
-    options: MosaicOptions
     seam_tree: STRtree
     ortho_tree: STRtree
 
@@ -183,14 +179,14 @@ def _prepare(
     """Seams and balance from the orthos in small."""
     areas: list[PhotoArea] = []
     overviews: list[Overview] = []
-    room_m = options.feather_px * grid.ground_sample_distance_m
-    seams_kept = replace(options.seams, keep_inside_m=max(options.seams.keep_inside_m, room_m))
+    room_m = FEATHER_PX * grid.ground_sample_distance_m
+    keep_m = max(KEEP_INSIDE_M, room_m)
     longest = max(max(ortho.grid.columns, ortho.grid.rows) for ortho in orthos)
-    coarsening = max(1, longest // options.pixels_per_cell // options.balance_cells)
+    coarsening = max(1, longest // PIXELS_PER_CELL // BALANCE_CELLS)
     for done, ortho in enumerate(orthos):
         _assert_aligned(ortho.grid, grid)
-        overview = read_overview(ortho, options.pixels_per_cell)
-        areas.append(area_of(overview, seams_kept))
+        overview = read_overview(ortho, PIXELS_PER_CELL)
+        areas.append(area_of(overview, keep_m))
         overviews.append(overview.coarser(coarsening))
         progress.report(float(done), float(len(orthos)), "seams and balance")
     with rasterio.open(orthos[0].path) as file:
@@ -198,8 +194,8 @@ def _prepare(
     balances: Mapping[str, Balance] = {ortho.photo_id: Balance() for ortho in orthos}
     if options.balance:
         scale = float(np.iinfo(dtype).max)
-        balances = balance_orthos(overviews, scale, options.radiometry)
-    drawn = draw_seams(areas, dates, seams_kept) if seams is None else tuple(seams)
+        balances = balance_orthos(overviews, scale)
+    drawn = draw_seams(areas, dates, keep_m) if seams is None else tuple(seams)
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
     drawn = tuple(seam for seam in drawn if seam.photo_id in index)
     return _Work(
@@ -209,7 +205,6 @@ def _prepare(
         tuple(index[seam.photo_id] for seam in drawn),
         balances,
         dtype,
-        options,
         STRtree([seam.area for seam in drawn]),
         STRtree([box(*ortho.grid.bounds) for ortho in orthos]),
     )
@@ -225,7 +220,7 @@ def _assert_aligned(part: Grid, whole: Grid) -> None:
 
 def _compose(work: _Work, tile: Tile) -> Pixels | None:
     """One tile of the mosaic; None where no photo shows anything."""
-    halo = work.options.feather_px // 2 + 1
+    halo = FEATHER_PX // 2 + 1
     column, row, columns, rows = tile
     part = work.grid.window(column - halo, row - halo, columns + 2 * halo, rows + 2 * halo)
     layers = _Layers(work, part)
@@ -237,7 +232,7 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     if len(present) == 1:
         values = layers.balanced(present[0])
     else:
-        values = _blend(layers, labels, present, work.options.feather_px)
+        values = _blend(layers, labels, present, FEATHER_PX)
     largest = np.iinfo(work.dtype).max
     whole = np.clip(np.rint(values), 1, largest).astype(work.dtype)
     whole[labels < 0] = NODATA

@@ -23,24 +23,18 @@ Unknowns = Float64[np.ndarray, "unknowns"]
 HUBER = 1.345
 # design: a quarter of a gray value of 8 bits, which are rounded to one
 SMALLEST_SCALE = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class BalanceOptions:
-    """Priors and effort of the balance."""
-
-    # design: loose: nearly half a stop of exposure; overlaps decide
-    sigma_gain: float = 0.3
-    """Prior standard deviation of a gain about 1."""
-    # design: loose: veil and vignetting of a seventh of the range; overlaps decide
-    sigma_offset_share: float = 0.15
-    """Prior standard deviation of an offset about 0, as a share of the full scale."""
-    # design: the mean of so many is known to a fortieth of the noise of one
-    samples_per_pair: int = 2000
-    """Cells of one overlap that are used at most."""
-    # design: a limit of time; Huber weights settle in fewer
-    iterations: int = 15
-    """Reweighted solutions."""
+# design: loose: nearly half a stop of exposure; overlaps decide
+SIGMA_GAIN = 0.3
+"""Prior standard deviation of a gain about 1."""
+# design: loose: veil and vignetting of a seventh of the range; overlaps decide
+SIGMA_OFFSET_SHARE = 0.15
+"""Prior standard deviation of an offset about 0, as a share of the full scale."""
+# design: the mean of so many is known to a fortieth of the noise of one
+SAMPLES_PER_PAIR = 2000
+"""Cells of one overlap that are used at most."""
+# design: a limit of time; Huber weights settle in fewer
+ITERATIONS = 15
+"""Reweighted solutions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,35 +58,33 @@ class _Samples:
 
 
 def balance_orthos(
-    overviews: Sequence[Overview], full_scale: float = 255.0, options: BalanceOptions | None = None
+    overviews: Sequence[Overview], full_scale: float = 255.0
 ) -> Mapping[str, Balance]:
     """Gain and offset by photo; over the block they are 1 and 0 in the mean.
 
     Args:
         overviews: The orthos in small, as means over cells: grain is gone there.
         full_scale: Largest gray value.
-        options: Priors and effort.
 
     Returns:
         The balance of every photo; gain 1 and offset 0 for one without neighbours.
     """
-    options = options or BalanceOptions()
-    samples = _collect(overviews, full_scale, options)
-    unknowns = _adjust(samples, len(overviews), options)
+    samples = _collect(overviews, full_scale)
+    unknowns = _adjust(samples, len(overviews))
     return {
         view.photo_id: Balance(float(gain), float(offset) * full_scale)
         for view, (gain, offset) in zip(overviews, unknowns.reshape(-1, 2), strict=True)
     }
 
 
-def _collect(overviews: Sequence[Overview], full_scale: float, options: BalanceOptions) -> _Samples:
+def _collect(overviews: Sequence[Overview], full_scale: float) -> _Samples:
     first: list[np.ndarray] = []
     second: list[np.ndarray] = []
     grays: list[tuple[np.ndarray, np.ndarray]] = []
     for i, one in enumerate(overviews):
         for j in range(i + 1, len(overviews)):
             here, there = common_cells(one, overviews[j])
-            step = max(1, len(here) // options.samples_per_pair)
+            step = max(1, len(here) // SAMPLES_PER_PAIR)
             grays.append((here[::step] / full_scale, there[::step] / full_scale))
             first.append(np.full(len(grays[-1][0]), i))
             second.append(np.full(len(grays[-1][0]), j))
@@ -107,13 +99,11 @@ def _collect(overviews: Sequence[Overview], full_scale: float, options: BalanceO
     )
 
 
-def _adjust(samples: _Samples, photos: int, options: BalanceOptions) -> Unknowns:
+def _adjust(samples: _Samples, photos: int) -> Unknowns:
     """Gain and offset (share of full scale) of all photos, alternating, by reweighting."""
     unknowns = np.tile([1.0, 0.0], photos)
     design = _design(samples, photos)
-    prior = sparse.diags_array(
-        np.tile([options.sigma_gain**-2, options.sigma_offset_share**-2], photos)
-    )
+    prior = sparse.diags_array(np.tile([SIGMA_GAIN**-2, SIGMA_OFFSET_SHARE**-2], photos))
     # The mean over the block is held: else noise would pull every gain down a little.
     mean = np.zeros((2, 2 * photos))
     mean[0, ::2] = mean[1, 1::2] = 1.0
@@ -133,9 +123,7 @@ def _adjust(samples: _Samples, photos: int, options: BalanceOptions) -> Unknowns
         return np.abs(design @ unknowns) / _noise_gains(samples, unknowns)
 
     weigh = partial(huber_weights, limit=HUBER)
-    return solve_robustly(
-        solve, lengths(), weigh, passes=options.iterations, least_scale=SMALLEST_SCALE
-    )
+    return solve_robustly(solve, lengths(), weigh, passes=ITERATIONS, least_scale=SMALLEST_SCALE)
 
 
 def _design(samples: _Samples, photos: int) -> sparse.csr_array:

@@ -25,19 +25,13 @@ from core.raster.grid import Grid
 Area = Polygon | MultiPolygon
 # design: rounding of metres
 SAME_NADIR_M = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class SeamOptions:
-    """How seams are drawn."""
-
-    # design: clear of the rim, where the mask is known to a cell of some metres
-    keep_inside_m: float = 10.0
-    """A seam keeps this distance from the edge of a photo's picture where another photo shows the
-    place as well, metres: room to feather."""
-    # design: eight by eight cells; smaller ones are marks and scratches
-    smallest_hole_cells: float = 64.0
-    """Holes in a photo smaller than this are left to the composition, cells."""
+# design: clear of the rim, where the mask is known to a cell of some metres
+KEEP_INSIDE_M = 10.0
+"""A seam keeps this distance from the edge of a photo's picture where another photo shows the
+place as well, metres: room to feather."""
+# design: eight by eight cells; smaller ones are marks and scratches
+SMALLEST_HOLE_CELLS = 64.0
+"""Holes in a photo smaller than this are left to the composition, cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,53 +60,50 @@ class Seam:
     """Its part, in the block's CRS."""
 
 
-def area_of(overview: Overview, options: SeamOptions | None = None) -> PhotoArea:
+def area_of(overview: Overview, keep_inside_m: float = KEEP_INSIDE_M) -> PhotoArea:
     """Outlines of what an ortho shows, from its overview; steps of cells are straightened."""
-    options = options or SeamOptions()
     cell = overview.grid.ground_sample_distance_m
-    shown = _outline(overview.touched, overview.grid, options)
-    full = _outline(overview.full, overview.grid, options)
+    shown = _outline(overview.touched, overview.grid)
+    full = _outline(overview.full, overview.grid)
     return PhotoArea(
         overview.photo_id,
         overview.nadir,
-        _polygons(shown.buffer(cell / 2, join_style="mitre").simplify(cell)),
-        _polygons(full.simplify(cell).buffer(-options.keep_inside_m, join_style="mitre")),
+        _only_polygons(shown.buffer(cell / 2, join_style="mitre").simplify(cell)),
+        _only_polygons(full.simplify(cell).buffer(-keep_inside_m, join_style="mitre")),
     )
 
 
 def draw_seams(
     areas: Sequence[PhotoArea],
     dates: Mapping[str, str] | None = None,
-    options: SeamOptions | None = None,
+    keep_inside_m: float = KEEP_INSIDE_M,
 ) -> tuple[Seam, ...]:
     """Divide what the photos show among them by nearest nadir; nothing shown is left out.
 
     Args:
         areas: What each photo shows.
         dates: Date of each photo.
-        options: Distances.
+        keep_inside_m: Distance of seams from the edge of a picture where others show it too.
 
     Returns:
         One seam per photo that shows anything, in the order given; they do not overlap.
     """
-    options = options or SeamOptions()
     nadirs = [area.nadir for area in areas]
     shown = [area.shown for area in areas]
     parts = [_divide([area.inner for area in areas], nadirs)]
     # Slivers along the edge of a neighbour and the rim go to the part they border, so that seams
     # run straight on to the edge.
-    parts[0] = [_opened(part, options.keep_inside_m) for part in parts[0]]
-    reach = 3 * options.keep_inside_m
+    parts[0] = [_without_slivers(part, keep_inside_m) for part in parts[0]]
+    reach = 3 * keep_inside_m
     grown = [part.buffer(reach, join_style="mitre") for part in parts[0]]
     for wanted in ([a.intersection(b) for a, b in zip(grown, shown, strict=True)], shown):
         taken = shapely.union_all([area for share in parts for area in share])
         parts.append(_divide([area.difference(taken) for area in wanted], nadirs))
     dates = dates or {}
+    merged = (shapely.union_all(list(shares)) for shares in zip(*parts, strict=True))
     seams = (
-        Seam(
-            area.photo_id, dates.get(area.photo_id, ""), _polygons(shapely.union_all(list(shares)))
-        )
-        for area, *shares in zip(areas, *parts, strict=True)
+        Seam(area.photo_id, dates.get(area.photo_id, ""), _only_polygons(part))
+        for area, part in zip(areas, merged, strict=True)
     )
     return tuple(seam for seam in seams if not seam.area.is_empty)
 
@@ -137,23 +128,23 @@ def read_seams(path: Path) -> tuple[Seam, ...]:
     meta, _, geometry, fields = pyogrio.raw.read(path, columns=["scan", "date"])
     named = dict(zip(meta["fields"].tolist(), fields, strict=True))
     return tuple(
-        Seam(str(scan), str(date or ""), _polygons(shapely.from_wkb(wkb)))
+        Seam(str(scan), str(date or ""), _only_polygons(shapely.from_wkb(wkb)))
         for scan, date, wkb in zip(named["scan"], named["date"], geometry, strict=True)
     )
 
 
-def _outline(mask: Mask, grid: Grid, options: SeamOptions) -> Area:
+def _outline(mask: Mask, grid: Grid) -> Area:
     """Outline of the true cells of a mask, without its small holes."""
     transform = Affine.from_gdal(*grid.geotransform)
     outlines = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
-    least = options.smallest_hole_cells * grid.ground_sample_distance_m**2
+    least = SMALLEST_HOLE_CELLS * grid.ground_sample_distance_m**2
     parts: list[Polygon] = []
     for outline, _ in outlines:
         polygon = shape(outline)
         assert isinstance(polygon, Polygon)
         holes = [ring for ring in polygon.interiors if Polygon(ring).area >= least]
         parts.append(Polygon(polygon.exterior, holes))
-    return _polygons(shapely.union_all(parts))
+    return _only_polygons(shapely.union_all(parts))
 
 
 def _divide(areas: Sequence[BaseGeometry], nadirs: Sequence[tuple[float, float]]) -> list[Area]:
@@ -162,18 +153,18 @@ def _divide(areas: Sequence[BaseGeometry], nadirs: Sequence[tuple[float, float]]
     shares: list[Area] = []
     for index, area in enumerate(areas):
         others = [int(j) for j in tree.query(area) if int(j) != index]
-        lost = [_nearer(areas[j], nadirs[j], area, nadirs[index], j < index) for j in others]
-        shares.append(_polygons(area.difference(shapely.union_all(lost))))
+        lost = [_nearer_part(areas[j], nadirs[j], area, nadirs[index], j < index) for j in others]
+        shares.append(_only_polygons(area.difference(shapely.union_all(lost))))
     return shares
 
 
-def _opened(area: Area, width: float) -> Area:
+def _without_slivers(area: Area, width: float) -> Area:
     """An area without what is narrower than twice a width."""
     wide = area.buffer(-width, join_style="mitre").buffer(width, join_style="mitre")
-    return _polygons(wide.intersection(area))
+    return _only_polygons(wide.intersection(area))
 
 
-def _nearer(
+def _nearer_part(
     other: BaseGeometry,
     its_nadir: tuple[float, float],
     area: BaseGeometry,
@@ -197,7 +188,7 @@ def _nearer(
     return other.intersection(Polygon(np.array(corners)))
 
 
-def _polygons(geometry: BaseGeometry) -> Area:
+def _only_polygons(geometry: BaseGeometry) -> Area:
     """Only the areas of a geometry: differences leave lines and points behind."""
     parts = [part for part in shapely.get_parts(geometry) if isinstance(part, Polygon)]
     nested = [part for part in shapely.get_parts(geometry) if isinstance(part, MultiPolygon)]

@@ -40,6 +40,12 @@ FAR = 32000.0
 # design: two pixels of the kernel, one of rounding and one to spare
 MARGIN_PX = 4
 """Pixels around a window so that the cubic kernel never meets its edge."""
+# design: fiducials of aerial cameras are smaller than 4 mm
+MARK_RADIUS_MM = 2.0
+"""Disc around each fiducial that is left out, millimetres of film."""
+# design: speed; grain hardly gets smaller at higher levels
+COMPRESSION_LEVEL = 1
+"""Deflate level of the file; grain hardly gets smaller at higher ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +58,12 @@ class OrthoOptions:
     # design: the cores of the smallest machine
     threads: int = 2
     """Tiles computed side by side."""
-    # design: a tenth of what a tie point is measured to, 0.5 px (METHODS 7)
-    lattice_limit_px: float = 0.05
-    """Largest error of the interpolated scan place, scan pixels."""
     # design: the soft shadow of the frame is narrower
     frame_margin_mm: float = 1.0
     """Strip along the edge of the picture area that is left out, millimetres of film."""
-    # design: fiducials of aerial cameras are smaller than 4 mm
-    mark_radius_mm: float = 2.0
-    """Disc around each fiducial that is left out, millimetres of film."""
     # design: a scan of 23 cm at 8 um; the smallest machine has 8 GB
     scan_budget_bytes: int = 800_000_000
     """A scan up to this size is held in memory, a larger one is read by windows."""
-    # design: speed; grain hardly gets smaller at higher levels
-    compression_level: int = 1
-    """Deflate level of the file; grain hardly gets smaller at higher ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +105,7 @@ def rectify_photo(
         path: File to write; hand over a temporary name and rename it.
         crs: The block's CRS.
         usable: True where the scan may be shown, over the whole scan at any reduction.
-        options: Tile size, margins, accuracy.
+        options: Tile size, threads, margin, memory.
         progress: Told after every tile.
 
     Returns:
@@ -121,13 +118,13 @@ def rectify_photo(
         options.threads,
         options.scan_budget_bytes,
     )
-    mask = picture_mask(photo, camera, options.frame_margin_mm, options.mark_radius_mm, usable)
-    work = _Work(photo, camera, dem, grid, source, mask, options.lattice_limit_px)
+    mask = picture_mask(photo, camera, options.frame_margin_mm, usable)
+    work = _Work(photo, camera, dem, grid, source, mask)
     nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
     tiles = _tiles_near(footprint_of(photo, camera, dem), grid, options.tile_px)
     profile = tiled_profile(grid, crs, source.dtype.name) | {
         "compress": "deflate",
-        "zlevel": options.compression_level,
+        "zlevel": COMPRESSION_LEVEL,
         "predictor": 2,
         "num_threads": options.threads,
     }
@@ -250,7 +247,7 @@ class PictureMask:
 
 
 def picture_mask(
-    photo: Photo, camera: Camera, margin_mm: float, mark_radius_mm: float, usable: Mask | None
+    photo: Photo, camera: Camera, margin_mm: float, usable: Mask | None
 ) -> PictureMask:
     """The picture area less a margin, less discs around the fiducials, less what is not usable.
 
@@ -258,7 +255,6 @@ def picture_mask(
         photo: The photo.
         camera: Its camera.
         margin_mm: Strip along the edge of the picture area, millimetres.
-        mark_radius_mm: Radius around each fiducial, millimetres.
         usable: True where the scan may be shown, over the whole scan at any reduction.
 
     Returns:
@@ -268,12 +264,12 @@ def picture_mask(
     columns, rows = (int(np.ceil(size / reduction)) for size in photo.size_px)
     mask = np.zeros((rows, columns), dtype=np.uint8)
     area: FilmPoints = np.array(picture_area_mm(photo, camera, margin_mm).exterior.coords)
-    corners = _sixteenths(photo.interior.pixel_from_film(area) / reduction)
+    corners = _fixed_point(photo.interior.pixel_from_film(area) / reduction)
     cv2.fillPoly(mask, [corners], (255,), shift=BINARY_PLACES)
     if camera.fiducials_mm:
         marks = np.array(list(camera.fiducials_mm.values()), dtype=np.float64)
-        radius = mark_radius_mm / photo.interior.pixel_size_mm / reduction
-        for x, y in _sixteenths(photo.interior.pixel_from_film(marks) / reduction).tolist():
+        radius = MARK_RADIUS_MM / photo.interior.pixel_size_mm / reduction
+        for x, y in _fixed_point(photo.interior.pixel_from_film(marks) / reduction).tolist():
             cv2.circle(
                 mask,
                 (x, y),
@@ -290,7 +286,7 @@ def picture_mask(
     return PictureMask(mask, reduction)
 
 
-def _sixteenths(points: PixelPoints) -> Int32[np.ndarray, "n 2"]:
+def _fixed_point(points: PixelPoints) -> Int32[np.ndarray, "n 2"]:
     """Pixels as OpenCV draws them: counted from the centre, integers with four binary places."""
     return np.rint(opencv_from_pixel(points) * (1 << BINARY_PLACES)).astype(np.int32)
 
@@ -305,22 +301,21 @@ class _Work:
     grid: Grid
     source: ScanSource
     mask: PictureMask
-    limit_px: float
 
 
 def _tile(work: _Work, window: Tile) -> Pixels | None:
     """Values of one tile in the type of the scan, 0 where nothing is seen; None if nowhere."""
     tile = work.grid.window(*window)
-    places = locate_tile(work.photo, work.camera, work.dem, tile, work.limit_px)
+    places = locate_tile(work.photo, work.camera, work.dem, tile)
     if places is None:
         return None
     seen = work.mask.at(places.columns, places.rows, places.origin)
     if not seen.any():
         return None
-    part = _part(work, places, seen)
+    part = _window_of(work, places, seen)
     pixels = work.source.window(*part)
     columns, rows = (
-        _reduced(values, origin - start * work.source.reduction, work.source.reduction)
+        _reduce_places(values, origin - start * work.source.reduction, work.source.reduction)
         for values, origin, start in zip(
             (places.columns, places.rows), places.origin, part[:2], strict=True
         )
@@ -332,7 +327,7 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
     return values
 
 
-def _part(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, int, int]:
+def _window_of(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, int, int]:
     """Column, row, columns, rows of the window that the seen places need, reduced pixels."""
     starts: list[int] = []
     sizes: list[int] = []
@@ -348,7 +343,7 @@ def _part(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, int, i
     return starts[0], starts[1], sizes[0], sizes[1]
 
 
-def _reduced(values: PixelMap, shift: int, step: int) -> PixelMap:
+def _reduce_places(values: PixelMap, shift: int, step: int) -> PixelMap:
     """Places counted from a window of reduced pixels, in OpenCV's centre origin."""
     moved = values + np.float32(shift)
     if step > 1:

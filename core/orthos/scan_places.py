@@ -30,6 +30,9 @@ FINEST_COARSE = 8
 # design: 256 places, one for every four thousand pixels of a tile
 CHECKED_PER_AXIS = 16
 """The lattice is compared with exact projection at this many places along each axis of a tile."""
+# design: a tenth of what a tie point is measured to, 0.5 px (METHODS 7)
+LIMIT_PX = 0.05
+"""Largest error of an interpolated scan place, scan pixels."""
 # design: no division by nought; nobody photographs from a metre
 LEAST_DEPTH_M = 1.0
 """Ground nearer below the perspective centre is not looked for, metres."""
@@ -72,17 +75,15 @@ class ScanPlaces:
 
 
 def locate_tile(
-    # design: a tenth of what a tie point is measured to, 0.5 px (METHODS 7)
     photo: Photo,
     camera: Camera,
     dem: Heights,
     tile: Grid,
-    limit_px: float = 0.05,
 ) -> ScanPlaces | None:
     """Scan places of every pixel centre of a tile; None where the DEM has no height at all.
 
     Fine nodes start at the spacing of the DEM; both spacings are halved until relief between the
-    nodes and the check against exact projection stay below `limit_px`.
+    nodes and the check against exact projection stay below `LIMIT_PX`.
     """
     spacing, coarse = _starting_spacing(dem, tile), COARSE_SPACING
     while True:
@@ -93,7 +94,7 @@ def locate_tile(
             photo, camera, tile, spacing, coarse // spacing, heights
         )
         error = max(_largest_error(photo, camera, dem, tile, places), unevenness_px)
-        if error <= limit_px or (spacing == 1 and coarse <= FINEST_COARSE):
+        if error <= LIMIT_PX or (spacing == 1 and coarse <= FINEST_COARSE):
             return ScanPlaces(places.origin, places.columns, places.rows, spacing, error)
         spacing, coarse = max(spacing // 2, 1), max(coarse // 2, FINEST_COARSE)
 

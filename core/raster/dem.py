@@ -151,10 +151,10 @@ class Dem:
         east, north = grid.centres()
         corners = np.column_stack([east[[0, -1]], north[[0, -1]]])
         (first, top), (last, bottom) = window.grid.grid_from_object(corners)
-        columns = _between(np.linspace(first, last, grid.columns), window.grid.columns)
-        rows = _between(np.linspace(top, bottom, grid.rows), window.grid.rows)
-        lines = _mixed(window.heights[rows[0]], window.heights[rows[1]], rows[2][:, None])
-        heights = _mixed(lines[:, columns[0]], lines[:, columns[1]], columns[2])
+        columns = _neighbours(np.linspace(first, last, grid.columns), window.grid.columns)
+        rows = _neighbours(np.linspace(top, bottom, grid.rows), window.grid.rows)
+        lines = _mix(window.heights[rows[0]], window.heights[rows[1]], rows[2][:, None])
+        heights = _mix(lines[:, columns[0]], lines[:, columns[1]], columns[2])
         return np.where(self._inside(grid), heights, np.nan)
 
     def mean_height(self, bounds: Bounds | None = None) -> float:
@@ -251,20 +251,20 @@ def open_dem(paths: Sequence[str | Path] | str | Path, crs: str) -> Dem:
 
 def _bilinear(raster: Float32[np.ndarray, "rows columns"], places: PlanePoints) -> Scalars:
     """Values at raster places (column, row, corner origin) between the four pixel centres."""
-    left, right, u = _between(places[:, 0], raster.shape[1])
-    above, below, v = _between(places[:, 1], raster.shape[0])
-    upper = _mixed(raster[above, left], raster[above, right], u)
-    return _mixed(upper, _mixed(raster[below, left], raster[below, right], u), v)
+    left, right, u = _neighbours(places[:, 0], raster.shape[1])
+    above, below, v = _neighbours(places[:, 1], raster.shape[0])
+    upper = _mix(raster[above, left], raster[above, right], u)
+    return _mix(upper, _mix(raster[below, left], raster[below, right], u), v)
 
 
-def _between(places: Scalars, size: int) -> tuple[Indices, Indices, Scalars]:
+def _neighbours(places: Scalars, size: int) -> tuple[Indices, Indices, Scalars]:
     """The pixels before and after places along an axis, and the share of the second."""
     centred = np.clip(places - HALF_PIXEL, 0, size - 1)
     before = np.minimum(centred.astype(np.int64), max(size - 2, 0))
     return before, np.minimum(before + 1, size - 1), centred - before
 
 
-def _mixed(
+def _mix(
     one: Float[np.ndarray, "*n"], other: Float[np.ndarray, "*n"], share: Float64[np.ndarray, "..."]
 ) -> Float64[np.ndarray, "*n"]:
     """Linear between two; where one has no say its gap does not matter."""

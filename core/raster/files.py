@@ -60,12 +60,12 @@ class TileCache:
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
         """The tile of a key; made, and kept for the next question, where it is not held."""
         with self._lock:
-            tile = self._held(key)
+            tile = self._tile_of(key)
             turn = self._turns.setdefault(key, Lock()) if tile is None else None
         if turn is not None:
             with turn:
                 with self._lock:
-                    tile = self._held(key)
+                    tile = self._tile_of(key)
                 if tile is None:
                     tile = make()
                     self._keep(key, tile)
@@ -79,7 +79,7 @@ class TileCache:
             self._tiles.clear()
             self.nbytes = 0
 
-    def _held(self, key: Hashable) -> Sized | None:
+    def _tile_of(self, key: Hashable) -> Sized | None:
         if key in self._tiles:
             self._tiles.move_to_end(key)
         return self._tiles.get(key)
@@ -138,7 +138,7 @@ class OpenFiles:
             match = next((i for i, (held, _) in enumerate(self._idle) if held == key), None)
             dataset = None if match is None else self._idle.pop(match)[1]
         if dataset is None:
-            dataset = _opened(path, options)
+            dataset = _open(path, options)
         try:
             yield dataset
         except BaseException:
@@ -152,7 +152,7 @@ class OpenFiles:
             dataset.close()
 
 
-def _opened(path: Path, options: dict[str, str]) -> Any:
+def _open(path: Path, options: dict[str, str]) -> Any:
     """A file newly open; that it may lie nowhere on the ground is its reader's business."""
     # Python's warning filters belong to all threads, so only one may put them aside at a time.
     with OPENING, warnings.catch_warnings():

@@ -136,12 +136,12 @@ def write_tiles(
     covered, filled = 0, set[tuple[int, int]]()
     with rasterio.open(path, "w", **profile) as out:
         out.update_tags(**tags)
-        with closing(_in_order(compute, tiles, threads)) as results:
+        with closing(_compute_in_order(compute, tiles, threads)) as results:
             for done, (tile, values) in enumerate(results, start=1):
                 if values is not None:
                     covered += int(np.count_nonzero(values))
                     filled.update(_filled_blocks(tile, values))
-                    with full_disk_told(path):
+                    with tell_full_disk(path):
                         out.write(values, 1, window=window_of(tile))
                 progress.report(float(done), float(len(tiles)), what)
     refuse_incomplete(path, len(filled))
@@ -149,12 +149,12 @@ def write_tiles(
 
 
 @contextmanager
-def full_disk_told(path: Path) -> Generator[None]:
+def tell_full_disk(path: Path) -> Generator[None]:
     """What GDAL says when a raster cannot be written, as an OSError: the disk is full."""
     try:
         yield
     except (RasterioError, CPLE_BaseError) as error:
-        raise _full(path) from error
+        raise _disk_full(path) from error
 
 
 def refuse_incomplete(path: Path, blocks: int) -> None:
@@ -167,7 +167,7 @@ def refuse_incomplete(path: Path, blocks: int) -> None:
     Raises:
         OSError: Blocks are missing, or lie beyond the end of the file.
     """
-    with full_disk_told(path), rasterio.open(path) as file:
+    with tell_full_disk(path), rasterio.open(path) as file:
         size, present = path.stat().st_size, 0
         height, width = file.block_shapes[0]
         for i in range(-(-file.height // height)):
@@ -176,12 +176,12 @@ def refuse_incomplete(path: Path, blocks: int) -> None:
                 length = int(file.get_tag_item(f"BLOCK_SIZE_{j}_{i}", "TIFF", bidx=1) or 0)
                 present += offset > 0
                 if offset + length > size:
-                    raise _full(path)
+                    raise _disk_full(path)
         if present < blocks:
-            raise _full(path)
+            raise _disk_full(path)
 
 
-def _full(path: Path) -> OSError:
+def _disk_full(path: Path) -> OSError:
     return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
@@ -220,7 +220,7 @@ def tiled_profile(grid: Grid, crs: str, dtype: str) -> dict[str, Any]:
     }
 
 
-def _in_order(
+def _compute_in_order(
     compute: Callable[[Tile], Pixels | None], tiles: Sequence[Tile], threads: int
 ) -> Generator[tuple[Tile, Pixels | None], None, None]:
     """Tiles in their order, computed side by side, with few waiting to be written."""

@@ -134,13 +134,13 @@ def _read_north_up(
     if lattice.square and cells.weight.min() < 1:
         west, top = c + window.column * size * a, f + window.row * size * e
         place = Grid(float(west), float(top), float(a * size), window.columns, window.rows)
-        cells = _continued(cells, coarser, place, options)
+        cells = _continue_cells(cells, coarser, place, options)
     return _sample_separable(
         cells, columns / size - window.column, rows / size - window.row, scale, options.kernel
     )
 
 
-def _continued(
+def _continue_cells(
     cells: Cells, coarser: Sequence[Lattice], place: Grid, options: ReadOptions
 ) -> Cells:
     """Cells with coarser lattices going on where this one ends, so that kernels cross the join."""
@@ -263,15 +263,15 @@ def _sample_separable(
     across = _weights(columns, width, scale[0], kernel)
     down = _weights(rows, height, scale[1], kernel)
     reach = int(np.ceil(RADIUS[kernel] * max(1.0, *scale))) + 1
-    filled = _filled(cells, reach)
-    values = np.stack([_apply(down, band, across) for band in filled])
+    filled = _fill_holes(cells, reach)
+    values = np.stack([_multiply(down, band, across) for band in filled])
     if cells.weight.min() >= 1:
         return Sampled(values, np.ones(values.shape[1:], dtype=np.float32))
     smooth = (
         _weights(rows, height, scale[1], "linear"),
         _weights(columns, width, scale[0], "linear"),
     )
-    return Sampled(values, np.clip(_apply(smooth[0], cells.weight, smooth[1]), 0, 1))
+    return Sampled(values, np.clip(_multiply(smooth[0], cells.weight, smooth[1]), 0, 1))
 
 
 def _sample_warped(
@@ -290,7 +290,7 @@ def _sample_warped(
         scale: Source cells per target pixel; above 1 the source is smoothed first.
         kernel: `cubic` or `linear`.
     """
-    filled, weight = _filled(cells, 3), cells.weight
+    filled, weight = _fill_holes(cells, 3), cells.weight
     if scale > 1:
         # What is missing to the width of a target pixel, a source cell being one wide.
         sigma = 0.5 * float(np.sqrt(scale**2 - 1))
@@ -335,7 +335,7 @@ def _cubic(t: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
     return np.where(t < 1, near, np.where(t < 2, far, 0.0))
 
 
-def _apply(
+def _multiply(
     down: csr_array, band: Float32[np.ndarray, "rows columns"], across: csr_array
 ) -> Float32[np.ndarray, "height width"]:
     """Product down @ band @ across', the shorter product first."""
@@ -345,7 +345,7 @@ def _apply(
     return np.ascontiguousarray(down @ np.ascontiguousarray((across @ band.T).T))
 
 
-def _filled(cells: Cells, reach: int) -> Float32[np.ndarray, "bands rows columns"]:
+def _fill_holes(cells: Cells, reach: int) -> Float32[np.ndarray, "bands rows columns"]:
     """Cells without value get the mean of their neighbours, so that no kernel drags in a nought."""
     if cells.weight.min() > 0:
         return cells.values

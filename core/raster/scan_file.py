@@ -151,7 +151,7 @@ def open_scan(path: Path) -> ScanFile:
         ScanError: Missing, empty, not an image, cut off, or of a pixel type that is not a scan's.
     """
     _check_file(path)
-    with _opened(path) as dataset:
+    with _open_dataset(path) as dataset:
         scan = ScanFile(path, (dataset.width, dataset.height), dataset.count, dataset.dtypes[0])
         if scan.dtype not in READABLE:
             raise ScanError(
@@ -249,7 +249,7 @@ def _read_gray(scan: ScanFile, window: Tile, shape: tuple[int, int]) -> GrayWind
     One or two bands are gray, more begin with red, green, blue.
     """
     bands = [1, 2, 3] if scan.bands >= 3 else [1]
-    with _opened(scan.path) as dataset:
+    with _open_dataset(scan.path) as dataset:
         try:
             values: Any = dataset.read(
                 bands,
@@ -285,7 +285,7 @@ def _cells_inside(start: int, cells: int, reduction: int, size: int) -> tuple[in
 
 
 @contextmanager
-def _opened(path: Path) -> Generator[Any]:
+def _open_dataset(path: Path) -> Generator[Any]:
     """The open dataset; what GDAL cannot open is a ScanError."""
     with ExitStack() as stack:
         try:

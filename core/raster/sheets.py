@@ -156,7 +156,7 @@ def sheet_file(path: str | Path, **options: str) -> Generator[Any]:
         try:
             file = stack.enter_context(FILES.borrow(Path(path), **options))
         except (RasterioError, OSError) as error:
-            cause, remedy = _why_not(Path(path))
+            cause, remedy = _cause_and_remedy(Path(path))
             raise ReferenceDataError(path, cause, remedy) from error
         try:
             yield file
@@ -168,7 +168,7 @@ def sheet_file(path: str | Path, **options: str) -> Generator[Any]:
             ) from error
 
 
-def _why_not(path: Path) -> tuple[str, str]:
+def _cause_and_remedy(path: Path) -> tuple[str, str]:
     """Cause and remedy of a file that GDAL does not open."""
     if not path.exists():
         return "the file is not there.", "Correct the path under [reference]."
@@ -185,7 +185,7 @@ def open_sheet(path: str | Path, crs: CRS, what: SheetKind) -> Sheet:
     try:
         stamp = file_stamp(Path(path))
     except OSError as error:
-        raise ReferenceDataError(path, *_why_not(Path(path))) from error
+        raise ReferenceDataError(path, *_cause_and_remedy(Path(path))) from error
     return _sheet(str(path), stamp, crs.to_wkt(), what)
 
 
@@ -216,7 +216,7 @@ def _sheet(name: str, stamp: Stamp, crs: str, what: SheetKind) -> Sheet:
             operation=None,
             bands=bands,
             masked=MaskFlags.all_valid not in flags,
-            white=_white(raster, bands[0]) if what != "DEM" else 0.0,
+            white=_white_value(raster, bands[0]) if what != "DEM" else 0.0,
             collar=None if what == "DEM" else detect_collar(raster, bands),
             factor=float(raster.scales[bands[0] - 1]),
             addend=float(raster.offsets[bands[0] - 1]),
@@ -271,7 +271,7 @@ def _refuse_empty(raster: rasterio.DatasetReader, path: Path) -> None:
     )
 
 
-def _white(raster: rasterio.DatasetReader, band: int) -> float:
+def _white_value(raster: rasterio.DatasetReader, band: int) -> float:
     """The value to show as white: 255, or a high percentile where pixels have more bits."""
     if raster.dtypes[band - 1] == "uint8":
         return 255.0
@@ -308,7 +308,7 @@ def detect_collar(raster: rasterio.DatasetReader, bands: tuple[int, ...]) -> Col
     shape = (min(raster.height, REDUCED_PX), min(raster.width, REDUCED_PX))
     reduced = raster.read(list(bands), out_shape=(len(bands), *shape))
     flat = np.all(np.abs(reduced.astype(np.int16) - value) <= NOISE, axis=0)
-    margin = _touching_edge(flat)
+    margin = _parts_at_edge(flat)
     if not margin.any():
         return None
     reach = ndimage.binary_dilation(margin, structure=np.ones((3, 3)), iterations=2)
@@ -328,7 +328,7 @@ def _corner_value(raster: rasterio.DatasetReader, bands: tuple[int, ...]) -> flo
     return None
 
 
-def _touching_edge(flat: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+def _parts_at_edge(flat: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
     """The connected parts that reach the sheet's edge over a length no shadow has."""
     labels, count = label_parts(flat)
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])

@@ -21,7 +21,7 @@ from core.geometry.crs import Bounds, shared_bounds
 from core.matching.peaks import local_maxima
 from core.matching.reference import Reference
 from core.matching.template_search import correlation_scores
-from core.progress import Progress, Silent, tracked
+from core.progress import SILENT, Progress, tracked
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.reference.junctions import CHANGE_M as JUNCTION_CHANGE_M
@@ -33,7 +33,6 @@ PixelIndices = Int64[np.ndarray, "n 2"]
 """Column and row of pixels."""
 Gray = Float32[np.ndarray, "rows columns"]
 """Gray values, or a measure of every pixel."""
-SILENT = Silent()
 # design: a tile and its copies take 20 MB in each thread.
 TILE_PX = 768
 """Cells are looked at together up to about this size."""

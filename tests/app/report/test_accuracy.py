@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from app.report.accuracy import horizontal
+from app.report.accuracy import plan_figures
 
 
 def test_statistics_follow_their_definitions__paper():
     # METHODS 9.1: c, s, m and m_p of differences written out by hand.
     differences = np.array([[0.3, -0.4, 0.0], [0.1, 0.0, 0.0], [-0.1, 0.4, 0.0], [0.1, 0.2, 0.0]])
-    found = horizontal(differences)
+    found = plan_figures(differences)
     assert found["mean_shift"] == pytest.approx([0.1, 0.05])
     assert found["deviation"] == pytest.approx([np.sqrt(0.08 / 3), np.sqrt(0.35 / 3)])
     assert found["m_x"] == pytest.approx(np.sqrt(0.03))
