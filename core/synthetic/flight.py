@@ -10,7 +10,7 @@ from core.geometry.collinearity import film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.image_corrections import Atmosphere, atmosphere_of
 from core.synthetic.options import Scale, SyntheticOptions, seeded
-from core.synthetic.terrain import Bounds, Terrain, make_terrain
+from core.synthetic.random_surfaces import Bounds, Terrain, make_terrain
 
 FRAME_MM = 180.0
 SCAN_MM = 194.0

@@ -6,12 +6,18 @@ import numpy as np
 from jaxtyping import Float32
 
 from core.raster.grid import Grid
-from core.synthetic.fields import Tract, make_profiles, make_tracts
+from core.synthetic.land_cover import (
+    House,
+    Tract,
+    Trees,
+    make_houses,
+    make_profiles,
+    make_tracts,
+    make_trees,
+)
 from core.synthetic.network import Network, Road, make_network
-from core.synthetic.noise import fractal, smooth_step
 from core.synthetic.options import SyntheticOptions, seeded
-from core.synthetic.settlement import House, Trees, make_houses, make_trees
-from core.synthetic.terrain import Bounds, Terrain
+from core.synthetic.random_surfaces import Bounds, Terrain, fractal, smooth_step
 
 Field = Float32[np.ndarray, "_ _"]
 COARSE = 4

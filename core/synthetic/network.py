@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay, KDTree
 
 from core.arrays import Scalars, locked
-from core.synthetic.terrain import Bounds, PlanPoints
+from core.synthetic.random_surfaces import Bounds, PlanPoints
 
 RoadKind = Literal["main", "street", "track"]
 Pairs = Int64[np.ndarray, "_ 2"]

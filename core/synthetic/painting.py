@@ -10,11 +10,10 @@ from jaxtyping import Float32, Int32, UInt8
 from core.arrays import Scalars
 from core.progress import Progress, Silent
 from core.raster.grid import Grid
-from core.synthetic.fields import PROFILE_LENGTH, PROFILE_STEP_M
+from core.synthetic.land_cover import PROFILE_LENGTH, PROFILE_STEP_M
 from core.synthetic.landscape import Field, RoadLook, Scene
 from core.synthetic.network import Road
-from core.synthetic.noise import smooth_step, white
-from core.synthetic.terrain import PlanPoints
+from core.synthetic.random_surfaces import PlanPoints, smooth_step, white
 
 Picture = UInt8[np.ndarray, "_ _"]
 Window = tuple[int, int, int, int]

@@ -16,14 +16,13 @@ from rasterio.io import DatasetWriter
 from shapely.geometry import LineString, Polygon
 
 from core.raster.grid import Grid
-from core.synthetic.fields import Tract
 from core.synthetic.flight import SHEET
+from core.synthetic.land_cover import Tract
 from core.synthetic.landscape import COARSE, Scene
 from core.synthetic.network import Network, Road, swayed
-from core.synthetic.noise import Field, fractal, smooth_step
 from core.synthetic.options import CRS, seeded
 from core.synthetic.painting import Ground, fixed_pixels
-from core.synthetic.terrain import Bounds, PlanPoints, Terrain
+from core.synthetic.random_surfaces import Bounds, Field, PlanPoints, Terrain, fractal, smooth_step
 
 Tint = Float32[np.ndarray, "_ _ 3"]
 BAND = 1024

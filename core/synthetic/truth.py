@@ -20,7 +20,7 @@ from core.raster.grid import Grid
 from core.synthetic.flight import Exposure, Flight
 from core.synthetic.network import Network
 from core.synthetic.options import CRS, SyntheticOptions
-from core.synthetic.terrain import PlanPoints
+from core.synthetic.random_surfaces import PlanPoints
 
 WRONG_M = 3.0
 """A control measurement further than this from the true place, on the ground, is wrong."""

@@ -14,8 +14,7 @@ import shapely
 from rasterio.errors import NotGeoreferencedWarning
 
 from core.progress import Silent
-from core.synthetic.approximations import write_approximations
-from core.synthetic.archive import make_block
+from core.synthetic.archive import make_block, write_approximations
 from core.synthetic.flight import make_flight
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import read_truth

@@ -5,8 +5,8 @@ import pytest
 import shapely
 from shapely.geometry import Polygon
 
-from core.synthetic.fields import make_tracts
 from core.synthetic.flight import make_flight
+from core.synthetic.land_cover import make_tracts
 from core.synthetic.landscape import make_landscape
 from core.synthetic.network import Network, Road
 from core.synthetic.options import SyntheticOptions
