@@ -60,8 +60,8 @@ def _georeference(given: BlockInput, results: StageResults, work: Work) -> Geore
         given.scan_cameras,
         given.cameras,
         given.georeference,
-        given.reference,
-        work,
+        files=given.reference,
+        work=work,
     )
 
 
@@ -71,7 +71,7 @@ def _reference(given: BlockInput, results: StageResults, work: Work) -> Referenc
         results.opened_scans,
         given.reference,
         given.localisation.orientation.finest_gsd_m,
-        work,
+        work=work,
     )
 
 

@@ -80,7 +80,7 @@ def replay_all(block: Block, decisions: Sequence[Recorded], found: Films | None 
                 matched = knows(block, decision)
                 changed(marks, decision)
             case decision:
-                matched = _decide(known_photos, surveyed, measurements, decision, recorded.who)
+                matched = _decide(known_photos, surveyed, measurements, decision, who=recorded.who)
         if not matched:
             unmatched.append(recorded)
     block = with_changes(block, with_effect(marks), found)
@@ -139,6 +139,7 @@ def _decide(
     surveyed: Mapping[str, SurveyedPoint],
     measurements: dict[tuple[str, str], Measurement],
     decision: PhotoDecision,
+    *,
     who: str,
 ) -> bool:
     """Change the measurement the decision is about; False when there is nothing to change."""

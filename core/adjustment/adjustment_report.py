@@ -70,7 +70,9 @@ def report_of(block: Block, sound: Sound, solution: Solution) -> AdjustmentRepor
         rejected={**sound.reasons, **_rejected(solution, rays_px)},
         tie_reasons=_tie_reasons(solution, rays_px),
         classes=solution.classes,
-        parameters=shared_parameters(network, fit.state, solution.precision, solution.held, scale),
+        parameters=shared_parameters(
+            network, fit.state, solution.precision, solution.held, sigma_nought=scale
+        ),
         doubts=(*sound.doubts, *_behind(solution)),
         condition=solution.normals.factor.condition,
     )

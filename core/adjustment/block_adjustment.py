@@ -166,7 +166,13 @@ def _inner_precision(solution: Solution, similarity: Similarity) -> Precision:
         inverse = DenseInverse(_inner_cofactors(solution), count)
         network, pattern, place = solution.network, solution.pattern, np.arange(count)
         precision = precision_from(
-            network, pattern, solution.fit.lin, solution.normals, inverse, place, scaled
+            network,
+            pattern,
+            solution.fit.lin,
+            solution.normals,
+            inverse=inverse,
+            place=place,
+            turn=scaled,
         )
         points = precision.points
     turn = np.zeros((6, 6))

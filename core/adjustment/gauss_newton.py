@@ -63,7 +63,7 @@ def begin(network: Network, state: State, placed: Chosen) -> Fit:
 
 
 def minimise(
-    network: Network, pattern: Pattern, fit: Fit, robust: bool, steps: int, progress: Progress
+    network: Network, pattern: Pattern, fit: Fit, robust: bool, *, steps: int, progress: Progress
 ) -> Fit:
     """Steps until one is small, or none helps; robust costs need not settle to the last digit."""
     damping = 0.0
@@ -104,7 +104,7 @@ def _step(
 ) -> tuple[State, Increment | None]:
     """The state after one step; without a step where the normal equations are singular."""
     try:
-        normals = normals_of(network, pattern, fit.lin, fit.weights, damping)
+        normals = normals_of(network, pattern, fit.lin, fit.weights, damping=damping)
     except np.linalg.LinAlgError:
         return fit.state, None
     increment = solve(network, pattern, normals)

@@ -143,7 +143,7 @@ def strips_of(photos: Sequence[Photo], sides_m: Sequence[float]) -> Int[np.ndarr
     for index in range(len(photos)):
         if numbers[index] < 0:
             number = int(numbers.max()) + 1
-            _grow(index, number, numbers, centres, headings, sides)
+            _grow(index, number, numbers, centres, headings=headings, sides=sides)
     return numbers
 
 
@@ -174,6 +174,7 @@ def _grow(
     number: int,
     numbers: Int[np.ndarray, "photos"],
     centres: Float64[np.ndarray, "photos 2"],
+    *,
     headings: Float64[np.ndarray, "photos"],
     sides: Float64[np.ndarray, "photos"],
 ) -> None:

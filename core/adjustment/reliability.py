@@ -92,7 +92,7 @@ def precision_of(
     point are L^-T (I + Y^T Q Y) L^-1, those between d and X are -Q Y L^-1.
     """
     inverse = invert_bordered(normals.factor, pattern.reach)
-    return precision_from(network, pattern, lin, normals, inverse, pattern.place)
+    return precision_from(network, pattern, lin, normals, inverse=inverse, place=pattern.place)
 
 
 def precision_from(
@@ -100,6 +100,7 @@ def precision_from(
     pattern: Pattern,
     lin: Linearised,
     normals: Normals,
+    *,
     inverse: BorderedInverse | DenseInverse,
     place: Int[np.ndarray, "photos"],
     turn: Float64[np.ndarray, "3 3"] = NOT_TURNED,
@@ -117,14 +118,26 @@ def precision_from(
     """
     own = inverse.pairs(place, place)
     shared = inverse.with_border(place)
-    photo_part = _photo_part(network, pattern, normals, inverse, place, own, shared)
+    photo_part = _photo_part(
+        network, pattern, normals, inverse, place=place, own=own, shared=shared
+    )
     camera_part = _camera_part(network, normals, inverse, shared)
     inner = _point_part(network, normals, photo_part, camera_part)
     return Precision(
         rays=np.stack(
             [
-                _ray_variance(network, lin, normals, own, shared, inverse.corner, axis)
-                + _point_variance(network, lin, normals, photo_part, camera_part, inner, axis)
+                _ray_variance(
+                    network, lin, normals, own, shared=shared, corner=inverse.corner, axis=axis
+                )
+                + _point_variance(
+                    network,
+                    lin,
+                    normals,
+                    photo_part,
+                    camera_part=camera_part,
+                    inner=inner,
+                    axis=axis,
+                )
                 for axis in range(2)
             ]
         ),
@@ -140,6 +153,7 @@ def _photo_part(
     pattern: Pattern,
     normals: Normals,
     inverse: BorderedInverse | DenseInverse,
+    *,
     place: Int[np.ndarray, "photos"],
     own: Float64[np.ndarray, "photos 6 6"],
     shared: Float64[np.ndarray, "photos 6 shared"],
@@ -212,6 +226,7 @@ def _ray_variance(
     lin: Linearised,
     normals: Normals,
     own: Float64[np.ndarray, "photos 6 6"],
+    *,
     shared: Float64[np.ndarray, "photos 6 shared"],
     corner: Float64[np.ndarray, "shared shared"],
     axis: int,
@@ -238,6 +253,7 @@ def _point_variance(
     lin: Linearised,
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
+    *,
     camera_part: Float64[np.ndarray, "lensed points 3"],
     inner: Float64[np.ndarray, "3 3 points"],
     axis: int,
@@ -288,6 +304,7 @@ def gross_errors(
     lin: Linearised,
     precision: Precision,
     standardised: RayPairs,
+    *,
     taking_part: Chosen,
     limits: TestLimits,
 ) -> Chosen:
@@ -335,6 +352,7 @@ def cleared_rays(
     standardised: RayPairs,
     precision: Precision,
     taking_part: Chosen,
+    *,
     candidates: Chosen,
     limits: TestLimits,
 ) -> Chosen:

@@ -74,6 +74,7 @@ def shared_parameters(
     state: State,
     precision: Precision,
     held: tuple[int, ...],
+    *,
     sigma_nought: float,
 ) -> tuple[SharedParameter, ...]:
     """Every shared unknown with its standard deviation, test and largest correlation."""

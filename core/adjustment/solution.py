@@ -161,11 +161,11 @@ def solve_network(
     begun = fit
     if options.robust:
         steps = max(options.max_iterations - 3 * FINAL_STEPS - begun.steps, 1)
-        fit = minimise(network, task.pattern, fit, True, steps, progress)
+        fit = minimise(network, task.pattern, fit, True, steps=steps, progress=progress)
         judged = _judge(network, task, fit, begun.taking_part)
         fit = _with_rays(network, fit, _kept(judged, task, begun.taking_part))
     left = options.max_iterations - fit.steps
-    fit = minimise(network, task.pattern, fit, False, left, progress)
+    fit = minimise(network, task.pattern, fit, False, steps=left, progress=progress)
     solution = _snooped(_judge(network, task, fit, begun.taking_part), task)
     return _settled(solution, task)
 
@@ -175,7 +175,9 @@ def resolved(
 ) -> Solution:
     """Plain least squares with given rays from a state that is nearly the minimum."""
     task = _Task(pattern_of(network), options, None, progress)
-    fit = minimise(network, task.pattern, fit, False, options.max_iterations, progress)
+    fit = minimise(
+        network, task.pattern, fit, False, steps=options.max_iterations, progress=progress
+    )
     return _judge(network, task, fit, fit.taking_part)
 
 
@@ -187,7 +189,7 @@ def _start(network: Network, task: _Task) -> Fit:
     soft, state = on_the_ground(network, GROUND_SOFTNESS)
     laid = begin(soft, state, np.ones(len(network.rays.photo), dtype=np.bool_))
     steps = min(APPROACH_STEPS, task.options.max_iterations // 2)
-    better = minimise(soft, task.pattern, laid, True, steps, task.progress)
+    better = minimise(soft, task.pattern, laid, True, steps=steps, progress=task.progress)
     again = begin(network, *at_state(network, better.state))
     return replace(again, steps=better.steps)
 
@@ -195,9 +197,9 @@ def _start(network: Network, task: _Task) -> Fit:
 def _judge(network: Network, task: _Task, fit: Fit, candidates: Chosen) -> Solution:
     """Cofactors and standardised residuals at the fit's state."""
     try:
-        normals = normals_of(network, task.pattern, fit.lin, fit.weights, 0.0)
+        normals = normals_of(network, task.pattern, fit.lin, fit.weights, damping=0.0)
     except np.linalg.LinAlgError:
-        normals = normals_of(network, task.pattern, fit.lin, fit.weights, TINY_DAMPING)
+        normals = normals_of(network, task.pattern, fit.lin, fit.weights, damping=TINY_DAMPING)
     precision = precision_of(network, task.pattern, fit.lin, normals)
     standardised = standardised_residuals(fit.lin, precision, fit.weights)
     return Solution(network, task.pattern, fit, normals, precision, standardised, candidates, {})
@@ -207,9 +209,16 @@ def _kept(judged: Solution, task: _Task, candidates: Chosen) -> Chosen:
     """Rays without those the others contradict, with those they no longer do."""
     network, fit, standardised = judged.network, judged.fit, judged.standardised
     limits = TestLimits.of(task.options.test, task.options.risk, judged.redundancy)
-    gross = gross_errors(network, fit.lin, judged.precision, standardised, fit.taking_part, limits)
+    gross = gross_errors(
+        network, fit.lin, judged.precision, standardised, taking_part=fit.taking_part, limits=limits
+    )
     back = cleared_rays(
-        network, standardised, judged.precision, fit.taking_part, candidates, limits
+        network,
+        standardised,
+        judged.precision,
+        fit.taking_part,
+        candidates=candidates,
+        limits=limits,
     )
     return (fit.taking_part & ~gross) | back
 
@@ -235,7 +244,7 @@ def _snooped(judged: Solution, task: _Task) -> Solution:
         if np.array_equal(changed.taking_part, fit.taking_part) or left < FINAL_STEPS:
             break
         candidates = candidates & ~(changed.taking_part & ~fit.taking_part)
-        fit = minimise(network, task.pattern, changed, False, left, task.progress)
+        fit = minimise(network, task.pattern, changed, False, steps=left, progress=task.progress)
         judged = replace(_judge(network, task, fit, first), factors=judged.factors)
     return judged
 
@@ -252,7 +261,9 @@ def _settled(solution: Solution, task: _Task) -> Solution:
         network = changed.network
         start = begin(network, solution.fit.state, solution.fit.taking_part)
         start = replace(start, steps=solution.fit.steps)
-        fit = minimise(network, task.pattern, start, False, CHANGE_STEPS, task.progress)
+        fit = minimise(
+            network, task.pattern, start, False, steps=CHANGE_STEPS, progress=task.progress
+        )
         judged = _judge(network, task, fit, solution.candidates)
         judged = replace(judged, factors=changed.factors)
         solution = replace(_snooped(judged, task), held=changed.held)

@@ -125,7 +125,7 @@ class Increment:
 
 
 def normals_of(
-    network: Network, pattern: Pattern, lin: Linearised, weights: Weights, damping: float
+    network: Network, pattern: Pattern, lin: Linearised, weights: Weights, *, damping: float
 ) -> Normals:
     """Build and factor the reduced normal equations; weights multiply the rays' squares.
 

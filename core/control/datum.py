@@ -181,4 +181,4 @@ def joined(ballots: list[Ballot], prior_covariance: np.ndarray, options: DatumOp
     )
     offset = np.concatenate([one.offset for one in ballots])
     design = np.concatenate([one.design for one in ballots])
-    return Consensus(candidates, offset, design, prior_covariance, options.consensus)
+    return Consensus(candidates, offset, design, prior_covariance, options=options.consensus)

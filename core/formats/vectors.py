@@ -79,7 +79,7 @@ def read_layers(
                 file, f"it has no layer {wanted!r}.", f"It has: {', '.join(names) or 'none'}."
             )
         chosen = [wanted] if wanted else names
-        return tuple(_read_layer(file, name, crs, bounds, attributes) for name in chosen)
+        return tuple(_read_layer(file, name, crs, bounds, attributes=attributes) for name in chosen)
     except (DataSourceError, DataLayerError, FeatureError) as error:
         raise ReferenceDataError(
             file,
@@ -89,7 +89,7 @@ def read_layers(
 
 
 def _read_layer(
-    file: str, name: str, crs: CRS, bounds: Bounds | None, attributes: bool
+    file: str, name: str, crs: CRS, bounds: Bounds | None, *, attributes: bool
 ) -> VectorLayer:
     """One layer, brought into the block's CRS."""
     encoding = _encoding(file)
@@ -209,6 +209,7 @@ def write_polygons(
     layer: str,
     areas: Sequence[BaseGeometry],
     fields: Mapping[str, np.ndarray],
+    *,
     crs: str,
     append: bool = False,
 ) -> None:

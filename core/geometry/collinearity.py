@@ -225,7 +225,7 @@ def stacked_partials(offsets: Offsets, rays: RayModel) -> FilmPartials:
         film, uu, uv = film + bent, uu + bends[0, 0], uv + bends[0, 1]
         vu, vv = vu + bends[1, 0], vv + bends[1, 1]
     by_image = np.empty((2, 3, len(c)))
-    _centre_partials(by_image, offsets, rays, u, v, depth)
+    _centre_partials(by_image, offsets, rays, u, v=v, depth=depth)
     by_angle = np.array([[-u * v / c, c + u * u / c, v], [-c - v * v / c, u * v / c, -u]])
     refraction_by_c = -2.0 * rays.atmosphere[0] * s / c**3
     zero, one = np.zeros_like(c), np.ones_like(c)
@@ -233,8 +233,8 @@ def stacked_partials(offsets: Offsets, rays: RayModel) -> FilmPartials:
     camera_v = (v / c * (vv + refraction_by_c * c) + vu * u / c, zero, one, v * s, v * s * s)
     return FilmPartials(
         film=film,
-        by_centre=_through_lens(by_image, uu, uv, vu, vv),
-        by_rotation=_through_lens(by_angle, uu, uv, vu, vv),
+        by_centre=_through_lens(by_image, uu, uv, vu, vv=vv),
+        by_rotation=_through_lens(by_angle, uu, uv, vu, vv=vv),
         by_camera=np.array([camera_u, camera_v]),
         ideal=np.stack([u, v]),
     )
@@ -276,6 +276,7 @@ def _centre_partials(
     offsets: Offsets,
     rays: RayModel,
     u: Scalars,
+    *,
     v: Scalars,
     depth: Scalars,
 ) -> None:
@@ -291,7 +292,7 @@ def _centre_partials(
 
 
 def _through_lens(
-    ideal: Float64[np.ndarray, "2 3 rays"], uu: Scalars, uv: Scalars, vu: Scalars, vv: Scalars
+    ideal: Float64[np.ndarray, "2 3 rays"], uu: Scalars, uv: Scalars, vu: Scalars, *, vv: Scalars
 ) -> Float64[np.ndarray, "2 3 rays"]:
     """Derivatives of the ideal point turned into derivatives of the film point."""
     return np.stack([uu * ideal[0] + uv * ideal[1], vu * ideal[0] + vv * ideal[1]])

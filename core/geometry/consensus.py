@@ -102,6 +102,7 @@ class Consensus:
         offset: PixelPoints,
         design: Design,
         prior_covariance: Matrix,
+        *,
         options: ConsensusOptions,
     ) -> None:
         """Take the model in.
@@ -210,7 +211,12 @@ class Consensus:
         gate = np.pi * self.limit * known.sigma_px**2
         telling = np.add.reduceat(gate * known.chance, self.first) < IDLE
         evidence = Evidence(
-            self.first, known.weight, known.sigma_px, known.chance, telling, self.limit
+            self.first,
+            known.weight,
+            known.sigma_px,
+            known.chance,
+            telling=telling,
+            limit=self.limit,
         )
         return evidence.log10_e_value(residual, design, at, self.prior_information)
 
@@ -224,6 +230,7 @@ class Evidence:
         weight: Scalars,
         sigma_px: Scalars,
         chance: Scalars,
+        *,
         telling: OfPoints,
         limit: float,
     ) -> None:
@@ -260,7 +267,8 @@ class Evidence:
         if not near.any():
             return self.of_nothing()
         parts = [
-            self.of_share(share, near, residual, design, at, prior_information) for share in SHARES
+            self.of_share(share, near, residual, design, at=at, prior=prior_information)
+            for share in SHARES
         ]
         return float(logsumexp(parts) - np.log(len(SHARES))) / float(np.log(10))
 
@@ -275,6 +283,7 @@ class Evidence:
         near: Flags,
         residual: PixelPoints,
         design: Design,
+        *,
         at: Step,
         prior: Matrix,
     ) -> float:

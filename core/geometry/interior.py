@@ -168,6 +168,7 @@ def fit_interior(
     pixels: PixelPoints,
     certified_mm: FilmPoints,
     model: FittedModel = "auto",
+    *,
     sigmas_px: Scalars | None = None,
     mirrored: bool = False,
 ) -> InteriorOrientation | Failure:
@@ -198,7 +199,7 @@ def fit_interior(
     if isinstance(fit, Failure):
         return fit
     factor = fit.weighted_square_sum / fit.redundancy if fit.redundancy else float("nan")
-    fit = _with_film(fit, pixels[keep], certified_mm[keep], sigmas[keep], mirrored)
+    fit = _with_film(fit, pixels[keep], certified_mm[keep], sigmas[keep], mirrored=mirrored)
     interior = _interior(fit, factor, tuple(np.array(names)[keep].tolist()), pixels[keep])
     if interior.rms_um > limit_um(interior.pixel_size_mm):
         return Failure(
@@ -259,22 +260,22 @@ def _fit(
 ) -> FilmFit | Failure:
     """The model asked for, or the largest that the marks' number and residuals call for."""
     if model != "auto":
-        return fit_film(model, pixels, film, sigmas_mm, mirrored)
+        return fit_film(model, pixels, film, sigmas_mm, mirrored=mirrored)
     plain = "affine" if len(pixels) >= 4 else "similarity"
-    best = fit_film(plain, pixels, film, sigmas_mm, mirrored)
+    best = fit_film(plain, pixels, film, sigmas_mm, mirrored=mirrored)
     # As many marks as parameters leave as many equations to judge them by.
     if isinstance(best, Failure) or len(pixels) < PARAMETERS["projective"]:
         return best
     affine = best
     for larger in ("projective", "bilinear"):
-        fit = fit_film(larger, pixels, film, sigmas_mm, mirrored)
+        fit = fit_film(larger, pixels, film, sigmas_mm, mirrored=mirrored)
         if isinstance(fit, FilmFit) and _called_for(affine, fit):
             best = fit if fit.rms < best.rms else best
     return best
 
 
 def _with_film(
-    fit: FilmFit, pixels: PixelPoints, film: FilmPoints, sigmas_mm: Scalars, mirrored: bool
+    fit: FilmFit, pixels: PixelPoints, film: FilmPoints, sigmas_mm: Scalars, *, mirrored: bool
 ) -> FilmFit:
     """The fit with what the marks' own sigmas do not explain laid to film and scanner.
 
@@ -290,7 +291,7 @@ def _with_film(
     least, most = 0.0, 2 * fit.sigma + float(sigmas_mm.max())
     for _ in range(FILM_STEPS):
         bends = (least + most) / 2
-        trial = fit_film(fit.model, pixels, film, np.hypot(sigmas_mm, bends), mirrored)
+        trial = fit_film(fit.model, pixels, film, np.hypot(sigmas_mm, bends), mirrored=mirrored)
         if isinstance(trial, Failure):
             return best
         best = trial

@@ -65,6 +65,7 @@ def fit_film(
     pixels: PixelPoints,
     film: FilmPoints,
     sigmas_mm: Scalars,
+    *,
     mirrored: bool = False,
 ) -> FilmFit | Failure:
     """Fit one model by weighted least squares.
@@ -91,7 +92,7 @@ def fit_film(
     scaled = free * _units(free, spread, film)
     cofactor = np.zeros((8, 8))
     for _ in range(STEPS):
-        residual, slopes = _linearised(values, pixels, film, shift, model)
+        residual, slopes = _linearised(values, pixels, film, shift, model=model)
         design = (slopes @ scaled) * weights[:, None]
         left, singular, right = np.linalg.svd(design, full_matrices=False)
         # design: far above rounding.
@@ -104,7 +105,7 @@ def fit_film(
         # design: a femtometre.
         if np.abs(step).max() < 1e-12:
             break
-    residual, _ = _linearised(values, pixels, film, shift, model)
+    residual, _ = _linearised(values, pixels, film, shift, model=model)
     return FilmFit(
         model, values[:6].reshape(2, 3), values[6:], residual.reshape(-1, 2),
         float(np.sum((residual * weights) ** 2)), 2 * len(pixels) - PARAMETERS[model], cofactor,
@@ -152,7 +153,7 @@ def film_slopes(pixels: PixelPoints, matrix: Affine2, warp: Warp, model: str) ->
 
 
 def _linearised(
-    values: Parameters, pixels: PixelPoints, film: FilmPoints, shift: Warp, model: str
+    values: Parameters, pixels: PixelPoints, film: FilmPoints, shift: Warp, *, model: str
 ) -> tuple[Equations, Matrix]:
     """Residuals, and slopes by the matrix of centred pixels and the warp."""
     matrix, warp = values[:6].reshape(2, 3), values[6:]

@@ -119,6 +119,7 @@ def orient_relative(
     window_px: tuple[float, float],
     approximate: RelativeOrientation,
     options: RelativeOptions,
+    *,
     rng: np.random.Generator,
 ) -> OrientedPair | Failure:
     """Find the relative orientation most matches agree with, or say why none stands.

@@ -81,6 +81,7 @@ def resect_photo(
     start: ExteriorOrientation,
     prior_covariance: Matrix,
     points: ObjectPoints,
+    *,
     candidates: Candidates,
     options: ConsensusOptions,
     rng: np.random.Generator,
@@ -129,7 +130,7 @@ class Search:
             candidates.pixels - pixels[candidates.point],
             derivatives[candidates.point],
             prior_covariance,
-            options,
+            options=options,
         )
 
     def refined(self, step: Step) -> tuple[float, ExteriorOrientation]:

@@ -134,7 +134,7 @@ def approximate_from_world_file(
     placed = compose_affine(world.object_from_pixel, invert_affine(interior.film_from_pixel_matrix))
     _check_ground(placed, camera, ground, world.path)
     kappa, scale = rotation_and_scale(placed)
-    exterior = _vertical(placed, kappa, scale, camera, ground)
+    exterior = _vertical(placed, kappa, scale, camera, ground=ground)
     prior = _prior("world-file", scale, camera)
     doubts = _affine_doubt(world.path.stem, placed)
     return Approximation(exterior, prior, "world-file", (exterior,), doubts)
@@ -159,7 +159,7 @@ def approximate_from_points(
         raise ScanError(points.path, fit.reason, "Click two points or more, far apart, and save.")
     _check_ground(fit.matrix, camera, ground, points.path)
     kappa, scale = rotation_and_scale(fit.matrix)
-    exterior = _vertical(fit.matrix, kappa, scale, camera, ground)
+    exterior = _vertical(fit.matrix, kappa, scale, camera, ground=ground)
     prior = _prior("points", scale, camera, place_m=max(TRUST["points"].place_m, 2 * fit.rms))
     return Approximation(exterior, prior, "points", (exterior,))
 
@@ -295,7 +295,7 @@ def world_file_centre(
 
 
 def _vertical(
-    object_from_film: Affine2, kappa: float, scale: float, camera: Camera, ground: Ground
+    object_from_film: Affine2, kappa: float, scale: float, camera: Camera, *, ground: Ground
 ) -> ExteriorOrientation:
     """The vertical photo over the ground of its principal point."""
     middle = np.array(principal_point_on_ground(object_from_film, camera))

@@ -126,7 +126,7 @@ def georeference_photo(
     if record is not None:
         return _from_list(oriented.photo_id, record, archive, dem)
     for kind in order:
-        found = _from_source(kind, oriented, camera, archive, dem)
+        found = _from_source(kind, oriented, camera, archive, dem=dem)
         if found is None:
             continue
         if kind == "points" or wanted in (kind, "none"):
@@ -167,7 +167,7 @@ def footprints_in_block(footprints: Footprints, crs: str) -> Mapping[str, Footpr
 
 
 def _from_source(
-    kind: str, oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+    kind: str, oriented: ScanOrientation, camera: Camera, archive: Archive, *, dem: Dem
 ) -> Approximation | None:
     """What one kind of source says of a photo; None when it says nothing."""
     if kind == "world-file":

@@ -62,6 +62,7 @@ def georeference_photos(
     scan_cameras: Mapping[str, str],
     given_cameras: Mapping[str, Camera],
     source: Georeference,
+    *,
     files: ReferenceFiles,
     work: Work,
 ) -> Georeferenced:

@@ -150,7 +150,7 @@ def form_model(
     )
     width, height = (float(side) for side in photos[1].size_px)
     start = relative_from_exteriors(photos[0].exterior, photos[1].exterior)
-    found = orient_relative(rays, (width, height), start, OPTIONS, rng)
+    found = orient_relative(rays, (width, height), start, OPTIONS, rng=rng)
     if isinstance(found, Failure):
         return found
     base, turn = found.orientation.base, found.orientation.rotation

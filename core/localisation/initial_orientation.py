@@ -191,9 +191,9 @@ def carried_by_ties(
         start.exterior,
         prior_covariance(start),
         points,
-        tie_candidates(ties.pixels[own], start),
-        ConsensusOptions(gate=4.0),
-        rng,
+        candidates=tie_candidates(ties.pixels[own], start),
+        options=ConsensusOptions(gate=4.0),
+        rng=rng,
     )
     if isinstance(result, Resection):
         return block.photos[photo_id].with_exterior(result.exterior, oriented=True)

@@ -175,7 +175,13 @@ def resected(
     )
     model = PhotoModel(opened.photo.interior, opened.camera, opened.photo.atmosphere)
     result = resect_photo(
-        model, opened.photo.exterior, prior, points.positions, candidates, options.resection, rng
+        model,
+        opened.photo.exterior,
+        prior,
+        points.positions,
+        candidates=candidates,
+        options=options.resection,
+        rng=rng,
     )
     return result, tuple(found)
 

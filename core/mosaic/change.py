@@ -232,4 +232,4 @@ def write_change(change: ChangeMap, path: Path, crs: str) -> None:
         found = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
         areas = [shape(outline) for outline, _ in found]
         sizes = np.array([area.area for area in areas], dtype=np.float64)
-        write_polygons(path, layer, areas, {"area_m2": sizes}, crs, append=number > 0)
+        write_polygons(path, layer, areas, {"area_m2": sizes}, crs=crs, append=number > 0)

@@ -120,7 +120,7 @@ def write_seams(seams: Iterable[Seam], path: Path, crs: str) -> None:
         "scan": np.array([seam.photo_id for seam in seams], dtype=object),
         "date": np.array([seam.date for seam in seams], dtype=object),
     }
-    write_polygons(path, "seams", areas, fields, crs)
+    write_polygons(path, "seams", areas, fields, crs=crs)
 
 
 def read_seams(path: Path) -> tuple[Seam, ...]:

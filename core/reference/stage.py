@@ -55,6 +55,7 @@ def find_reference_points(
     scans: Mapping[str, ScanFile],
     files: ReferenceFiles,
     finest_gsd_m: float,
+    *,
     work: Work,
 ) -> ReferenceFeatures:
     """Junctions of the roads, and salient points of the ortho where those are few.
@@ -88,7 +89,14 @@ def find_reference_points(
     width, pixel = np.median(np.array(sizes), axis=0)
     gsd = max(float(pixel), finest_gsd_m)
     features = gather_reference_points(
-        reference, junctions, bounds, float(width), gsd, mask, work.progress, work.mapper
+        reference,
+        junctions,
+        bounds,
+        float(width),
+        gsd_m=gsd,
+        mask=mask,
+        progress=work.progress,
+        mapper=work.mapper,
     )
     return replace(features, doubts=roads.notes)
 
@@ -98,6 +106,7 @@ def gather_reference_points(
     junctions: tuple[Junction, ...],
     bounds: Bounds,
     photo_width_m: float,
+    *,
     gsd_m: float,
     mask: BaseGeometry | None,
     progress: Progress,

@@ -95,7 +95,7 @@ def corrected_scan(
     sigmas = np.array([mark.sigma_px for mark in used])
     names = [mark.name for mark in used]
     back = _from_behind(pixels, film) if scan.interior.model == "nominal" else scan.way[1]
-    fitted = fit_interior(names, pixels, film, "auto", sigmas, mirrored=back)
+    fitted = fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=back)
     if isinstance(fitted, Failure):
         doubt = Doubt(
             "fiducials-corrected",
@@ -139,7 +139,7 @@ def corrected_interior(
     film = np.array([certified[name] for name in names]).reshape(-1, 2)
     sigmas = np.array([HAND_SIGMA_PX if n in by_hand else FOUND_SIGMA_PX for n in names])
     back = interior.mirrored if interior.names else _from_behind(pixels, film)
-    fitted = fit_interior(names, pixels, film, "auto", sigmas, mirrored=back)
+    fitted = fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=back)
     return interior if isinstance(fitted, Failure) else fitted
 
 

@@ -152,7 +152,7 @@ def interior_of(
     pixels = np.array([(mark.column, mark.row) for mark in marks], dtype=np.float64)
     film = np.array([certificate[name] for name in names], dtype=np.float64)
     sigmas = np.array([mark.sigma_px for mark in marks])
-    return fit_interior(names, pixels, film, "auto", sigmas, mirrored=way[1])
+    return fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=way[1])
 
 
 def _unknown(

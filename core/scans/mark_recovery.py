@@ -101,7 +101,7 @@ def _interior(named: FiducialSet, camera: Camera) -> InteriorOrientation | None:
     film = np.array([camera.fiducials_mm[mark.name] for mark in named.marks], dtype=np.float64)
     sigmas = np.array([mark.sigma_px for mark in named.marks])
     names = [mark.name for mark in named.marks]
-    fit = fit_interior(names, pixels, film, "auto", sigmas, mirrored=named.way[1])
+    fit = fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=named.way[1])
     return fit if isinstance(fit, InteriorOrientation) and len(fit.names) >= 3 else None
 
 

@@ -49,7 +49,7 @@ def make_block(
     grid = Grid.over(flight.bounds, scale.texture_m)
     folder.mkdir(parents=True, exist_ok=True)
     progress.report(0.0, 100.0, "the ground of today")
-    _write_present(folder, landscape, flight, grid, scale)
+    _write_present(folder, landscape, flight, grid, scale=scale)
     progress.report(35.0, 100.0, "the ground of the archival epoch")
     ground = paint(landscape.scene(True, grid), grid)
     write_truth_ortho(folder / "truth" / "archival_ortho.tif", ground, scale.ortho_m[0])
@@ -63,12 +63,12 @@ def make_block(
 
 
 def _write_present(
-    folder: Path, landscape: Landscape, flight: Flight, grid: Grid, scale: Scale
+    folder: Path, landscape: Landscape, flight: Flight, grid: Grid, *, scale: Scale
 ) -> None:
     """Ortho sheets, roads and DEM of today."""
     scene = landscape.scene(False, grid)
     ground = paint(scene, grid)
-    write_sheets(folder / "ortho", ground, scene, scale.ortho_m, PRESENT_YEAR)
+    write_sheets(folder / "ortho", ground, scene, scale.ortho_m, year=PRESENT_YEAR)
     seed = landscape.options.seed
     write_roads(folder / "roads", landscape.network, seed)
     write_dem(folder / "dem.tif", flight.terrain, flight.bounds, scale.dem_m, seed)
@@ -81,7 +81,7 @@ def _write_scans(
     seed, film = options.seed, options.developed
 
     def finished(exposure: Exposure) -> Picture:
-        scan = make_scan(ground, flight.terrain, exposure, flight.camera, seed, film)
+        scan = make_scan(ground, flight.terrain, exposure, flight.camera, seed=seed, options=film)
         # The margin states the principal distance that everybody knows, not the true one.
         margin = seeded(seed, "margin", exposure.photo_id)
         draw_margin(scan, exposure, flight.nominal, margin)

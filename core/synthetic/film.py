@@ -57,6 +57,7 @@ def make_scan(
     terrain: Terrain,
     exposure: Exposure,
     camera: Camera,
+    *,
     seed: int,
     options: FilmOptions,
 ) -> Picture:
@@ -149,7 +150,7 @@ class _DarkRoom:
         self.bed = float(rng.uniform(22.0, 48.0))
         self.linear = exposure.pixel_from_film[:, :2]
         self.pixel_mm = 1.0 / float(np.sqrt(abs(np.linalg.det(self.linear))))
-        self.uneven = 0.045 * fractal((40, 40), 5.0, 5.0, 60.0, 1.0, rng)
+        self.uneven = 0.045 * fractal((40, 40), 5.0, 5.0, 60.0, slope=1.0, rng=rng)
 
     def develop(self, light: Field, first: int) -> Field:
         """Gray values of rows of the scan beginning with the first, from the light on them."""
@@ -158,7 +159,7 @@ class _DarkRoom:
         gray = self._density(light, x, y, first)
         gray = self.fog + inside * (gray - self.fog)
         for place in self.camera.fiducials_mm.values():
-            top, left, dark, mark = mark_coverage(x, y, place, self.pixel_mm, self.camera)
+            top, left, dark, mark = mark_coverage(x, y, place, self.pixel_mm, camera=self.camera)
             window = gray[top : top + dark.shape[0], left : left + dark.shape[1]]
             window += dark * (self.fog - window)
             window += mark * (228.0 - window)
@@ -210,7 +211,7 @@ class _DarkRoom:
 
 
 def mark_coverage(
-    x: Field, y: Field, place: tuple[float, float], pixel_mm: float, camera: Camera
+    x: Field, y: Field, place: tuple[float, float], pixel_mm: float, *, camera: Camera
 ) -> tuple[int, int, Field, Field]:
     """The part of a band that one fiducial covers.
 
@@ -322,11 +323,11 @@ def draw_scars(scan: Picture, exposure: Exposure, rng: np.random.Generator) -> N
         share = np.linspace(0.0, 1.0, 12)[:, None]
         line = start + share * run + share * (1 - share) * 4 * bend
         tone = int(rng.choice([45, 80, 190, 235]))
-        _stroke(scan, exposure, line, tone, 1)
+        _stroke(scan, exposure, line, tone, thick=1)
     for _ in range(int(rng.integers(3, 8))):
         steps = rng.normal(0.0, 0.5, (14, 2)).cumsum(axis=0) * 0.35
         line = rng.uniform(-88.0, 88.0, 2) + steps.cumsum(axis=0) * 0.5
-        _stroke(scan, exposure, line, int(rng.choice([25, 240])), 1)
+        _stroke(scan, exposure, line, int(rng.choice([25, 240])), thick=1)
     for _ in range(int(rng.integers(90, 200))):
         column, row = exposure.pixels(rng.uniform(-93.0, 93.0, (1, 2)))[0]
         radius = float(np.exp(rng.normal(np.log(0.035), 0.6))) / pixel_mm
@@ -345,7 +346,7 @@ def draw_scars(scan: Picture, exposure: Exposure, rng: np.random.Generator) -> N
         )
 
 
-def _stroke(scan: Picture, exposure: Exposure, line: FilmPoints, tone: int, thick: int) -> None:
+def _stroke(scan: Picture, exposure: Exposure, line: FilmPoints, tone: int, *, thick: int) -> None:
     pixels = np.round((exposure.pixels(line) - 0.5) * 256.0).astype(np.int32)
     cv2.polylines(scan, [pixels], False, (tone,), thick, cv2.LINE_AA, 8)
 

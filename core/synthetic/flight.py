@@ -104,7 +104,7 @@ def make_flight(options: SyntheticOptions) -> Flight:
     reach = (1.5 + half) * side + 500.0
     box = (middle[0] - reach, middle[1] - reach, middle[0] + reach, middle[1] + reach)
     terrain = make_terrain(box, options.relief_m, seeded(options.seed, "terrain"))
-    exposures = _exposures(options, scale, camera, terrain, (side, *middle))
+    exposures = _exposures(options, scale, camera, terrain, place=(side, *middle))
     return Flight(camera, nominal, exposures, terrain, _seen(exposures, camera, terrain))
 
 
@@ -153,6 +153,7 @@ def _exposures(
     scale: Scale,
     camera: Camera,
     terrain: Terrain,
+    *,
     place: tuple[float, float, float],
 ) -> tuple[Exposure, ...]:
     """Strips with 60 per cent forward, 25 to 30 per cent side overlap."""
@@ -182,7 +183,7 @@ def _exposures(
                 centre, float(np.radians(tilts[0])), float(np.radians(tilts[1])), kappa
             )
             number = first + photo + 30 * strip
-            exposures.append(_in_scanner(options, scale, exterior, number, mean))
+            exposures.append(_in_scanner(options, scale, exterior, number, ground_m=mean))
     return tuple(exposures)
 
 
@@ -191,6 +192,7 @@ def _in_scanner(
     scale: Scale,
     exterior: ExteriorOrientation,
     number: int,
+    *,
     ground_m: float,
 ) -> Exposure:
     """The film on the glass: turned, shifted, shrunk along and across, sheared."""

@@ -53,7 +53,7 @@ class Tract:
 
 
 def make_tracts(
-    network: Network, past: bool, change: float, recency: float, seed: int
+    network: Network, past: bool, change: float, recency: float, *, seed: int
 ) -> list[Tract]:
     """All tracts of one epoch; land whose bounds did not change keeps its tracts and strips.
 
@@ -79,7 +79,7 @@ def make_tracts(
         small = (past or stayed) and not consolidated
         garden = float(network.village_distance(centre)[0]) < 40.0
         for piece in _halved(face, shape.uniform(2.5e4, 7e4) if small else 2.4e5, shape):
-            tracts.append(_tract(piece, small, garden, past, shape, crops))
+            tracts.append(_tract(piece, small, garden, past, shape=shape, crops=crops))
     return tracts
 
 
@@ -128,6 +128,7 @@ def _tract(
     small: bool,
     garden: bool,
     past: bool,
+    *,
     shape: np.random.Generator,
     crops: np.random.Generator,
 ) -> Tract:
@@ -377,7 +378,7 @@ def _halls(network: Network, rng: np.random.Generator) -> list[House]:
 
 
 def make_trees(
-    network: Network, tracts: list[Tract], bounds: Bounds, past: bool, seed: int
+    network: Network, tracts: list[Tract], bounds: Bounds, past: bool, *, seed: int
 ) -> Trees:
     """Trees along roads, on bounds of tracts, in orchards and gardens, and alone in the fields."""
     rng = seeded(seed, "trees", past)

@@ -119,7 +119,7 @@ class Landscape:
     def scene(self, past: bool, grid: Grid) -> Scene:
         """The land of one epoch over the grid that shall be painted."""
         seed, options = self.options.seed, self.options
-        tracts = make_tracts(self.network, past, options.parcel_change, options.recency, seed)
+        tracts = make_tracts(self.network, past, options.parcel_change, options.recency, seed=seed)
         then, now = make_houses(self.network, seed, options.recency)
         order = {"track": 0, "street": 1, "main": 2}
         roads = sorted(
@@ -134,7 +134,7 @@ class Landscape:
             make_profiles(seed, grid.ground_sample_distance_m),
             [(road, road_look(road, past, seed)) for road in roads],
             then if past else now,
-            make_trees(self.network, tracts, grid.bounds, past, seed),
+            make_trees(self.network, tracts, grid.bounds, past, seed=seed),
             _slow_fields(self, past, grid, sun),
         )
 
@@ -187,13 +187,13 @@ def _slow_fields(landscape: Landscape, past: bool, grid: Grid, sun: Sun) -> Slow
     rows, columns = -(-grid.rows // COARSE) + 2 * HALO, -(-grid.columns // COARSE) + 2 * HALO
     coarse = Grid(grid.west - HALO * gsd, grid.north + HALO * gsd, gsd, columns, rows)
     seed, shape = landscape.options.seed, (rows, columns)
-    epoch = fractal(shape, gsd, 2.0, 300.0, 0.18, seeded(seed, "mottle", past))
-    soil = fractal(shape, gsd, 24.0, 500.0, 0.4, seeded(seed, "soil"))
+    epoch = fractal(shape, gsd, 2.0, 300.0, slope=0.18, rng=seeded(seed, "mottle", past))
+    soil = fractal(shape, gsd, 24.0, 500.0, slope=0.4, rng=seeded(seed, "soil"))
     shade = _shade(landscape.terrain, coarse, sun)
     wood = _wood(landscape, past, coarse)
     reach = np.array(sun.shadow) * 13.0 / gsd
     shadow = np.roll(wood, (round(-reach[1]), round(reach[0])), (0, 1)) * (1 - wood)
-    bend = 2.5 * fractal(shape, gsd, 120.0, 500.0, 0.6, seeded(seed, "bend"))
+    bend = 2.5 * fractal(shape, gsd, 120.0, 500.0, slope=0.6, rng=seeded(seed, "bend"))
     return SlowFields(coarse, 7.5 * epoch + 4.5 * soil, shade, wood, shadow, bend)
 
 
@@ -212,9 +212,9 @@ def _wood(landscape: Landscape, past: bool, grid: Grid) -> Field:
     """Woods: where a slow chance field, partly of the epoch, is high; never in a village."""
     options, gsd = landscape.options, grid.ground_sample_distance_m
     shape = (grid.rows, grid.columns)
-    common = fractal(shape, gsd, 260.0, 1100.0, 0.9, seeded(options.seed, "wood"))
-    edge = fractal(shape, gsd, 6.0, 60.0, 0.5, seeded(options.seed, "wood edge", past))
-    other = fractal(shape, gsd, 180.0, 700.0, 0.9, seeded(options.seed, "wood", past))
+    common = fractal(shape, gsd, 260.0, 1100.0, slope=0.9, rng=seeded(options.seed, "wood"))
+    edge = fractal(shape, gsd, 6.0, 60.0, slope=0.5, rng=seeded(options.seed, "wood edge", past))
+    other = fractal(shape, gsd, 180.0, 700.0, slope=0.9, rng=seeded(options.seed, "wood", past))
     share = 0.5 * options.road_change / 0.33 if past else 0.0
     woodness = common + share * other + 0.07 * edge
     wide = Grid.over(grid.bounds, max(gsd, 12.0))

@@ -119,7 +119,7 @@ def make_network(bounds: Bounds, change: float, rng: np.random.Generator) -> Net
     )
     nodes = centres
     for village in villages:
-        nodes = _scatter(_around(village), nodes, STREET_SPACING_M, rng, village)
+        nodes = _scatter(_around(village), nodes, STREET_SPACING_M, rng, within=village)
     nodes = _scatter(bounds, nodes, TRACK_SPACING_M, rng)
     pairs = _neighbours(nodes, rng)
     routes = _main_routes(nodes, pairs, len(centres))
@@ -139,6 +139,7 @@ def _scatter(
     taken: PlanPoints,
     spacing_m: float,
     rng: np.random.Generator,
+    *,
     within: Village | None = None,
 ) -> PlanPoints:
     """Points at least a distance apart, thrown like darts."""

@@ -192,7 +192,7 @@ class _Brush:
                 self._line(picture, part, _beside(line, side), 0.3, look.tone + 25.0)
         # Carriageways widen where roads meet.
         reach = np.full(2, (0.55 if look.ruts else 0.72) * look.width_m)
-        _discs(picture, part, line[[0, -1]], reach, np.full(2, look.tone))
+        _discs(picture, part, line[[0, -1]], reach, tones=np.full(2, look.tone))
 
     def _line(
         self, picture: Picture, part: Grid, line: PlanPoints, width_m: float, tone: float
@@ -215,15 +215,15 @@ class _Brush:
             cv2.fillConvexPoly(shadow, np.asarray(hull), (255.0,), cv2.LINE_AA, SHIFT)
         places, radii, tones = self._near_trees(part)
         thrown = places + np.array([[east, north]]) * radii[:, None] * 1.5
-        _discs(shadow, part, thrown, radii, np.full(len(radii), 255.0))
+        _discs(shadow, part, thrown, radii, tones=np.full(len(radii), 255.0))
         dark = picture * (1.0 - 0.58 / 255.0 * shadow)
         np.copyto(picture, dark.astype(np.uint8))
         for house in houses:
             self._roof(picture, part, house.corners, house.tone)
-        self._crowns(picture, part, places, radii, tones)
+        self._crowns(picture, part, places, radii, tones=tones)
 
     def _crowns(
-        self, picture: Picture, part: Grid, places: PlanPoints, radii: Scalars, tones: Scalars
+        self, picture: Picture, part: Grid, places: PlanPoints, radii: Scalars, *, tones: Scalars
     ) -> None:
         """Every crown as a few lobes, those on the sunny side brighter."""
         light = np.array(self.scene.sun.towards)
@@ -234,7 +234,7 @@ class _Brush:
         all_radii = radii[:, None] * np.array([0.75, 0.55, 0.55, 0.55, 0.55])
         lit = 7.0 + 19.0 * (lobes @ light)
         all_tones = tones[:, None] + np.concatenate([np.zeros((len(radii), 1)), lit], axis=1)
-        _discs(picture, part, all_places, all_radii.reshape(-1), all_tones.reshape(-1))
+        _discs(picture, part, all_places, all_radii.reshape(-1), tones=all_tones.reshape(-1))
 
     def _near_trees(self, part: Grid) -> tuple[PlanPoints, Scalars, Scalars]:
         trees = self.scene.trees
@@ -257,7 +257,7 @@ class _Brush:
 
 
 def _discs(
-    picture: Picture, part: Grid, places: PlanPoints, radii_m: Scalars, tones: Scalars
+    picture: Picture, part: Grid, places: PlanPoints, radii_m: Scalars, *, tones: Scalars
 ) -> None:
     """Filled circles, one after the other."""
     centres = fixed_pixels(places, part).tolist()

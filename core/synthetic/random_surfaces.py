@@ -80,6 +80,7 @@ def fractal(
     gsd_m: float,
     shortest_m: float,
     longest_m: float,
+    *,
     slope: float,
     rng: np.random.Generator,
 ) -> Field:

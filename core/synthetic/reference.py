@@ -37,7 +37,7 @@ ORTHO_ERROR_M = 0.1
 
 
 def write_sheets(
-    folder: Path, ground: Ground, scene: Scene, gsd_m: tuple[float, float], year: int
+    folder: Path, ground: Ground, scene: Scene, gsd_m: tuple[float, float], *, year: int
 ) -> None:
     """Two by two colour sheets of the present ground; the last one has another pixel size.
 
@@ -54,7 +54,9 @@ def write_sheets(
     middle_north = south + round((north - south) / 2 / 4.0) * 4.0
     tint, tint_grid = _tint(scene, ground.grid)
     rng = seeded(scene.seed, "ortho")
-    shift = [ORTHO_ERROR_M * fractal((64, 64), 1.0, 8.0, 32.0, 1.0, rng) for _ in range(2)]
+    shift = [
+        ORTHO_ERROR_M * fractal((64, 64), 1.0, 8.0, 32.0, slope=1.0, rng=rng) for _ in range(2)
+    ]
     for number, (box, name) in enumerate(
         (
             ((west, middle_north, middle_east, north), 35),
@@ -67,7 +69,7 @@ def write_sheets(
         gain = float(rng.uniform(0.94, 1.08))
         path = folder / f"ORTO24.{year}.{SHEET[:4]}{name}.tif"
         options = {"compress": "jpeg", "jpeg_quality": 93, "photometric": "ycbcr"}
-        with _created(path, grid, 3, "uint8", options) as sheet:
+        with _created(path, grid, 3, "uint8", options=options) as sheet:
             for row in range(0, grid.rows, BAND):
                 part = grid.window(0, row, grid.columns, min(BAND, grid.rows - row))
                 gray = gain * sampled(ground, part, (shift[0], shift[1]))
@@ -79,7 +81,7 @@ def write_sheets(
 def write_truth_ortho(path: Path, ground: Ground, gsd_m: float) -> None:
     """The ground of the archival epoch, exactly where it was."""
     grid = Grid.over(ground.grid.bounds, gsd_m)
-    with _created(path, grid, 1, "uint8", {"compress": "deflate", "zlevel": 1}) as raster:
+    with _created(path, grid, 1, "uint8", options={"compress": "deflate", "zlevel": 1}) as raster:
         for row in range(0, grid.rows, BAND):
             part = grid.window(0, row, grid.columns, min(BAND, grid.rows - row))
             gray = np.clip(np.round(sampled(ground, part, None)), 0, 255).astype(np.uint8)
@@ -90,7 +92,7 @@ def write_dem(path: Path, terrain: Terrain, bounds: Bounds, gsd_m: float, seed: 
     """Bare earth with an error of 0.4 m, half of it alike over some 30 m, and one gap."""
     grid = _around(bounds, 60.0, gsd_m)
     rng = seeded(seed, "dem")
-    slow = fractal((grid.rows, grid.columns), gsd_m, 15.0, 60.0, 0.5, rng)
+    slow = fractal((grid.rows, grid.columns), gsd_m, 15.0, 60.0, slope=0.5, rng=rng)
     noise = rng.standard_normal((grid.rows, grid.columns), dtype=np.float32)
     heights = terrain.on(grid) + 0.28 * slow + 0.28 * noise
     place = rng.uniform(0.25, 0.75, 2) * np.array([grid.columns, grid.rows])
@@ -99,7 +101,7 @@ def write_dem(path: Path, terrain: Terrain, bounds: Bounds, gsd_m: float, seed: 
     gap = ((column - place[0]) / size[0]) ** 2 + ((row - place[1]) / size[1]) ** 2 < 1
     heights[gap] = NODATA
     with _created(
-        path, grid, 1, "float32", {"compress": "deflate", "zlevel": 1, "nodata": NODATA}
+        path, grid, 1, "float32", options={"compress": "deflate", "zlevel": 1, "nodata": NODATA}
     ) as raster:
         raster.write(heights.astype(np.float32), 1)
 
@@ -107,7 +109,7 @@ def write_dem(path: Path, terrain: Terrain, bounds: Bounds, gsd_m: float, seed: 
 def write_terrain(path: Path, terrain: Terrain, bounds: Bounds) -> None:
     """The true heights, every five metres."""
     grid = _around(bounds, 60.0, 5.0)
-    with _created(path, grid, 1, "float32", {"compress": "deflate", "zlevel": 1}) as raster:
+    with _created(path, grid, 1, "float32", options={"compress": "deflate", "zlevel": 1}) as raster:
         raster.write(terrain.on(grid).astype(np.float32), 1)
 
 
@@ -280,7 +282,7 @@ def _around(bounds: Bounds, margin_m: float, gsd_m: float) -> Grid:
 
 
 def _created(
-    path: Path, grid: Grid, bands: int, dtype: str, options: Mapping[str, Any]
+    path: Path, grid: Grid, bands: int, dtype: str, *, options: Mapping[str, Any]
 ) -> DatasetWriter:
     path.parent.mkdir(parents=True, exist_ok=True)
     gsd = grid.ground_sample_distance_m

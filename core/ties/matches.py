@@ -221,7 +221,7 @@ def verify_matches(
         _window(features[1].pixels, reduction),
         relative_from_exteriors(photos[0].exterior, photos[1].exterior),
         RELATIVE,
-        rng,
+        rng=rng,
     )
     if isinstance(found, Failure):
         return found

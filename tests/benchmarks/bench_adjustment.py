@@ -103,9 +103,9 @@ def our_run(block: Block) -> dict[str, float]:
     start = begin(network, *initial_state(network))
     pattern = pattern_of(network)
     ready = perf_counter()
-    fit = minimise(network, pattern, start, False, 50, Silent())
+    fit = minimise(network, pattern, start, False, steps=50, progress=Silent())
     done = perf_counter()
-    factor = normals_of(network, pattern, fit.lin, fit.weights, 0.0).factor
+    factor = normals_of(network, pattern, fit.lin, fit.weights, damping=0.0).factor
     inverse = invert_bordered(factor, pattern.reach)
     inverse.pairs(pattern.place, pattern.place)
     inverse.with_border(pattern.place)

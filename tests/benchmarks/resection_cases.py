@@ -70,7 +70,9 @@ def resected(
     sigma = np.array([8.0, 8.0, 8.0, 0.003, 0.003, 0.002])
     model = PhotoModel(photo.interior, CAMERA, photo.atmosphere)
     rng = np.random.default_rng(seed)
-    found = resect_photo(model, photo.exterior, np.diag(sigma**2), points, known, options, rng)
+    found = resect_photo(
+        model, photo.exterior, np.diag(sigma**2), points, candidates=known, options=options, rng=rng
+    )
     return None if isinstance(found, Failure) else photo.with_exterior(found.exterior, True)
 
 

@@ -44,9 +44,9 @@ def features(tiny: Tiny, junctions) -> ReferenceFeatures:
         junctions,
         tiny.reference.ortho.bounds,
         opened.width_m,
-        opened.ground_pixel_m,
-        None,
-        Silent(),
+        gsd_m=opened.ground_pixel_m,
+        mask=None,
+        progress=Silent(),
     )
 
 

@@ -96,7 +96,7 @@ def test_reduced_normal_equations_give_the_full_solution__law(options, damping):
     normal = full.rows.T @ full.rows
     normal[np.diag_indices(len(normal))] *= 1 + damping
     expected = -np.linalg.solve(normal, full.rows.T @ full.side)
-    normals = normals_of(full.network, full.pattern, full.lin, full.weights, damping)
+    normals = normals_of(full.network, full.pattern, full.lin, full.weights, damping=damping)
     step = solve(full.network, full.pattern, normals)
     scaled = (step.constants * full.network.scale).ravel()[: full.network.lensed]
     ours = np.concatenate([step.photos.ravel(), scaled, step.positioning, step.points.ravel()])
@@ -110,7 +110,7 @@ def test_reduced_normal_equations_give_the_full_solution__law(options, damping):
 def test_cofactors_are_those_of_the_full_inverse__law(options):
     full = Full(options)
     inverse = np.linalg.inv(full.rows.T @ full.rows)
-    normals = normals_of(full.network, full.pattern, full.lin, full.weights, 0.0)
+    normals = normals_of(full.network, full.pattern, full.lin, full.weights, damping=0.0)
     precision = precision_of(full.network, full.pattern, full.lin, normals)
     for photo in range(len(full.network.photos)):
         own = slice(6 * photo, 6 * photo + 6)
@@ -130,7 +130,7 @@ def test_redundancies_of_the_classes_are_those_of_the_full_equations__law(option
     full.weights[:] = 1.0
     full.rows, full.side = full._equations()
     network, rays = full.network, full.network.rays
-    normals = normals_of(network, full.pattern, full.lin, full.weights, 0.0)
+    normals = normals_of(network, full.pattern, full.lin, full.weights, damping=0.0)
     precision = precision_of(network, full.pattern, full.lin, normals)
     state, _ = initial_state(network)
     fit = Fit(state, full.lin, np.ones(len(rays.photo), dtype=bool), full.weights)
@@ -167,7 +167,7 @@ def test_two_cameras_share_one_border__law():
     pattern, weights = pattern_of(network), placed.astype(np.float64)
     for _ in range(6):
         lin = linearise(network, state)
-        step = solve(network, pattern, normals_of(network, pattern, lin, weights, 0.0))
+        step = solve(network, pattern, normals_of(network, pattern, lin, weights, damping=0.0))
         state = state.moved(step.photos, step.constants, step.positioning, step.points)
     assert step.decrement < 1e-9
     assert network.shared == 10

@@ -25,7 +25,7 @@ def linear(case, options=DEFAULT) -> Consensus:
     pixels, design = case.model.linearised(case.points, START)
     known = case.candidates
     offset = known.pixels - pixels[known.point]
-    return Consensus(known, offset, design[known.point], np.diag(PRIOR_SIGMA**2), options)
+    return Consensus(known, offset, design[known.point], np.diag(PRIOR_SIGMA**2), options=options)
 
 
 def best(vote: Consensus, seed: int):
@@ -99,7 +99,7 @@ def test_a_distrusted_candidate_has_less_of_a_voice__law():
 
     def solved(trust):
         voices = Candidates(np.arange(2), offset, ones, ones, np.array(trust), 1e-4 * ones)
-        vote = Consensus(voices, offset, design, 1e9 * np.eye(2), ConsensusOptions())
+        vote = Consensus(voices, offset, design, 1e9 * np.eye(2), options=ConsensusOptions())
         step = vote.solved(np.arange(2), offset, design, np.zeros(2))[0]
         return step, vote.agreeing(offset)[1]
 
@@ -133,7 +133,7 @@ def weighed(offset, each, at, prior_px=PRIOR_PX, idle=0):
     ones = np.ones(len(offset))
     telling = np.arange(points) >= idle
     evidence = Evidence(
-        np.arange(points) * each, ones, SIGMA_PX * ones, CHANCE * ones, telling, LIMIT
+        np.arange(points) * each, ones, SIGMA_PX * ones, CHANCE * ones, telling=telling, limit=LIMIT
     )
     design = np.tile(np.eye(2)[None], (len(offset), 1, 1))
     return evidence.log10_e_value(offset - at, design, at, np.eye(2) / prior_px**2)

@@ -42,7 +42,7 @@ def scene(rng, count=300, relief_m=60.0, noise_px=0.0) -> RayPairs:
 
 
 def found_in(rays: RayPairs, rng, start=ROUGH):
-    return orient_relative(rays, (5000.0, 5000.0), start, RelativeOptions(), rng)
+    return orient_relative(rays, (5000.0, 5000.0), start, RelativeOptions(), rng=rng)
 
 
 def test_rays_of_one_point_have_no_parallax__truth():

@@ -30,7 +30,15 @@ QUICK = ConsensusOptions(refined=4)
 
 def resected(case, seed=0, options=QUICK, start=START):
     rng = np.random.default_rng(seed)
-    return resect_photo(case.model, start, case.prior, case.points, case.candidates, options, rng)
+    return resect_photo(
+        case.model,
+        start,
+        case.prior,
+        case.points,
+        candidates=case.candidates,
+        options=options,
+        rng=rng,
+    )
 
 
 def test_eleven_right_of_ninety_are_found_to_their_covariance__truth():
@@ -145,8 +153,8 @@ def test_too_few_points_are_a_failure_that_says_so__law():
     assert "4 known points" in found.reason
     none = Candidates(np.zeros(0, np.int64), np.zeros((0, 2)), *(np.zeros(0) for _ in range(4)))
     empty = resect_photo(
-        case.model, START, case.prior, case.points, none, ConsensusOptions(),
-        np.random.default_rng(0),
+        case.model, START, case.prior, case.points, candidates=none, options=ConsensusOptions(),
+        rng=np.random.default_rng(0),
     )  # fmt: skip
     assert isinstance(empty, Failure)
 

@@ -9,5 +9,10 @@ from core.scans.stage import ScanSet
 def georeference(given: BlockInput, scans: ScanSet) -> Georeferenced:
     """Where the archive of a block puts its photos."""
     return georeference_photos(
-        scans, given.scan_cameras, given.cameras, given.georeference, given.reference, Work()
+        scans,
+        given.scan_cameras,
+        given.cameras,
+        given.georeference,
+        files=given.reference,
+        work=Work(),
     )

@@ -11,7 +11,7 @@ from core.reference.stage import find_reference_points, gather_reference_points,
 
 def test_reference_points_lie_in_what_is_searched__truth(given, scan_set, placed):
     scans = {name: scan.scan for name, scan in scan_set.oriented.items()}
-    found = find_reference_points(placed.block, scans, given.reference, 0.35, Work())
+    found = find_reference_points(placed.block, scans, given.reference, 0.35, work=Work())
     west, south, east, north = placed.block.search_bounds
     places = found.points.positions
     assert len(places) > 60
@@ -47,7 +47,13 @@ def test_nothing_is_matched_in_the_mask__truth(tiny, junctions):
     middle = (west + east) / 2
     mask = shapely.box(west, south, middle, north)
     found = gather_reference_points(
-        tiny.reference, (), (west, south, east, north), 1200.0, 1.2, mask, Silent()
+        tiny.reference,
+        (),
+        (west, south, east, north),
+        1200.0,
+        gsd_m=1.2,
+        mask=mask,
+        progress=Silent(),
     )
     assert len(found.points.ids) > 10
     assert (found.points.positions[:, 0] > middle).all()

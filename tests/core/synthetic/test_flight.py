@@ -92,7 +92,7 @@ def test_most_parcels_of_1938_are_gone_and_few_of_1984__truth():
         flight = make_flight(options)
         network = make_landscape(options, flight.terrain, flight.bounds).network
         then, now = (
-            make_tracts(network, past, options.parcel_change, options.recency, 5)
+            make_tracts(network, past, options.parcel_change, options.recency, seed=5)
             for past in (True, False)
         )
         outlines = {tract.outline.tobytes() for tract in now}
