@@ -16,8 +16,10 @@ from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
 from ui.views import block_view as names
 from ui.views.server import SECRET_HEADER
+from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
+REMADE = f".notice:has-text('{words()['notice.remade']}')"
 
 
 def test_everything_of_the_block_is_in_the_scene__truth(sit):
@@ -259,7 +261,7 @@ def test_orthos_are_made_again_with_progress_while_deciding_goes_on__law(chromiu
         point, _, took = press(page, "n")
         assert took < 4.0
         assert state_of(page, point) == "rejected"
-        page.wait_for_selector(".notice:has-text('made again')")
+        page.wait_for_selector(REMADE)
         assert len(made) == 1
     inputs.session.close()
 

@@ -91,8 +91,9 @@ def test_light_and_dark_and_the_tour__law(sit):
 
 def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     page = sit(scene=False)
+    empty = words()["queue.empty.fiducial"]
     page.select_option("#sieve-role", "fiducial")
-    page.wait_for_selector("#queue-empty:has-text('No fiducial')")
+    page.wait_for_selector(f"#queue-empty:has-text('{empty}')")
     page.select_option("#sieve-role", "")
     page.wait_for_selector(".row.current")
 

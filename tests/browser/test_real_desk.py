@@ -15,8 +15,10 @@ from app.verbs import RunOptions, walked
 from tests.browser.conftest import scene_of
 from tests.browser.hands import changed, current, place_wrongly, press, settled, sigma, state_of
 from ui.views import block_view as names
+from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
+REMADE = f".notice:has-text('{words()['notice.remade']}')"
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
@@ -99,7 +101,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     page.wait_for_function("gruber.parts.status.stale.length > 0")
     page.click("#remake-start")
     page.wait_for_selector("#making:not([hidden])")
-    page.wait_for_selector(".notice:has-text('made again')")
+    page.wait_for_selector(REMADE)
     page.wait_for_function("gruber.parts.status.stale.length === 0")
     wrong = mosaic.stat().st_mtime_ns
     assert wrong > before
@@ -108,7 +110,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     settled(page)
     page.wait_for_function("gruber.parts.status.stale.length > 0")
     page.click("#remake-start")
-    page.wait_for_selector(".notice:has-text('made again')")
+    page.wait_for_selector(REMADE)
     page.wait_for_function("gruber.parts.status.stale.length === 0 && gruber.parts.status.written")
     assert mosaic.stat().st_mtime_ns > wrong
     name, scan = point.split("|")
