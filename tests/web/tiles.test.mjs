@@ -5,7 +5,7 @@ import test from "node:test";
 import { start } from "../../ui/web/pages/words.js";
 import { windowOf } from "../../ui/web/pages/fiducial.js";
 import {
-  groundFromLayer, layerFromGround, levelFor, rawLayer, scanLayer,
+  drawLayer, fetchAhead, groundFromLayer, layerFromGround, levelFor, onTile, rawLayer, scanLayer,
 } from "../../ui/web/pages/tiles.js";
 
 start.edition = "today";
@@ -46,4 +46,60 @@ test("a window has whole corners and a power of two, and holds its middle__law",
     assert.ok(Math.abs(left + across / 2 - 1234.6) <= 0.5);
     assert.ok(Math.abs(top + across / 2 - 987.2) <= 0.5);
   }
+});
+
+/** Pictures as the browser loads them: each is told when it has come. */
+const state = { asked: new Map() };
+const { asked } = state;
+globalThis.Image = class {
+  set src(address) {
+    this.address = address;
+    asked.set(address, this);
+  }
+};
+const SIZE = [512, 256];
+const LAYER = { pixel: 1, levels: 4, address: (l, c, r) => `/tiles/scan/${l}/${c}/${r}` };
+
+function drawn(frame) {
+  const pictures = [];
+  const whole = drawLayer({ drawImage: (...values) => pictures.push(values) }, LAYER, frame, SIZE);
+  return { pictures, whole };
+}
+
+test("a view asks for the tiles it shows and draws them once they have come__truth", () => {
+  asked.clear();
+  let told = 0;
+  onTile(() => {
+    told += 1;
+  });
+  const frame = { x: 256, y: 256, scale: 1 };
+  assert.deepEqual(drawn(frame), { pictures: [], whole: false });
+  const names = [...asked.keys()];
+  assert.ok(["/tiles/scan/0/1/1", "/tiles/scan/0/2/1"].every((name) => names.includes(name)));
+  for (const picture of asked.values()) picture.onload();
+  assert.equal(told, names.length);
+  const { pictures, whole } = drawn(frame);
+  assert.ok(whole);
+  const first = pictures.find(([picture]) => picture.address === "/tiles/scan/0/1/1");
+  assert.deepEqual(first.slice(1), [0, 0, 256, 256]);
+});
+
+test("until a tile has come a part of a coarser one stands in its place__truth", () => {
+  asked.clear();
+  fetchAhead(LAYER, { x: 2048, y: 2048, scale: 0.5 }, SIZE);
+  const coarse = asked.get("/tiles/scan/1/4/4");
+  coarse.onload();
+  const { pictures, whole } = drawn({ x: 2304, y: 2048, scale: 1 });
+  assert.equal(whole, false);
+  const [picture, x, y, width, height, left, top] = pictures[0];
+  assert.equal(picture, coarse);
+  assert.deepEqual([x, y, width, height, left, top], [128, 0, 128, 128, 0, 0]);
+});
+
+test("a tile of a scan that is not there is drawn no more, and the view is whole__law", () => {
+  asked.clear();
+  const frame = { x: 9216, y: 9216, scale: 1 };
+  drawn(frame);
+  for (const picture of asked.values()) picture.onerror();
+  assert.ok(drawn(frame).whole);
 });

@@ -2,7 +2,9 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { View, afterPause, inverse, mapped, scaleOf } from "../../ui/web/pages/view.js";
+import {
+  View, afterPause, inverse, letterOf, mapped, roundLength, scaleOf,
+} from "../../ui/web/pages/view.js";
 
 const SIZE = [640, 400];
 const near = (found, wanted, within = 1e-9) => found.forEach((value, i) =>
@@ -88,4 +90,23 @@ test("several steps in a row are done once, with the last one's values__truth", 
   assert.deepEqual(done, []);
   context.mock.timers.tick(1);
   assert.deepEqual(done, [[2, "b"]]);
+});
+
+test("a key is the letter printed on it, by place only in another alphabet__truth", () => {
+  assert.equal(letterOf({ key: "y", code: "KeyZ" }), "KeyY");
+  assert.equal(letterOf({ key: "Z", code: "KeyY" }), "KeyZ");
+  assert.equal(letterOf({ key: "\u043d", code: "KeyY" }), "KeyY");
+  assert.equal(letterOf({ key: "Enter", code: "NumpadEnter" }), "Enter");
+});
+
+test("a scale bar is 1, 2 or 5 times a power of ten__truth", () => {
+  const found = [80, 50, 49.9, 19, 7, 1, 0.3].map(roundLength);
+  near(found, [50, 50, 20, 10, 5, 1, 0.2], 1e-12);
+});
+
+test("a scale bar fits and fills at least two fifths of its room__law", () => {
+  for (let most = 0.013; most < 9000; most *= 1.07) {
+    const share = roundLength(most) / most;
+    assert.ok(share <= 1 + 1e-9 && share > 0.4 - 1e-9, `${most}`);
+  }
 });

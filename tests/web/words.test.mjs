@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  learnNames, learnPoints, number, shortName, shortPoint, start, word,
+  learnNames, learnPoints, number, shortName, shortPoint, start, tip, word,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -37,4 +37,16 @@ test("points named by coordinates lose the digits all have in common__truth", ()
   learnPoints(["J-742123_-1040456", "J-742199_-1040777", "H1"]);
   assert.equal(shortPoint("J-742123_-1040456"), "J 123 456");
   assert.equal(shortPoint("H1"), "H1");
+});
+
+test("a text may have a longer one, or none__truth", () => {
+  start.words = { "act.fit": "Fit", "act.fit.tip": "Centre the point" };
+  assert.equal(tip("act.fit"), "Centre the point");
+  assert.equal(tip("act.other"), null);
+});
+
+test("a value that holds a place of its own is not filled again__law", () => {
+  start.words = { "notice.not-done": "That could not be done: {why}" };
+  const why = "scan {scan} is gone";
+  assert.equal(word("notice.not-done", { why, scan: "7" }), `That could not be done: ${why}`);
 });

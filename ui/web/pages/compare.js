@@ -5,7 +5,9 @@ import { cleared, crosshair, expectedMark, halo, line, measuredMark, text } from
 import {
   drawLayer, fetchAhead, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer, scanLayer,
 } from "./tiles.js";
-import { Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf } from "./view.js";
+import {
+  Pane, View, afterPause, inverse, mapped, oncePerFrame, roundLength, scaleOf,
+} from "./view.js";
 import { send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
@@ -366,9 +368,7 @@ function surveyedMark(context, [x, y], { role }) {
 /** @param {Context} context @param {Pair} size @param {number} pixel of the picture, metres */
 function scaleBar(context, [width, height], pixel) {
   const { scale } = state.view;
-  const wanted = 80 / scale;
-  const power = 10 ** Math.floor(Math.log10(wanted));
-  const metres = [5, 2, 1].map((step) => step * power).find((step) => step <= wanted) ?? power;
+  const metres = roundLength(80 / scale); // design: beside the mark, not over it
   const [right, bottom] = [width - 10.5, height - 10.5];
   const left = right - metres * scale;
   halo(context, "#ffffff", 1.2, () => {

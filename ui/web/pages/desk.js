@@ -19,7 +19,7 @@ import { setUpResults } from "./results.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
-import { ARROWS, ZOOMS } from "./view.js";
+import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import { connect, mergeRows, send, takeSeat } from "./wire.js";
 
 /** @typedef {{ key: Key | null, filter: Filter, sort: Sort }} Seen where one was in the queue */
@@ -117,15 +117,6 @@ const LAYERS = [
   "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels",
 ];
 const REPEATS = new Set(["next", "previous"]);
-
-/**
- * Letters by what is printed on the key; by place only where another alphabet is set.
- * @param {KeyboardEvent} event
- */
-function letterOf({ key, code }) {
-  if (key === "Enter") return "Enter";
-  return /^[a-z]$/i.test(key) ? `Key${key.toUpperCase()}` : code;
-}
 
 /** True when the key is ours. @param {KeyboardEvent} event */
 function takeKey(event) {

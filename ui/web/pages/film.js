@@ -1,5 +1,6 @@
 // The deformation of the films: vectors of the marks of one photo, and the mean over the roll.
 import { element, number, shortName, svg, tip, word } from "./words.js";
+import { roundLength } from "./view.js";
 
 const COLUMNS = [
   "photo", "scale_x", "scale_y", "shear", "rms", "plain.rms", "redundancy", "chance",
@@ -55,7 +56,7 @@ function drawing(marks, [width, height], longest) {
   const longer = (0.125 * side) / longest; // millimetres on the drawing for a micrometre
   const [margin, unit] = [0.16 * side, side / 100];
   const outline = { x: -width / 2, y: -height / 2, width, height, class: "outline" };
-  const step = [100, 50, 20, 10, 5, 2, 1, 0.5].find((value) => value <= longest * 1.05) ?? 0.5;
+  const step = Math.min(roundLength(longest * 1.05), 100);
   const [left, low] = [-width / 2, height / 2 + 0.55 * margin];
   const scale = { x1: left, y1: low, x2: left + step * longer, y2: low, class: "vector check" };
   const legend = { x: left + step * longer + 2 * unit, y: low + 1.2 * unit };

@@ -120,6 +120,21 @@ export const ARROWS = {
 export const ZOOMS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 
 /**
+ * Letters by what is printed on the key; by place only where another alphabet is set.
+ * @param {Pick<KeyboardEvent, "key" | "code">} event
+ */
+export function letterOf({ key, code }) {
+  if (key === "Enter") return "Enter";
+  return /^[a-z]$/i.test(key) ? `Key${key.toUpperCase()}` : code;
+}
+
+/** The longest of 1, 2, 5, 10 and so on that fits: scale bars are read best so. */
+export function roundLength(/** @type {number} */ most) {
+  const power = 10 ** Math.floor(Math.log10(most));
+  return [5, 2, 1].map((step) => step * power).find((length) => length <= most) ?? power;
+}
+
+/**
  * What a page does with the pointer; panning and zooming need nothing of it.
  * @typedef {object} Hand
  * @property {() => void} redraw
