@@ -220,7 +220,7 @@ class Run:
         anew = self.anew("mosaic")
         first, second = Part(progress, 0.0, 0.7), Part(progress, 0.7, 1.0)
         mosaic = make_mosaic(self.session, list(made(self.results.orthos)), first, anew)
-        change = make_change(self.session, self.project, mosaic, second, anew)
+        change = make_change(self.session, self.project, mosaic, second, anew=anew)
         self.results = replace(self.results, mosaic=mosaic, change=change)
         return str(self.session.results / "mosaic.tif")
 
@@ -431,6 +431,7 @@ def make_change(
     project: Project,
     mosaic: MosaicProduct,
     progress: Progress,
+    *,
     anew: bool = False,
 ) -> Mapping[str, float]:
     """Write the layer unless it is fresh.

@@ -35,7 +35,7 @@ HIGH_PASS_PX = 8.0
 # design: leaves 4 % of what alternates from pixel to pixel, which no interpolation can move
 SMOOTHING_PX = 0.8
 """Both patches are smoothed a little before the fraction is measured: grain aliases."""
-# design: Newton steps; a good place needs three to five
+# design: a limit of time; a place that needs more is not found
 MOST_STEPS = 12
 # design: those round a place in a square, as in the median test of Westerweel and Scarano 2005
 NEIGHBOURS = 8

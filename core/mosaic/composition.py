@@ -128,10 +128,10 @@ def compose_mosaic(
             tiled_profile(grid, crs, work.dtype.name),
             {},
             partial(_compose, work),
-            list(tiles_of(grid, options.tile_px)),
-            options.threads,
-            progress,
-            "mosaic",
+            tiles=list(tiles_of(grid, options.tile_px)),
+            threads=options.threads,
+            progress=progress,
+            what="mosaic",
         )
         with tell_full_disk(path):
             rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)

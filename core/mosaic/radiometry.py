@@ -32,7 +32,7 @@ SIGMA_OFFSET_SHARE = 0.15
 # design: the mean of so many is known to a fortieth of the noise of one
 SAMPLES_PER_PAIR = 2000
 """Cells of one overlap that are used at most."""
-# design: a limit of time; Huber weights settle in fewer
+# design: a limit of time
 ITERATIONS = 15
 """Reweighted solutions."""
 

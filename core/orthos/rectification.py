@@ -25,7 +25,7 @@ from core.progress import SILENT, Progress
 from core.raster.grid import NODATA, Grid, Pixels, Tile, tiled_profile, tiles_of, write_tiles
 from core.raster.scan_file import ScanSource
 
-# design: relief and lens bend a sixteenth of a side by less than a cell of the overview
+# design: pieces of one or two centimetres of film, over which tilt and lens are all but straight
 RAYS_PER_SIDE = 16
 """Rays of the footprint along each side of the frame."""
 # design: a sixteenth of a mask pixel is 12 micrometres
@@ -61,7 +61,7 @@ class OrthoOptions:
     # design: the soft shadow of the frame is narrower
     frame_margin_mm: float = 1.0
     """Strip along the edge of the picture area that is left out, millimetres of film."""
-    # design: a scan of 23 cm at 8 um; the smallest machine has 8 GB
+    # design: a scan of 23 cm at 10 um, with room; the smallest machine has 8 GB
     scan_budget_bytes: int = 800_000_000
     """A scan up to this size is held in memory, a larger one is read by windows."""
 
@@ -130,7 +130,14 @@ def rectify_photo(
     }
     tags = {"PHOTO_ID": photo.photo_id, "NADIR": f"{nadir[0]!r} {nadir[1]!r}"}
     covered = write_tiles(
-        path, profile, tags, partial(_tile, work), tiles, options.threads, progress, photo.photo_id
+        path,
+        profile,
+        tags,
+        partial(_tile, work),
+        tiles=tiles,
+        threads=options.threads,
+        progress=progress,
+        what=photo.photo_id,
     )
     share = covered / (grid.columns * grid.rows)
     return OrthoProduct(photo.photo_id, path, grid, share, nadir)

@@ -199,16 +199,13 @@ class Dem:
 
     def _read(self, part: Grid) -> HeightWindow:
         """The pixels of a part of the DEM's own grid, small gaps closed."""
-        column, row = np.rint(self.grid.grid_from_object(np.array([[part.west, part.north]])))[0]
-        left, top = max(0, int(column) - MARGIN_PX), max(0, int(row) - MARGIN_PX)
-        right = min(self.grid.columns, int(column) + part.columns + MARGIN_PX)
-        bottom = min(self.grid.rows, int(row) + part.rows + MARGIN_PX)
-        wide = self.grid.window(left, top, right - left, bottom - top)
+        wide = self.grid.covering(part.bounds, MARGIN_PX)
         heights = self._resampled(wide, "linear")
         gaps = small_gaps(heights)
         heights = fill_gaps(heights, gaps)
-        down = slice(int(row) - top, int(row) - top + part.rows)
-        across = slice(int(column) - left, int(column) - left + part.columns)
+        corner = wide.grid_from_object(np.array([[part.west, part.north]]))[0]
+        left, top = np.rint(corner).astype(int).tolist()
+        down, across = slice(top, top + part.rows), slice(left, left + part.columns)
         return HeightWindow(
             part, locked(heights[down, across], np.float32), locked(gaps[down, across], bool)
         )

@@ -123,6 +123,7 @@ def write_tiles(
     profile: dict[str, Any],
     tags: dict[str, str],
     compute: Callable[[Tile], Pixels | None],
+    *,
     tiles: Sequence[Tile],
     threads: int,
     progress: Progress,

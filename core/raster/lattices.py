@@ -34,7 +34,6 @@ from core.raster.sheets import Sheet, SheetKind, block_outline, open_sheet, shee
 DIGEST_BYTES = 16
 """Length of the name of a set of files."""
 Content = Literal["gray", "colour", "heights"]
-# design: one megabyte of gray and four blocks of a usual GeoTIFF, a little more than one search.
 BANDS: dict[Content, int] = {"gray": 1, "colour": 3, "heights": 1}  # design: what each content is
 # design: one megabyte of gray and four blocks of a usual GeoTIFF, a little more than one search.
 TILE_CELLS = 512
@@ -168,7 +167,7 @@ def _notes(sheets: Sequence[Sheet], crs: CRS, what: str) -> tuple[Doubt, ...]:
         accuracy, lossless = operation.accuracy_m, operation.accuracy_m == 0
         known = "of unknown accuracy" if np.isnan(accuracy) else f"good to {accuracy:g} m"
         lack = "" if operation.best else " A better operation needs a grid that is not installed."
-        # design: gravity of a note; twice as grave where a better operation exists
+        # design: gravity of a note; graver where a better operation exists
         notes.append(
             Doubt(
                 kind="reference-reprojected",

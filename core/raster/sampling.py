@@ -329,10 +329,11 @@ def _weights(
 def _cubic(t: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
     """Keys' cubic convolution with a = -1/2, of the distance t >= 0."""
     # source: Keys 1981, the kernel of cubic convolution with a = -1/2
-    near = (1.5 * t - 2.5) * t * t + 1
-    # source: Keys 1981, the kernel of cubic convolution with a = -1/2
-    far = ((-0.5 * t + 2.5) * t - 4) * t + 2
-    return np.where(t < 1, near, np.where(t < 2, far, 0.0))
+    return np.where(
+        t < 1,
+        (1.5 * t - 2.5) * t * t + 1,
+        np.where(t < 2, ((-0.5 * t + 2.5) * t - 4) * t + 2, 0.0),
+    )
 
 
 def _multiply(

@@ -24,7 +24,8 @@ def written(path, **options) -> int:
     profile = tiled_profile(GRID, "EPSG:5514", "uint8") | options
     tiles = list(tiles_of(GRID, 512))
     compute = partial(noise, np.random.default_rng(1))
-    return write_tiles(path, profile, {}, compute, tiles, 1, Silent(), "noise")
+    work = {"tiles": tiles, "threads": 1, "progress": Silent(), "what": "noise"}
+    return write_tiles(path, profile, {}, compute, **work)
 
 
 @pytest.mark.parametrize("options", [{}, {"compress": "deflate"}])
