@@ -16,6 +16,7 @@ import numpy as np
 from core.arrays import Scalars
 from core.matching.probability import GATE, GRID, Calibration, Searches, gate_m
 
+# design: as reliability diagrams are drawn.
 BINS = 10
 WITHIN = 1.0 - float(np.exp(-0.5 * GATE**2))
 """Share of right peaks within the gate."""
@@ -53,6 +54,7 @@ def sightings(searches: Searches, found: Calibration, window_m2: float) -> Sight
         found: What their probabilities rest on.
         window_m2: Area of a window in which candidates are looked for, square metres.
     """
+    # design: numerical safety; odds of nought say nothing of peaks.
     share = max(found.share, 1e-6)
     ratio = np.exp(np.interp(searches.height, GRID, found.log_ratio)) / window_m2
     odds = share * ratio
@@ -64,6 +66,7 @@ def sightings(searches: Searches, found: Calibration, window_m2: float) -> Sight
     return Sightings(
         stated[top],
         (searches.distance_m[top] <= gate).astype(np.float64),
+        # design: numerical safety; a gate as wide as the window would leave nothing to compare.
         np.minimum(np.pi * gate**2 / window_m2, 0.9),
     )
 

@@ -16,12 +16,16 @@ from core.block import UNKNOWN_M, Block
 from core.doubts import Doubt
 from core.geometry.robust import robust_sigma
 
+# design: their mean is known to a quarter of what one is.
 LEAST_JUNCTIONS = 15
 """Fewer junctions do not judge."""
+# design: their mean is known to a third of what one is.
 LEAST_SALIENT = 8
 """Fewer salient points have no common shift that could be told from chance."""
+# design: a pixel of a common ortho; less is within what anybody asks for.
 TOLD_M = 0.3
 """A shift larger than this is told."""
+# design: of a thousand good points one lies as far off in either axis.
 GROSS = 3.5
 """A point further from the median than so many robust standard deviations has no voice."""
 

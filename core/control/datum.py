@@ -6,7 +6,7 @@ reference point of every photo has a voice in them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from core.localisation.photo_orientation import (
     ground_sigma_px,
 )
 from core.matching.local_search import (
+    MATCH_FLOOR_PX,
     Found,
     MatchingOptions,
     candidates_of,
@@ -35,21 +36,16 @@ from core.matching.reference import Reference
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferencePoints
 
+# design: crowns and shadows move what single photos agree on by about as much, all alike.
+SHIFT_M = 8.0
+"""Standard deviation of the block's place, and of its turn and scale at its edge, metres."""
+# design: a sample of three in a thousand candidates of which one in ten is right is seen six times.
+VOTE = ConsensusOptions(hypotheses=6000, gate=2.5)
+"""The vote."""
+# design: peaks are four pixels apart at least.
 LEAST_SHIFT_PX = 4.0
 """The block's place is never taken to be surer than this many of the finest pixels: a search
 window without room has no place for chance to show itself."""
-
-
-@dataclass(frozen=True, slots=True)
-class DatumOptions:
-    """How far the block may have to go."""
-
-    shift_m: float = 8.0
-    """Standard deviation of the block's place, and of its turn and scale at its edge, metres."""
-    consensus: ConsensusOptions = field(
-        default_factory=lambda: ConsensusOptions(hypotheses=6000, gate=2.5)
-    )
-    """The vote."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +63,6 @@ def lay_on_reference(
     reference: Reference,
     points: ReferencePoints,
     orientation: OrientationOptions,
-    options: DatumOptions,
     rng: np.random.Generator,
     mapper: Callable[..., Iterable[Any]] = map,
 ) -> Block | Failure:
@@ -79,7 +74,6 @@ def lay_on_reference(
         reference: Ortho and heights.
         points: Junctions and salient points.
         orientation: Sizes of the templates.
-        options: How far to look.
         rng: Source of the samples.
         mapper: Runs a function over photos.
     """
@@ -87,16 +81,16 @@ def lay_on_reference(
     about = np.mean([photo.exterior.centre for photo in photos], axis=0)
     first = OpenPhoto(photos[0], block.cameras[photos[0].camera], scans[photos[0].photo_id])
     least_m = LEAST_SHIFT_PX * finest_gsd_m(first, reference, orientation)
-    options = replace(options, shift_m=max(options.shift_m, least_m))
+    shift_m = max(SHIFT_M, least_m)
 
     def cast(photo: Photo) -> Ballot | None:
         opened = OpenPhoto(photo, block.cameras[photo.camera], scans[photo.photo_id])
-        return ballot(opened, reference, points, orientation, options, about)
+        return ballot(opened, reference, points, orientation, shift_m, about)
 
     ballots = [found for found in mapper(cast, photos) if found is not None]
     if not ballots:
         return Failure("no reference point could be searched in any photo")
-    consensus = joined(ballots, prior(block, photos, options), options)
+    consensus = joined(ballots, prior(block, photos, shift_m))
     steps = consensus.hypotheses(rng)
     _, step, chosen = min((consensus.refined(step) for step in steps), key=lambda found: found[0])
     residual = consensus.offset - consensus.design @ step
@@ -104,7 +98,7 @@ def lay_on_reference(
     evidence = {
         "searched": len(consensus.first), "agreeing": len(chosen), "log10_e_value": e_value,
     }  # fmt: skip
-    if e_value < options.consensus.least_log10_e_value:
+    if e_value < VOTE.least_log10_e_value:
         return Failure("the block's agreement with the reference could be chance", evidence)
     similarity = SimilarityInSpace(about, step)
     return block.with_photos(
@@ -117,15 +111,14 @@ def lay_on_reference(
     )
 
 
-def prior(block: Block, photos: list[Photo], options: DatumOptions) -> np.ndarray:
+def prior(block: Block, photos: list[Photo], shift_m: float) -> np.ndarray:
     """Covariance of the seven unknowns: the block's edge may move as far as its middle."""
     centres = np.array([photo.exterior.centre for photo in photos])
     above = float(np.mean([photo.exterior.centre[2] - photo.ground_height_m for photo in photos]))
     spread = np.hypot(*(centres - centres.mean(axis=0))[:, :2].T).max()
     radius = max(float(spread), above / 2)
-    turn = options.shift_m / radius
-    shift = options.shift_m
-    return np.diag(np.array([shift, shift, shift, turn, turn, turn, turn]) ** 2)
+    turn = shift_m / radius
+    return np.diag(np.array([shift_m] * 3 + [turn] * 4) ** 2)
 
 
 def ballot(
@@ -133,12 +126,12 @@ def ballot(
     reference: Reference,
     points: ReferencePoints,
     orientation: OrientationOptions,
-    options: DatumOptions,
+    shift_m: float,
     about: Position,
 ) -> Ballot | None:
     """Candidates of one photo within two standard deviations of the block's place."""
     reduction = finest_reduction(opened, reference, orientation)
-    half = int(np.ceil(2 * options.shift_m / opened.ground_pixel_m / reduction))
+    half = int(np.ceil(2 * shift_m / opened.ground_pixel_m / reduction))
     matching = MatchingOptions(
         reduction=reduction,
         template_half_px=orientation.template_half_px,
@@ -151,11 +144,12 @@ def ballot(
     if not found:
         return None
     sigma = ground_sigma_px(opened, points.sigma_m)
-    candidates = candidates_of(found, sigma, floor_px=0.35 * reduction)
+    candidates = candidates_of(found, sigma, floor_px=MATCH_FLOOR_PX * reduction)
     model = PhotoModel(opened.photo.interior, opened.camera, opened.photo.atmosphere)
     derivatives = np.empty((len(points.ids), 2, UNKNOWNS))
     exterior = opened.photo.exterior
     above = float(exterior.centre[2]) - opened.photo.ground_height_m
+    # design: a step of ten centimetres at the photo, small against the curvature of projection.
     for unknown, size in enumerate([0.1] * 3 + [0.1 / above] * 4):
         step = np.zeros(UNKNOWNS)
         step[unknown] = size
@@ -166,7 +160,7 @@ def ballot(
     return Ballot(candidates, offset, derivatives[candidates.point])
 
 
-def joined(ballots: list[Ballot], prior_covariance: np.ndarray, options: DatumOptions) -> Consensus:
+def joined(ballots: list[Ballot], prior_covariance: np.ndarray) -> Consensus:
     """All ballots as one vote; a point in two photos has two voices."""
     first = np.cumsum([0, *(int(one.candidates.point.max()) + 1 for one in ballots[:-1])])
 
@@ -181,4 +175,4 @@ def joined(ballots: list[Ballot], prior_covariance: np.ndarray, options: DatumOp
     )
     offset = np.concatenate([one.offset for one in ballots])
     design = np.concatenate([one.design for one in ballots])
-    return Consensus(candidates, offset, design, prior_covariance, options=options.consensus)
+    return Consensus(candidates, offset, design, prior_covariance, options=VOTE)

@@ -22,10 +22,13 @@ from core.matching.template_search import Image
 
 OPERATOR = FusedOperator()
 """What the desk compares with."""
+# design: less than the separation of two peaks.
 REACH_PX = 3.0
 """A place is refined to a peak no further away than this, pixels of the pass."""
+# design: all that a window of the desk holds, at their separation.
 PEAKS = 12
 """So many maxima of a surface are looked at."""
+# design: the usual level of a test.
 BY_CHANCE = 0.05
 """In this share of windows that do not hold the point, chance alone brings a higher peak."""
 
@@ -89,6 +92,7 @@ def search_options(
 ) -> MatchingOptions:
     """The sizes with which control is proposed, for a search of some metres."""
     reduction = finest_reduction(opened, reference, orientation)
+    # design: twice the separation of peaks; less would show a single one.
     half = max(int(np.ceil(search_m / opened.ground_pixel_m / reduction)), 8)
     return MatchingOptions(
         reduction=reduction,

@@ -20,9 +20,7 @@ from core.block import Block, Peak
 from core.control.score_map_store import KeptSurfaces
 from core.control.search import (
     CANDIDATES,
-    MATCH_FLOOR_PX,
     Chance,
-    ControlOptions,
     Search,
     decoys_outside,
     planned,
@@ -30,13 +28,15 @@ from core.control.search import (
 )
 from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
-from core.matching.local_search import DULL, SEPARATION_PX, predict_pixels
+from core.matching.local_search import DULL, MATCH_FLOOR_PX, SEPARATION_PX, predict_pixels
 from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks, nearest_peak
 
+# design: the narrowest pair of peaks that a mean over photos still parts.
 APART_PX = 2
 """No two peaks of the mean are closer than this (pixels of the pass): a row of trees beside a road
 would hide the road's own peak, which the mean of all photos shows sharply enough."""
+# design: what blur and noise of one photo move its peak by at most.
 OWN_PX = 1.5
 """The peak of a photo's own surface that is meant lies no further from that of all together
 (pixels of the pass); where it has none, the place is that of all together."""
@@ -73,7 +73,6 @@ def joint_searches(
     block: Block,
     site: Site,
     orientation: OrientationOptions,
-    options: ControlOptions,
     searches: Sequence[Search],
     kept: KeptSurfaces,
     mapper: Callable[..., Iterable[Any]] = map,
@@ -84,7 +83,6 @@ def joint_searches(
         block: The adjusted block.
         site: Reference, scans and reference points.
         orientation: Sizes of the searches.
-        options: How far was looked.
         searches: What single photos found.
         kept: Their surfaces.
         mapper: Runs a function over photos, and over points.
@@ -97,7 +95,7 @@ def joint_searches(
         photo = block.photos[photo_id]
         opened = OpenPhoto(photo, block.cameras[photo.camera], site.scans[photo_id])
         own = [searches[row] for row in rows[photo_id]]
-        return sights_in(opened, site, orientation, options, own)
+        return sights_in(opened, site, orientation, own)
 
     points: dict[str, list[tuple[int, Sight]]] = {}
     for photo_id, sights in zip(rows, mapper(sighted, rows), strict=True):
@@ -118,7 +116,6 @@ def sights_in(
     opened: OpenPhoto,
     site: Site,
     orientation: OrientationOptions,
-    options: ControlOptions,
     searches: Sequence[Search],
 ) -> list[Sight]:
     """The searches of one photo seen from its orientation now."""
@@ -130,7 +127,7 @@ def sights_in(
         positions=site.points.positions[chosen],
         sigma_m=site.points.sigma_m[chosen],
     )
-    plan = planned(opened, site.reference, points, orientation, options)
+    plan = planned(opened, site.reference, points, orientation)
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
     moves = moves_of(opened, points.positions)
     return [

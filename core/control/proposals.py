@@ -14,7 +14,7 @@ import numpy as np
 from core.arrays import Scalars
 from core.block import Block, Measurement, Source, SurveyedPoint
 from core.control.calibration_check import Bin, Sightings, diagram, sightings
-from core.control.search import ControlOptions, Search
+from core.control.search import Search
 from core.matching.probability import (
     DISPLACED_M,
     Calibration,
@@ -26,19 +26,22 @@ from core.reference.stage import ReferencePoints
 
 Kind = tuple[Source, bool]
 """Where a point comes from, and whether roads say where it is: peaks of one kind look alike."""
+# design: one in ten may be wrong by its own word; the adjustment finds those.
+ACCEPT = 0.9
+"""A candidate as probable as this is used."""
+# design: the larger half.
 EVEN = 0.5
 """Below this probability a candidate is not preferred for being near."""
 
 
 def judged(
-    searches: Sequence[Search], sources: Mapping[str, Source], options: ControlOptions
+    searches: Sequence[Search], sources: Mapping[str, Source]
 ) -> tuple[tuple[Measurement, ...], Mapping[Kind, Calibration | None]]:
     """One measurement of every search that found anything, with the probability that it is right.
 
     Args:
         searches: All searches of a block.
         sources: Where the points come from.
-        options: What is used.
 
     Returns:
         The measurements, used or with the reason why not, and what the probabilities of searches
@@ -61,7 +64,7 @@ def judged(
         for row, search, start, end in zip(rows, chosen, first[:-1], first[1:], strict=True):
             if search.peaks:
                 shared = aside[start:end] * photos[search.point_id]
-                measured[row] = measurement_of(search, right[start:end], shared, options)
+                measured[row] = measurement_of(search, right[start:end], shared)
     return tuple(measured[row] for row in sorted(measured)), resting
 
 
@@ -105,9 +108,7 @@ def pooled(searches: Sequence[Search]) -> Searches:
     )
 
 
-def measurement_of(
-    search: Search, right: Scalars, aside: Scalars, options: ControlOptions
-) -> Measurement:
+def measurement_of(search: Search, right: Scalars, aside: Scalars) -> Measurement:
     """The most probable candidate, used when it is probable enough; if none is, the highest.
 
     Where it may stand aside of its place, its standard deviation says so: else the adjustment would
@@ -118,13 +119,12 @@ def measurement_of(
         search: The search.
         right: Probability of each candidate.
         aside: Probability that each stands aside, times the photos that were searched for it.
-        options: What is used.
     """
     best = int(np.argmax(right)) if right.max() >= EVEN else 0
     peak, probability = search.peaks[best], float(right[best])
     others = tuple(other for index, other in enumerate(search.peaks) if index != best)
     aside_px = np.sqrt(aside[best]) * DISPLACED_M / search.pixel_m
-    reason = "" if probability >= options.accept else f"right with probability {probability:.2f}"
+    reason = "" if probability >= ACCEPT else f"right with probability {probability:.2f}"
     return Measurement(
         search.point_id,
         search.photo_id,

@@ -20,6 +20,7 @@ from core.localisation.photo_orientation import (
 )
 from core.matching.local_search import (
     DULL,
+    MATCH_FLOOR_PX,
     SEPARATION_PX,
     Images,
     MatchingOptions,
@@ -39,32 +40,28 @@ from core.reference.stage import ReferencePoints
 
 Keep = Callable[[str, str, ScoreMap], None]
 """Is told the surface of a point in a photo, by their names."""
-MATCH_FLOOR_PX = 0.35
-"""No match is better than this, in pixels of the pass."""
+# design: what a block that hangs together by ties is still off at an edge without control.
+SEARCH_M = 6.0
+"""A candidate lies no further from the block's prediction along either axis, metres."""
+# design: time; fifteen times as much ground is certainly wrong as may be right.
+DECOYS_M = 24.0
+"""Half-width of the first search; what lies beyond `SEARCH_M` is wrong, metres."""
+# design: a pixel of the pass or two; the block's own sigma is known only after control.
+PREDICTION_SIGMA_M = 0.5
+"""Standard deviation per axis of the block's prediction, metres."""
 # measured: prove_peak_sigma; error without any noise, which is that of the paraboloid.
 PEAK_FLOOR_PX = 0.025
 """No peak is found better than this, pixels of the pass."""
+# design: more than one in eight is right nowhere that control is found at all.
 CANDIDATES = 8
 """So many peaks near a prediction are weighed against each other."""
+# design: time; decoys of all other points are at hand as well.
 MIRRORED_EVERY = 4
 """The template of every fourth point is searched mirrored too."""
+# design: time; a map drawn a pixel aside has the same peaks.
 STILL_PX = 1.0
 """Predictions that moved no more than this, in pixels of the pass, need no new search: a peak stays
 where it is in the scan."""
-
-
-@dataclass(frozen=True, slots=True)
-class ControlOptions:
-    """What is searched, and what makes a proposal one that is used."""
-
-    search_m: float = 6.0
-    """A candidate lies no further from the block's prediction along either axis, metres."""
-    decoys_m: float = 24.0
-    """Half-width of the first search; what lies beyond `search_m` is wrong, metres."""
-    prediction_sigma_m: float = 0.5
-    """Standard deviation per axis of the block's prediction, metres."""
-    accept: float = 0.9
-    """A candidate as probable as this is used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +76,7 @@ class Chance:
     """Median of the surface where nothing can be right."""
     spread: float
     """Robust standard deviation of the surface there."""
-    inner_m2: float = 144.0
+    inner_m2: float = (2 * SEARCH_M) ** 2
     """Area of the middle, where candidates are looked for."""
 
 
@@ -133,7 +130,6 @@ def search_points(
     reference: Reference,
     points: ReferencePoints,
     orientation: OrientationOptions,
-    options: ControlOptions,
     progress: Progress | None = None,
     before: Sequence[Search] = (),
     keep: Keep | None = None,
@@ -145,12 +141,11 @@ def search_points(
         reference: Ortho, heights and roads.
         points: Junctions and salient points.
         orientation: Sizes, and the operator: the first named.
-        options: How far to look.
         progress: Told as the work goes on.
         before: What was found in this photo before the block moved last.
         keep: Told every surface; whatever is searched then is searched far around.
     """
-    plan = planned(opened, reference, points, orientation, options)
+    plan = planned(opened, reference, points, orientation)
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
     known = {search.point_id: search for search in before}
     away_px = farthest(points, prediction.pixels, known) / plan.matching.reduction
@@ -161,7 +156,7 @@ def search_points(
             if name in known and prediction.inside[point]
         ]
     else:
-        known = {} if away_px * plan.pixel_m > options.search_m else known
+        known = {} if away_px * plan.pixel_m > SEARCH_M else known
         found = searched(opened, reference, points, plan, prediction, known, progress, keep)
     return tuple(sorted(found, key=lambda search: search.point_id))
 
@@ -171,12 +166,12 @@ def planned(
     reference: Reference,
     points: ReferencePoints,
     orientation: OrientationOptions,
-    options: ControlOptions,
 ) -> Plan:
     """Sizes for one photo."""
     reduction = finest_reduction(opened, reference, orientation)
     pixel_m = opened.ground_pixel_m * reduction
-    wide = max(int(np.ceil(options.decoys_m / pixel_m)), 5 * SEPARATION_PX)
+    # design: room for decoys about the middle also where pixels are coarse.
+    wide = max(int(np.ceil(DECOYS_M / pixel_m)), 5 * SEPARATION_PX)
     matching = MatchingOptions(
         reduction=reduction,
         template_half_px=orientation.template_half_px,
@@ -184,9 +179,9 @@ def planned(
         min_search_px=wide,
         max_search_px=wide,
     )
-    inner = max(int(np.ceil(options.search_m / pixel_m)), 2 * SEPARATION_PX)
+    inner = max(int(np.ceil(SEARCH_M / pixel_m)), 2 * SEPARATION_PX)
     sigma_m = ground_sigma_px(opened, points.sigma_m) * opened.ground_pixel_m
-    return Plan(matching, pixel_m, wide, inner, np.hypot(sigma_m, options.prediction_sigma_m))
+    return Plan(matching, pixel_m, wide, inner, np.hypot(sigma_m, PREDICTION_SIGMA_M))
 
 
 def farthest(points: ReferencePoints, pixels: PixelPoints, known: Mapping[str, Search]) -> float:

@@ -17,11 +17,11 @@ from core.adjustment.weights import Terrain
 from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
 from core.control.common_shift import common_shift, weighed
-from core.control.datum import DatumOptions, lay_on_reference
+from core.control.datum import lay_on_reference
 from core.control.multi_photo import joint_searches
 from core.control.proposals import borne_out, judged, with_proposals
 from core.control.score_map_store import KeptSurfaces
-from core.control.search import ControlOptions, Search, search_points
+from core.control.search import Search, search_points
 from core.doubts import Doubt, Failure
 from core.localisation.initial_orientation import Site
 from core.localisation.joined_block import join_photos
@@ -53,10 +53,6 @@ class ControlStageOptions:
 
     orientation: OrientationOptions = field(default_factory=OrientationOptions)
     """Sizes of the templates."""
-    datum: DatumOptions = field(default_factory=DatumOptions)
-    """How the whole block is laid on the reference."""
-    control: ControlOptions = field(default_factory=ControlOptions)
-    """Limits of proposals."""
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
     """The adjustment."""
 
@@ -113,12 +109,13 @@ def find_control(
     )
     doubts: tuple[Doubt, ...] = ()
     if before is None:
+        # design: shares of the time, for the bar alone.
         block, doubts = first_datum(block, localised, site, options, work.part(0.0, 0.4))
     else:
         doubts = tuple(doubt for doubt in before.doubts if doubt.kind == "datum")
-    report, reliability = propose_and_adjust(
-        block, site, options, before is not None, work.part(0.4, 1.0)
-    )
+    # design: the rest of the time.
+    rest = work.part(0.4, 1.0)
+    report, reliability = propose_and_adjust(block, site, options, before is not None, rest)
     report, told = with_true_worth(report, options.adjustment)
     passes = 1 if before is None else before.passes + 1
     moved = float("inf") if before is None else movement(before.report.block, report)
@@ -149,7 +146,6 @@ def first_datum(
         site.reference,
         site.points,
         options.orientation,
-        options.datum,
         work.random("assembly"),
         work.mapper,
     )
@@ -176,10 +172,8 @@ def propose_and_adjust(
             part = work.part(done / ROUNDS, (done + 1) / ROUNDS)
             searches = seen = search_photos(block, site, options, searches, kept, part)
             if agrees or done > 0:
-                seen = joint_searches(
-                    block, site, options.orientation, options.control, searches, kept, work.mapper
-                )
-            proposed, resting = judged(seen, site.sources, options.control)
+                seen = joint_searches(block, site, options.orientation, searches, kept, work.mapper)
+            proposed, resting = judged(seen, site.sources)
             before = with_proposals(block, site.points, site.sources, proposed)
             report = adjusted_without_gross(before, options.adjustment)
             moved, block = movement(before, report), report.block
@@ -218,7 +212,6 @@ def search_photos(
             site.reference,
             site.points,
             options.orientation,
-            options.control,
             before=known.get(photo.photo_id, ()),
             keep=kept.keep,
         )

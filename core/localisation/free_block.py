@@ -24,14 +24,18 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.robust import cauchy_weights, solve_robustly
 from core.ties.chains import with_rays
 
+# design: twice what a similarity needs to be checked by each of its points.
 MIN_COMMON = 8
 """Photos with fewer common tie points do not hold each other."""
+# design: time; only a start for the bundle adjustment.
 PASSES = 6
 """Solutions of the plane block, each with the weights of the one before."""
 FAR = 3.0  # design: beyond 3 sigma a good ray is one in a hundred.
 """At this many robust standard deviations a ray has half its weight."""
+# source: normal distribution; one in eighty lies further off.
 SEARCH_SIGMAS = 2.5
 """A turn is possible when the sources are off by no more than this on the average."""
+# design: a third of what the surest source is sure of.
 TURN_STEP = float(np.radians(1.0))
 """Turns of the whole block are weighed in such steps."""
 Similarities = Float64[np.ndarray, "photos 4"]

@@ -21,11 +21,16 @@ from core.matching.reference import Reference
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferencePoints
 
+# design: twice what a resection needs to be checked by each of its points.
 MIN_TIES = 8
+"""With fewer tie points no photo is carried or contradicted."""
+# design: tilts of a degree, which single photos of little relief do not see, add up to this.
 APART = 0.02
 """Two photos contradict each other when the same details lie further apart on the ground than this
 share of the flying height: more than two single photos on one reference ever do."""
+# design: photos called vertical are tilted by less, as a rule.
 TILT_SIGMA = float(np.radians(4.0))
+# design: two neighbours that stand by themselves are off by some pixels each.
 CARRIED_SIGMA_PX = 6.0
 """How well a tie point on the reference heights is known in the photo it carries, scan pixels."""
 
@@ -146,6 +151,7 @@ def carry_the_rest(
         if block.photos[name].oriented:
             said, gravity = "it is carried by tie points to its neighbours", 0.5
         else:
+            # design: graver than a photo that is carried: nothing of it is used.
             said, gravity = f"it is left out: {reasons[name]}", 0.9
         own = why.get(name, "it was not tried")
         message = f"Photo {name} did not stand on the reference ({own}); {said}."

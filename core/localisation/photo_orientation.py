@@ -13,6 +13,7 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.localisation.photo_placement import NARROW, Placement, PlacementOptions, place_photo
 from core.matching.local_search import (
+    MATCH_FLOOR_PX,
     Found,
     MatchingOptions,
     candidates_of,
@@ -31,25 +32,32 @@ from core.reference.stage import ReferencePoints
 class OrientationOptions:
     """The passes over one photo."""
 
+    # design: time; a frame of 1 km is seen in metres, as roads are.
     coarse_width_px: int = 1400
     """Width of the photo in pixels in the first pass."""
+    # design: a crossing with the fields about it.
     coarse_template_half_px: int = 45
     """Half the template of the first pass, pixels of that pass."""
+    # design: as much ground as the coarse one has, and more of it where pixels are finer.
     template_half_px: int = 60
     """Half the template of the later passes, pixels of that pass."""
+    # design: half a crown, and the shadow of a tree at noon.
     crown_shift_m: float = 6.0
     """Standard deviation of what woods and shadows do to the first pass, metres: crowns lean and
     shadows turn with the hour, all the same way, so that no covariance tells of it."""
     operators: tuple[Operator, ...] = USUAL
     """What is compared in all passes."""
+    # design: film of these scales resolves no more.
     finest_gsd_m: float = 0.35
     """Finer detail than this is grain rather than ground."""
     placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
     """The searches before the first pass, until one leads to an orientation."""
     resection: ConsensusOptions = field(
+        # design: one photo of ten may pass by chance; the next pass asks for more.
         default_factory=lambda: ConsensusOptions(least_log10_e_value=1.0)
     )
     """The judgement after every pass."""
+    # design: of a thousand photos that lie elsewhere one is let through.
     sure_log10_e_value: float = 3.0
     """A photo of which no pass reaches this e-value (log10) is refused: the first pass alone would
     let one photo of ten through, were all of them chance."""
@@ -171,7 +179,7 @@ def resected(
     if not found:
         return Failure("no reference point could be searched in this photo"), ()
     candidates = candidates_of(
-        found, ground_sigma_px(opened, points.sigma_m), floor_px=0.35 * matching.reduction
+        found, ground_sigma_px(opened, points.sigma_m), floor_px=MATCH_FLOOR_PX * matching.reduction
     )
     model = PhotoModel(opened.photo.interior, opened.camera, opened.photo.atmosphere)
     result = resect_photo(

@@ -7,6 +7,7 @@ their ties. A later pass begins where control has put the block and only carries
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import Block, Photo, position_sigma_m
@@ -89,15 +90,18 @@ def localise_photos(
         OrientationError: No photo stands on the reference.
     """
     block = placed.block
-    seen = detect_features(block, scans, options, work.part(0.0, 0.2))
-    ties, told = match_roughly(
-        block, seen, options.ties, work.part(0.2, 0.35).progress, work.random("rough ties")
+    # design: shares of the time, for the bar alone.
+    shares = [0.2, 0.35, 0.6, 0.95]
+    first, rough, placing, orienting = (
+        work.part(start, end) for start, end in pairwise([0.0, *shares])
     )
+    seen = detect_features(block, scans, options, first)
+    ties, told = match_roughly(block, seen, options.ties, rough.progress, work.random("rough ties"))
     block = replace(block, ties=ties)
     reference = open_reference(files, block.search_bounds)
     site = Site(reference, scans, features.points, features.sources)
-    parts, unplaced = place_parts(block, placed, site, options, work.part(0.35, 0.6))
-    oriented = orient_photos(placed, parts, site, options, work.part(0.6, 0.95))
+    parts, unplaced = place_parts(block, placed, site, options, placing)
+    oriented = orient_photos(placed, parts, site, options, orienting)
     standing, doubts = stand_up(block, site, oriented, work.random("localisation"))
     weak = weak_control(standing, oriented, features.points, features.sources)
     joined = join_photos(standing, weak, options.adjustment)

@@ -34,6 +34,9 @@ SEPARATION_PX = 4
 NCC_TRUST = 0.4
 """Vote of a grey-value peak that the gradients do not share: crowns and shadows move all grey
 values of a wood together, so that such peaks agree with each other and are wrong."""
+# design: where operators compare edges, their width and not noise sets how near two places agree.
+MATCH_FLOOR_PX = 0.35
+"""No match says better than this where a photo is, pixels of the pass."""
 # design: wider ones are ridges, whose place along them is chance.
 DULL = 3.0
 """A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""

@@ -151,7 +151,7 @@ def _pair_doubts(reports: tuple[PairReport, ...]) -> list[Doubt]:
                 f"{report.first} and {report.second} are scans of one photo: together they say "
                 "nothing of heights, and count twice. Take one of them out of the block."
             )
-            doubts.append(Doubt("same-photo", subject, message, 0.8, evidence))
+            doubts.append(Doubt("same-photo", subject, message, evidence=evidence))
         elif not report.tied and report.overlap >= SHOULD_TIE:
             message = f"The photos should overlap by {share}, but did not tie. {report.reason}"
             doubts.append(Doubt("pair-not-tied", subject, message, evidence=evidence))

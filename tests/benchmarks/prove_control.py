@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import ncx2
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.control.search import ControlOptions
+from core.control.search import PREDICTION_SIGMA_M
 from core.literature.baselines import OPERATORS
 from core.literature.dense_descriptors import has_akaze
 from core.literature.published_chains import CHAINS, Preset, assemble_published
@@ -152,7 +152,7 @@ def near_anyway(probability: float, away_m: float, sigma_m: float) -> float:
     p + (1 - p) a, with a the probability that the true place, normal about the prediction, is
     within 3 m of a peak so far from it.
     """
-    sigma = float(np.hypot(sigma_m, ControlOptions().prediction_sigma_m))
+    sigma = float(np.hypot(sigma_m, PREDICTION_SIGMA_M))
     accident = ncx2.cdf((WRONG_M / sigma) ** 2, 2, max((away_m / sigma) ** 2, 1e-9))
     return probability + (1.0 - probability) * float(accident)
 

@@ -64,10 +64,10 @@ def believed(ground: Case, photos: list[OpenPhoto]) -> tuple[int, int]:
         search
         for opened in photos
         for search in search_points(
-            opened, ground.reference, ground.site.points, options.orientation, options.control
+            opened, ground.reference, ground.site.points, options.orientation
         )
     ]
-    found, _ = judged(searches, ground.site.sources, options.control)
+    found, _ = judged(searches, ground.site.sources)
     return sum(value.used for value in found), len(found)
 
 

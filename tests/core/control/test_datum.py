@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from core.block import Block
-from core.control.datum import DatumOptions, ballot, joined, lay_on_reference, prior
+from core.control.datum import SHIFT_M, ballot, joined, lay_on_reference, prior
 from core.doubts import Failure
-from core.geometry.consensus import ConsensusOptions
 from core.geometry.exterior import SimilarityInSpace
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
@@ -16,7 +15,6 @@ from core.reference.stage import ReferencePoints
 from core.synthetic.truth import judge_orientations
 
 ORIENTATION = OrientationOptions(template_half_px=30)
-OPTIONS = DatumOptions(consensus=ConsensusOptions(hypotheses=1000, gate=2.5))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +47,7 @@ def carried(tiny, step) -> Block:
 
 def laid(tiny, block, points, reference, seed=0):
     return lay_on_reference(
-        block, tiny.scans, reference, points, ORIENTATION, OPTIONS, np.random.default_rng(seed)
+        block, tiny.scans, reference, points, ORIENTATION, np.random.default_rng(seed)
     )
 
 
@@ -129,24 +127,24 @@ def test_the_same_seed_gives_the_same_place__law(tiny, points):
 def test_the_edge_of_the_block_may_move_as_far_as_its_middle__law(tiny):
     block = carried(tiny, np.zeros(7))
     photos = list(block.photos.values())
-    sigma = np.sqrt(np.diag(prior(block, photos, OPTIONS)))
-    np.testing.assert_allclose(sigma[:3], OPTIONS.shift_m)
+    sigma = np.sqrt(np.diag(prior(block, photos, SHIFT_M)))
+    np.testing.assert_allclose(sigma[:3], SHIFT_M)
     centres = np.array([photo.exterior.centre for photo in photos])
     radius = np.hypot(*(centres - centres.mean(axis=0))[:, :2].T).max()
     above = float(np.mean([p.exterior.centre[2] - p.ground_height_m for p in photos]))
-    np.testing.assert_allclose(sigma[3:], OPTIONS.shift_m / max(radius, above / 2))
-    alone = prior(block, photos[:1], OPTIONS)
+    np.testing.assert_allclose(sigma[3:], SHIFT_M / max(radius, above / 2))
+    alone = prior(block, photos[:1], SHIFT_M)
     assert np.isfinite(alone).all()
 
 
 def test_a_point_in_two_photos_has_two_voices__law(tiny, points):
     about = tiny.photos[tiny.names[0]].exterior.centre
     ballots = [
-        ballot(tiny.opened(name), tiny.archival(), points, ORIENTATION, OPTIONS, about)
+        ballot(tiny.opened(name), tiny.archival(), points, ORIENTATION, SHIFT_M, about)
         for name in tiny.names[:2]
     ]
     seen = [set(one.candidates.point.tolist()) for one in ballots]
     assert seen[0] & seen[1]
-    vote = joined(ballots, np.eye(7), OPTIONS)
+    vote = joined(ballots, np.eye(7))
     assert len(vote.first) == len(seen[0]) + len(seen[1])
     assert (np.diff(vote.candidates.point) >= 0).all()

@@ -201,9 +201,7 @@ def test_all_photos_find_unchanged_ground_and_two_workers_the_same__truth(tiny):
     def run(mapper):
         with KeptSurfaces() as kept:
             alone = search_photos(block, site, options, (), kept, Work(mapper=mapper))
-            return alone, joint_searches(
-                block, site, options.orientation, options.control, alone, kept, mapper
-            )
+            return alone, joint_searches(block, site, options.orientation, alone, kept, mapper)
 
     alone, together = run(map)
     with ThreadPoolExecutor(2) as pool:

@@ -7,10 +7,9 @@ import pytest
 
 from core.block import Block, Measurement, Peak, Source, SurveyedPoint
 from core.control.proposals import judged, measurement_of, surveyed_of, with_proposals
-from core.control.search import Chance, ControlOptions, Search
+from core.control.search import Chance, Search
 from core.reference.stage import ReferencePoints
 
-OPTIONS = ControlOptions()
 PIXEL_M = 0.5
 IN_PLACE = np.zeros(2)
 SOURCES: dict[str, Source] = {
@@ -36,18 +35,14 @@ def search(*peaks, roads=True, point_id="J1") -> Search:
 
 
 def test_the_probable_candidate_is_used_though_another_is_higher__law():
-    found = measurement_of(
-        search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), IN_PLACE, OPTIONS
-    )
+    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.97]), IN_PLACE)
     assert (found.status, found.reason, found.score) == ("auto", "", 0.97)
     assert found.column == 500.2
     assert [peak.score for peak in found.peaks] == [5.0, 6.0]
 
 
 def test_where_none_is_probable_the_highest_is_shown_and_not_used__law():
-    found = measurement_of(
-        search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), IN_PLACE, OPTIONS
-    )
+    found = measurement_of(search((5.0, 6.0), (0.2, 5.0)), np.array([0.02, 0.45]), IN_PLACE)
     assert found.status == "unused"
     assert found.reason == "right with probability 0.02"
     assert found.column == 505.0
@@ -56,9 +51,9 @@ def test_where_none_is_probable_the_highest_is_shown_and_not_used__law():
 def test_what_stands_aside_is_stated_with_the_spread_of_such_objects__law():
     """Half probable to stand aside, by a metre per axis: a variance of half a square metre more."""
     one = search((2.4, 6.0))
-    found = measurement_of(one, np.array([0.97]), np.array([0.5]), OPTIONS)
+    found = measurement_of(one, np.array([0.97]), np.array([0.5]))
     assert found.sigma_px == pytest.approx(np.hypot(0.4, np.sqrt(0.5) / PIXEL_M))
-    assert measurement_of(one, np.array([0.97]), np.zeros(1), OPTIONS).sigma_px == 0.4
+    assert measurement_of(one, np.array([0.97]), np.zeros(1)).sigma_px == 0.4
 
 
 def test_a_junction_aside_is_believed_and_a_salient_point_there_is_not__truth():
@@ -70,7 +65,7 @@ def test_a_junction_aside_is_believed_and_a_salient_point_there_is_not__truth():
         for i in range(10)
     ]
     aside = [search((2.3, 5.5), point_id="J30"), search((2.3, 5.5), point_id="S9")]
-    measured, _ = judged((*usual, *aside), SOURCES, OPTIONS)
+    measured, _ = judged((*usual, *aside), SOURCES)
     found = {value.point_id: value for value in measured[-2:]}
     assert found["J30"].used
     assert not found["S9"].used
@@ -85,7 +80,7 @@ def test_clear_points_are_believed_and_stray_ones_are_not__truth():
         for i in range(40)
     ]
     stray = [search((float(rng.uniform(3, 6)), 1.3), point_id=f"S{i}") for i in range(10)]
-    measured, resting = judged((*right, *stray), SOURCES, OPTIONS)
+    measured, resting = judged((*right, *stray), SOURCES)
     used = {value.point_id for value in measured if value.used}
     assert len(used & {one.point_id for one in right}) >= 38
     assert not used & {one.point_id for one in stray}
@@ -94,8 +89,8 @@ def test_clear_points_are_believed_and_stray_ones_are_not__truth():
 
 
 def test_a_search_without_any_candidate_is_no_measurement__law():
-    assert judged((search(),), SOURCES, OPTIONS)[0] == ()
-    assert judged((), SOURCES, OPTIONS)[0] == ()
+    assert judged((search(),), SOURCES)[0] == ()
+    assert judged((), SOURCES)[0] == ()
 
 
 def surveyed(name, source="junction") -> SurveyedPoint:

@@ -6,7 +6,7 @@ import numpy as np
 
 from core.control.proposals import judged
 from core.control.search import (
-    ControlOptions,
+    SEARCH_M,
     decoys_of,
     planned,
     search_points,
@@ -15,7 +15,6 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
 from core.reference.stage import ReferencePoints
 
-OPTIONS = ControlOptions()
 SMALL = OrientationOptions(template_half_px=30)
 
 
@@ -43,10 +42,10 @@ def test_at_the_truth_unchanged_ground_is_used_and_right__truth(tiny):
         tuple(f"P{i:02d}" for i in range(25)), ground, np.full(ground.shape, 0.3)
     )
     searches = search_points(
-        tiny.opened(name), tiny.archival(), points, OrientationOptions(template_half_px=30), OPTIONS
+        tiny.opened(name), tiny.archival(), points, OrientationOptions(template_half_px=30)
     )
     assert [one.point_id for one in searches] == sorted(points.ids)
-    found, _ = judged(searches, {}, OPTIONS)
+    found, _ = judged(searches, {})
     used = [value for value in found if value.used]
     assert len(used) >= 22
     away = [np.hypot(*(value.pixel[0] - pixels[int(value.point_id[1:])])) for value in used]
@@ -69,8 +68,8 @@ def test_on_ground_of_another_place_hardly_anything_is_used__truth(tiny):
         tuple(f"P{i:02d}" for i in range(len(ground))), ground, np.full(ground.shape, 0.3)
     )
     orientation = OrientationOptions(template_half_px=30)
-    searches = search_points(opened, tiny.reference, points, orientation, OPTIONS)
-    found, _ = judged(searches, {}, OPTIONS)
+    searches = search_points(opened, tiny.reference, points, orientation)
+    found, _ = judged(searches, {})
     assert len(found) >= 20
     assert sum(value.used for value in found) <= 1
 
@@ -96,10 +95,10 @@ def test_a_later_search_finds_the_same_as_one_from_anew__truth(tiny):
     """The block moved by three metres: near searches on what is known of chance find the same."""
     points, pixels = spread_points(tiny, 4)
     reference = tiny.archival()
-    first = search_points(shifted(tiny, 3.0), reference, points, SMALL, OPTIONS)
+    first = search_points(shifted(tiny, 3.0), reference, points, SMALL)
     opened = tiny.opened(tiny.names[0])
-    again = search_points(opened, reference, points, SMALL, OPTIONS, before=first)
-    anew = search_points(opened, reference, points, SMALL, OPTIONS)
+    again = search_points(opened, reference, points, SMALL, before=first)
+    anew = search_points(opened, reference, points, SMALL)
     assert [one.point_id for one in again] == [one.point_id for one in anew]
     for near, wide, pixel in zip(again, anew, pixels, strict=True):
         best, other = near.peaks[0], wide.peaks[0]
@@ -113,8 +112,8 @@ def test_a_later_search_finds_the_same_as_one_from_anew__truth(tiny):
 def test_where_the_block_hardly_moved_peaks_stay_in_the_scan__truth(tiny):
     """Only their distance from the prediction is told anew."""
     points, _ = spread_points(tiny, 3)
-    first = search_points(tiny.opened(tiny.names[0]), tiny.archival(), points, SMALL, OPTIONS)
-    again = search_points(shifted(tiny, 0.5), tiny.archival(), points, SMALL, OPTIONS, before=first)
+    first = search_points(tiny.opened(tiny.names[0]), tiny.archival(), points, SMALL)
+    again = search_points(shifted(tiny, 0.5), tiny.archival(), points, SMALL, before=first)
     assert [one.peaks for one in again] == [one.peaks for one in first]
     change = [two.distance_m[0] - one.distance_m[0] for one, two in zip(first, again, strict=True)]
     assert 0.0 < np.abs(change).max() < 0.55
@@ -123,15 +122,15 @@ def test_where_the_block_hardly_moved_peaks_stay_in_the_scan__truth(tiny):
 def test_a_block_that_moved_far_is_searched_from_anew__truth(tiny):
     points, _ = spread_points(tiny, 3)
     reference = tiny.archival()
-    first = search_points(shifted(tiny, 15.0), reference, points, SMALL, OPTIONS)
+    first = search_points(shifted(tiny, 15.0), reference, points, SMALL)
     opened = tiny.opened(tiny.names[0])
-    again = search_points(opened, reference, points, SMALL, OPTIONS, before=first)
-    assert repr(again) == repr(search_points(opened, reference, points, SMALL, OPTIONS))
+    again = search_points(opened, reference, points, SMALL, before=first)
+    assert repr(again) == repr(search_points(opened, reference, points, SMALL))
 
 
 def test_a_later_search_is_as_wide_as_a_right_candidate_can_be_off__law(tiny):
     points, _ = spread_points(tiny, 2)
     opened = tiny.opened(tiny.names[0])
-    plan = planned(opened, tiny.reference, points, SMALL, OPTIONS)
-    assert plan.inner * plan.pixel_m >= OPTIONS.search_m
+    plan = planned(opened, tiny.reference, points, SMALL)
+    assert plan.inner * plan.pixel_m >= SEARCH_M
     assert plan.inner < plan.narrow < plan.wide
