@@ -14,7 +14,7 @@ from app.block_input import described
 from app.desk.background import survived
 from app.desk.inputs import lasting_token
 from app.project import Project, read_project
-from app.run import LAST_STAGES, STAGE_NAMES, Run, RunOptions
+from app.run import STAGE_NAMES, Run, RunOptions
 from app.settings import Settings
 from app.terminal import JsonLines
 from core.block import Block, ExteriorPrior, Photo, footprint
@@ -32,7 +32,6 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.transforms import fit_similarity, rotation_and_scale
 from core.georeference.stage import Georeferenced
 from core.matching.reference import Reference, open_reference
-from core.pipeline import STAGES
 from core.raster.scan_file import ScanFiles
 from core.results import BlockInput
 from core.scans.interior_orientation import ScanOrientation
@@ -51,7 +50,6 @@ from ui.web.tiles import Sources, TileStore
 FINEST_SHARE = 0.5
 """Finest tiles of the ortho, as a share of its own pixel."""
 State = Literal["idle", "running", "cancelled", "failed", "done"]
-TITLES = {**{stage.name: stage.title for stage in STAGES}, **LAST_STAGES}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +164,7 @@ class Running:
                 case "stage":
                     place = STAGE_NAMES.index(stage)
                     self._said |= {
-                        "stage": stage, "title": TITLES[stage], "share": 0.0, "what": "",
+                        "stage": stage, "share": 0.0, "what": "",
                         "place": place + 1, "stages": len(STAGE_NAMES),
                     }  # fmt: skip
                 case "progress":

@@ -93,6 +93,17 @@ def test_every_module_says_what_it_is__law() -> None:
     assert not silent
 
 
+def test_each_module_of_the_desk_has_a_test_beside_its_name__law() -> None:
+    modules = [Path(n) for n in named(".py") if n.startswith(("ui/", "app/desk/"))]
+    beside = {
+        module.as_posix(): HOME / "tests" / module.with_name(f"test_{module.name}")
+        for module in modules
+        if module.name != "__init__.py"
+    }
+    assert len(beside) > 25
+    assert not [name for name, test in beside.items() if not test.is_file()]
+
+
 def test_files_are_short__law() -> None:
     lengths = {name: text_of(name).count("\n") for name in named(".py", rooms=ROOMS)}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_FILE}

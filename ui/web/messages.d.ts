@@ -256,7 +256,7 @@ interface Run {
   share?: number;
   place?: number;
   stages?: number | string;
-  title?: string;
+  stage?: string;
   what?: string;
   why?: string;
 }

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from app.run import STAGE_NAMES
 from core.quality.rules import SENTENCES
 from ui.words.catalogue import KEYS, LANGUAGES, preferred_language, words
 
@@ -89,6 +90,11 @@ def test_every_key_that_is_asked_for_has_a_text__law() -> None:
     assert len(asked) > 100
     assert asked <= set(words()), asked - set(words())
     assert {name for _, name in KEYS} <= set(words())
+
+
+def test_every_stage_of_a_run_has_a_name__law() -> None:
+    named = {key for key in words() if key.startswith("stage.")}
+    assert named == {f"stage.{name}" for name in STAGE_NAMES}
 
 
 def test_words_of_another_language_are_refused__truth() -> None:

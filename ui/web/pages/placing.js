@@ -339,13 +339,14 @@ function showRun() {
 }
 
 /** @param {Run} run */
-function runLines({ state: now, place = 1, stages = "", title = "", share = 0, what = "", why }) {
+function runLines({ state: now, place = 1, stages = "", stage = "", share = 0, what = "", why }) {
   if (now === "failed") return [element("p", { class: "doubted" }, why)];
   if (now === "cancelled") return [element("p", {}, word("placing.cancelled"))];
   if (now === "done") return [element("p", {}, word("placing.done"))];
   if (now !== "running") return [];
   const bar = element("i");
   bar.style.width = `${100 * share}%`;
+  const title = stage && word(`stage.${stage}`);
   return [element("p", {}, word("placing.stage", { place, stages, title })),
     element("span", { class: "share" }, bar), element("p", { class: "muted" }, what)];
 }
