@@ -13,7 +13,7 @@ from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import judge_control, judge_orientations, read_truth
 from sessions.atomic_write import whole_file
-from sessions.disk import told as disk_told
+from sessions.disk import explain_disk_errors
 from sessions.products import digest_of
 
 STAMP = ".demo"
@@ -40,7 +40,7 @@ def make_demo(folder: Path, options: SyntheticOptions, voice: Voice) -> None:
         )
     started = time.monotonic()
     progress = voice.stage("make", "A landscape, a flight, film")
-    with disk_told(folder):
+    with explain_disk_errors(folder):
         make_block(folder, options, progress)
     with whole_file(stamp) as temporary:
         temporary.write_text(digest, encoding="utf-8")

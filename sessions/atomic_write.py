@@ -9,7 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sessions.disk import is_about_disk, storage_error, told
+from sessions.disk import explain_disk_errors, is_about_disk, storage_error
 from sessions.processes import is_alive, this_process
 
 OLD_SECONDS = 24 * 3600.0
@@ -31,16 +31,16 @@ def whole_file(path: Path) -> Generator[Path]:
     Raises:
         StorageError: The disk is full or may not be written; `path` is then as it was.
     """
-    with told(path):
+    with explain_disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with _temporary(path) as temporary:
-        with told(path):
+        with explain_disk_errors(path):
             # Whether one may write here is asked first: later a library may hide the answer.
             temporary.touch()
             temporary.unlink()
         yield temporary
         assert temporary.exists(), f"nothing was written to {temporary}"
-        with told(path):
+        with explain_disk_errors(path):
             name = temporary.name.removesuffix(path.suffix)
             for part in sorted(
                 _parts(temporary.with_name(name)), key=lambda part: part == temporary
@@ -56,13 +56,13 @@ def whole_folder(path: Path) -> Generator[Path]:
 
     A folder that stood there is moved aside first, so a kill in that very moment leaves none.
     """
-    with told(path):
+    with explain_disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with _temporary(path) as temporary:
-        with told(path):
+        with explain_disk_errors(path):
             temporary.mkdir()
         yield temporary
-        with told(path), _temporary(path) as former:
+        with explain_disk_errors(path), _temporary(path) as former:
             for part in (*temporary.rglob("*"), temporary):
                 _sync(part)
             with suppress(FileNotFoundError):

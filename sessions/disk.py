@@ -16,7 +16,7 @@ _NO_FOLDER = {errno.ENOTDIR, errno.EEXIST, errno.EISDIR}
 
 
 @contextmanager
-def told(path: Path) -> Generator[None]:
+def explain_disk_errors(path: Path) -> Generator[None]:
     """Turn every OSError about a file of ours into a `StorageError`."""
     try:
         yield

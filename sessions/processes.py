@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from core.errors import StorageError
-from sessions.disk import told
+from sessions.disk import explain_disk_errors
 
 _held: set[Path] = set()
 """Locks this process holds. The kernel's record locks do not keep a process from itself, and are
@@ -46,13 +46,13 @@ def only_run(path: Path, operator: str) -> Generator[None]:
     path = path.resolve()
     if path in _held:
         raise _taken(path, "this very process")
-    with told(path):
+    with explain_disk_errors(path):
         file = path.open("a+", encoding="utf-8")
     with file:
         _lock(path, file.fileno())
         _held.add(path)
         try:
-            with told(path):
+            with explain_disk_errors(path):
                 _sign(file.fileno(), operator)
             yield
         finally:

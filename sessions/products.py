@@ -14,7 +14,7 @@ from urllib.parse import quote
 from core.formats.vectors import LAYER_MARK
 from sessions.atomic_write import whole_file, whole_folder
 from sessions.codec import CodecError, canonical, decode, encode, path_to_json
-from sessions.disk import told
+from sessions.disk import explain_disk_errors
 
 __all__ = ["Products", "digest_of", "whole_file", "whole_folder"]
 
@@ -103,7 +103,7 @@ class Products:
         with whole_folder(path) as temporary:
             yield temporary
             sizes = {name: size for name, size in _sizes(temporary).items() if name != _MANIFEST}
-            with told(path):
+            with explain_disk_errors(path):
                 (temporary / _MANIFEST).write_text(json.dumps(sizes), encoding="utf-8")
         self._prune(path)
 

@@ -16,7 +16,7 @@ from core.errors import StorageError
 from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import Decision, Recorded, Withdraw, last_to_redo, last_to_undo
-from sessions.disk import told
+from sessions.disk import explain_disk_errors
 from sessions.fiducials import Films
 from sessions.layers import write_layers
 from sessions.processes import only_run
@@ -61,7 +61,7 @@ class Session:
         """
         folder = block_folder.resolve()
         for made in (folder / HIDDEN / "products", folder / RESULTS):
-            with told(made):
+            with explain_disk_errors(made):
                 made.mkdir(parents=True, exist_ok=True)
         store = Store.open(folder / FILE)
         for tended in (folder / HIDDEN, folder / RESULTS):

@@ -56,7 +56,7 @@ def _check(
     """One check point; with one photo, or rays that do not meet, at its known height."""
     photos = [block.photos[m.photo_id] for m in measurements]
     if len(measurements) > 1:
-        met = _met(block, measurements)
+        met = _intersect_rays(block, measurements)
         if isinstance(met, Intersection):
             return _result(point, met.position, len(measurements))
     camera = block.cameras[photos[0].camera]
@@ -65,7 +65,7 @@ def _check(
     return _result(point, position, 1) if np.isfinite(position).all() else None
 
 
-def _met(block: Block, measurements: Sequence[Measurement]) -> Intersection | Failure:
+def _intersect_rays(block: Block, measurements: Sequence[Measurement]) -> Intersection | Failure:
     """Intersection of the rays of one point."""
     photos = [block.photos[m.photo_id] for m in measurements]
     pairs = list(zip(photos, measurements, strict=True))

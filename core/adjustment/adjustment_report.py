@@ -228,7 +228,7 @@ def _control_points(
     return positions, {name: scale * np.sqrt(variances[row]) for name, row in rows.items()}
 
 
-def untouched(block: Block, sound: Sound) -> AdjustmentReport:
+def report_without_adjustment(block: Block, sound: Sound) -> AdjustmentReport:
     """What can be said of a block without any oriented photo."""
     points, rays = block.ties.count, len(block.ties.point)
     residuals = predicted_residuals(block)

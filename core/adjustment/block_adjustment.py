@@ -16,10 +16,10 @@ from jaxtyping import Float64
 from threadpoolctl import ThreadpoolController
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
-from core.adjustment.adjustment_report import report_of, untouched
+from core.adjustment.adjustment_report import report_of, report_without_adjustment
 from core.adjustment.equations import Equations
 from core.adjustment.factorisation import DenseInverse
-from core.adjustment.input_checks import examined
+from core.adjustment.input_checks import check_input
 from core.adjustment.linearised import linearise
 from core.adjustment.network import Network, State, network_of
 from core.adjustment.reliability import Precision, precision_from
@@ -78,15 +78,15 @@ def adjust_with_solution(
     terrain: Terrain | None = None,
 ) -> tuple[AdjustmentReport, Solution | None]:
     """As `adjust_block`, with the solved equations, from which effects are told ahead."""
-    sound = examined(block)
+    sound = check_input(block)
     network = network_of(sound.block, options)
     if not network.photos:
-        return untouched(block, sound), None
+        return report_without_adjustment(block, sound), None
     with one_thread(network.shared):
-        taken = freed(network) if options.free_network else network
+        taken = loosen_datum(network) if options.free_network else network
         solution = solve_network(taken, options, terrain, progress)
         if options.free_network:
-            solution = laid_on_control(solution, network)
+            solution = lay_on_control(solution, network)
         return report_of(block, sound, solution), solution
 
 
@@ -102,7 +102,7 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def freed(network: Network) -> Network:
+def loosen_datum(network: Network) -> Network:
     """The network without known coordinates, and with priors that only keep it somewhere."""
     priors = replace(
         network.priors,
@@ -113,7 +113,7 @@ def freed(network: Network) -> Network:
     return replace(network, priors=priors, points=replace(network.points, known_weight=weights))
 
 
-def laid_on_control(solution: Solution, known: Network) -> Solution:
+def lay_on_control(solution: Solution, known: Network) -> Solution:
     """The free solution moved as one body onto control, or onto the approximate centres.
 
     Args:

@@ -141,8 +141,8 @@ def _cost(lin: Linearised, taking_part: Chosen, limit: float) -> float:
 
 def initial_state(network: Network) -> tuple[State, Flags]:
     """Present orientations, points where their rays meet, and the rays whose points do so."""
-    state, origins, directions = _oriented(network)
-    points, placed = _met_points(network, origins, directions)
+    state, origins, directions = _orient_rays(network)
+    points, placed = _intersect_points(network, origins, directions)
     return replace(state, points=points), placed[network.rays.point]
 
 
@@ -158,8 +158,8 @@ def on_the_ground(network: Network, softness: float) -> tuple[Network, State]:
     Returns:
         The network with the ground's heights as observations, and the state to begin from.
     """
-    state, origins, directions = _oriented(network)
-    laid = _laid_points(network, origins, directions)
+    state, origins, directions = _orient_rays(network)
+    laid = _lay_points(network, origins, directions)
     ties = len(network.points.tie)
     above = origins[:, 2] - _ground_of_rays(network)
     known, weight = network.points.known.copy(), network.points.known_weight.copy()
@@ -172,11 +172,11 @@ def on_the_ground(network: Network, softness: float) -> tuple[Network, State]:
 def at_state(network: Network, state: State) -> tuple[State, Flags]:
     """The state with its points where their rays now meet, as in `initial_state`."""
     directions = _directions(network, state.rotations)
-    points, placed = _met_points(network, state.centres[network.rays.photo], directions)
+    points, placed = _intersect_points(network, state.centres[network.rays.photo], directions)
     return replace(state, points=points), placed[network.rays.point]
 
 
-def _oriented(network: Network) -> tuple[State, ObjectPoints, ObjectPoints]:
+def _orient_rays(network: Network) -> tuple[State, ObjectPoints, ObjectPoints]:
     """Present orientations (points still at nought), origins and directions of the rays."""
     photos = network.photos
     state = State(
@@ -219,7 +219,7 @@ def _ground_of_rays(network: Network) -> Scalars:
     return np.array([photo.ground_height_m for photo in network.photos])[network.rays.photo]
 
 
-def _laid_points(
+def _lay_points(
     network: Network, origins: ObjectPoints, directions: ObjectPoints
 ) -> Float64[np.ndarray, "points 3"]:
     """Control points where they are known to be, tie points where their rays reach the ground."""
@@ -234,7 +234,7 @@ def _laid_points(
     return np.where(np.isfinite(laid), laid, 0.0)
 
 
-def _met_points(
+def _intersect_points(
     network: Network, origins: ObjectPoints, directions: ObjectPoints
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
     """Tie points where their rays meet (far off the ground: laid on it), and whether they do."""
@@ -243,7 +243,7 @@ def _met_points(
     ground = _ground_of_rays(network)
     near_ground = np.abs(met[point, 2] - ground) < 0.5 * (origins[:, 2] - ground)
     astray = np.bincount(point, ~near_ground, count) > 0
-    laid = _laid_points(network, origins, directions)
+    laid = _lay_points(network, origins, directions)
     ties = len(network.points.tie)
     astray[ties:] = True
     placed = angles >= SMALLEST_ANGLE

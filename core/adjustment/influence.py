@@ -20,8 +20,8 @@ from core.adjustment.gauss_newton import Fit, initial_state
 from core.adjustment.linearised import linearise
 from core.adjustment.network import Network, State, network_of
 from core.adjustment.reliability import NONCENTRALITY, SMALLEST_REDUNDANCY
-from core.adjustment.solution import Solution, resolved, with_held
-from core.adjustment.weights import Terrain, laid_on_terrain, reweighted
+from core.adjustment.solution import Solution, solve_again, with_held
+from core.adjustment.weights import Terrain, observe_terrain, reweight
 from core.arrays import Flags, Indices, Position
 from core.block import UNKNOWN_M, Block
 from core.progress import SILENT, Progress
@@ -203,15 +203,15 @@ def _solution_of(
         return None
     factors = {name: figures.factor for name, figures in report.classes.items()}
     held = tuple(row for row, parameter in enumerate(report.parameters) if parameter.held)
-    network = with_held(reweighted(network, factors), held)
+    network = with_held(reweight(network, factors), held)
     state = _state_of(network, report)
     taking_part = _taking_part(network, report)
     fit = Fit(state, linearise(network, state), taking_part, taking_part.astype(np.float64))
     if terrain is not None and options.dem_sigma_m > 0:
         sigma = options.dem_sigma_m * factors.get("dem", 1.0)
-        network = laid_on_terrain(network, fit, terrain, sigma)
+        network = observe_terrain(network, fit, terrain, sigma)
         fit = replace(fit, lin=linearise(network, state))
-    solution = resolved(network, fit, options, progress)
+    solution = solve_again(network, fit, options, progress)
     return replace(solution, factors=factors, held=held)
 
 

@@ -32,7 +32,7 @@ class Sound:
     """The same as doubts."""
 
 
-def examined(block: Block) -> Sound:
+def check_input(block: Block) -> Sound:
     """Take out coordinates, measurements and sigmas that cannot be, and say so."""
     control = {
         key: item
@@ -44,7 +44,7 @@ def examined(block: Block) -> Sound:
     for check in (_impossible, _far_away, _twice):
         found = check(block, {key: m for key, m in control.items() if key not in reasons})
         reasons |= found
-    doubts += _told(reasons)
+    doubts += _doubts_of(reasons)
     doubts += _without_sigma(block, control)
     if not reasons:
         return Sound(block, reasons, tuple(doubts))
@@ -104,7 +104,7 @@ def _twice(block: Block, control: Mapping[Key, Measurement]) -> dict[Key, str]:
     return reasons
 
 
-def _told(reasons: Mapping[Key, str]) -> list[Doubt]:
+def _doubts_of(reasons: Mapping[Key, str]) -> list[Doubt]:
     """One doubt for each point that lost measurements."""
     kinds = {
         "once more": "duplicate-points",

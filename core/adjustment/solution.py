@@ -31,9 +31,9 @@ from core.adjustment.weights import (
     OBSERVED,
     Terrain,
     classes_of,
-    laid_on_terrain,
     next_factors,
-    reweighted,
+    observe_terrain,
+    reweight,
 )
 from core.geometry.robust import robust_sigma
 from core.progress import Progress
@@ -163,14 +163,14 @@ def solve_network(
         steps = max(options.max_iterations - 3 * FINAL_STEPS - begun.steps, 1)
         fit = minimise(network, task.pattern, fit, True, steps=steps, progress=progress)
         judged = _judge(network, task, fit, begun.taking_part)
-        fit = _with_rays(network, fit, _kept(judged, task, begun.taking_part))
+        fit = _with_rays(network, fit, _keep_rays(judged, task, begun.taking_part))
     left = options.max_iterations - fit.steps
     fit = minimise(network, task.pattern, fit, False, steps=left, progress=progress)
-    solution = _snooped(_judge(network, task, fit, begun.taking_part), task)
-    return _settled(solution, task)
+    solution = _snoop(_judge(network, task, fit, begun.taking_part), task)
+    return _settle(solution, task)
 
 
-def resolved(
+def solve_again(
     network: Network, fit: Fit, options: AdjustmentOptions, progress: Progress
 ) -> Solution:
     """Plain least squares with given rays from a state that is nearly the minimum."""
@@ -205,7 +205,7 @@ def _judge(network: Network, task: _Task, fit: Fit, candidates: Chosen) -> Solut
     return Solution(network, task.pattern, fit, normals, precision, standardised, candidates, {})
 
 
-def _kept(judged: Solution, task: _Task, candidates: Chosen) -> Chosen:
+def _keep_rays(judged: Solution, task: _Task, candidates: Chosen) -> Chosen:
     """Rays without those the others contradict, with those they no longer do."""
     network, fit, standardised = judged.network, judged.fit, judged.standardised
     limits = TestLimits.of(task.options.test, task.options.risk, judged.redundancy)
@@ -231,7 +231,7 @@ def _with_rays(network: Network, fit: Fit, taking_part: Chosen) -> Fit:
     return replace(fit, taking_part=taking_part, weights=taking_part.astype(np.float64))
 
 
-def _snooped(judged: Solution, task: _Task) -> Solution:
+def _snoop(judged: Solution, task: _Task) -> Solution:
     """Data snooping: leave out the worst, adjust, look again; a ray comes back once at most."""
     if not task.options.robust:
         return judged
@@ -239,7 +239,7 @@ def _snooped(judged: Solution, task: _Task) -> Solution:
     candidates = first
     for _ in range(ROUNDS):
         network, fit = judged.network, judged.fit
-        changed = _with_rays(network, fit, _kept(judged, task, candidates))
+        changed = _with_rays(network, fit, _keep_rays(judged, task, candidates))
         left = task.options.max_iterations - fit.steps
         if np.array_equal(changed.taking_part, fit.taking_part) or left < FINAL_STEPS:
             break
@@ -249,10 +249,10 @@ def _snooped(judged: Solution, task: _Task) -> Solution:
     return judged
 
 
-def _settled(solution: Solution, task: _Task) -> Solution:
+def _settle(solution: Solution, task: _Task) -> Solution:
     """Change weights, terrain heights and held parameters until nothing is left to change."""
     for _ in range(CHANGES):
-        changed = _changed(solution, task)
+        changed = _change_network(solution, task)
         if changed is None:
             break
         # Each change has steps of its own.
@@ -266,17 +266,17 @@ def _settled(solution: Solution, task: _Task) -> Solution:
         )
         judged = _judge(network, task, fit, solution.candidates)
         judged = replace(judged, factors=changed.factors)
-        solution = replace(_snooped(judged, task), held=changed.held)
+        solution = replace(_snoop(judged, task), held=changed.held)
     return solution
 
 
-def _changed(solution: Solution, task: _Task) -> Solution | None:
+def _change_network(solution: Solution, task: _Task) -> Solution | None:
     """The solution with another network to adjust; None when it can stay as it is."""
     network, factors, held = solution.network, solution.factors, solution.held
     options, same = task.options, True
     if task.terrain is not None and options.dem_sigma_m > 0:
         sigma = options.dem_sigma_m * factors.get("dem", 1.0)
-        laid = laid_on_terrain(network, solution.fit, task.terrain, sigma)
+        laid = observe_terrain(network, solution.fit, task.terrain, sigma)
         new, old = laid.points, network.points
         moved = np.abs(new.known - old.known) * np.minimum(new.known_weight, 1 / sigma)
         changed = np.abs(new.known_weight - old.known_weight) * sigma
@@ -287,7 +287,7 @@ def _changed(solution: Solution, task: _Task) -> Solution | None:
     if options.variance_components:
         more = next_factors(solution.classes)
         if any(abs(factor - 1) > SAME_WEIGHT for factor in more.values()):
-            network, same = reweighted(network, more), False
+            network, same = reweight(network, more), False
             names = factors.keys() | more.keys()
             factors = {n: factors.get(n, 1.0) * more.get(n, 1.0) for n in names}
     if same and options.only_significant and network.additional.names and network.lensed:

@@ -126,7 +126,7 @@ def _quadratic(
     return np.sum((design @ cofactors) * design, axis=2)
 
 
-def reweighted(network: Network, factors: Mapping[str, float]) -> Network:
+def reweight(network: Network, factors: Mapping[str, float]) -> Network:
     """The network with every class's standard deviations multiplied by its factor."""
     rays, points, priors = network.rays, network.points, network.priors
     control = rays.measurement >= 0
@@ -157,7 +157,7 @@ def next_factors(classes: Mapping[str, ClassFigures]) -> dict[str, float]:
     }
 
 
-def laid_on_terrain(network: Network, fit: Fit, terrain: Terrain, sigma_m: float) -> Network:
+def observe_terrain(network: Network, fit: Fit, terrain: Terrain, sigma_m: float) -> Network:
     """The network with the terrain's heights at the tie points as observations.
 
     Heights are those under the present positions; the adjustment repeats this until they no

@@ -192,7 +192,7 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
             f"the column {missing[0]} is missing.",
             "The header row must be id,X,Y,Z,sigma_xy,sigma_z,role.",
         )
-    points = tuple(listed(path, number, row) for number, row in enumerate(rows, start=2))
+    points = tuple(_read_point(path, number, row) for number, row in enumerate(rows, start=2))
     names = [point.point_id for point in points]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -200,7 +200,7 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
     return points
 
 
-def listed(path: Path, line: int, row: dict[str, str | None]) -> ListedPoint:
+def _read_point(path: Path, line: int, row: dict[str, str | None]) -> ListedPoint:
     """One row as a value."""
     role = (row.get("role") or "control").strip()
     if role not in ROLES:

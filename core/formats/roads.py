@@ -72,7 +72,7 @@ def read_roads(
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     layers = [layer for file in files for layer in read_layers(file, block, bounds)]
     pieces = [_roads_of(layer, crs) for layer in layers]
-    joined = _joined([piece for piece in pieces if len(piece)], crs)
+    joined = _concatenate([piece for piece in pieces if len(piece)], crs)
     notes = tuple(
         _no_roads(layer, bounds)
         for layer, piece in zip(layers, pieces, strict=True)
@@ -90,7 +90,7 @@ def no_roads(crs: str) -> Roads:
     return Roads(crs, text, text, text, text, np.empty(0, np.int64), np.empty(0))
 
 
-def _joined(pieces: Sequence[Roads], crs: str) -> Roads:
+def _concatenate(pieces: Sequence[Roads], crs: str) -> Roads:
     """Layers one after the other."""
     if not pieces:
         return no_roads(crs)

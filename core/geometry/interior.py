@@ -12,7 +12,14 @@ from scipy.stats import f as fisher
 from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints, Scalars, locked
 from core.doubts import Failure
 from core.geometry.camera import Camera
-from core.geometry.interior_models import FilmFit, Warp, film_slopes, fit_film, unwarped, warped
+from core.geometry.interior_models import (
+    FilmFit,
+    Warp,
+    film_slopes,
+    fit_film,
+    unwarp_film,
+    warp_film,
+)
 from core.geometry.robust import TINY
 from core.geometry.transforms import PARAMETERS, PlaneTransform, fit_similarity
 
@@ -60,12 +67,12 @@ class InteriorOrientation:
     def film_from_pixel(self, pixels: PixelPoints) -> FilmPoints:
         """Film points in millimetres of scan pixels."""
         matrix = self.film_from_pixel_matrix
-        return warped(pixels @ matrix[:, :2].T + matrix[:, 2], self.warp, self.model)
+        return warp_film(pixels @ matrix[:, :2].T + matrix[:, 2], self.warp, self.model)
 
     def pixel_from_film(self, film: FilmPoints) -> PixelPoints:
         """Scan pixels of film points in millimetres."""
         matrix = self.film_from_pixel_matrix
-        flat = unwarped(film, self.warp, self.model)
+        flat = unwarp_film(film, self.warp, self.model)
         return np.linalg.solve(matrix[:, :2], (flat - matrix[:, 2]).T).T
 
     def film_by_pixel(self, pixels: PixelPoints) -> Float64[np.ndarray, "n 2 2"]:
@@ -194,7 +201,7 @@ def fit_interior(
         return similarity
     own = np.full(len(pixels), USUAL_SIGMA_PX) if sigmas_px is None else sigmas_px
     sigmas = own * similarity.scale
-    keep = _kept(pixels, certified_mm, similarity, mirrored)
+    keep = _keep_marks(pixels, certified_mm, similarity, mirrored)
     fit = _fit(pixels[keep], certified_mm[keep], sigmas[keep], model, mirrored)
     if isinstance(fit, Failure):
         return fit
@@ -269,7 +276,7 @@ def _fit(
     affine = best
     for larger in ("projective", "bilinear"):
         fit = fit_film(larger, pixels, film, sigmas_mm, mirrored=mirrored)
-        if isinstance(fit, FilmFit) and _called_for(affine, fit):
+        if isinstance(fit, FilmFit) and _calls_for(affine, fit):
             best = fit if fit.rms < best.rms else best
     return best
 
@@ -302,14 +309,14 @@ def _with_film(
     return best
 
 
-def _called_for(affine: FilmFit, larger: FilmFit) -> bool:
+def _calls_for(affine: FilmFit, larger: FilmFit) -> bool:
     """F-test of two more parameters."""
     left, gained = larger.weighted_square_sum, affine.weighted_square_sum
     ratio = (gained - left) / 2 / max(left / larger.redundancy, TINY)
     return bool(fisher.sf(ratio, 2, larger.redundancy) < WARP_CHANCE)
 
 
-def _kept(
+def _keep_marks(
     pixels: PixelPoints, film: FilmPoints, similarity: PlaneTransform, mirrored: bool
 ) -> np.ndarray:
     """Flags of the marks to use: without those whose absence heals the similarity."""

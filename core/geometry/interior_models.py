@@ -92,27 +92,27 @@ def fit_film(
     scaled = free * _units(free, spread, film)
     cofactor = np.zeros((8, 8))
     for _ in range(STEPS):
-        residual, slopes = _linearised(values, pixels, film, shift, model=model)
+        residual, slopes = _linearise(values, pixels, film, shift, model=model)
         design = (slopes @ scaled) * weights[:, None]
         left, singular, right = np.linalg.svd(design, full_matrices=False)
         # design: far above rounding.
         if singular[-1] < 1e-9 * singular[0]:
             return Failure(f"The marks lie too much in one line for a {model} model.")
         step = -(right.T / singular) @ (left.T @ (residual * weights))
-        values = _uncentred(scaled @ step, shift) + values
-        back = np.column_stack([_uncentred(column, shift) for column in scaled.T])
+        values = _undo_centring(scaled @ step, shift) + values
+        back = np.column_stack([_undo_centring(column, shift) for column in scaled.T])
         cofactor = back @ ((right.T / singular**2) @ right) @ back.T
         # design: a femtometre.
         if np.abs(step).max() < 1e-12:
             break
-    residual, _ = _linearised(values, pixels, film, shift, model=model)
+    residual, _ = _linearise(values, pixels, film, shift, model=model)
     return FilmFit(
         model, values[:6].reshape(2, 3), values[6:], residual.reshape(-1, 2),
         float(np.sum((residual * weights) ** 2)), 2 * len(pixels) - PARAMETERS[model], cofactor,
     )  # fmt: skip
 
 
-def warped(flat: FilmPoints, warp: Warp, model: str) -> FilmPoints:
+def warp_film(flat: FilmPoints, warp: Warp, model: str) -> FilmPoints:
     """Film points of points that went through the affine part."""
     if model == "bilinear":
         return flat + flat[:, :1] * flat[:, 1:] * warp
@@ -121,7 +121,7 @@ def warped(flat: FilmPoints, warp: Warp, model: str) -> FilmPoints:
     return flat
 
 
-def unwarped(film: FilmPoints, warp: Warp, model: str) -> FilmPoints:
+def unwarp_film(film: FilmPoints, warp: Warp, model: str) -> FilmPoints:
     """The way back; for film warps (below 1e-5 per mm) the iteration ends at once."""
     if model == "projective":
         return film / (1 - film @ warp)[:, None]
@@ -152,19 +152,19 @@ def film_slopes(pixels: PixelPoints, matrix: Affine2, warp: Warp, model: str) ->
     return np.concatenate([by_matrix, by_warp], axis=2).reshape(-1, 8)
 
 
-def _linearised(
+def _linearise(
     values: Parameters, pixels: PixelPoints, film: FilmPoints, shift: Warp, *, model: str
 ) -> tuple[Equations, Matrix]:
     """Residuals, and slopes by the matrix of centred pixels and the warp."""
     matrix, warp = values[:6].reshape(2, 3), values[6:]
     flat = pixels @ matrix[:, :2].T + matrix[:, 2]
-    residual = (warped(flat, warp, model) - film).ravel()
+    residual = (warp_film(flat, warp, model) - film).ravel()
     centred = matrix.copy()
     centred[:, 2] += matrix[:, :2] @ shift
     return residual, film_slopes(pixels - shift, centred, warp, model)
 
 
-def _uncentred(change: Parameters, shift: Warp) -> Parameters:
+def _undo_centring(change: Parameters, shift: Warp) -> Parameters:
     """A change of the matrix for centred pixels as one for pixels."""
     result = change.copy()
     for row in (0, 3):

@@ -138,7 +138,7 @@ def orient_relative(
     count = len(rays.first)
     if count < options.min_inliers:
         return Failure(f"Only {count} matches.", {"matches": count})
-    starts = [approximate, *_sampled(rays, options, rng)]
+    starts = [approximate, *_sample(rays, options, rng)]
     best, best_cost = approximate, np.inf
     for start in starts:
         found = adjust_relative(rays, start, options.tolerance_px)
@@ -148,10 +148,10 @@ def orient_relative(
         cost = float(np.minimum(residual**2, options.tolerance_px**2).sum())
         if cost < best_cost:
             best, best_cost = found, cost
-    return _judged(rays, window_px, best, options)
+    return _judge(rays, window_px, best, options)
 
 
-def _judged(
+def _judge(
     rays: RayPairs,
     window_px: tuple[float, float],
     orientation: RelativeOrientation,
@@ -269,7 +269,7 @@ def _step(
     return moved, float(np.linalg.norm(change))
 
 
-def _sampled(
+def _sample(
     rays: RayPairs, options: RelativeOptions, rng: np.random.Generator
 ) -> list[RelativeOrientation]:
     """Orientations from random samples of five matches, and from a projectivity of four."""
@@ -286,7 +286,7 @@ def _sampled(
     eye, none = np.eye(3), np.zeros(5)
     essential, _ = cv2.findEssentialMat(ours, theirs, eye, eye, none, none, params)
     if np.shape(essential) == (3, 3):
-        found += _decomposed(np.asarray(essential, dtype=np.float64), rays)
+        found += _decompose(np.asarray(essential, dtype=np.float64), rays)
     # A flat scene allows four times the scatter about its plane.
     plane, _ = cv2.findHomography(ours, theirs, params=_with_threshold(params, 4 * scale))
     if np.shape(plane) == (3, 3):
@@ -300,7 +300,7 @@ def _with_threshold(params: cv2.UsacParams, threshold: float) -> cv2.UsacParams:
     return params
 
 
-def _decomposed(essential: Rotation, rays: RayPairs) -> list[RelativeOrientation]:
+def _decompose(essential: Rotation, rays: RayPairs) -> list[RelativeOrientation]:
     """The one of four orientations of an essential matrix that has most points in front."""
     ours = (OPENCV_FROM_IMAGE @ essential @ OPENCV_FROM_IMAGE).T
     left, _, right = np.linalg.svd(ours)

@@ -251,7 +251,7 @@ def approximate_from_eo(
         return Approximation(exterior, prior, "exterior", (exterior,))
     start = 0.0 if direction is None else direction
     kappas = start + QUARTERS[[0, 2, 1, 3]]
-    hypotheses = tuple(ExteriorOrientation(centre, 0.0, 0.0, _wrapped(float(k))) for k in kappas)
+    hypotheses = tuple(ExteriorOrientation(centre, 0.0, 0.0, _wrap_angle(float(k))) for k in kappas)
     spread = TRUST["area"].kappa if direction is None else ALONG_STRIP
     angles = np.array([TILT, TILT, spread])
     return Approximation(
@@ -307,10 +307,12 @@ def _over(
 ) -> ExteriorOrientation:
     """The vertical photo over a place; scale in metres of ground per millimetre of film."""
     height = ground.height_m + scale * camera.principal_distance_mm
-    return ExteriorOrientation(np.array([middle[0], middle[1], height]), 0.0, 0.0, _wrapped(kappa))
+    return ExteriorOrientation(
+        np.array([middle[0], middle[1], height]), 0.0, 0.0, _wrap_angle(kappa)
+    )
 
 
-def _wrapped(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     """The same angle within -pi to pi."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 

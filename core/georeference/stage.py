@@ -179,8 +179,8 @@ def check_coverage(dem: Dem, ortho: Ortho, bounds: Bounds) -> tuple[Doubt, ...]:
     picture = ortho.read_coverage(grid) >= LEAST_COVERAGE
     first = dem.sheets.sheets[0].path, ortho.sheets.sheets[0].path
     doubts = (
-        _judged("DEM", first[0], float(height.mean()), dem.bounds, bounds),
-        _judged("ortho", first[1], float(picture.mean()), ortho.bounds, bounds),
+        _judge_share("DEM", first[0], float(height.mean()), dem.bounds, bounds),
+        _judge_share("ortho", first[1], float(picture.mean()), ortho.bounds, bounds),
     )
     return tuple(doubt for doubt in doubts if doubt is not None)
 
@@ -193,7 +193,7 @@ def _sampling(bounds: Bounds, finest_m: float) -> Grid:
     return Grid(west, north, gsd, columns, rows)
 
 
-def _judged(what: str, file: str, share: float, own: Bounds, block: Bounds) -> Doubt | None:
+def _judge_share(what: str, file: str, share: float, own: Bounds, block: Bounds) -> Doubt | None:
     """An error, a doubt, or nothing."""
     if share >= FULL_SHARE:
         return None

@@ -121,7 +121,7 @@ def find_junctions(
     arms, azimuths, owner = arms.chosen(distinct), azimuths[distinct], owner[distinct]
     degree = np.bincount(owner, minlength=len(compact))
     places = _places(graph, junction, len(compact))
-    kept = np.flatnonzero((degree >= 3) & _allowed(places, bounds, mask))
+    kept = np.flatnonzero((degree >= 3) & _is_allowed(places, bounds, mask))
     found = _Found(places, compact, kept, arms, azimuths, owner)
     return _with_heights(graph, dem, found, (ortho_sigma_m, dem_sigma_m))
 
@@ -277,7 +277,7 @@ def _places(
     return np.column_stack(sums) / number[:, None] + origin
 
 
-def _allowed(
+def _is_allowed(
     places: Float64[np.ndarray, "n 2"], bounds: Bounds | None, mask: BaseGeometry | None
 ) -> Bool[np.ndarray, "n"]:
     """Within the bounds and outside the mask."""

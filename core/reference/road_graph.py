@@ -67,13 +67,13 @@ def planar_graph(roads: Roads, snap_m: float = SNAP_M) -> RoadGraph:
         roads: Lines with attributes, from any number of layers.
         snap_m: Distance below which an end meets, metres.
     """
-    lines, ends = _joined_ends(roads.lines, snap_m)
+    lines, ends = _join_ends(roads.lines, snap_m)
     if not len(lines):
         return _empty(roads, snap_m)
     pieces = shapely.get_parts(shapely.unary_union(lines))
     pieces = _with_clustered_nodes(pieces, snap_m)
     edges = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(pieces)))
-    nodes, edge_nodes = _numbered(edges)
+    nodes, edge_nodes = _number_nodes(edges)
     distance = KDTree(ends).query(nodes, distance_upper_bound=max(snap_m, SAME_PLACE_M))[0]
     return RoadGraph(
         roads, nodes, edges, edge_nodes, shapely.length(edges), ~np.isfinite(distance), snap_m
@@ -100,7 +100,7 @@ def _empty(roads: Roads, snap_m: float) -> RoadGraph:
     )
 
 
-def _joined_ends(lines: np.ndarray, snap_m: float) -> tuple[np.ndarray, PlanePoints]:
+def _join_ends(lines: np.ndarray, snap_m: float) -> tuple[np.ndarray, PlanePoints]:
     """The lines with ends drawn to each other and to lines they nearly touch; where they end."""
     lines = lines[shapely.length(lines) > 0]
     if not len(lines):
@@ -201,7 +201,7 @@ def _with_clustered_nodes(pieces: np.ndarray, snap_m: float) -> np.ndarray:
     return moved[~splinter & (shapely.length(moved) > 0)]
 
 
-def _numbered(edges: np.ndarray) -> tuple[PlanePoints, NodePairs]:
+def _number_nodes(edges: np.ndarray) -> tuple[PlanePoints, NodePairs]:
     """Nodes of edges whose ends agree to the last digit."""
     ends = np.vstack([_end_points(edges, 0), _end_points(edges, -1)])
     nodes, number = np.unique(ends, axis=0, return_inverse=True)

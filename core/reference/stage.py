@@ -135,7 +135,7 @@ def gather_reference_points(
         reference, bounds, spacing,
         gsd_m=gsd, existing=places, mask=mask, progress=progress, mapper=mapper,
     )  # fmt: skip
-    return joined(junctions, salient)
+    return join_points(junctions, salient)
 
 
 def in_steps(ratio: float) -> float:
@@ -143,7 +143,9 @@ def in_steps(ratio: float) -> float:
     return float(2 ** (np.round(4 * np.log2(ratio)) / 4))
 
 
-def joined(junctions: tuple[Junction, ...], salient: tuple[SalientPoint, ...]) -> ReferenceFeatures:
+def join_points(
+    junctions: tuple[Junction, ...], salient: tuple[SalientPoint, ...]
+) -> ReferenceFeatures:
     """Both kinds as parallel arrays; a name given twice is taken once."""
     sources: dict[str, Source] = {}
     rows: list[tuple[np.ndarray, np.ndarray]] = []

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from core.progress import Silent, Work
-from core.reference.stage import find_reference_points, gather_reference_points, joined
+from core.reference.stage import find_reference_points, gather_reference_points, join_points
 
 
 def test_reference_points_lie_in_what_is_searched__truth(given, scan_set, placed):
@@ -61,12 +61,12 @@ def test_nothing_is_matched_in_the_mask__truth(tiny, junctions):
 
 def test_a_name_given_twice_is_taken_once__truth(junctions):
     again = replace(junctions[0], position=junctions[0].position + 5.0)
-    found = joined((*junctions[:3], again), ())
+    found = join_points((*junctions[:3], again), ())
     assert len(found.points.ids) == 3
     np.testing.assert_array_equal(found.points.positions[0], junctions[0].position)
 
 
 def test_no_points_at_all_are_empty_arrays__law():
-    found = joined((), ())
+    found = join_points((), ())
     assert found.points.ids == ()
     assert found.points.positions.shape == found.points.sigma_m.shape == (0, 3)
