@@ -1,4 +1,8 @@
-"""The whole block found on the reference: all its photos vote as one body.
+"""Coarse placement: a block, or one photo as a block of one, found on the reference as one body.
+
+The scans are laid on the ground with the orientations they came with, then turned, scaled and
+shifted over the reference as a whole; doubled gradient angles are compared by FFT (METHODS 3).
+Several hypotheses come out: which of them is right, or none, only the resection after it can tell.
 
 A single photo over woods and rebuilt villages has little to go by, and a poor georeference gives it
 much room. Tied together, the photos leave four unknowns between them (turn, scale, shift), and all
@@ -13,14 +17,13 @@ from typing import Any
 import numpy as np
 
 from core.arrays import PlanPosition, Scalars
-from core.block import Block, footprint
+from core.block import Photo, footprint
 from core.doubts import Failure
-from core.localisation.free_block import FreeBlock
+from core.localisation.free_block import TURN_STEP, FreeBlock
 from core.localisation.photo_placement import (
     Placement,
     laid_on_ground,
     placement_covariance,
-    refined_turn,
 )
 from core.matching.global_search import (
     Backdrop,
@@ -38,7 +41,7 @@ from core.raster.scan_file import ScanFile
 
 
 @dataclass(frozen=True, slots=True)
-class BlockPlacementOptions:
+class PlacementOptions:
     """How far and how finely to look."""
 
     photo_px: int = 200
@@ -58,12 +61,31 @@ class BlockPlacementOptions:
     """Half-width of a second search, where the first had to be coarser than `photo_px` says."""
     near_candidates: int = 12
     """Places of that second search that are sought again more finely."""
+    most_finer: float = 2.5
+    """The best places are sought again at a pixel so many times smaller at most."""
+    most_turn: float = np.pi
+    """Largest turn of a photo by itself that is tried, radians."""
     most_scale: float = 0.2
     """Largest change of scale that is tried, 1 = 100 %."""
     hypotheses: int = 3
     """Placements that are handed on."""
     relief_share: float = 0.01
     """What the third dimension leaves of the placement, as a share of the flying height."""
+
+
+# design: a photo by itself has no seams and no relief between photos: what its tilt leaves is in
+# the covariance of its corners. Trials times pixels of 2e9 take some ten seconds.
+WIDE = PlacementOptions(
+    photo_px=140, block_px=600, fine_px=600, most_finer=3.0,
+    most_work=2e9, most_scale=0.3, relief_share=0.0,
+)  # fmt: skip
+"""For one photo of unknown turn and scale."""
+# design: as WIDE; a world file is good to three degrees and three per cent.
+NARROW = PlacementOptions(
+    photo_px=300, block_px=600, most_work=2e9,
+    most_turn=float(np.radians(3.0)), most_scale=0.03, relief_share=0.0,
+)  # fmt: skip
+"""Finer, for one photo that came with nearly the right turn and scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +104,7 @@ def place_block(
     free: FreeBlock,
     scans: Mapping[str, ScanFile],
     reference: Reference,
-    options: BlockPlacementOptions,
+    options: PlacementOptions,
     mapper: Callable[..., Iterable[Any]] = map,
 ) -> PlacedBlock | Failure:
     """The most likely placements of a free block on the reference.
@@ -99,19 +121,59 @@ def place_block(
         name: OpenPhoto(photo, block.cameras[photo.camera], scans[name])
         for name, photo in block.photos.items()
     }
-    about = np.mean([photo.exterior.centre[:2] for photo in block.photos.values()], axis=0)
-    view = _View(photos, reference, about, block_reach_m(block, about), mapper)
+    return _place(photos, free.turns, free.turn_sigmas, reference, options=options, mapper=mapper)
+
+
+def place_photo(
+    opened: OpenPhoto,
+    reference: Reference,
+    options: PlacementOptions,
+    mapper: Callable[..., Iterable[Any]] = map,
+) -> tuple[Placement, ...]:
+    """The most likely placements of one photo on the reference, likeliest first.
+
+    Args:
+        opened: The photo; its `approximate` orientation and `prior` bound the search.
+        reference: Ortho and heights.
+        options: Limits.
+        mapper: Runs a function over trials, such as the `map` of a thread pool.
+    """
+    name, sigma = opened.photo.photo_id, float(opened.photo.prior.sigma_angles[2])
+    most = min(options.search_sigmas * sigma, options.most_turn)
+    turns = steps_of(most, TURN_STEP).astype(np.float64)
+    placed = _place(
+        {name: opened}, turns, np.abs(turns) / sigma, reference, options=options, mapper=mapper
+    )
+    return () if isinstance(placed, Failure) else placed.placements[name]
+
+
+def _place(
+    photos: Mapping[str, OpenPhoto],
+    turns: Scalars,
+    turn_sigmas: Scalars,
+    reference: Reference,
+    *,
+    options: PlacementOptions,
+    mapper: Callable[..., Iterable[Any]],
+) -> PlacedBlock | Failure:
+    """The most likely placements of photos as one body, under turns that their sources allow."""
+    about = np.mean([opened.photo.exterior.centre[:2] for opened in photos.values()], axis=0)
+    view = _View(photos, reference, about, block_reach_m(photos, about), mapper)
     finest = view.finest_gsd_m(options)
-    room = _Room.of(free, options.search_sigmas, options)
+    own = [opened.photo for opened in photos.values()]
+
+    def room_of(sigmas: float) -> _Room:
+        return _Room.of(own, turns[turn_sigmas <= sigmas], sigmas, options)
+
+    room = room_of(options.search_sigmas)
     gsd = room.first_gsd_m(finest, view.reach_m, options)
-    finer = max(1, round(min(gsd * options.fine_px / (2 * view.reach_m), 2.5)))
+    finer = max(1, round(min(gsd * options.fine_px / (2 * view.reach_m), options.most_finer)))
     laid = view.laid(gsd)
     backdrop = view.backdrop(laid.half_m + room.shift_m, gsd / finer)
     count = options.candidates if gsd > finest else options.hypotheses
     best = view.sought(laid, backdrop.coarser(finer), room, count)
     if gsd > finest:
-        near = _Room.of(free, options.near_sigmas, options)
-        best += view.sought_near(near, gsd, best, options)
+        best += view.sought_near(room_of(options.near_sigmas), gsd, best, options)
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
     fine = view.laid(gsd / finer)
@@ -132,7 +194,7 @@ class _View:
     reach_m: float
     mapper: Callable[..., Iterable[Any]]
 
-    def finest_gsd_m(self, options: BlockPlacementOptions) -> float:
+    def finest_gsd_m(self, options: PlacementOptions) -> float:
         """Ground sample distance of a first search that may take as long as it wants."""
         width = min(opened.width_m for opened in self.photos.values())
         return max(width / options.photo_px, 2 * self.reach_m / options.block_px)
@@ -159,7 +221,7 @@ class _View:
         return distinct(level.search(trials, 2, self.mapper), count, self.reach_m, beside)
 
     def sought_near(
-        self, near: "_Room", gsd_m: float, known: Sequence[Turn], options: BlockPlacementOptions
+        self, near: "_Room", gsd_m: float, known: Sequence[Turn], options: PlacementOptions
     ) -> list[Turn]:
         """The best places about where the sources put the block, as finely as its room allows.
 
@@ -174,12 +236,25 @@ class _View:
         return self.sought(laid, backdrop, near, options.near_candidates, known)
 
 
-def block_reach_m(block: Block, about: PlanPosition) -> float:
-    """How far from the middle the block reaches, metres."""
+def refined_turn(laid: Laid, backdrop: Backdrop, turn: Turn, step: float) -> Turn:
+    """The same placement sought again at a finer scale, uphill from a first one."""
+    level = Level(laid, backdrop, turn, 12 * laid.grid.ground_sample_distance_m)
+    best: Turn | None = None
+    for width in (step, step, step / 2):
+        begin = best or turn
+        around = product((-width, 0.0, width), (-width, 0.0, width))
+        trials = [(begin.kappa + kappa, begin.scale * (1 + scale)) for kappa, scale in around]
+        found = level.search(trials)
+        best = max([*found, *([best] if best else [])], key=lambda peak: peak.score, default=None)
+    return best or turn
+
+
+def block_reach_m(photos: Mapping[str, OpenPhoto], about: PlanPosition) -> float:
+    """How far from the middle the photos reach, metres."""
     corners = [
         corner
-        for photo in block.photos.values()
-        for corner in footprint(photo, block.camera_of(photo.photo_id)).exterior.coords
+        for opened in photos.values()
+        for corner in footprint(opened.photo, opened.camera).exterior.coords
     ]
     return float(np.max(np.hypot(*(np.array(corners)[:, :2] - about).T)))
 
@@ -193,18 +268,18 @@ class _Room:
     scale: float
 
     @staticmethod
-    def of(free: FreeBlock, sigmas: float, options: BlockPlacementOptions) -> "_Room":
+    def of(
+        photos: Sequence[Photo], turns: Scalars, sigmas: float, options: PlacementOptions
+    ) -> "_Room":
         """The room of the surest photo alone: sources of one archive may all err the same way."""
-        photos = list(free.block.photos.values())
         above = np.array([p.approximate.centre[2] - p.ground_height_m for p in photos])
         tilt = above * [float(np.max(p.prior.sigma_angles[:2])) for p in photos]
         plan = np.hypot([float(np.max(p.prior.sigma_centre_m[:2])) for p in photos], tilt)
         height = np.array([p.prior.sigma_centre_m[2] for p in photos]) / above
         scale = min(sigmas * float(np.min(height)), options.most_scale)
-        turns = free.turns[free.turn_sigmas <= sigmas]
         return _Room(turns, sigmas * float(np.min(plan)), scale)
 
-    def first_gsd_m(self, gsd: float, reach_m: float, options: BlockPlacementOptions) -> float:
+    def first_gsd_m(self, gsd: float, reach_m: float, options: PlacementOptions) -> float:
         """A ground sample distance, or the finest above it at which the search is not too long."""
         while self._work(reach_m / gsd, self.shift_m / gsd) > options.most_work:
             gsd *= 1.15
@@ -289,7 +364,7 @@ def _placed(
     about: PlanPosition,
     turns: tuple[Turn, ...],
     gsd_m: float,
-    options: BlockPlacementOptions,
+    options: PlacementOptions,
 ) -> PlacedBlock:
     """All photos under every turn."""
     ground = float(np.mean([opened.photo.ground_height_m for opened in photos.values()]))

@@ -11,7 +11,8 @@ from core.doubts import Failure
 from core.geometry.consensus import ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, resect_photo
-from core.localisation.photo_placement import NARROW, Placement, PlacementOptions, place_photo
+from core.localisation.block_placement import NARROW, WIDE, PlacementOptions, place_photo
+from core.localisation.photo_placement import Placement
 from core.matching.local_search import (
     MATCH_FLOOR_PX,
     Found,
@@ -50,7 +51,7 @@ class OrientationOptions:
     # design: film of these scales resolves no more.
     finest_gsd_m: float = 0.35
     """Finer detail than this is grain rather than ground."""
-    placements: tuple[PlacementOptions, ...] = (NARROW, PlacementOptions())
+    placements: tuple[PlacementOptions, ...] = (NARROW, WIDE)
     """The searches before the first pass, until one leads to an orientation."""
     resection: ConsensusOptions = field(
         # design: one photo of ten may pass by chance; the next pass asks for more.

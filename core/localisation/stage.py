@@ -13,7 +13,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.block import Block, Photo, position_sigma_m
 from core.doubts import Doubt, Failure
 from core.georeference.stage import Georeferenced
-from core.localisation.block_placement import BlockPlacementOptions, PlacedBlock, place_block
+from core.localisation.block_placement import PlacedBlock, PlacementOptions, place_block
 from core.localisation.free_block import free_blocks
 from core.localisation.initial_orientation import Site, carry_the_rest, stand_up
 from core.localisation.joined_block import WeakControl, join_photos, weak_control
@@ -44,7 +44,7 @@ class LocalisationOptions:
 
     ties: TieOptions = field(default_factory=TieOptions)
     """How features and rough ties are found."""
-    placement: BlockPlacementOptions = field(default_factory=BlockPlacementOptions)
+    placement: PlacementOptions = field(default_factory=PlacementOptions)
     """How a whole block is found on the reference."""
     orientation: OrientationOptions = field(default_factory=OrientationOptions)
     """How single photos are oriented."""

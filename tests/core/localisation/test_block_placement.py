@@ -1,4 +1,4 @@
-"""The whole block found on the reference, from sources that are far off."""
+"""A block, or one photo, found on the reference from sources that are far off."""
 
 from dataclasses import replace
 
@@ -11,13 +11,21 @@ from core.block import Block, ExteriorPrior, TiePoints
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.georeference.approximation import Ground, approximate_in_area
-from core.localisation.block_placement import BlockPlacementOptions, laid_block, place_block
+from core.localisation.block_placement import (
+    NARROW,
+    WIDE,
+    PlacementOptions,
+    laid_block,
+    place_block,
+    place_photo,
+)
 from core.localisation.free_block import FreeBlock, free_blocks
 from core.matching.global_search import angle_field
 from core.matching.patches import OpenPhoto
-from tests.core.localisation.test_photo_placement import astray_m
+from tests.core.localisation.test_photo_placement import astray_m, displaced
 
-OPTIONS = BlockPlacementOptions(block_px=300, most_work=1e8)
+OPTIONS = PlacementOptions(block_px=300, most_work=1e8)
+QUICK = replace(WIDE, photo_px=100, fine_px=430)
 
 
 def true_ties(tiny, rng, count=400) -> TiePoints:
@@ -121,7 +129,7 @@ def test_nothing_but_the_scale_is_enough__truth(tiny):
     ties = true_ties(tiny, np.random.default_rng(8))
     block = Block("EPSG:5514", {photos[tiny.names[0]].camera: camera}, photos, ties=ties)
     (free,) = free_blocks(block, hypotheses, AdjustmentOptions())
-    placed = place_block(free, tiny.scans, tiny.reference, BlockPlacementOptions())
+    placed = place_block(free, tiny.scans, tiny.reference, PlacementOptions())
     assert not isinstance(placed, Failure)
     away = [astray_m(tiny, name, placed.placements[name][0].exterior) for name in tiny.names]
     assert np.sqrt(np.mean(np.square(away))) < 25
@@ -158,3 +166,70 @@ def test_the_laid_block_is_the_ground__truth(tiny):
     same = np.sum((laid.field * np.conj(field))[both]).real
     whole = np.sqrt(np.sum(np.abs(laid.field[both]) ** 2) * np.sum(np.abs(field[both]) ** 2))
     assert same / whole > 0.45
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_shifted_turned_and_scaled_photo_is_found__truth(tiny, seed):
+    """Two hundred metres, two degrees, two per cent: an old footprint."""
+    rng = np.random.default_rng(seed)
+    name = tiny.names[seed]
+    way = rng.uniform(0, 2 * np.pi)
+    shift = rng.uniform(100, 200) * np.array([np.cos(way), np.sin(way)])
+    prior = (100.0, 40.0, np.radians(1.2))
+    opened = displaced(
+        tiny, name, shift, rng.normal(0, np.radians(1.2)), 1 + rng.normal(0, 0.015), prior
+    )
+    before = astray_m(tiny, name, opened.photo.exterior)
+    best = place_photo(opened, tiny.reference, QUICK)[0]
+    # It takes the photo as vertical: tilts of a degree remain, some ten metres in the corners.
+    assert before > 90
+    assert astray_m(tiny, name, best.exterior) < 15
+    sigma = np.sqrt(np.diag(best.covariance))
+    assert (np.abs(best.exterior.centre - tiny.photos[name].exterior.centre) < 4 * sigma[:3]).all()
+
+
+@pytest.mark.parametrize(("number", "turn"), [(3, np.pi), (1, 2.0)])
+def test_a_photo_of_unknown_turn_is_sought_round_the_circle__truth(tiny, number, turn):
+    """A scan lying upside down, or anyhow, in the scanner."""
+    name = tiny.names[number]
+    shift = np.array([40.0, -60.0])
+    opened = displaced(tiny, name, shift, turn, 1.0, (30.0, 5.0, np.pi))
+    best = place_photo(opened, tiny.reference, QUICK)[0]
+    wrong = np.angle(np.exp(1j * (best.exterior.kappa - tiny.photos[name].exterior.kappa)))
+    assert abs(wrong) < np.radians(1.5)
+    assert astray_m(tiny, name, best.exterior) < 25
+
+
+def test_the_trials_reach_round_the_circle_when_nothing_is_known__law(tiny, monkeypatch):
+    """Turns and scales that are tried, and how far the photo may be shifted."""
+
+    def reach(sigma_m, sigma_kappa, sigma_height, options):
+        opened = displaced(
+            tiny, tiny.names[0], np.zeros(2), 0.0, 1.0, (sigma_m, sigma_height, sigma_kappa)
+        )
+        tried = []
+
+        def search(self, trials, *_):
+            tried.append((np.array(trials), self.radius_px * self.gsd_m))
+            return []
+
+        monkeypatch.setattr("core.matching.global_search.Level.search", search)
+        assert place_photo(opened, tiny.reference, options) == ()
+        (trials, radius_m), *_ = tried
+        return np.abs(trials[:, 0]).max(), np.abs(trials[:, 1] - 1).max(), radius_m
+
+    turn, scale, _ = reach(10.0, np.pi, 1.0, QUICK)
+    assert turn > np.pi - 0.04  # a step of the coarsest
+    assert scale == 0.0
+    turn, scale, near = reach(10.0, 1e-4, 1e-3, QUICK)
+    # No more than half a step of turns to either side of the only one.
+    assert (turn < np.radians(1.5), scale) == (True, 0.0)
+    assert reach(10.0, np.pi, 1e4, NARROW)[0] <= NARROW.most_turn + np.radians(1.0)
+    assert reach(10.0, np.pi, 1e4, NARROW)[1] <= NARROW.most_scale + 1e-6
+    photo = tiny.photos[tiny.names[0]]
+    tilt = 0.01 * (photo.exterior.centre[2] - photo.ground_height_m)
+    far = reach(100.0, 1e-4, 1e-3, QUICK)[2]
+    # To half a pixel of the first search.
+    pixel_m = tiny.opened(tiny.names[0]).width_m / QUICK.photo_px
+    assert near == pytest.approx(2.5 * np.hypot(10, tilt), abs=pixel_m)
+    assert far == pytest.approx(2.5 * np.hypot(100, tilt), abs=pixel_m)

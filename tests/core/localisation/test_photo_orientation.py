@@ -1,9 +1,12 @@
 """One photo oriented on the reference by itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from core.doubts import Failure
+from core.localisation.block_placement import NARROW
 from core.localisation.photo_orientation import (
     OrientationOptions,
     OrientedPhoto,
@@ -13,7 +16,6 @@ from core.localisation.photo_orientation import (
     orient_photo,
     widened,
 )
-from core.localisation.photo_placement import NARROW, PlacementOptions
 from core.reference.stage import ReferencePoints
 from tests.core.localisation.test_photo_placement import astray_m, displaced
 
@@ -69,7 +71,7 @@ def test_points_that_lie_elsewhere_give_no_orientation__truth(tiny, features):
 
 def test_without_reference_points_there_is_no_orientation__law(tiny):
     nobody = ReferencePoints((), np.zeros((0, 3)), np.zeros((0, 3)))
-    options = OrientationOptions(placements=(PlacementOptions(80, 200, most_turn=0.05),))
+    options = OrientationOptions(placements=(replace(NARROW, photo_px=80, most_turn=0.05),))
     opened = displaced(tiny, tiny.names[0], np.zeros(2), 0.0, 1.0, (5.0, 1.0, 0.003))
     found = orient_photo(opened, tiny.reference, nobody, options, np.random.default_rng(0))
     assert isinstance(found, Failure)
