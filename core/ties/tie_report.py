@@ -151,7 +151,8 @@ def _pair_doubts(reports: tuple[PairReport, ...]) -> list[Doubt]:
                 f"{report.first} and {report.second} are scans of one photo: together they say "
                 "nothing of heights, and count twice. Take one of them out of the block."
             )
-            doubts.append(Doubt("same-photo", subject, message, evidence=evidence))
+            # design: graver than likeness alone, which the scans told of: ties prove it.
+            doubts.append(Doubt("same-photo", subject, message, 0.8, evidence))
         elif not report.tied and report.overlap >= SHOULD_TIE:
             message = f"The photos should overlap by {share}, but did not tie. {report.reason}"
             doubts.append(Doubt("pair-not-tied", subject, message, evidence=evidence))
