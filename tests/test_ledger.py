@@ -4,7 +4,7 @@ import re
 
 from tests.ledger import EXEMPT, HOME, all_settings, settings_in
 
-TO_DO = {"localisation", "scans"}
+TO_DO = {"scans"}
 """Rooms with numbers that still lack a reason. It only ever gets shorter."""
 
 

@@ -44,31 +44,43 @@ from core.raster.scan_file import ScanFile
 class PlacementOptions:
     """How far and how finely to look."""
 
+    # design: a pixel is ten metres of a usual photo: fields and roads show.
     photo_px: int = 200
     """Width of a photo in pixels in the first search, where the block is small enough."""
+    # design: time; the work grows with its square.
     block_px: int = 420
     """Largest side of the block in pixels in the first search."""
+    # design: time; half a minute of one core.
     most_work: float = 4e8
     """Trials times pixels of each; where it would be more, the first search is coarser."""
+    # design: time; each costs a finer search.
     candidates: int = 24
     """Places of a coarser first search that are sought again more finely; of one that is not
     coarser, only those that are handed on."""
+    # design: twice the first search, which finds its peak to half a pixel.
     fine_px: int = 900
     """Largest side of the block in pixels when the best places are sought again."""
+    # design: of normal errors one in eighty lies outside.
     search_sigmas: float = 2.5
     """Half-width of the search in standard deviations of the prior."""
+    # design: two of three sources are no further off.
     near_sigmas: float = 1.0
     """Half-width of a second search, where the first had to be coarser than `photo_px` says."""
+    # design: time; half of what the wide search hands on.
     near_candidates: int = 12
     """Places of that second search that are sought again more finely."""
+    # design: a peak is sought anew within one pixel of the coarser search.
     most_finer: float = 2.5
     """The best places are sought again at a pixel so many times smaller at most."""
     most_turn: float = np.pi
     """Largest turn of a photo by itself that is tried, radians."""
+    # design: flying heights of an archive that are off by more are not known at all.
     most_scale: float = 0.2
     """Largest change of scale that is tried, 1 = 100 %."""
+    # design: time; each costs a resection of every photo.
     hypotheses: int = 3
     """Placements that are handed on."""
+    # design: relief of a tenth of the flying height at a tenth of it beside the nadir.
     relief_share: float = 0.01
     """What the third dimension leaves of the placement, as a share of the flying height."""
 
@@ -177,6 +189,7 @@ def _place(
     if not best:
         return Failure("the reference ortho shows nothing where the block may lie")
     fine = view.laid(gsd / finer)
+    # design: three halves of a pixel at the rim: the step of the coarse search is two.
     step = 1.5 * gsd / view.reach_m
     found = list(mapper(lambda turn: refined_turn(fine, backdrop, turn, step), best))
     found.sort(key=lambda turn: -turn.score)
@@ -238,6 +251,7 @@ class _View:
 
 def refined_turn(laid: Laid, backdrop: Backdrop, turn: Turn, step: float) -> Turn:
     """The same placement sought again at a finer scale, uphill from a first one."""
+    # design: what a coarse pixel or two may hide, in fine pixels.
     level = Level(laid, backdrop, turn, 12 * laid.grid.ground_sample_distance_m)
     best: Turn | None = None
     for width in (step, step, step / 2):
@@ -282,6 +296,7 @@ class _Room:
     def first_gsd_m(self, gsd: float, reach_m: float, options: PlacementOptions) -> float:
         """A ground sample distance, or the finest above it at which the search is not too long."""
         while self._work(reach_m / gsd, self.shift_m / gsd) > options.most_work:
+            # design: time; a third less work a step.
             gsd *= 1.15
         return gsd
 
@@ -299,6 +314,7 @@ class _Room:
 
     def _open_turns(self) -> Scalars:
         """The open turns with all between neighbours, so that any step finds some."""
+        # design: turns are weighed in steps of a degree; quarters of that fill the gaps.
         half = np.radians(np.linspace(-0.5, 0.5, 5))
         return np.ravel(np.angle(np.exp(1j * (self.turns[:, None] + half[None, :]))))
 
@@ -337,6 +353,7 @@ def laid_block(
 def _window_of(opened: OpenPhoto, whole: Grid) -> tuple[slice, slice]:
     """Rows and columns of a grid that a photo can reach."""
     corners = np.array(footprint(opened.photo, opened.camera).exterior.coords)[:, :2]
+    # design: relief and tilt move the outline by less.
     margin = 0.1 * opened.width_m
     place = whole.grid_from_object(
         np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])

@@ -52,7 +52,9 @@ def laid_on_ground(opened: OpenPhoto, reference: Reference, grid: Grid) -> Laid:
 
 def inside_frame(photo: Photo, camera: Camera, pixels: PixelPoints) -> np.ndarray:
     """True for scan pixels well inside the picture area (4 % of the frame stay away)."""
+    # design: numerical safety; nowhere on any film.
     film = photo.interior.film_from_pixel(np.nan_to_num(pixels, nan=-1e9))
+    # design: a margin that keeps marks and notes out.
     return np.all(np.abs(film) < 0.46 * np.array(camera.frame_mm), axis=1)
 
 
@@ -63,6 +65,7 @@ def placement_covariance(opened: OpenPhoto, sigma_m: float) -> Matrix:
     """
     photo, camera = opened.photo, opened.camera
     half = np.array(camera.frame_mm) / 2
+    # design: the middle and the middles of the outer parts.
     film = np.array([[0.0, 0.0], [-0.6, -0.6], [0.6, -0.6], [0.6, 0.6], [-0.6, 0.6]]) * half
     pixels = photo.interior.pixel_from_film(film)
     ground = photo.object_from_pixel(pixels, np.full(5, photo.ground_height_m), camera)
