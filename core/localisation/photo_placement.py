@@ -7,6 +7,7 @@ import numpy as np
 
 from core.arrays import Matrix, PixelPoints
 from core.block import Photo
+from core.frames import opencv_from_pixel
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel
@@ -40,7 +41,7 @@ def laid_on_ground(opened: OpenPhoto, reference: Reference, grid: Grid) -> Laid:
     reduction = max(1, int(grid.ground_sample_distance_m / opened.ground_pixel_m))
     columns, rows = photo.size_px[0] // reduction, photo.size_px[1] // reduction
     grey = read_window(opened.scan, 0, 0, columns * reduction, rows * reduction, reduction)
-    place = (pixels / reduction - 0.5).astype(np.float32).reshape(*east.shape, 2)
+    place = opencv_from_pixel(pixels / reduction).astype(np.float32).reshape(*east.shape, 2)
     across, down = place[:, :, 0], place[:, :, 1]
     image = cv2.remap(np.asarray(grey, np.float32), across, down, cv2.INTER_LINEAR)
     inside = inside_frame(photo, camera, pixels)

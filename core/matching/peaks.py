@@ -68,6 +68,8 @@ def nearest_peak(scores: ScoreMap, column: float, row: float, reach_px: float) -
     """
     reach = int(np.ceil(reach_px)) + 1
     left, top = round(column) - reach, round(row) - reach
+    if min(left, top) < 0:
+        return None
     around = np.ascontiguousarray(
         scores[top : top + 2 * reach + 1, left : left + 2 * reach + 1], dtype=np.float32
     )

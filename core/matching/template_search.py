@@ -21,10 +21,11 @@ Description = tuple[Float32[np.ndarray, "..."], ...]
 
 
 def correlation_scores(window: Image, template: Template) -> ScoreMap:
-    """Pearson's correlation of grey values; nought where the window is flat.
-
-    A flat template has the same score everywhere, and so no peak.
-    """
+    """Pearson's correlation of grey values; nought where either is flat."""
+    if float(np.ptp(template)) == 0:
+        # OpenCV calls a flat template perfectly alike to everything.
+        shape = np.array(window.shape) - template.shape + 1
+        return np.zeros((int(shape[0]), int(shape[1])), np.float32)
     return finite(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
 
 

@@ -93,6 +93,7 @@ def test_the_nearest_peak_is_taken_whatever_its_height__truth():
     assert (found.column, found.row) == pytest.approx((12.3, 14.6), abs=0.05)
     assert found.z == found.value == scores[15, 12]
     assert nearest_peak(scores, 18.0, 15.0, 1.5) is None
+    assert nearest_peak(scores, 1.0, 14.0, 1.5) is None, "a rim has no surroundings to refine in"
 
 
 def test_highest_places_lie_apart_and_may_lie_at_the_rim__truth():

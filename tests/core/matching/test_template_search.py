@@ -90,6 +90,11 @@ def test_brightness_and_contrast_do_not_matter__law(operator):
     np.testing.assert_allclose(one, other, atol=2e-3)
 
 
+def test_two_blank_pictures_are_not_alike__truth():
+    blank = np.full((40, 40), 180, np.float32)
+    assert (correlation_scores(blank, blank[:30, :30].copy()) == 0).all()
+
+
 @pytest.mark.parametrize("operator", OPERATORS)
 def test_flat_windows_and_flat_templates_have_no_peak__truth(operator):
     flat = np.full((2 * (HALF + SEARCH + RIM) + 1,) * 2, 180, np.float32)
