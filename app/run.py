@@ -173,7 +173,7 @@ class Run:
         block = self.session.replayed(self.assembly.report.block, self.films)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
         options = self.given.adjustment
-        digest = self.digest_of("adjustment", 2, self.digests["control"], decisions, options)
+        digest = self.digest_of("adjustment", 3, self.digests["control"], decisions, options)
         self.digests["adjustment"] = digest
         report = (
             None

@@ -23,6 +23,7 @@ from core.adjustment.adjusted import (
     AdjustmentReport,
     CheckResult,
     ClassFigures,
+    Contradiction,
     ExteriorSigmas,
     SharedParameter,
 )
@@ -74,6 +75,7 @@ REGISTERED: tuple[type, ...] = (
     Camera,
     CheckResult,
     ClassFigures,
+    Contradiction,
     ControlFound,
     Doubt,
     ExteriorOrientation,

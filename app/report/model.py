@@ -25,8 +25,9 @@ from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.mosaic.comparison import MosaicAccuracy
 from core.mosaic.seams import Seam
+from core.quality.assessment import assess_block
 from core.quality.displacement import displacement
-from core.quality.rules import check_release
+from core.quality.rules import Finding, check_release, judge_block
 
 CELLS = 3
 """Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
@@ -82,7 +83,13 @@ def gather(content: ReportContent) -> dict[str, Any]:
         name: content.footprints.get(name) or _level_footprint(photo, block.camera_of(name))
         for name, photo in block.photos.items()
     }
+    standing = {name: footprints[name] for name, photo in block.photos.items() if photo.oriented}
+    findings = judge_block(assess_block(report, standing), report)
     figures = {
+        "verdict": [
+            {"kind": one.kind, "grave": one.grave, "sentence": one.sentence, **one.values}
+            for one in findings
+        ],
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report),
         "checks": check_accuracy(report),
@@ -91,7 +98,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "reliability": _reliability(content),
         "coverage": _coverage(report),
         "control_spread": spread_figures(report, content.influence),
-        "certificate": _release(content),
+        "certificate": _release(content, findings),
         "ties": _tie_figures(report),
         "overlaps": _overlaps(block, footprints),
         "exterior": _exterior_figures(report, content.before),
@@ -119,12 +126,12 @@ def gather(content: ReportContent) -> dict[str, Any]:
     return json_value(figures)
 
 
-def _release(content: ReportContent) -> dict[str, Any] | None:
+def _release(content: ReportContent, findings: Sequence[Finding]) -> dict[str, Any] | None:
     """Whether the block may be given out; None where that was not asked."""
     if content.influence is None and content.report.exterior_sigmas:
         return None
     ortho_sigma_m = content.reference_sigma_m[0] if content.reference_sigma_m else 0.0
-    found = check_release(content.report, content.influence, ortho_sigma_m)
+    found = check_release(content.report, content.influence, ortho_sigma_m, findings)
     return {
         "relative_m": found.relative_m,
         "predicted_m": found.predicted_m,

@@ -154,7 +154,7 @@ def findings(figures: Figures) -> dict[str, str]:
         "title": tell("title", **block),
         "subtitle": tell("subtitle", crs=block["crs"], heights=heights),
         "headline": _headline(figures),
-        "certificate": _certificate(figures["certificate"]),
+        "certificate": _certificate(figures["certificate"], figures["verdict"]),
         "sigma": _sigma(figures["adjustment"]),
         "settled": tell(
             "converged" if figures["adjustment"]["converged"] else "not_converged",
@@ -195,13 +195,14 @@ def _headline(figures: Figures) -> str:
     return tell("headline_relative", sigma=sigma)
 
 
-def _certificate(certificate: Figures | None) -> str:
+def _certificate(certificate: Figures | None, verdict: list[Figures]) -> str:
     if certificate is None:
         return ""
+    against = [one["sentence"] for one in verdict if one["kind"].startswith("contradicted")]
     if certificate["predicted_m"] is None:
         return tell("not_certified", sentences=tell("not_certified_nothing"))
     if not certificate["reasons"]:
-        return tell("certified", **certificate)
+        return " ".join([tell("certified", **certificate), *against])
     return tell("not_certified", sentences=" ".join(certificate["sentences"]))
 
 

@@ -91,6 +91,29 @@ class CheckResult:
 
 
 @dataclass(frozen=True, slots=True)
+class Contradiction:
+    """One measurement that a human accepted and the rest of the block contradicts."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo it was measured in."""
+    pixels: float
+    """How far it lies from where all others put it, pixels of the scan."""
+    metres: float
+    """The same on the ground, metres."""
+    test: float
+    """Its length in standard deviations, as if it had been left out."""
+    shift_m: float
+    """Largest shift of a photo's ground that it brings about, metres; 0 for a check point."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Point and photo."""
+        return self.point_id, self.photo_id
+
+
+@dataclass(frozen=True, slots=True)
 class ClassFigures:
     """One class of observations: how many, how well checked, and how large its residuals are."""
 
@@ -175,6 +198,8 @@ class AdjustmentReport:
     """Control measurements the adjustment itself left out (gross errors), with the reason."""
     tie_reasons: Mapping[int, str] = field(default_factory=dict[int, str])
     """Rays of `block.ties` that were left out as gross errors, with the reason."""
+    contradictions: tuple[Contradiction, ...] = ()
+    """Measurements accepted by a human that the rest of the block contradicts, worst first."""
     classes: Mapping[str, ClassFigures] = field(default_factory=dict[str, ClassFigures])
     """`tie`, `control_image`, `control_plan`, `control_height`, `dem`, `centre`, `angles`."""
     parameters: tuple[SharedParameter, ...] = ()

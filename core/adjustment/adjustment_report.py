@@ -13,6 +13,7 @@ from core.adjustment.accuracy import (
     rms_by_class,
 )
 from core.adjustment.adjusted import AdjustmentReport, CheckResult, ExteriorSigmas
+from core.adjustment.contradictions import find_contradictions
 from core.adjustment.equations import Equations
 from core.adjustment.input_checks import Sound
 from core.adjustment.significance import shared_parameters
@@ -25,13 +26,14 @@ from core.geometry.collinearity import angles_by_increments
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 
 
-def report_of(block: Block, sound: Sound, solution: Solution) -> AdjustmentReport:
+def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> AdjustmentReport:
     """The adjusted block and every figure about it.
 
     Args:
         block: The block as it was given.
         sound: What was taken out of it beforehand.
         solution: The adjusted network.
+        risk: Probability that a good measurement is taken for a gross error.
     """
     network, fit = solution.network, solution.fit
     sigma = solution.sigma_nought
@@ -69,6 +71,7 @@ def report_of(block: Block, sound: Sound, solution: Solution) -> AdjustmentRepor
         rms_m=known_differences(adjusted, surveyed, checks),
         rejected={**sound.reasons, **_rejected(solution, rays_px)},
         tie_reasons=_tie_reasons(solution, rays_px),
+        contradictions=find_contradictions(adjusted, solution, checks, risk),
         classes=solution.classes,
         parameters=shared_parameters(
             network, fit.state, solution.precision, solution.held, sigma_nought=scale

@@ -87,7 +87,7 @@ def adjust_with_solution(
         solution = solve_network(taken, options, terrain, progress)
         if options.free_network:
             solution = lay_on_control(solution, network)
-        return report_of(block, sound, solution), solution
+        return report_of(block, sound, solution, options.risk), solution
 
 
 def one_thread(shared: int) -> AbstractContextManager[object]:

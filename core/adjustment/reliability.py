@@ -388,6 +388,12 @@ def _scaled(
     return worst
 
 
+def control_scale(network: Network, standardised: RayPairs, taking_part: Chosen) -> float:
+    """How much larger than stated the residuals of control are as a rule; 1 at least."""
+    used = taking_part & (network.rays.measurement >= 0)
+    return _class_scale(standardised[:, used].ravel()) if used.any() else 1.0
+
+
 def _class_scale(standardised: Scalars) -> float:
     """How much larger than stated residuals are, beyond what chance does to their median.
 

@@ -5,14 +5,15 @@ Tilt, crab and overlaps are those of national specifications for aerial survey c
 control, and how far apart, is that of the Czech instruction for the renewal of cadastral maps.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
 
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport, Contradiction
 from core.adjustment.influence import Influence
+from core.block import Block
 from core.doubts import Doubt
 from core.quality.assessment import BlockQuality, Overlap, assess_block
 from core.quality.control_count import ControlCount
@@ -38,6 +39,8 @@ CELLS_HELD = 6  # design: two thirds of the nine Gruber areas.
 # design: only an error of 13 standard deviations would be found (4.13 / sqrt 0.1, Baarda 1968).
 UNCHECKED = 0.1
 """Redundancy number below which no other measurement would show an error."""
+CHECKS = 3  # source: a deviation about a mean needs three values to be one.
+"""Check points below which they say nothing of the whole block."""
 MANY_RAYS = 0.4  # design: at 60 % overlap half of a photo is seen three times.
 """Share of tie points that three photos or more should show."""
 SYSTEMATIC = 5.0  # design: chance brings it about in one of 24,000 films of 36 cells.
@@ -50,14 +53,29 @@ ALONG, ACROSS = 0.56, 0.20
 LIMIT_M, LIMIT_PX = 0.8, 1.3
 """Position error on the ground up to which a block is released: metres, or pixels of the scans."""
 
+# design: as many as can be read at a glance; the queue and the tables have them all.
+NAMED = 10
+"""Accepted measurements against the block that are named one by one."""
+
 # design: names.
 SOUND, DOUBTFUL, POOR = 0, 1, 2
 GRAVITY = (0.0, 0.5, 0.9)  # design: a doubt is open to the operator; a poor block is to be mended.
 """Gravity of a doubt by how grave the finding is."""
-HOLDING_BACK = ("diverged", "sigma-far", "loose", "control-few")
+HOLDING_BACK = ("diverged", "sigma-far", "loose", "control-few", "contradicted-far")
 """Findings with which no prediction can be believed: the block is not released."""
 
 SENTENCES = {
+    "contradicted": "{worst} in {photo} was accepted by hand, but everything else puts it {metres} "
+    "m ({pixels} px) away: {test} times its standard deviation. It moves photos by up to {shift} "
+    "m.",
+    "contradicted-far": "{worst} in {photo} was accepted by hand, but everything else puts it "
+    "{metres} m ({pixels} px) away: {test} times its standard deviation. It moves photos by up to "
+    "{shift} m, so the block cannot be released. Look at it again.",
+    "contradicted-check": "{worst}, a check point, was measured by hand in {photo} {metres} m "
+    "({pixels} px) from where the block puts it: {test} times what is predicted.",
+    "contradicted-more": "Further measurements accepted by hand that the block contradicts: "
+    "{count}, by up to {metres} m.",
+    "agreed": "The block contradicts no measurement accepted by hand (accepted: {count}).",
     "diverged": "The adjustment did not settle.",
     "sigma": "Sigma nought {value}: residuals are as expected.",
     "sigma-off": "Sigma nought {value} lies outside {low} to {high}: weights and residuals do not "
@@ -85,6 +103,9 @@ SENTENCES = {
     "are the rule.",
     "unchecked": "Control measurements that no other could find wrong: {count} ({worst}).",
     "no-checks": "No check points: the accuracy is not independently known.",
+    "one-check": "One check point, {value} m off: too few to judge.",
+    "checks-few": "{count} check points, m_p {value} m: too few to judge.",
+    "checks": "{count} check points, m_p {value} m.",
     "one-photo": "One photo alone: only its own control can show it wrong.",
     "no-ties": "No tie points bind the photos.",
     "in-parts": "No tie points join {worst} ({photos} photos, {points} control points) to the "
@@ -95,6 +116,7 @@ SENTENCES = {
     "systematic": "Residuals of {worst} are systematic on the film: up to {value} px in a part of "
     "it. Self-calibration can take this up.",
     "no-pattern": "No systematic residuals on the film (at most {value} px).",
+    "oriented": "All photos are oriented (photos: {count}).",
     "loose": "Photos that are not oriented: {count} ({worst}).",
     "tilt": "Tilts up to {value}\u00b0, within {limit}\u00b0.",
     "tilt-over": "Photos that tilt by more than {limit}\u00b0: {over}, up to {value}\u00b0 "
@@ -146,6 +168,7 @@ def judge_block(found: BlockQuality, report: AdjustmentReport) -> tuple[Finding,
         report: The adjustment.
     """
     findings = [
+        *_human_findings(report),
         *_adjustment_findings(report),
         *_control_findings(found, report),
         *_tie_findings(found),
@@ -154,9 +177,17 @@ def judge_block(found: BlockQuality, report: AdjustmentReport) -> tuple[Finding,
     return tuple(sorted(findings, key=lambda finding: -finding.grave))
 
 
-def doubts_of(report: AdjustmentReport) -> tuple[Doubt, ...]:
-    """What the adjustment left out, and every finding that is not sound, as doubts."""
-    findings = judge_block(assess_block(report), report)
+def doubts_of(
+    report: AdjustmentReport, findings: Sequence[Finding] | None = None
+) -> tuple[Doubt, ...]:
+    """What the adjustment left out, and every finding that is not sound, as doubts.
+
+    Args:
+        report: The adjustment.
+        findings: What `judge_block` said of it; asked again when left out.
+    """
+    if findings is None:
+        findings = judge_block(assess_block(report), report)
     return (
         *report.doubts,
         *(
@@ -190,7 +221,10 @@ class Release:
 
 
 def check_release(
-    report: AdjustmentReport, influence: Influence | None, ortho_sigma_m: float
+    report: AdjustmentReport,
+    influence: Influence | None,
+    ortho_sigma_m: float,
+    findings: Sequence[Finding] | None = None,
 ) -> Release:
     """Whether a block may be given out: what is predicted is good, and can be believed.
 
@@ -200,7 +234,10 @@ def check_release(
         report: The adjustment.
         influence: Its equations; None where no photo took part.
         ortho_sigma_m: Standard deviation of the reference per axis, metres.
+        findings: As in `doubts_of`.
     """
+    if findings is None:
+        findings = judge_block(assess_block(report), report)
     sigmas = {} if influence is None else influence.corner_sigmas()
     scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
     places = {name: scale**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
@@ -210,11 +247,8 @@ def check_release(
     # The reference is off alike in both axes, whatever the block does.
     reference = np.sqrt(2) * ortho_sigma_m
     worst_m = float(np.hypot(np.sqrt(places[worst].max()), reference)) if worst else float("nan")
-    block = report.block
-    pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
-    limit = max(LIMIT_M, LIMIT_PX * float(np.median(pixels)))
+    limit = _limit_m(report.block)
     predicted = float(np.hypot(relative, reference))
-    findings = judge_block(assess_block(report), report)
     reasons = [finding for finding in findings if finding.kind in HOLDING_BACK]
     if not predicted <= limit:
         told = {
@@ -222,6 +256,42 @@ def check_release(
         }  # fmt: skip
         reasons.append(Finding("predicted", POOR, told))
     return Release(relative, predicted, worst_m, worst, limit, tuple(reasons))
+
+
+def _limit_m(block: Block) -> float:
+    """Position error on the ground up to which this block is released, metres."""
+    pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
+    return max(LIMIT_M, LIMIT_PX * float(np.median(pixels))) if pixels else LIMIT_M
+
+
+def _human_findings(report: AdjustmentReport) -> list[Finding]:
+    """Where a human and the block disagree, worst first."""
+    against, limit = report.contradictions, _limit_m(report.block)
+    if not against:
+        items = report.block.measurements.values()
+        accepted = sum(item.status == "accepted" for item in items)
+        return [Finding("agreed", SOUND, {"count": str(accepted)})] if accepted else []
+    # What alone moves the ground by more than the block may be off is named in any case.
+    named = [one for n, one in enumerate(against) if n < NAMED or one.shift_m > limit]
+    findings = [_contradiction(one, report.block, limit) for one in named]
+    rest = [one.metres for one in against if one not in named]
+    if rest:
+        told = {"count": str(len(rest)), "metres": f"{max(rest):.1f}"}
+        findings.append(Finding("contradicted-more", DOUBTFUL, told))
+    return findings
+
+
+def _contradiction(one: Contradiction, block: Block, limit_m: float) -> Finding:
+    """One accepted measurement that the block contradicts."""
+    told = {
+        "worst": one.point_id, "photo": one.photo_id, "metres": f"{one.metres:.1f}",
+        "pixels": f"{one.pixels:.1f}", "test": f"{one.test:.1f}", "shift": f"{one.shift_m:.2f}",
+    }  # fmt: skip
+    if block.surveyed[one.point_id].role == "check":
+        return Finding("contradicted-check", DOUBTFUL, told)
+    if one.shift_m > limit_m:
+        return Finding("contradicted-far", POOR, told)
+    return Finding("contradicted", DOUBTFUL, told)
 
 
 def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
@@ -255,9 +325,20 @@ def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Fin
     if weak:
         told = {"count": str(len(weak)), "worst": " in ".join(weak[0])}
         findings.append(Finding("unchecked", DOUBTFUL, told))
-    if not report.checks:
-        findings.append(Finding("no-checks", DOUBTFUL))
-    return findings
+    return [*findings, _check_finding(report)]
+
+
+def _check_finding(report: AdjustmentReport) -> Finding:
+    """What check points say; few say nothing of the block."""
+    count = len(report.checks)
+    plan = [float(np.sum(check.difference_m[:2] ** 2)) for check in report.checks]
+    told = {"count": str(count), "least": str(CHECKS)}
+    if not count:
+        return Finding("no-checks", DOUBTFUL, told)
+    told["value"] = f"{np.sqrt(np.mean(plan)):.2f}"
+    if count >= CHECKS:
+        return Finding("checks", SOUND, told)
+    return Finding("one-check" if count == 1 else "checks-few", DOUBTFUL, told)
 
 
 def _amount_findings(found: BlockQuality, report: AdjustmentReport) -> list[Finding]:
@@ -329,6 +410,8 @@ def _flight_findings(found: BlockQuality) -> list[Finding]:
     loose = [photo.photo_id for photo in found.photos if not photo.oriented]
     if loose:
         findings.append(Finding("loose", POOR, {"count": str(len(loose)), "worst": loose[0]}))
+    else:
+        findings.append(Finding("oriented", SOUND, {"count": str(len(found.photos))}))
     for text, values, (rule, most) in (
         ("tilt", {p.photo_id: p.tilt_deg for p in found.photos if p.oriented}, TILT_DEG),
         ("crab", {p.photo_id: p.crab_deg for p in found.photos if p.oriented}, CRAB_DEG),

@@ -5,7 +5,8 @@ import test from "node:test";
 import { sifted } from "../../ui/web/pages/queue.js";
 import { mergeRows } from "../../ui/web/pages/wire.js";
 
-const row = (point, photo, role, state) => [point, photo, role, state, 0, 0.5, 1, 2];
+const row = (point, photo, role, state, disputed = null) =>
+  [point, photo, role, state, 0, 0.5, 1, 2, disputed];
 const ROWS = [
   row("1", "a", "control", "auto"), row("1", "b", "control", "rejected"),
   row("2", "a", "check", "unused"), row("t", "a", "tie", "auto"),
@@ -29,6 +30,13 @@ test("counts are of the kind that is shown, whatever state is asked for__truth",
   assert.deepEqual([counts.all, counts.open, counts.rejected, counts.unused, counts.review],
     [3, 1, 1, 1, 2]);
   assert.deepEqual([kinds.control, kinds.check, kinds.tie], [1, 1, 1]);
+});
+
+test("what the block contradicts is a filter of its own__truth", () => {
+  const rows = [...ROWS, row("3", "b", "control", "accepted", 18.2)];
+  const { counts, shown } = sifted(rows, [4, ...ORDER], { ...ALL, state: "disputed" });
+  assert.deepEqual(shown, [4]);
+  assert.deepEqual([counts.disputed, counts.accepted], [1, 1]);
 });
 
 test("an order that is ahead of the rows leaves out what is not there yet__law", () => {

@@ -53,6 +53,8 @@ class Row:
     """Share of an error here that would show, 0 to 1."""
     grounds: tuple[DoubtReason, ...]
     """Why it is doubtful, heaviest first."""
+    disputed_m: float = math.nan
+    """Where a human accepted what the block contradicts: how far apart, metres; else NaN."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +67,8 @@ class QueueFigures:
     """Controllability by measurement."""
     gains: Gains = field(default_factory=dict[Key, Gain])
     """What looking at one is expected to bring; empty where that was not found."""
+    disputed: Mapping[Key, float] = field(default_factory=dict[Key, float])
+    """How far the block puts an accepted measurement from where it is, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,13 +147,14 @@ def _differing(one: Mapping[Key, object], other: Mapping[Key, object]) -> set[Ke
 def row_line(row: Row) -> list[Any]:
     """One line of the table."""
     return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
-            short(row.misfit_px, 2), short(row.score, 2)]  # fmt: skip
+            short(row.misfit_px, 2), short(row.score, 2), short(row.disputed_m, 1)]  # fmt: skip
 
 
 def queue_figures(state: DeskState, gains: Gains | None = None) -> QueueFigures:
     """Misfits and controllability of all measurements of a state."""
     keys = (*state.block.measurements, *state.extra.measurements)
-    return QueueFigures(misfits(state, keys), controllability(state), gains or {})
+    disputed = {one.key: one.metres for one in state.report.contradictions}
+    return QueueFigures(misfits(state, keys), controllability(state), gains or {}, disputed)
 
 
 def queue_rows(state: DeskState, figures: QueueFigures | None = None) -> tuple[Row, ...]:
@@ -203,6 +208,8 @@ def passes(row: Row, wanted: QueueFilter) -> bool:
             return row.state != "unused"
         case "open":
             return row.state == "auto"
+        case "disputed":
+            return not math.isnan(row.disputed_m)
         case _:
             return row.state == wanted.state
 
@@ -272,10 +279,14 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
     misfit = figures.misfits.get(measurement.key)
     controlled = figures.controlled.get(measurement.key)
     shown = state.shown_state(measurement)
-    grounds = _grounds(measurement, misfit, controlled)
+    accepted = measurement.status == "accepted"
+    disputed = figures.disputed.get(measurement.key, math.nan) if accepted else math.nan
+    grounds = _grounds(measurement, misfit, controlled, disputed)
     doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
     human = measurement.status in ("accepted", "rejected", "dubious")
-    if human:
+    if not math.isnan(disputed):
+        gain = disputed / (1 + disputed)
+    elif human:
         gain = 0.0
     elif shown == "unused":
         # What the block nearly agrees with is the likeliest to be taken in after all.
@@ -293,6 +304,7 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
         score=measurement.score,
         controlled=controlled,
         grounds=grounds,
+        disputed_m=disputed,
     )
 
 
@@ -326,9 +338,10 @@ def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None
 
 
 def _grounds(
-    measurement: Measurement, misfit: Misfit | None, controlled: float | None
+    measurement: Measurement, misfit: Misfit | None, controlled: float | None, disputed_m: float
 ) -> tuple[DoubtReason, ...]:
     found = [
+        None if math.isnan(disputed_m) else DoubtReason("doubt.disputed", disputed_m, 1.0),
         _ground_of_misfit(misfit),
         _ground_of_peaks(measurement),
         _ground_of_score(measurement),

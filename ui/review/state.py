@@ -21,9 +21,11 @@ KINDS: tuple[Kind, ...] = ("control", "check", "tie", "photo", "fiducial")
 POINT_KINDS: tuple[Kind, ...] = ("control", "check")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
-StateFilter = Literal["review", "all", "open", "accepted", "rejected", "dubious", "unused"]
+StateFilter = Literal[
+    "review", "all", "open", "disputed", "accepted", "rejected", "dubious", "unused"
+]
 STATE_FILTERS: tuple[StateFilter, ...] = (
-    "review", "all", "open", "dubious", "accepted", "rejected", "unused",
+    "review", "all", "open", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 Sheet = Literal["", "board", "placement"]
 """A view laid over the desk, beside that of the block's quality."""
@@ -50,7 +52,8 @@ class QueueFilter:
     """What a queue lets through."""
 
     state: StateFilter = "review"
-    """One state; `review`: all but what the engine left out; `open`: used and not looked at."""
+    """One state; `review`: all but what the engine left out; `open`: used and not looked at;
+    `disputed`: accepted by a human, contradicted by the block."""
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""

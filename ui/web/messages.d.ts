@@ -34,7 +34,8 @@ interface Start {
 }
 
 /** point, photo, role, state, decided by hand, doubt, misfit px, score */
-type Row = [string, string, string, State, number, number, number | null, number | null];
+type Row = [string, string, string, State, number, number, number | null, number | null,
+  disputed: number | null];
 interface Filter { state: string; photo: string; role: string }
 interface Sort { column: string; descending: boolean }
 interface Queue {

@@ -9,6 +9,7 @@ import numpy as np
 
 from app.report.model import ReportContent
 from app.report.page import render, write_report
+from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
@@ -77,6 +78,25 @@ def test_headings_say_the_finding__truth(written):
     assert "The file ends after 3 of 9 MB" in text
     assert "fewer than the 30 that ASPRS" in text
     assert text.index("junction 118") < text.index("Fiducial 3") < text.index("The DEM has a gap")
+
+
+def test_a_blunder_accepted_by_hand_is_named_where_the_block_is_certified__truth(
+    content, flown, tmp_path
+):
+    keys = [k for k in sorted(flown.measurements) if flown.surveyed[k[0]].role == "control"]
+    item = flown.measurements[keys[5]]
+    wrong = replace(item, column=item.column + 40, sigma_px=0.5, status="accepted", reason="")
+    report = adjust_block(flown.with_measurement(wrong))
+    told = replace(content, report=report, influence=influence_of(report, content.adjustment))
+    html, figures = write_report(tmp_path, told)
+    text = text_of(html.read_text(encoding="utf-8"))
+    worst = report.contradictions[0]
+    assert worst.key == keys[5]
+    line = f"{worst.metres:.1f} m ({worst.pixels:.1f} px) away"
+    # In the certificate, and in the verdict that the desk shows too.
+    assert text.count(line) == 2
+    verdict = json.loads(figures.read_text(encoding="utf-8"))["verdict"]
+    assert verdict[0]["kind"].startswith("contradicted")
 
 
 def test_without_check_points_accuracy_is_relative__law(content, tmp_path):

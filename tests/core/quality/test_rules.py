@@ -6,7 +6,7 @@ from string import Formatter
 import numpy as np
 import pytest
 
-from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.adjusted import AdjustmentOptions, Contradiction
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
@@ -14,6 +14,7 @@ from core.quality.assessment import assess_block
 from core.quality.displacement import displacement
 from core.quality.rules import (
     HOLDING_BACK,
+    NAMED,
     SENTENCES,
     Finding,
     check_release,
@@ -134,6 +135,50 @@ def test_every_sentence_can_be_said_and_every_limit_is_used_once__law():
         assert "{" not in said
         assert said.endswith(".")
     assert set(HOLDING_BACK) <= set(SENTENCES)
+
+
+@pytest.mark.parametrize(("seed", "metres"), [(1, 3.0), (2, 8.0), (3, 18.0)])
+def test_what_a_human_accepted_against_the_block_is_the_first_finding__truth(seed, metres):
+    """An 18 m blunder accepted by hand left the verdict as it was, word for word."""
+    flown = fly(BLOCK_PLAN, np.random.default_rng(seed)).block
+    key = sorted(flown.measurements)[7 * seed]
+    item, photo = flown.measurements[key], flown.photos[key[1]]
+    off = metres / photo.ground_pixel_m(flown.camera_of(key[1]))
+    wrong = replace(item, column=item.column + off, sigma_px=0.5, status="accepted")
+    report = adjust_block(flown.with_measurement(wrong))
+    told, *_ = judge_block(assess_block(report), report)
+    assert told.kind.startswith("contradicted")
+    assert (told.values["worst"], told.values["photo"]) == key
+    assert float(told.values["metres"]) == pytest.approx(metres, abs=1.5)
+    assert f"{told.values['metres']} m ({told.values['pixels']} px)" in told.sentence
+    far = float(told.values["shift"]) > 0.8
+    assert told.grave == (2 if far else 1)
+    release = check_release(report, influence_of(report, AdjustmentOptions()), 0.0)
+    assert ("contradicted-far" in kinds_of(release)) == far
+    good = adjust_block(flown.with_measurement(replace(item, status="accepted")))
+    assert finding(good, "agreed").values["count"] == "1"
+
+
+def test_so_many_disagreements_are_named_and_the_rest_counted__law(block):
+    report = adjust_block(block)
+    key = next(iter(report.redundancy_numbers))
+    many = tuple(
+        Contradiction(*key, pixels=20.0, metres=5.0, test=30.0 - number, shift_m=0.1)
+        for number in range(NAMED + 3)
+    )
+    report = replace(report, contradictions=many)
+    found = judge_block(assess_block(report), report)
+    assert [one.kind for one in found].count("contradicted") == NAMED
+    assert finding(report, "contradicted-more").values["count"] == "3"
+
+
+@pytest.mark.parametrize(("count", "kind"), [(0, "no-checks"), (1, "one-check"), (2, "checks-few")])
+def test_few_check_points_are_too_few_to_judge__truth(count, kind):
+    flown = fly(replace(BLOCK_PLAN, check=12), np.random.default_rng(9)).block
+    report = adjust_block(flown)
+    few = finding(replace(report, checks=report.checks[:count]), kind)
+    assert few.grave == 1
+    assert finding(report, "checks").grave == 0
 
 
 def test_a_sound_block_has_no_grave_finding__truth(block):

@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.adjustment.block_adjustment import adjust_block
+from tests.flights import FlightPlan, fly
 from tests.ui.desk_block import tiny_block, tiny_snapshot
+from ui.review.compare import made_with
 from ui.review.misfit import Misfit
 from ui.review.queue import (
+    NO_ROWS,
     coming,
     keep_seat_up,
     neighbour,
@@ -19,7 +23,7 @@ from ui.review.queue import (
     visible,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import QueueFilter, Seat, Sorting
+from ui.review.state import DeskState, QueueFilter, Seat, Sorting
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +109,28 @@ def test_a_filter_lets_through_what_it_names__truth(desk, wanted, state, role, l
     assert not passes(row, QueueFilter("all", photo_id="elsewhere", role=role))
 
 
+@pytest.mark.parametrize(("seed", "metres"), [(1, 3.0), (2, 8.0), (3, 18.0)])
+def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, metres):
+    flown = fly(FlightPlan(ties=300, control=30, check=0), np.random.default_rng(seed)).block
+    key = sorted(flown.measurements)[7 * seed]
+    item, photo = flown.measurements[key], flown.photos[key[1]]
+    off = metres / photo.ground_pixel_m(flown.camera_of(key[1]))
+    wrong = replace(item, column=item.column + off, sigma_px=0.5, status="accepted")
+    block = flown.with_measurement(wrong)
+    report = adjust_block(block)
+    state = DeskState(block, report, made=made_with(report.block))
+    rows = NO_ROWS.renewed(state).rows
+    seat = seat_down(Seat("seat-1", "anna", filter=QueueFilter("disputed")), rows)
+    assert visible(rows, seat) == (key,)
+    assert seat.order[0] == key
+    assert rows[key].disputed_m == pytest.approx(metres, abs=1.5)
+    assert rows[key].grounds[0].text == "doubt.disputed"
+    assert row_line(rows[key])[-1] == round(rows[key].disputed_m, 1)
+    # Rejected, it is not disputed any more.
+    after = replace(state, block=block.with_measurement(replace(wrong, status="rejected")))
+    assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)
+
+
 def test_what_comes_next_is_open_and_nobody_elses__law(desk, seat):
     ahead = coming(desk.rows, seat)
     assert all(desk.rows[key].state == "auto" for key in ahead)
@@ -136,4 +162,4 @@ def test_a_line_holds_what_the_page_expects__law(desk):
     row = next(iter(desk.rows.values()))
     line = row_line(replace(row, misfit_px=np.pi, score=float("nan")))
     assert line[:2] == list(row.key)
-    assert line[6:] == [3.14, None]
+    assert line[6:] == [3.14, None, None]

@@ -60,12 +60,23 @@ function head({ sigma, mp }) {
     element("button", { id: "quality-close", onclick: close }, word("act.close")));
 }
 
+/** A measurement that human and block disagree about, among others like it. @param {Key} key */
+function lookAt(key) {
+  byId("quality").close();
+  send({ kind: "filter", state: "disputed", photo: "", role: "" });
+  send({ kind: "select", key });
+}
+
 /** @param {Quality} found */
 function verdict({ verdict: gravest, findings }) {
   const lines = findings.map(([text, grave, values]) => {
-    const shown = { ...values, ...(values.worst ? { worst: shortName(values.worst) } : {}) };
+    const { worst, photo } = values;
+    const shown = { ...values, ...(worst ? { worst: shortName(worst) } : {}),
+      ...(photo ? { photo: shortName(photo) } : {}) };
+    const look = worst && photo ? [element("button", { onclick: () => lookAt([worst, photo]) },
+      word("quality.look"))] : [];
     return element("li", { class: `grave${grave}` },
-      element("b", {}, word(`grave.${grave}`)), word(text, shown));
+      element("b", {}, word(`grave.${grave}`)), word(text, shown), " ", ...look);
   });
   const words = element("p", { class: `verdict grave${gravest}` }, word(`verdict.${gravest}`));
   const attributes = { class: "quality-part", "data-part": "verdict" };

@@ -6,15 +6,16 @@ import { send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
-const STATES = ["review", "all", "open", "dubious", "accepted", "rejected", "unused"];
+const STATES = ["review", "all", "open", "disputed", "dubious", "accepted", "rejected", "unused"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check"];
 const LARGE_PX = 3;
-const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE] =
-  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7]);
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED] =
+  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8]);
+const PLAIN = ["all", "review", "disputed"]; // filters that are no state of a row
 
 const state = {
   rows: /** @type {Row[]} */ ([]),
@@ -73,7 +74,7 @@ function pointAt(event, index) {
 export function setUpQueue() {
   for (const name of STATES) {
     const look = /** @type {State} */ (name === "open" ? "auto" : name);
-    const mark = name === "all" || name === "review" ? null : stateGlyph(look, 13);
+    const mark = PLAIN.includes(name) ? null : stateGlyph(look, 13);
     const title = word(`state.${name}.long`);
     byId("chips").append(element("button",
       { class: "chip", "data-state": name, title, onclick: () => sieve({ state: name }) },
@@ -139,6 +140,7 @@ const ofKind = (row, filter) => (!filter.photo || row[PHOTO] === filter.photo)
 
 /** @param {Row} row @param {string} wanted */
 const inState = (row, wanted) => wanted === "all"
+  || (wanted === "disputed" && row[DISPUTED] !== null)
   || (wanted === "review" ? row[STATE] !== "unused" : stateName(row) === wanted);
 
 /** @param {Row} row */
@@ -159,6 +161,7 @@ export function sifted(rows, order, filter) {
     counts.all += 1;
     counts[stateName(row)] += 1;
     if (row[STATE] !== "unused") counts.review += 1;
+    if (row[DISPUTED] !== null) counts.disputed += 1;
     return inState(row, filter.state);
   });
   return { counts, kinds, shown };
@@ -273,6 +276,7 @@ function write(line, index, { current, isTaken }) {
   line.dataset.state = row[STATE];
   const [role, long] = [word(`role.${row[ROLE]}`), word(`state.${row[STATE]}.long`)];
   const said = [row[POINT], row[PHOTO], role, long];
+  if (row[DISPUTED] !== null) said.push(word("doubt.disputed", { value: row[DISPUTED] }));
   if (taken) said.push(word("people.here", { names: taken }));
   line.title = said.join(" \u00b7 ");
   line.onclick = (event) => pointAt(event, index);
