@@ -91,6 +91,18 @@ class Grid:
         columns, rows = (high - low).tolist()
         return self.window(int(low[0]), int(low[1]), columns, rows)
 
+    @property
+    def on_multiples(self) -> tuple[int, int] | None:
+        """Column and row of the first pixel where pixels are counted from (0, 0) of the CRS.
+
+        None unless the edges of pixels lie on multiples of their size.
+        """
+        gsd = self.ground_sample_distance_m
+        column, row = self.west / gsd, -self.north / gsd
+        if max(abs(column - round(column)), abs(row - round(row))) > ROUNDING_PX:
+            return None
+        return round(column), round(row)
+
     def object_from_grid(self, points: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Easting and northing of grid points (column, row; the outer corner is (0, 0))."""
         gsd = self.ground_sample_distance_m

@@ -12,7 +12,7 @@ from core.doubts import Doubt
 from core.geometry.crs import Bounds, parse_crs
 from core.raster.grid import Grid
 from core.raster.lattices import SheetSet, open_sheets
-from core.raster.sampling import ReadOptions, read_onto
+from core.raster.sampling import ReadOptions, read_kept, read_onto
 
 # design: the majority.
 LEAST_COVERAGE = 0.5
@@ -60,7 +60,7 @@ class Ortho:
         Up to ten times the pixel size of the sheets every original pixel is read; coarser grids
         may use the files' overviews, which can lie up to half a grid pixel aside.
         """
-        sampled = read_onto(self.sheets, grid, ReadOptions("gray"))
+        sampled = read_kept(self.sheets, grid, ReadOptions("gray"))
         mask = sampled.coverage >= LEAST_COVERAGE
         return OrthoPatch(np.where(mask, sampled.values[0], np.float32(0)), mask)
 

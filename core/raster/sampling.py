@@ -6,6 +6,7 @@ other; rotated sheets and those of another CRS are warped.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, cast
 
 import cv2
@@ -14,9 +15,11 @@ from jaxtyping import Float32, Float64
 from scipy.sparse import csr_array
 
 from core.frames import HALF_PIXEL
+from core.raster.files import TILES
 from core.raster.grid import Grid
 from core.raster.lattices import (
     BANDS,
+    TILE_CELLS,
     Cells,
     CellWindow,
     Content,
@@ -52,6 +55,11 @@ class Sampled:
     coverage: Float32[np.ndarray, "rows columns"]
     """Share of the kernel that found usable cells, 0 to 1."""
 
+    @property
+    def nbytes(self) -> int:
+        """Memory it takes."""
+        return self.values.nbytes + self.coverage.nbytes
+
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
@@ -63,6 +71,33 @@ class ReadOptions:
     """Interpolation between pixels."""
     exact_to: int = EXACT_TO
     """Reductions up to this read every original pixel; beyond it overviews may serve."""
+
+
+def read_kept(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
+    """The same as `read_onto`, from pieces that are kept where others may ask for them again.
+
+    Grids on multiples of their pixel size share their pixels: all photos of a scale, in all rounds,
+    look at the same ground.
+    """
+    origin = grid.on_multiples
+    if origin is None:
+        return read_onto(sheets, grid, options)
+    values = np.empty((BANDS[options.content], grid.rows, grid.columns), dtype=np.float32)
+    coverage = np.empty((grid.rows, grid.columns), dtype=np.float32)
+    first, above = -(origin[0] % TILE_CELLS), -(origin[1] % TILE_CELLS)
+    for top in range(above, grid.rows, TILE_CELLS):
+        for left in range(first, grid.columns, TILE_CELLS):
+            place = grid.window(left, top, TILE_CELLS, TILE_CELLS)
+            key = (*sheets.key, options, grid.ground_sample_distance_m, place.on_multiples)
+            piece = TILES.get(key, partial(read_onto, sheets, place, options))
+            across = slice(max(left, 0), min(left + TILE_CELLS, grid.columns))
+            down = slice(max(top, 0), min(top + TILE_CELLS, grid.rows))
+            own = np.s_[
+                down.start - top : down.stop - top, across.start - left : across.stop - left
+            ]
+            values[:, down, across] = piece.values[:, *own]
+            coverage[down, across] = piece.coverage[own]
+    return Sampled(values, coverage)
 
 
 def read_onto(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
