@@ -163,6 +163,7 @@ STAGES: tuple[Stage, ...] = (
         ("georeference", "reference"),
         lambda given: (given.localisation,),
         _localisation,
+        version=2,
         repeated=True,
     ),
     Stage(
@@ -180,7 +181,7 @@ STAGES: tuple[Stage, ...] = (
         ("localisation", "ties", "reference"),
         lambda given: (given.control, given.surveyed, given.preset),
         _control,
-        version=11,
+        version=12,
         repeated=True,
     ),
 )

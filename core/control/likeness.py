@@ -11,11 +11,11 @@ from core.localisation.photo_orientation import OrientationOptions, finest_reduc
 from core.matching.local_search import (
     SEPARATION_PX,
     MatchingOptions,
-    parts_about,
     prepared,
+    view_of,
 )
 from core.matching.operators import FusedOperator
-from core.matching.patches import OpenPhoto, Window, read_pair
+from core.matching.patches import OpenPhoto, Window
 from core.matching.peaks import detect_peaks, level_and_spread
 from core.matching.reference import Reference
 from core.matching.template_search import Image
@@ -124,9 +124,7 @@ def likeness_about(
     low = np.floor(pixel[0]).astype(np.int64) - margin
     side = 2 * (half + inner + 3) + 1
     window = Window(int(low[0]), int(low[1]), side, side, reduction)
-    images = prepared(read_pair(opened, reference, window), options)
-    parts = parts_about(images, pixel[0], half, inner)
-    if parts is None:
+    view = view_of(prepared(opened, reference, window, pixel, options), 0, pixel, half)
+    if view is None:
         return Failure("the reference is not known about the point")
-    scores = images.scores(OPERATOR.name, *parts)
-    return Likeness(scores, locked(pixel - half * reduction), reduction)
+    return Likeness(view.scores(OPERATOR.name), locked(view.centre - half * reduction), reduction)

@@ -113,7 +113,8 @@ def measurement_of(search: Search, right: Scalars, aside: Scalars) -> Measuremen
 
     Where it may stand aside of its place, its standard deviation says so: else the adjustment would
     take it for a gross error, or follow it. It stands aside in all its photos alike, so that as
-    many times the variance goes to each: together they know no more of it than one.
+    many times the variance goes to each: together they know no more of it than one. One that is
+    hardly probable enough counts for little.
 
     Args:
         search: The search.
@@ -125,17 +126,28 @@ def measurement_of(search: Search, right: Scalars, aside: Scalars) -> Measuremen
     others = tuple(other for index, other in enumerate(search.peaks) if index != best)
     aside_px = np.sqrt(aside[best]) * DISPLACED_M / search.pixel_m
     reason = "" if probability >= ACCEPT else f"right with probability {probability:.2f}"
+    doubted = 1.0 if reason else weight_of(probability) ** -0.5
     return Measurement(
         search.point_id,
         search.photo_id,
         peak.column,
         peak.row,
-        float(np.hypot(peak.sigma_px, aside_px)),
+        float(np.hypot(peak.sigma_px, aside_px)) * doubted,
         probability,
         "unused" if reason else "auto",
         reason,
         (peak, *others),
     )
+
+
+def weight_of(probability: float) -> float:
+    """What a used candidate counts for, 1 where it is certain and nearly nothing at `ACCEPT`.
+
+    Else a candidate that crosses the threshold by a hair would move the block all at once, which
+    then would move the next one across.
+    """
+    # design: the least is a standard deviation of four and a half times its own.
+    return float(np.clip((probability - ACCEPT) / (1.0 - ACCEPT), 0.05, 1.0))
 
 
 def surveyed_of(points: ReferencePoints, sources: Mapping[str, Source]) -> dict[str, SurveyedPoint]:

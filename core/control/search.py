@@ -22,13 +22,10 @@ from core.matching.local_search import (
     DULL,
     MATCH_FLOOR_PX,
     SEPARATION_PX,
-    Images,
     MatchingOptions,
+    PointView,
     Prediction,
-    Slices,
-    cut,
     looked_at,
-    parts_about,
     predict_pixels,
 )
 from core.matching.operators import has_roads
@@ -91,7 +88,7 @@ class Search:
     roads: bool
     """Whether the roads drawn in its template say where it is."""
     predicted: tuple[float, float]
-    """Where it was expected, scan pixels."""
+    """Middle of its score map, the centre of a pixel: where it was expected, scan pixels."""
     peaks: tuple[Peak, ...]
     """Candidates near the prediction, best first, scan pixels."""
     distance_m: Scalars
@@ -206,20 +203,17 @@ def searched(
     near = set(known) if keep is None else set[str]()
     halves = np.array([plan.narrow if name in near else plan.wide for name in points.ids])
     found: list[Search] = []
-    for images, point in looked_at(opened, reference, prediction, halves, matching, progress):
-        pixel, name = prediction.pixels[point], points.ids[point]
+    for view, point in looked_at(opened, reference, prediction, halves, matching, progress):
+        name = points.ids[point]
         before = known.get(name)
         mirror = before is None and point % MIRRORED_EVERY == 0
-        parts = parts_about(images, pixel, int(halves[point]), matching.template_half_px)
-        if parts is None:
-            continue
-        surface, mirrored, roads = surfaces_about(images, parts, matching, mirror)
+        surface, mirrored, roads = surfaces_about(view, matching, mirror)
         if keep is not None:
             keep(name, opened.photo.photo_id, surface)
         chance = chance_of(surface, mirrored, plan) if before is None else before.chance
         peaks = candidates_near(surface, plan, chance)
-        sigma_px = matching.reduction * best_sigma_px(images, parts, surface, peaks, plan, chance)
-        place = float(pixel[0]), float(pixel[1])
+        sigma_px = matching.reduction * best_sigma_px(view, surface, peaks, plan, chance)
+        place = float(view.centre[0, 0]), float(view.centre[0, 1])
         empty = np.zeros(0)
         one = Search(
             name,
@@ -240,7 +234,7 @@ def searched(
             chance,
             opened.ground_pixel_m,
         )
-        found.append(seen_from(one, pixel, plan, opened, point))
+        found.append(seen_from(one, prediction.pixels[point], plan, opened, point))
     return found
 
 
@@ -271,18 +265,16 @@ def sigma_on_ground_m(
 
 
 def surfaces_about(
-    images: Images, parts: tuple[Slices, Slices], matching: MatchingOptions, mirror: bool
+    view: PointView, matching: MatchingOptions, mirror: bool
 ) -> tuple[ScoreMap, ScoreMap | None, bool]:
     """The surface of a point, that of its mirrored template, and whether roads place it."""
     name = matching.operators[0].name
-    surface = images.scores(name, *parts)
-    mirrored = images.mirrored_scores(name, *parts) if mirror else None
-    return surface, mirrored, has_roads(cut(images.reference[name], parts[1]))
+    mirrored = view.mirrored_scores(name) if mirror else None
+    return view.scores(name), mirrored, has_roads(view.described(name))
 
 
 def best_sigma_px(
-    images: Images,
-    parts: tuple[Slices, Slices],
+    view: PointView,
     surface: ScoreMap,
     peaks: Sequence[Peak],
     plan: Plan,
@@ -296,7 +288,7 @@ def best_sigma_px(
         return DULL * MATCH_FLOOR_PX
     half, reduction = surface.shape[0] // 2, plan.matching.reduction
     place = round(half + peaks[0].row / reduction), round(half + peaks[0].column / reduction)
-    known = images.place_sigma_px(plan.matching.operators[0].name, *parts, place)
+    known = view.place_sigma_px(plan.matching.operators[0].name, place)
     return float(np.clip(known, PEAK_FLOOR_PX, DULL * MATCH_FLOOR_PX))
 
 

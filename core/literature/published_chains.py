@@ -30,7 +30,6 @@ from core.localisation.initial_orientation import Site
 from core.matching.local_search import (
     MatchingOptions,
     looked_at,
-    parts_about,
     predict_pixels,
     reduction_for,
 )
@@ -207,13 +206,9 @@ def kept_of(
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
     halves = np.full(len(points.ids), half)
     found: list[tuple[int, Peak]] = []
-    for images, point in looked_at(opened, site.reference, prediction, halves, matching):
-        pixel = prediction.pixels[point]
-        parts = parts_about(images, pixel, half, inner)
-        if parts is None:
-            continue
-        for column, row, score in joined_pixels(images.scores(NCC.name, *parts), options):
-            place = pixel + (np.array([column, row]) - half) * reduction
+    for view, point in looked_at(opened, site.reference, prediction, halves, matching):
+        for column, row, score in joined_pixels(view.scores(NCC.name), options):
+            place = view.centre[0] + (np.array([column, row]) - half) * reduction
             if away_from_border(opened, place, options.border_m):
                 column, row = (float(value) for value in place)
                 found.append((point, Peak(column, row, options.sigma_px, score, NCC.name)))

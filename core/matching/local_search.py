@@ -4,14 +4,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int
+from jaxtyping import Int
 
 from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
 from core.block import Peak
+from core.frames import HALF_PIXEL
 from core.geometry.consensus import Candidates
 from core.geometry.resection import PhotoModel
 from core.matching.operators import GREY, USUAL, Operator
-from core.matching.patches import OpenPhoto, Pair, Window, read_pair
+from core.matching.patches import (
+    OpenPhoto,
+    ScanPart,
+    Templates,
+    Window,
+    read_scan,
+    read_templates,
+)
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
 from core.matching.precision import place_covariance, sharpness_of
 from core.matching.reference import Reference
@@ -20,8 +28,6 @@ from core.progress import Progress, Silent
 
 Members = Int[np.ndarray, "members"]
 """Indices of some of the points."""
-Pixel = Float64[np.ndarray, "2"]
-"""One place, column and row."""
 Slices = tuple[slice, slice]
 """Rows and columns of a window."""
 # design: memory: fifteen layers, of which the two usual operators' descriptions consist, take 150
@@ -40,6 +46,10 @@ MATCH_FLOOR_PX = 0.35
 # design: wider ones are ridges, whose place along them is chance.
 DULL = 3.0
 """A dull peak is no wider than this many of the sharpest: it is doubtful rather than imprecise."""
+# design: a drawn road fades out over eleven pixels; a wide mean has a third of the template for its
+# deviation, so that half a template beyond its edge leaves a fifteenth of it out there.
+RIM_PX = 12
+"""So much beyond a template, or half of it if that is more, is described with it."""
 # design: a hole of a tenth leaves a template most of its edges.
 LEAST_KNOWN = 0.9
 """Share of a template on which the reference is known at least."""
@@ -105,12 +115,14 @@ class Found:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """A pair described for every operator."""
+    """A tile of a scan and the templates that are sought in it, described for every operator."""
 
-    pair: Pair
-    """The pair."""
+    part: ScanPart
+    """The tile."""
+    templates: Templates
+    """One cell for each point."""
     template_half_px: int
-    """Half the templates that are cut out of it, pixels."""
+    """Half the templates that are cut out of the cells, pixels."""
     operators: Mapping[str, Operator]
     """By name."""
     scan: Mapping[str, Description]
@@ -118,44 +130,57 @@ class Images:
     reference: Mapping[str, Description]
     """What each compares of the reference."""
 
-    def scores(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
-        """Likeness of a patch of the reference at every place within a part of the scan."""
-        return self.operators[operator].scores(
-            cut(self.scan[operator], around), cut(self.reference[operator], patch)
-        )
 
-    def place_sigma_px(
-        self, operator: str, around: Slices, patch: Slices, place: tuple[int, int]
-    ) -> float:
-        """Standard deviation per axis of the place of a patch, were it the right one.
+@dataclass(frozen=True, slots=True, eq=False)
+class PointView:
+    """One point's template, and the window of the scan that it is sought in."""
+
+    images: Images
+    """The tile."""
+    around: Slices
+    """The window, rows and columns of the tile."""
+    patch: Slices
+    """The template, rows and columns of the cells."""
+    centre: PixelPoints
+    """Scan pixel on which the point lies where the template is not displaced, (1, 2)."""
+
+    def described(self, operator: str) -> Description:
+        """The template as an operator compares it."""
+        return cut(self.images.reference[operator], self.patch)
+
+    def scores(self, operator: str) -> ScoreMap:
+        """Likeness of the template at every place within the window."""
+        around = cut(self.images.scan[operator], self.around)
+        return self.images.operators[operator].scores(around, self.described(operator))
+
+    def mirrored_scores(self, operator: str) -> ScoreMap:
+        """The same with the patch mirrored before it is described: whatever it finds is wrong."""
+        made, templates = self.images.operators[operator], self.images.templates
+        mirrored = made.of_reference(
+            np.ascontiguousarray(templates.reference[self.patch][:, ::-1]),
+            np.ascontiguousarray(templates.roads[self.patch][:, ::-1]),
+            self.images.template_half_px,
+        )
+        return made.scores(cut(self.images.scan[operator], self.around), mirrored)
+
+    def place_sigma_px(self, operator: str, place: tuple[int, int]) -> float:
+        """Standard deviation per axis of the place of the template, were it the right one.
 
         Args:
             operator: What is compared.
-            around: The part of the scan that was searched.
-            patch: The patch of the reference.
             place: Row and column of the place in the scores.
         """
         rows, columns = (
             slice(part.start + step, part.start + step + own.stop - own.start)
-            for part, step, own in zip(around, place, patch, strict=True)
+            for part, step, own in zip(self.around, place, self.patch, strict=True)
         )
-        shown, template = self.operators[operator].correlated(
-            cut(self.scan[operator], (rows, columns)), cut(self.reference[operator], patch)
+        shown, template = self.images.operators[operator].correlated(
+            cut(self.images.scan[operator], (rows, columns)), self.described(operator)
         )
         sharpness = sharpness_of(template)
         if sharpness is None:
             return float("inf")
         return float(np.sqrt(np.trace(place_covariance(sharpness, shown)) / 2))
-
-    def mirrored_scores(self, operator: str, around: Slices, patch: Slices) -> ScoreMap:
-        """The same with the patch mirrored before it is described: whatever it finds is wrong."""
-        made = self.operators[operator]
-        mirrored = made.of_reference(
-            np.ascontiguousarray(self.pair.reference[patch][:, ::-1]),
-            np.ascontiguousarray(self.pair.roads[patch][:, ::-1]),
-            self.template_half_px,
-        )
-        return made.scores(cut(self.scan[operator], around), mirrored)
 
 
 def predict_pixels(
@@ -192,10 +217,8 @@ def match_points(
     half = search_half_px(prediction, options)
     found = [
         match
-        for images, point in looked_at(opened, reference, prediction, half, options, progress)
-        for match in [
-            match_point(images, point, prediction.pixels[point], int(half[point]), options)
-        ]
+        for view, point in looked_at(opened, reference, prediction, half, options, progress)
+        for match in [match_point(view, point, int(half[point]), options)]
         if match is not None
     ]
     return sorted(found, key=lambda match: match.point)
@@ -208,8 +231,8 @@ def looked_at(
     half: Indices,
     options: MatchingOptions,
     progress: Progress | None = None,
-) -> Iterator[tuple[Images, int]]:
-    """Every point that may lie in the picture, with the prepared tile it lies in.
+) -> Iterator[tuple[PointView, int]]:
+    """Every point of which enough is known and may lie in the picture, tile by tile.
 
     Args:
         opened: The photo.
@@ -224,9 +247,12 @@ def looked_at(
     done = 0
     for window, members in tiles(prediction.pixels, todo, half, options):
         watch.report(done, len(todo), opened.photo.photo_id)
-        images = prepared(read_pair(opened, reference, window), options)
-        for point in members.tolist():
-            yield images, point
+        pixels = prediction.pixels[members]
+        images = prepared(opened, reference, window, pixels, options)
+        for number, point in enumerate(members.tolist()):
+            view = view_of(images, number, pixels[[number]], int(half[point]))
+            if view is not None:
+                yield view, point
         done += len(members)
 
 
@@ -258,17 +284,28 @@ def tiles(
         )
 
 
-def prepared(pair: Pair, options: MatchingOptions) -> Images:
-    """Both halves of a pair, described for every operator."""
+def prepared(
+    opened: OpenPhoto,
+    reference: Reference,
+    window: Window,
+    pixels: PixelPoints,
+    options: MatchingOptions,
+) -> Images:
+    """A tile and the templates of the points expected in it, described for every operator."""
     operators = {operator.name: operator for operator in options.operators}
     half = options.template_half_px
+    part = read_scan(opened, window)
+    templates = read_templates(
+        opened, reference, pixels, half + max(half // 2, RIM_PX), window.reduction
+    )
     return Images(
-        pair,
+        part,
+        templates,
         half,
         operators,
-        {name: operator.of_scan(pair.scan, half) for name, operator in operators.items()},
+        {name: operator.of_scan(part.grey, half) for name, operator in operators.items()},
         {
-            name: operator.of_reference(pair.reference, pair.roads, half)
+            name: operator.of_reference(templates.reference, templates.roads, half)
             for name, operator in operators.items()
         },
     )
@@ -279,20 +316,39 @@ def cut(description: Description, part: Slices) -> Description:
     return tuple(np.ascontiguousarray(layer[part]) for layer in description)
 
 
-def match_point(
-    images: Images, point: int, pixel: Pixel, half: int, options: MatchingOptions
-) -> Found | None:
-    """Peaks of all operators for one point; None where the reference is not known."""
-    parts = parts_about(images, pixel, half, options.template_half_px)
-    if parts is None:
+def view_of(images: Images, number: int, pixel: PixelPoints, half: int) -> PointView | None:
+    """One point of a tile; None where too little of reference or photograph is there.
+
+    Args:
+        images: The tile.
+        number: Which of its points.
+        pixel: Where the point is expected, (1, 2).
+        half: How far around it is searched, pixels of the tile.
+    """
+    window, inner = images.part.window, images.template_half_px
+    column, row = (int(place) for place in window.window_from_pixel(pixel)[0])
+    template, around = (
+        np.s_[row - reach : row + reach + 1, column - reach : column + reach + 1]
+        for reach in (inner, inner + half)
+    )
+    patch = images.templates.cell(number, inner)
+    known = images.templates.known[patch].mean()
+    usable = images.part.usable[template].mean()
+    if known < LEAST_KNOWN or usable < LEAST_USABLE:
         return None
-    maps = {name: images.scores(name, *parts) for name in images.operators}
+    centre = window.pixel_from_window(np.array([[column, row]]) + HALF_PIXEL)
+    return PointView(images, around, patch, centre)
+
+
+def match_point(view: PointView, point: int, half: int, options: MatchingOptions) -> Found | None:
+    """Peaks of all operators for one point; None where there is none."""
+    maps = {name: view.scores(name) for name in view.images.operators}
     peaks = merged(maps, options)
-    reduction = options.reduction
+    reduction, (column, row) = options.reduction, view.centre[0].tolist()
     moved = tuple(
         Peak(
-            float(pixel[0]) + (peak.column - half) * reduction,
-            float(pixel[1]) + (peak.row - half) * reduction,
+            column + (peak.column - half) * reduction,
+            row + (peak.row - half) * reduction,
             peak.sigma_px * reduction,
             peak.z,
             operator,
@@ -300,19 +356,6 @@ def match_point(
         for operator, peak in peaks
     )
     return Found(point, moved, float(((2 * half + 1) * reduction) ** 2)) if moved else None
-
-
-def parts_about(
-    images: Images, pixel: Pixel, half: int, inner: int
-) -> tuple[Slices, Slices] | None:
-    """The window that is searched about a point, and its template; None where little is there."""
-    place = images.pair.window.window_from_pixel(np.reshape(pixel, (1, 2)))[0]
-    column, row = int(place[0]), int(place[1])
-    outer = inner + half
-    patch = np.s_[row - inner : row + inner + 1, column - inner : column + inner + 1]
-    around = np.s_[row - outer : row + outer + 1, column - outer : column + outer + 1]
-    known, usable = images.pair.known[patch].mean(), images.pair.usable[patch].mean()
-    return (around, patch) if known >= LEAST_KNOWN and usable >= LEAST_USABLE else None
 
 
 def merged(

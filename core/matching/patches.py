@@ -1,13 +1,14 @@
-"""A window of a scan beside the reference ortho, warped to look as that photo would see it."""
+"""Windows of a scan, and the reference about points warped to look as that photo would see it."""
 
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from core.arrays import Mask, ObjectPoints, PixelPoints
 from core.block import Photo
+from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.matching.reference import Reference
@@ -61,21 +62,44 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pair:
-    """One window of a scan and what the reference would look like in it."""
+class ScanPart:
+    """A window of a scan."""
 
     window: Window
     """Where it lies."""
-    scan: Image
-    """Grey values of the scan."""
+    grey: Image
+    """Grey values."""
+    usable: Mask
+    """Where the scan is photograph."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Templates:
+    """The reference about points as a photo would see it: square cells side by side in one picture.
+
+    The point lies in the very middle of its cell, wherever the photo is thought to be: what is
+    found of it hangs on the scan, and hardly on the prediction.
+    """
+
+    side: int
+    """Width of a cell, an odd number of pixels."""
+    across: int
+    """Cells to a row of the picture; they are counted row by row."""
     reference: Image
     """Grey values of the ortho, warped through orientation and DEM into the scan's geometry."""
     known: Mask
     """Where the reference is known."""
-    usable: Mask
-    """Where the scan is photograph."""
     roads: Image
     """255 where the map has a road, drawn into the scan's geometry; else 0."""
+
+    def cell(self, number: int, half_px: int) -> tuple[slice, slice]:
+        """Rows and columns of the 2 n + 1 pixels about the middle of a cell."""
+        row, column = divmod(number, self.across)
+        first = (self.side - 2 * half_px - 1) // 2
+        return tuple(
+            slice(place * self.side + first, place * self.side + first + 2 * half_px + 1)
+            for place in (row, column)
+        )  # pyright: ignore[reportReturnType]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,14 +150,8 @@ def object_on_ground(photo: Photo, camera: Camera, pixels: PixelPoints, dem: Dem
     return ground
 
 
-def read_pair(opened: OpenPhoto, reference: Reference, window: Window) -> Pair:
-    """Read a window of a scan and warp the reference into it with the current orientation.
-
-    Args:
-        opened: The photo.
-        reference: Ortho, heights and roads.
-        window: What is read.
-    """
+def read_scan(opened: OpenPhoto, window: Window) -> ScanPart:
+    """A window of a scan; beyond the scan the values of its rim go on."""
     size = window.reduction
     grey = read_window(
         opened.scan,
@@ -144,70 +162,114 @@ def read_pair(opened: OpenPhoto, reference: Reference, window: Window) -> Pair:
         size,
         outside="edge",
     )
-    image, known = warped_reference(opened, reference, window)
-    usable = usable_in(opened.scan, window)
-    roads = drawn_roads(opened, reference, window)
-    return Pair(window, np.asarray(grey, np.float32), image, known, usable, roads)
+    usable = np.ones((window.rows, window.columns), bool)
+    if opened.scan.usable is not None:
+        place, shape = (window.column, window.row), (window.columns, window.rows)
+        usable = opened.scan.usable.within(*place, *shape, size)
+    return ScanPart(window, np.asarray(grey, np.float32), usable)
 
 
-def usable_in(scan: ScanFile, window: Window) -> Mask:
-    """Where a scan is photograph in a window; everywhere if nobody has told."""
-    if scan.usable is None:
-        return np.ones((window.rows, window.columns), bool)
-    place, shape = (window.column, window.row), (window.columns, window.rows)
-    return scan.usable.within(*place, *shape, window.reduction)
+def read_templates(
+    opened: OpenPhoto, reference: Reference, pixels: PixelPoints, half_px: int, reduction: int
+) -> Templates:
+    """The reference about places of a photo, as its orientation has it.
 
-
-def drawn_roads(opened: OpenPhoto, reference: Reference, window: Window) -> Image:
-    """The roads of the map as strips of their width, as the photo would see them in a window."""
-    picture = np.zeros((window.rows, window.columns), np.float32)
-    if reference.roads is None:
-        return picture
-    photo, pixel_m = opened.photo, opened.ground_pixel_m * window.reduction
-    rim = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [window.columns, window.rows]
-    heights = np.full(4, photo.ground_height_m)
-    corners = photo.object_from_pixel(
-        window.pixel_from_window(rim.astype(np.float64)), heights, opened.camera
-    )
-    west, south = corners[:, :2].min(axis=0) - ROAD_MARGIN_M
-    east, north = corners[:, :2].max(axis=0) + ROAD_MARGIN_M
-    for points, width_m in reference.roads.within((west, south, east, north)):
-        pixels = window.window_from_pixel(photo.pixel_from_object(points, opened.camera))
-        if np.all(np.isfinite(pixels)) and np.abs(pixels).max() < FAR_PX:
-            fixed = np.round((pixels - 0.5) * (1 << SHIFT)).astype(np.int32)
-            thick = max(1, round(width_m / pixel_m))
-            cv2.polylines(picture, [fixed[:, None]], False, 255.0, thick, cv2.LINE_8, SHIFT)
-    return picture
-
-
-def warped_reference(opened: OpenPhoto, reference: Reference, window: Window) -> tuple[Image, Mask]:
-    """The ortho as the photo would see it in a window, and where it is known."""
-    columns = np.arange(0, window.columns + LATTICE_PX, LATTICE_PX, dtype=np.float64)
-    rows = np.arange(0, window.rows + LATTICE_PX, LATTICE_PX, dtype=np.float64)
-    nodes = np.stack(np.meshgrid(columns, rows), axis=2).reshape(-1, 2)
-    pixels = window.pixel_from_window(nodes)
-    ground = object_on_ground(opened.photo, opened.camera, pixels, reference.dem)
+    Args:
+        opened: The photo.
+        reference: Ortho, heights and roads.
+        pixels: Scan pixels that shall lie in the middle of a cell.
+        half_px: A cell is 2 n + 1 pixels wide.
+        reduction: Scan pixels to a pixel of the cells.
+    """
+    side, count = 2 * half_px + 1, len(pixels)
+    across = int(np.ceil(np.sqrt(count)))
+    steps = np.arange(0, side + LATTICE_PX, LATTICE_PX, dtype=np.float64)
+    lattice = np.stack(np.meshgrid(steps, steps), axis=2).reshape(-1, 2) - side / 2
+    nodes = (pixels[:, None] + lattice * reduction).reshape(-1, 2)
+    ground = object_on_ground(opened.photo, opened.camera, nodes, reference.dem)
     seen = ~np.isnan(ground[:, 2])
-    shape = (window.rows, window.columns)
+    shape = (-(-count // across) * side, across * side)
+    roads = drawn_roads(opened, reference, pixels, (side, across), reduction)
     if not seen.any():
-        return np.zeros(shape, np.float32), np.zeros(shape, bool)
-    sample = opened.ground_pixel_m * window.reduction
+        return Templates(side, across, np.zeros(shape, np.float32), np.zeros(shape, bool), roads)
+    sample = opened.ground_pixel_m * reduction
     grid = grid_over(ground[seen, :2], shared_gsd_m(reference, sample))
     patch = reference.ortho.read(grid)
-    maps = grid.grid_from_object(ground[:, :2]).reshape(len(rows), len(columns), 2)
-    across = upsampled(maps[:, :, 0], shape) - 0.5
-    down = upsampled(maps[:, :, 1], shape) - 0.5
+    lattices = (count, len(steps), len(steps))
+    places = grid.grid_from_object(ground[:, :2])
+    right, down = (
+        side_by_side(upsampled(places[:, axis].reshape(lattices), side), across)
+        - np.float32(HALF_PIXEL)
+        for axis in range(2)
+    )
     values = filled(patch.values, patch.mask)
-    image = cv2.remap(values, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    image = cv2.remap(values, right, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     known = np.ones(shape, bool)
     if not patch.mask.all():
         # design: rounding of the resampling; less has met an unknown pixel.
-        known &= cv2.remap(patch.mask.astype(np.float32), across, down, cv2.INTER_LINEAR) > 0.99
+        known &= cv2.remap(patch.mask.astype(np.float32), right, down, cv2.INTER_LINEAR) > 0.99
     if not seen.all():
-        weights = upsampled(seen.reshape(len(rows), len(columns)).astype(np.float64), shape)
+        weights = upsampled(seen.reshape(lattices).astype(np.float64), side)
         # design: the same.
-        known &= weights > 0.99
-    return np.asarray(image, np.float32), known
+        known &= side_by_side(weights, across) > 0.99
+    return Templates(side, across, np.asarray(image, np.float32), known, roads)
+
+
+def side_by_side(cells: Float32[np.ndarray, "cells side side"], across: int) -> Image:
+    """Square cells as one picture, so many to a row; where the last row ends early they begin anew.
+
+    Nothing flat stands between them that would count for what is usual on this ground.
+    """
+    count, side = len(cells), cells.shape[1]
+    rows = -(-count // across)
+    whole = cells[np.arange(rows * across) % count]
+    picture = whole.reshape(rows, across, side, side).swapaxes(1, 2)
+    return np.ascontiguousarray(picture.reshape(rows * side, across * side))
+
+
+def drawn_roads(
+    opened: OpenPhoto,
+    reference: Reference,
+    pixels: PixelPoints,
+    cells: tuple[int, int],
+    reduction: int,
+) -> Image:
+    """The roads of the map as strips of their width, as the photo would see them.
+
+    Args:
+        opened: The photo.
+        reference: With its roads, or without.
+        pixels: Scan pixels in the middle of each cell.
+        cells: Width of a cell, and how many are side by side.
+        reduction: Scan pixels to a pixel of the cells.
+    """
+    (side, across), count = cells, len(pixels)
+    drawn = np.zeros((count, side, side), np.float32)
+    if reference.roads is None:
+        return side_by_side(drawn, across)
+    photo, pixel_m = opened.photo, opened.ground_pixel_m * reduction
+    low, high = (edge(pixels, axis=0) for edge in (np.min, np.max))
+    reach = side / 2 * reduction
+    rim = np.array([low - reach, [high[0] + reach, low[1] - reach], high + reach,
+                    [low[0] - reach, high[1] + reach]])  # fmt: skip
+    corners = photo.object_from_pixel(rim, np.full(4, photo.ground_height_m), opened.camera)
+    west, south = corners[:, :2].min(axis=0) - ROAD_MARGIN_M
+    east, north = corners[:, :2].max(axis=0) + ROAD_MARGIN_M
+    for points, width_m in reference.roads.within((west, south, east, north)):
+        line = photo.pixel_from_object(points, opened.camera)
+        if not np.all(np.isfinite(line)):
+            continue
+        thick = max(1, round(width_m / pixel_m))
+        room = reach + thick * reduction
+        near = (line.min(axis=0) < pixels + room) & (line.max(axis=0) > pixels - room)
+        for number in np.flatnonzero(near.all(axis=1)):
+            places = (line - pixels[number]) / reduction + side / 2
+            if np.abs(places).max() < FAR_PX:
+                fixed = np.round((places - HALF_PIXEL) * (1 << SHIFT)).astype(np.int32)
+                cv2.polylines(
+                    drawn[number], [fixed[:, None]], False, 255.0, thick, cv2.LINE_8, SHIFT
+                )
+    return side_by_side(drawn, across)
 
 
 def shared_gsd_m(reference: Reference, sample_m: float) -> float:
@@ -231,23 +293,22 @@ def grid_over(points: Float64[np.ndarray, "n 2"], gsd_m: float) -> Grid:
 
 
 def upsampled(
-    nodes: Float64[np.ndarray, "node_rows node_columns"], shape: tuple[int, int]
-) -> Image:
+    nodes: Float64[np.ndarray, "cells nodes nodes"], side: int
+) -> Float32[np.ndarray, "cells side side"]:
     """Values of lattice nodes (every LATTICE_PX pixels from the corner) at all pixel centres.
 
     Bilinear by matrices: the resampling of OpenCV quantises its weights to 1/32.
     """
-    down = interpolation_matrix(shape[0], nodes.shape[0])
-    across = interpolation_matrix(shape[1], nodes.shape[1])
+    weights = interpolation_matrix(side, nodes.shape[1])
     # Less their mean the nodes lose nothing in single precision.
-    middle = nodes.mean()
-    left = (down @ (nodes - middle)).astype(np.float32)
-    return left @ across.T.astype(np.float32) + np.float32(middle)
+    middle = nodes.mean(axis=(1, 2), keepdims=True)
+    left = (weights @ (nodes - middle)).astype(np.float32)
+    return left @ weights.T.astype(np.float32) + middle.astype(np.float32)
 
 
 def interpolation_matrix(pixels: int, nodes: int) -> Float64[np.ndarray, "pixels nodes"]:
     """Linear weights of the nodes at every pixel centre."""
-    place = (np.arange(pixels) + 0.5) / LATTICE_PX
+    place = (np.arange(pixels) + HALF_PIXEL) / LATTICE_PX
     left = np.minimum(place.astype(np.int64), nodes - 2)
     share = place - left
     matrix = np.zeros((pixels, nodes))

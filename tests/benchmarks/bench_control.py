@@ -37,7 +37,6 @@ from core.matching.local_search import (
     MatchingOptions,
     Prediction,
     looked_at,
-    parts_about,
     predict_pixels,
 )
 from core.matching.patches import OpenPhoto
@@ -126,16 +125,13 @@ def in_tile(task: Task, prediction: Prediction, members: np.ndarray) -> list[lis
     own = Prediction(prediction.pixels, prediction.sigma_px, prediction.inside & members)
     halves = np.full(len(members), task.half)
     misses: list[list[float]] = []
-    for images, point in looked_at(task.opened, task.reference, own, halves, task.matching):
-        pixel = prediction.pixels[point]
-        parts = parts_about(images, pixel, task.half, task.matching.template_half_px)
-        assert parts is not None
+    for view, point in looked_at(task.opened, task.reference, own, halves, task.matching):
         row: list[float] = []
         for operator in task.matching.operators:
-            surface = images.scores(operator.name, *parts)
+            surface = view.scores(operator.name)
             down, right = np.unravel_index(int(np.argmax(surface)), surface.shape)
             moved = (np.array([right, down]) - task.half) * task.matching.reduction
-            row.append(task.misses_m(point, pixel + moved))
+            row.append(task.misses_m(point, view.centre[0] + moved))
         misses.append(row)
     return misses
 
@@ -149,15 +145,18 @@ def phase_correlated(task: Task) -> tuple[float, float]:
     window = cv2.createHanningWindow((256, 256), cv2.CV_32F)
     seconds, right = 0.0, 0
     ones = np.ones(len(task.points), int)
-    for images, point in looked_at(task.opened, task.reference, prediction, ones, matching):
-        pixel = prediction.pixels[point]
-        column, row = (int(v) for v in images.pair.window.window_from_pixel(pixel[None])[0])
-        own = np.s_[row - 128 : row + 128, column - 128 : column + 128]
-        pair = (np.ascontiguousarray(v[own]) for v in (images.pair.reference, images.pair.scan))
+    for view, point in looked_at(task.opened, task.reference, prediction, ones, matching):
+        # The window has a pixel of room about the template on each side.
+        rows, columns = (slice(part.start + 1, part.start + 257) for part in view.around)
+        scan = np.ascontiguousarray(view.images.part.grey[rows, columns])
+        template = view.images.templates.reference[view.patch][:256, :256]
+        pair = np.ascontiguousarray(template), scan
         started = time.process_time()
         shift, _ = cv2.phaseCorrelate(*pair, window)
         seconds += time.process_time() - started
-        right += task.misses_m(point, pixel + np.array(shift) * matching.reduction) <= NEAR_M
+        right += (
+            task.misses_m(point, view.centre[0] + np.array(shift) * matching.reduction) <= NEAR_M
+        )
     return right / len(task.points), seconds
 
 

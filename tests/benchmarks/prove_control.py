@@ -24,7 +24,7 @@ from core.control.search import PREDICTION_SIGMA_M
 from core.literature.baselines import OPERATORS
 from core.literature.dense_descriptors import has_akaze
 from core.literature.published_chains import CHAINS, Preset, assemble_published
-from core.matching.local_search import MatchingOptions, looked_at, parts_about, predict_pixels
+from core.matching.local_search import MatchingOptions, looked_at, predict_pixels
 from core.matching.local_search import reduction_for as reduced
 from core.pipeline import STAGES, made
 from core.reference.stage import ReferencePoints
@@ -83,13 +83,10 @@ def hits(case: Case, names: list[str]) -> dict[str, tuple[int, int, float]]:
             )
             seen = 0
             halves = np.full(len(ids), half)
-            for images, point in looked_at(opened, case.reference, prediction, halves, matching):
+            for view, point in looked_at(opened, case.reference, prediction, halves, matching):
                 if group != quick and (seen >= SAMPLE // 6 or number > 5):
                     break
                 pixel = prediction.pixels[point]
-                parts = parts_about(images, pixel, half, inner)
-                if parts is None:
-                    continue
                 place = points.positions[point : point + 1]
                 true = true_pixel(case.truth, photo_id, pixel[None], place)
                 if np.abs(true - pixel).max() > (half - 4) * reduction:
@@ -97,10 +94,10 @@ def hits(case: Case, names: list[str]) -> dict[str, tuple[int, int, float]]:
                 seen += 1
                 for name in group:
                     started = time.perf_counter()
-                    surface = images.scores(name, *parts)
+                    surface = view.scores(name)
                     found[name][2] += time.perf_counter() - started
                     row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
-                    best = pixel + (np.array([column, row]) - half) * reduction
+                    best = view.centre[0] + (np.array([column, row]) - half) * reduction
                     away = float(np.hypot(*(best - true))) * opened.ground_pixel_m
                     found[name][0] += away <= WRONG_M
                     found[name][1] += 1

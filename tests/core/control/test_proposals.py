@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.block import Block, Measurement, Peak, Source, SurveyedPoint
-from core.control.proposals import judged, measurement_of, surveyed_of, with_proposals
+from core.control.proposals import ACCEPT, judged, measurement_of, surveyed_of, with_proposals
 from core.control.search import Chance, Search
 from core.reference.stage import ReferencePoints
 
@@ -51,9 +51,22 @@ def test_where_none_is_probable_the_highest_is_shown_and_not_used__law():
 def test_what_stands_aside_is_stated_with_the_spread_of_such_objects__law():
     """Half probable to stand aside, by a metre per axis: a variance of half a square metre more."""
     one = search((2.4, 6.0))
-    found = measurement_of(one, np.array([0.97]), np.array([0.5]))
+    found = measurement_of(one, np.array([1.0]), np.array([0.5]))
     assert found.sigma_px == pytest.approx(np.hypot(0.4, np.sqrt(0.5) / PIXEL_M))
-    assert measurement_of(one, np.array([0.97]), np.zeros(1)).sigma_px == 0.4
+    assert measurement_of(one, np.array([1.0]), np.zeros(1)).sigma_px == 0.4
+
+
+def test_what_a_candidate_counts_for_grows_from_nearly_nothing_with_its_probability__law():
+    """No candidate that crosses the threshold moves the block all at once."""
+    one = search((2.4, 6.0))
+    weights = [
+        (0.4 / measurement_of(one, np.array([right]), np.zeros(1)).sigma_px) ** 2
+        for right in np.linspace(ACCEPT, 1.0, 50)
+    ]
+    assert weights[0] == pytest.approx(0.05)
+    assert weights[-1] == pytest.approx(1.0)
+    assert (np.diff(weights) >= -1e-9).all()
+    assert np.diff(weights).max() < 0.03
 
 
 def test_a_junction_aside_is_believed_and_a_salient_point_there_is_not__truth():

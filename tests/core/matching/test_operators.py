@@ -120,7 +120,7 @@ def test_a_wide_mean_found_on_a_reduced_image_is_that_of_the_whole_one__oracle()
 def test_a_drawn_road_lies_where_the_photo_shows_it__truth(tiny):
     """Vertices of the true lines, projected, lie on the strips that were drawn."""
     from core.formats.roads import read_roads
-    from core.matching.patches import Window, drawn_roads
+    from core.matching.patches import drawn_roads
     from core.matching.reference import lines_on_ground
     from core.synthetic.options import CRS
 
@@ -128,14 +128,13 @@ def test_a_drawn_road_lies_where_the_photo_shows_it__truth(tiny):
     lines = lines_on_ground(roads, tiny.reference.dem)
     reference = replace(tiny.reference, roads=lines)
     opened = tiny.opened(tiny.names[0])
-    window = Window(200, 250, 300, 260, 2)
-    picture = drawn_roads(opened, reference, window)
-    places = window.window_from_pixel(
-        opened.photo.pixel_from_object(np.asarray(lines.points), tiny.truth.camera)
-    )
-    inside = ((places > 3) & (places < np.array([297, 257]))).all(axis=1)
+    middle = np.array([[500.0, 510.0]])
+    picture = drawn_roads(opened, reference, middle, (301, 1), 2)
+    pixels = opened.photo.pixel_from_object(np.asarray(lines.points), tiny.truth.camera)
+    places = (pixels - middle) / 2 + 150.5
+    inside = ((places > 3) & (places < 298)).all(axis=1)
     assert inside.sum() > 50
     column, row = np.floor(places[inside]).astype(int).T
     assert (picture[row, column] > 0).mean() > 0.99
     assert 0.01 < (picture > 0).mean() < 0.3
-    assert not drawn_roads(opened, tiny.reference, window).any()
+    assert not drawn_roads(opened, tiny.reference, middle, (301, 1), 2).any()

@@ -1,5 +1,7 @@
 """A window of a scan beside the reference as that photo would see it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,13 +10,15 @@ from hypothesis import strategies as st
 from core.geometry.exterior import ExteriorOrientation
 from core.matching.operators import high_passed
 from core.matching.patches import (
+    Templates,
     Window,
     filled,
     grid_over,
     object_on_ground,
-    read_pair,
+    read_scan,
+    read_templates,
+    side_by_side,
     upsampled,
-    warped_reference,
 )
 from core.matching.peaks import detect_peaks
 from core.matching.template_search import correlation_scores
@@ -30,9 +34,17 @@ def window_about(photo, share, side=SIDE, reduction=1) -> Window:
     return Window(column - half, row - half, side, side, reduction)
 
 
-def shift_between(pair) -> tuple[np.ndarray, float]:
+def templates_in(opened, reference, window):
+    """The reference in the very pixels of a window of odd size."""
+    middle = window.pixel_from_window(np.array([[window.columns / 2, window.rows / 2]]))
+    return read_templates(opened, reference, middle, window.columns // 2, window.reduction)
+
+
+def shift_between(opened, reference, window) -> tuple[np.ndarray, float]:
     """Shift (column, row) of the scan against the warped reference, pixels, and likeness."""
-    scan, reference = high_passed(pair.scan, 10.0), high_passed(pair.reference, 10.0)
+    part, templates = read_scan(opened, window), templates_in(opened, reference, window)
+    assert part.grey.shape == templates.reference.shape
+    scan, reference = high_passed(part.grey, 10.0), high_passed(templates.reference, 10.0)
     patch = np.ascontiguousarray(reference[ROOM:-ROOM, ROOM:-ROOM])
     peak = detect_peaks(correlation_scores(scan, patch), 1, 4)[0]
     return np.array([peak.column - ROOM, peak.row - ROOM]), peak.value
@@ -44,7 +56,7 @@ def test_the_ground_of_its_day_seen_through_the_truth_is_the_scan__truth(tiny):
     for name in tiny.names[:3]:
         for share in PLACES:
             window = window_about(tiny.photos[name], share)
-            shift, likeness = shift_between(read_pair(tiny.opened(name), tiny.archival(), window))
+            shift, likeness = shift_between(tiny.opened(name), tiny.archival(), window)
             shifts.append(shift)
             likenesses.append(likeness)
     assert np.min(likenesses) > 0.6
@@ -55,9 +67,7 @@ def test_the_ground_of_its_day_seen_through_the_truth_is_the_scan__truth(tiny):
 def test_a_reduced_window_is_warped_alike__truth(tiny):
     name = tiny.names[1]
     window = window_about(tiny.photos[name], (0.5, 0.5), side=121, reduction=2)
-    pair = read_pair(tiny.opened(name), tiny.archival(), window)
-    assert pair.scan.shape == pair.reference.shape == (121, 121)
-    shift, likeness = shift_between(pair)
+    shift, likeness = shift_between(tiny.opened(name), tiny.archival(), window)
     assert likeness > 0.6
     assert np.hypot(*shift) < 0.15
 
@@ -73,7 +83,7 @@ def test_a_wrong_orientation_shows_as_the_shift_it_is__truth(tiny):
     camera, dem = tiny.truth.camera, tiny.reference.dem
     ground = object_on_ground(tiny.opened(name, aside).photo, camera, middle, dem)
     expected = tiny.photos[name].pixel_from_object(ground, camera) - middle
-    found, _ = shift_between(read_pair(tiny.opened(name, aside), tiny.archival(), window))
+    found, _ = shift_between(tiny.opened(name, aside), tiny.archival(), window)
     np.testing.assert_allclose(found, expected[0], atol=0.3)
 
 
@@ -93,9 +103,9 @@ def test_beyond_the_reference_nothing_is_known__truth(tiny):
     true = tiny.photos[name].exterior
     away = ExteriorOrientation(true.centre + np.array([1e5, 0, 0]), true.omega, true.phi, 0.0)
     window = window_about(tiny.photos[name], (0.5, 0.5))
-    image, known = warped_reference(tiny.opened(name, away), tiny.reference, window)
-    assert not known.any()
-    assert not image.any()
+    templates = templates_in(tiny.opened(name, away), tiny.reference, window)
+    assert not templates.known.any()
+    assert not templates.reference.any()
     ground = object_on_ground(
         tiny.opened(name, away).photo, tiny.truth.camera, np.array([[500.0, 500.0]]),
         tiny.reference.dem,
@@ -111,10 +121,41 @@ def test_a_window_over_the_edge_of_the_reference_knows_its_part__truth(tiny):
     centre = np.array([bounds[2], (bounds[1] + bounds[3]) / 2, true.centre[2]])
     edge = ExteriorOrientation(centre, 0.0, 0.0, 0.0)
     window = window_about(tiny.photos[name], (0.5, 0.5), side=301)
-    image, known = warped_reference(tiny.opened(name, edge), tiny.reference, window)
-    assert known[:, :100].mean() > 0.95
-    assert not known[:, -100:].any()
-    assert np.isfinite(image).all()
+    templates = templates_in(tiny.opened(name, edge), tiny.reference, window)
+    assert templates.known[:, :100].mean() > 0.95
+    assert not templates.known[:, -100:].any()
+    assert np.isfinite(templates.reference).all()
+
+
+def test_templates_hang_on_the_point_and_not_on_where_the_photo_is_thought_to_be__law(tiny):
+    """A photo moved by a pixel and a half has the same templates about the same points."""
+    name = tiny.names[0]
+    true, opened = tiny.photos[name].exterior, tiny.opened(tiny.names[0])
+    shift = np.array([1.5 * opened.ground_pixel_m, 0.4, 0.0])
+    beside = tiny.opened(name, replace(true, centre=true.centre + shift))
+    ground = object_on_ground(
+        opened.photo, opened.camera, np.array(PLACES) * opened.scan.size_px, tiny.reference.dem
+    )
+    one, other = (
+        read_templates(
+            each, tiny.reference, each.photo.pixel_from_object(ground, each.camera), 30, 1
+        )
+        for each in (opened, beside)
+    )
+    assert one.known.all()
+    assert one.reference.std() > 10
+    assert np.sqrt(np.mean((one.reference - other.reference) ** 2)) < 0.02 * one.reference.std()
+
+
+def test_cells_stand_in_their_order__law():
+    cells = np.arange(5, dtype=np.float32)[:, None, None] + np.zeros((5, 7, 7), np.float32)
+    picture = side_by_side(cells, 3)
+    assert picture.shape == (14, 21)
+    templates = Templates(7, 3, picture, picture > 0, picture)
+    for number in range(5):
+        part = picture[templates.cell(number, 2)]
+        assert part.shape == (5, 5)
+        assert (part == number).all()
 
 
 @settings(max_examples=50, deadline=None)
@@ -128,13 +169,14 @@ def test_window_and_scan_pixels_lead_to_each_other__law(column, row, reduction):
     np.testing.assert_array_equal(window.pixel_from_window(points)[0], [column, row])
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (24, 24), (25, 49), (161, 200)])
-def test_a_plane_over_the_nodes_is_that_plane_at_every_pixel__law(shape):
-    rows, columns = (int(np.ceil(side / 24)) + 1 for side in shape)
-    row, column = np.mgrid[:rows, :columns] * 24.0
-    plane = upsampled(3 + 0.5 * column - 0.25 * row, shape)
-    row, column = np.mgrid[: shape[0], : shape[1]] + 0.5
-    np.testing.assert_allclose(plane, 3 + 0.5 * column - 0.25 * row, rtol=1e-5, atol=1e-5)
+@pytest.mark.parametrize("side", [1, 24, 25, 49, 161])
+def test_a_plane_over_the_nodes_is_that_plane_at_every_pixel__law(side):
+    nodes = int(np.ceil(side / 24)) + 1
+    row, column = np.mgrid[:nodes, :nodes] * 24.0
+    planes = np.stack([3 + 0.5 * column - 0.25 * row, 900.0 - column])
+    row, column = np.mgrid[:side, :side] + 0.5
+    expected = np.stack([3 + 0.5 * column - 0.25 * row, 900.0 - column])
+    np.testing.assert_allclose(upsampled(planes, side), expected, rtol=1e-5, atol=1e-5)
 
 
 def test_the_grid_covers_its_points_with_room__law():

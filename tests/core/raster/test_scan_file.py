@@ -14,7 +14,7 @@ from rasterio.transform import Affine
 from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.matching.local_search import predict_pixels
-from core.matching.patches import Window, object_on_ground, read_pair
+from core.matching.patches import Window, object_on_ground, read_scan
 from core.raster.scan_file import (
     ScanFiles,
     ScanSource,
@@ -243,6 +243,6 @@ def test_nothing_is_sought_on_a_data_strip__truth(tiny) -> None:
     assert whole.inside.all()
     np.testing.assert_array_equal(found.inside, share[:, 1] < 2 / 3)
     window = Window(columns // 2, 2 * rows // 3 - 40, 80, 80, 1)
-    usable = read_pair(masked, tiny.reference, window).usable
+    usable = read_scan(masked, window).usable
     assert usable[:35].all()
     assert not usable[45:].any()
