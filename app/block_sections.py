@@ -6,8 +6,7 @@ from app.block_toml import MILLIMETRES, Document, Table, Unit
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.formats.micmac_measures import read_camera_measures
-from core.geometry.camera import SETS, Camera
-from core.geometry.image_corrections import polynomial_from_table
+from core.geometry.camera import SETS, Camera, polynomial_from_table
 
 CAMERA_KEYS = (
     "principal_distance_mm",

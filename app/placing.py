@@ -10,10 +10,9 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from app.block_input import described
 from app.desk.background import survived
 from app.desk.inputs import lasting_token
-from app.project import Project, read_project
+from app.project import Project, described, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.settings import Settings
 from app.terminal import JsonLines

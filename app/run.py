@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import cast
 
-from app.block_input import described
-from app.interruption import Interruption, interruptible
-from app.project import Project
+from app.project import Project, described
 from app.report.model import ReportContent
 from app.report.page import write_report
 from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results
 from app.report.wording import remarks
 from app.settings import Threads
-from app.terminal import Voice
+from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
@@ -35,7 +33,7 @@ from core.raster.ortho import open_ortho
 from core.results import BlockInput, StageResults
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
-from sessions.fiducials import Films, judged_scans, mark_changes, with_effect
+from sessions.replay import Films, judged_scans, mark_changes, with_effect
 from sessions.session import Session
 
 LAST_STAGES = {

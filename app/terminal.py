@@ -1,22 +1,27 @@
-"""How long work shows itself on a terminal, or to a machine that reads lines of JSON."""
+"""How long work shows itself on a terminal or to a machine that reads JSON, and how it is stopped.
+
+Python raises KeyboardInterrupt wherever the main thread happens to be. Inside a callback of a
+library, or while an object is being destroyed, it is printed and forgotten, and the work would go
+on. So Ctrl-C is noted as well, and the next report of progress stops the work.
+"""
 
 import json
 import os
+import signal
 import sys
+import threading
 import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TextIO
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
 
-from core.errors import PhotogrammetryError
+from core.errors import Cancelled, PhotogrammetryError
+from core.progress import Progress
 
 
 class LastingConsole(Console):
@@ -31,7 +36,7 @@ class LastingConsole(Console):
 class StageProgress:
     """One stage's bar; satisfies `core.progress.Progress`."""
 
-    def __init__(self, bars: Progress, task: TaskID) -> None:
+    def __init__(self, bars: ProgressBar, task: TaskID) -> None:
         self.bars, self.task = bars, task
 
     def report(self, done: float, total: float, what: str = "") -> None:
@@ -44,11 +49,11 @@ class Terminal:
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or LastingConsole(highlight=False, soft_wrap=True)
-        self.bars: Progress | None = None
+        self.bars: ProgressBar | None = None
 
     def stage(self, name: str, title: str) -> StageProgress:
         """Begin a stage."""
-        self.bars = Progress(
+        self.bars = ProgressBar(
             TextColumn("{task.description:<34}"),
             BarColumn(bar_width=24),
             TimeElapsedColumn(),
@@ -145,3 +150,50 @@ def let_go_of_output() -> None:
 
 Voice = Terminal | JsonLines
 """Who tells the operator how the work goes."""
+
+
+@dataclass(slots=True)
+class Interruption:
+    """Whether the operator has asked to stop."""
+
+    asked: threading.Event = field(default_factory=threading.Event)
+    """Set by the first Ctrl-C."""
+
+    def check(self) -> None:
+        """Stop here when asked to; raises `Cancelled`."""
+        if self.asked.is_set():
+            raise Cancelled
+
+    def watching(self, progress: Progress) -> Progress:
+        """The same progress, which also stops the work when asked to."""
+        return _Watched(progress, self)
+
+
+@dataclass(frozen=True, slots=True)
+class _Watched:
+    progress: Progress
+    interruption: Interruption
+
+    def report(self, done: int | float, total: int | float, what: str = "") -> None:
+        """Pass the report on; raises `Cancelled` when asked to stop."""
+        self.interruption.check()
+        self.progress.report(done, total, what)
+
+
+@contextmanager
+def interruptible() -> Generator[Interruption]:
+    """Note every Ctrl-C while the block lasts; outside the main thread none arrives."""
+    noted = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+
+    def stop(*_: object) -> None:
+        noted.asked.set()
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)

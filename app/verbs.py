@@ -1,21 +1,45 @@
 """What each verb does: parsed arguments in, work done, sentences to the operator."""
 
 import argparse
+import os
+import shutil
+import time
+import warnings
 import webbrowser
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from app.demo import make_demo, tell_truth
+import numpy as np
+import pyogrio
+import pyproj
+import rasterio
+from pyproj.transformer import TransformerGroup
+
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
-from app.doctor import examine
 from app.new_block import recognise, write_block_toml
 from app.placing import open_placing, placeable
-from app.project import Project, read_project
+from app.project import Project, described, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.terminal import Voice
+from core.adjustment.adjusted import AdjustmentReport
+from core.errors import StorageError
+from core.matching.reference import open_reference
+from core.mosaic.comparison import compare_orthos
+from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
+from core.synthetic.truth import judge_control, judge_orientations, read_truth
+from sessions.atomic_write import whole_file
+from sessions.disk import explain_disk_errors
+from sessions.products import digest_of
 from sessions.session import Session
+
+STAMP = ".demo"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
+GIB = 1024**3
+LEAST_MEMORY_GIB = 4.0
+SPACE_PER_SCAN_GIB = 0.6
 
 
 def stage_names() -> tuple[str, ...]:
@@ -107,3 +131,122 @@ def doctor(given: argparse.Namespace, voice: Voice) -> None:
     """What this machine, and a block, lack."""
     for finding in examine(given.block):
         voice.say(finding)
+
+
+def make_demo(folder: Path, options: SyntheticOptions, voice: Voice) -> None:
+    """Make the block, unless this very block is there already.
+
+    Raises:
+        StorageError: The folder holds something else, or cannot be written.
+    """
+    stamp, digest = folder / STAMP, digest_of("demo", 1, options)
+    if stamp.is_file():
+        if stamp.read_text(encoding="utf-8") == digest:
+            return
+        raise StorageError(
+            folder,
+            "holds a demo block with other options.",
+            "Give another folder with --out, or remove this one.",
+        )
+    if folder.is_dir() and (folder / "block.toml").exists():
+        raise StorageError(
+            folder, "holds a block that is not a demo.", "Give another folder with --out."
+        )
+    started = time.monotonic()
+    progress = voice.stage("make", "A landscape, a flight, film")
+    with explain_disk_errors(folder):
+        make_block(folder, options, progress)
+    with whole_file(stamp) as temporary:
+        temporary.write_text(digest, encoding="utf-8")
+    voice.ended("make", "A landscape, a flight, film", time.monotonic() - started, str(folder))
+
+
+def tell_truth(folder: Path, report: AdjustmentReport, voice: Voice) -> None:
+    """Compare a demo's results with the truth that was put in, and say so in a table."""
+    for line in truth_lines(folder, report):
+        voice.say(line)
+
+
+def truth_lines(folder: Path, report: AdjustmentReport) -> list[str]:
+    """The comparison with truth, a line for each figure."""
+    truth = read_truth(folder)
+    control = judge_control(truth, report.block)
+    photos = judge_orientations(truth, report.block)
+    mosaic = compare_orthos(
+        folder / "results" / "mosaic.tif", folder / "truth" / "archival_ortho.tif"
+    )
+    oriented = sum(photo.oriented for photo in report.block.photos.values())
+    ground = float(np.sqrt(np.mean(np.square(photos.ground_m))))
+    return [
+        "",
+        "Against the truth that was put in",
+        f"  photos oriented          {oriented} of {len(report.block.photos)}",
+        f"  mosaic m_p               {mosaic.m_p:.2f} m  "
+        f"(m_X {mosaic.m_x:.2f}, m_Y {mosaic.m_y:.2f}, {mosaic.n} places)",
+        f"  orientation, on ground   {ground:.2f} m rms over the frames",
+        f"  control measurements     {control.used} used, "
+        f"{100 * control.wrong_share:.1f} % wrong (more than 3 m off)",
+        f"  sigma nought             {report.sigma_nought:.2f}",
+        "",
+    ]
+
+
+def examine(block: Path | None) -> Iterator[str]:
+    """Findings on the machine, then on a block; a line that begins with `!` needs attention."""
+    yield f"GDAL {rasterio.__gdal_version__}, PROJ {pyproj.proj_version_str}"
+    yield from drivers()
+    yield from grids()
+    browser = next((name for name in BROWSERS if shutil.which(name)), None)
+    yield (
+        f"Browser: {browser}" if browser else "! No browser found: open the desk's address by hand"
+    )
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
+    note = "" if memory >= LEAST_MEMORY_GIB else "! "
+    yield f"{note}Memory: {memory:.0f} GiB ({LEAST_MEMORY_GIB:.0f} GiB are enough for any scan)"
+    yield f"Processors: {os.cpu_count()}"
+    if block is not None:
+        yield from of_block(block)
+
+
+def drivers() -> Iterator[str]:
+    """Raster and vector formats that archives use."""
+    with rasterio.Env() as env:
+        known = env.drivers()
+    for name, use in (("GTiff", "TIFF"), ("JP2OpenJPEG", "JPEG 2000"), ("COG", "mosaics")):
+        if name not in known:
+            yield f"! GDAL has no driver {name} ({use})"
+    for name in ("ESRI Shapefile", "GPKG", "GeoJSON"):
+        if name not in pyogrio.list_drivers():
+            yield f"! GDAL has no vector driver {name}"
+
+
+def grids() -> Iterator[str]:
+    """The grids that heights and datums of Czechia need."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is missing is told below, in our words
+        group = TransformerGroup("EPSG:5514+8357", "EPSG:4937", always_xy=True)
+    if not group.best_available:
+        yield (
+            "! PROJ lacks the grids for S-JTSK and Bpv heights: keep reference and control in one "
+            "CRS (nothing is then transformed), or install them with projsync"
+        )
+
+
+def of_block(block: Path) -> Iterator[str]:
+    """What a block lacks: files, space for its results."""
+    project = read_project(block)
+    given = described(project)
+    reference = open_reference(given.reference)
+    yield f"Block {given.name}: {len(given.scans)} scans, {given.crs}"
+    gsd = reference.ortho.ground_sample_distance_m
+    yield f"Reference: ortho {gsd:g} m, DEM {reference.dem.ground_sample_distance_m:g} m"
+    if not given.reference.roads:
+        yield "No road layers: control comes from salient points of the ortho alone"
+    if not all(given.cameras[scan.camera].fiducials_mm for scan in given.scans):
+        yield (
+            "! Some cameras have no fiducials_mm: their marks are looked for, and placed by all "
+            "photos together"
+        )
+    free = shutil.disk_usage(project.folder).free / GIB
+    needed = SPACE_PER_SCAN_GIB * len(given.scans)
+    yield f"{'' if free > needed else '! '}Disk: {free:.1f} GiB free, about {needed:.1f} GiB needed"

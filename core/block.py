@@ -10,10 +10,9 @@ from shapely import Polygon
 
 from core.arrays import FilmPoints, Indices, ObjectPoints, PixelPoints, Position, Scalars, locked
 from core.geometry.camera import Camera
-from core.geometry.collinearity import film_from_object, object_from_film
+from core.geometry.collinearity import Atmosphere, atmosphere_of, film_from_object, object_from_film
 from core.geometry.crs import Bounds
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere, atmosphere_of
 from core.geometry.interior import InteriorOrientation
 
 Status = Literal["auto", "accepted", "rejected", "dubious", "unused"]

@@ -40,8 +40,8 @@ from core.control.calibration_check import Bin
 from core.control.stage import ControlFound
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
+from core.geometry.collinearity import Atmosphere
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere
 from core.geometry.interior import InteriorOrientation
 from core.georeference.approximation import Approximation
 from core.georeference.stage import Georeferenced
@@ -56,7 +56,7 @@ from core.raster.scan_file import ScanFile, Scratch, UsableArea
 from core.reference.stage import ReferenceFeatures, ReferencePoints
 from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
-from core.scans.measured_marks import FiducialMeasurement
+from core.scans.judging import FiducialMeasurement
 from core.scans.stage import ScanSet
 from core.ties.stage import Tied
 from sessions.decisions import DECISIONS, Recorded

@@ -17,11 +17,10 @@ from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import Decision, Recorded, Withdraw, last_to_redo, last_to_undo
 from sessions.disk import explain_disk_errors
-from sessions.fiducials import Films
 from sessions.layers import write_layers
 from sessions.processes import only_run
 from sessions.products import Products
-from sessions.replay import Replayed, replay_all, with_place
+from sessions.replay import Films, Replayed, replay, with_place
 from sessions.store import Row, Store
 
 FILE = "session.gpkg"
@@ -102,7 +101,7 @@ class Session:
 
     def replayed_all(self, block: Block, found: Films | None = None) -> Replayed:
         """As `replayed`, with the decisions that find no place in this block."""
-        return replay_all(block, self.decisions(), found)
+        return replay(block, self.decisions(), found)
 
     def undo(self, operator: str | None = None) -> Recorded | None:
         """Withdraw the operator's own last decision that stands; None when there is none."""

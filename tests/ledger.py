@@ -54,23 +54,8 @@ SHAPE_KEYWORDS = {
 }
 """Keyword arguments that are shapes, counts, digits or the version of a stage."""
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
-FIDUCIALS = {
-    *("camera_group", "camera_marks", "candidates", "centring", "constellation", "corrected_marks"),
-    *("edges", "fiducials", "hand_marks", "interior_doubts", "judging", "layouts", "mark_doubts"),
-    *(
-        "mark_recovery",
-        "mark_sets",
-        "mark_windows",
-        "marks",
-        "measured_marks",
-        "measuring",
-        "naming",
-    ),
-    *("notches", "set_chance", "snapping"),
-}
-"""Modules of core/scans that find fiducials, counted as a room of their own."""
-EXEMPT = {"synthetic", "scans: fiducials"}
-"""Counted, not listed: a model world is its numbers; the modules of fiducials are to be merged."""
+EXEMPT = {"synthetic"}
+"""Counted, not listed: a model world is its numbers."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +77,8 @@ class Setting:
 
     @property
     def room(self) -> str:
-        """Folder or module of core; the modules that find fiducials are told apart."""
-        path = Path(self.file)
-        room = path.parts[1].removesuffix(".py")
-        return "scans: fiducials" if room == "scans" and path.stem in FIDUCIALS else room
+        """Folder or module of core."""
+        return Path(self.file).parts[1].removesuffix(".py")
 
 
 @cache

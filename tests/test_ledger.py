@@ -4,17 +4,10 @@ import re
 
 from tests.ledger import EXEMPT, HOME, all_settings, settings_in
 
-TO_DO = {"scans"}
-"""Rooms with numbers that still lack a reason. It only ever gets shorter."""
-
 
 def test_every_number_of_core_has_a_reason__law() -> None:
-    bare = [s for s in all_settings() if not s.kind and s.room not in EXEMPT | TO_DO]
+    bare = [s for s in all_settings() if not s.kind and s.room not in EXEMPT]
     assert not [f"{s.file}:{s.line} {s.name} = {s.value}" for s in bare]
-
-
-def test_a_room_whose_numbers_all_have_reasons_is_done__law() -> None:
-    assert {s.room for s in all_settings() if not s.kind} >= TO_DO
 
 
 def test_a_measured_number_names_a_script_that_exists__law() -> None:

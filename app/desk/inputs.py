@@ -10,9 +10,8 @@ from typing import Protocol, cast
 
 import numpy as np
 
-from app.block_input import described
 from app.desk.background import Adjust, Remake
-from app.project import Project
+from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport

@@ -11,7 +11,7 @@ from core.block import Measurement, Peak
 from core.control.likeness import OPERATOR, Likeness
 from core.doubts import Failure
 from core.scans.centring import Centre
-from core.scans.snapping import Example, snap_mark
+from core.scans.corrected_marks import Example, snap_mark
 from sessions.decisions import Accept, AddPoint, Place, PlaceFiducial, Recorded
 from sessions.replay import HAND_SIGMA_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints

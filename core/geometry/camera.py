@@ -13,14 +13,15 @@ und Luftbildwesen 44 (twelve parameters, orthogonal on nine Gruber points); Grue
 International Archives 22-3 (forty-four, orthogonal on 5 x 5 points).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float64, Int
 
-from core.arrays import FilmPoints, Scalars
+from core.arrays import FilmPoints, Scalars, locked
+from core.doubts import Failure
 
 # source: Gruen 1978 takes powers 0 to 4.
 DEGREES = 5
@@ -266,6 +267,33 @@ def _orthogonal(places: Scalars) -> Float64[np.ndarray, "degrees degrees"]:
             one, other = powers @ lines[row], powers @ lines[lower]
             lines[row] -= (one @ other) / (other @ other) * lines[lower]
     return lines
+
+
+def polynomial_from_table(
+    table: Sequence[tuple[float, float]], terms: int = 3
+) -> tuple[tuple[float, float, float], float] | Failure:
+    """k1, k2, k3 of dr = r (k1 r^2 + k2 r^4 + k3 r^6) that fit a certificate's table.
+
+    Certificates balance their table about a calibrated principal distance, so dr = k0 r is fitted
+    too and left out: the principal distance that the table belongs to takes it up.
+
+    Args:
+        table: Radius (mm) and radial distortion (um, outwards positive), from the certificate.
+        terms: How many of k1 to k3 are fitted; the others are nought.
+
+    Returns:
+        The coefficients for r in millimetres, and the RMS of what they leave of the table (um).
+    """
+    radii, shifts = locked([row for row in table if row[0] > 0]).reshape(-1, 2).T
+    if len(radii) < terms + 1:
+        return Failure(f"{len(radii)} radii are too few for {terms} coefficients.")
+    unit = float(radii.max())
+    scaled = radii / unit
+    design = np.column_stack([scaled ** (2 * k + 1) for k in range(terms + 1)])
+    solution = np.linalg.lstsq(design, shifts / 1000.0, rcond=None)[0]
+    left = design @ solution - shifts / 1000.0
+    k = [float(solution[i] / unit ** (2 * i + 1)) if i <= terms else 0.0 for i in range(1, 4)]
+    return (k[0], k[1], k[2]), float(np.sqrt(np.mean(left**2)) * 1000)
 
 
 _SETS = {

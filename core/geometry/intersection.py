@@ -10,6 +10,7 @@ from core.arrays import FilmPoints, Indices, ObjectPoints, Position, Scalars, lo
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.collinearity import (
+    Atmosphere,
     RayModel,
     constants_of,
     constants_of_air,
@@ -19,7 +20,6 @@ from core.geometry.collinearity import (
     stacked_partials,
 )
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere
 
 # design: a pixel of 15 um at 200 mm would move the height by 22 m in 3 km.
 SMALLEST_ANGLE = 0.01

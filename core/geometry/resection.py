@@ -11,10 +11,14 @@ import numpy as np
 from core.arrays import Indices, Matrix, ObjectPoints, PixelPoints
 from core.doubts import Failure
 from core.geometry.camera import Camera
-from core.geometry.collinearity import film_from_object, film_partials, increments_by_angles
+from core.geometry.collinearity import (
+    Atmosphere,
+    film_from_object,
+    film_partials,
+    increments_by_angles,
+)
 from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions, Step
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere
 from core.geometry.interior import InteriorOrientation
 
 # design: the linear model ranks the best nearly right; three leave room for a change of order.

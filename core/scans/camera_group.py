@@ -1,25 +1,59 @@
 """The scans of one camera together: what one alone cannot say, the others do."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float64
 
+from core.arrays import FilmPoints, PixelPoints
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
-from core.geometry.interior import InteriorOrientation
-from core.scans.camera_marks import EstimatedMarks, estimate_marks
-from core.scans.data_strip import STRIP_SIDES, strip_on_film, ways_of_strip
-from core.scans.duplicate_scans import turned_words
-from core.scans.film_area import area_from_interior
-from core.scans.handedness import front_is, sides_shown
-from core.scans.interior_doubts import doubts_of_fit
-from core.scans.interior_orientation import ScanOrientation, interior_of
-from core.scans.layouts import CORNERS, SIDES, UPRIGHT, WAYS, Way, lying
-from core.scans.measured_marks import FiducialMeasurement
-from core.scans.naming import name_marks
+from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
+from core.scans.fiducials import SQUARE
+from core.scans.film_area import STRIP_SIDES, area_from_interior
+from core.scans.interior_orientation import ScanOrientation, pooled_factor
+from core.scans.judging import FiducialMeasurement, doubts_of_fit, interior_of, places_of
+from core.scans.naming import (
+    CORNERS,
+    SIDES,
+    UPRIGHT,
+    WAYS,
+    Way,
+    lying,
+    name_marks,
+    strip_on_film,
+    turned_words,
+    ways_of_strip,
+)
+from core.scans.scan_pairs import front_is, sides_shown
 
 Oriented = Mapping[str, ScanOrientation]
+ROUNDS = 20  # design: generalised Procrustes of a few marks settles in less than ten
+BAD_MM = 0.15  # design: three times what symmetric cameras are built to
+"""A mark of one photo that lies so far from its place in the others is left out."""
+LONE_SIGMA_MM = 0.05  # design: how symmetric cameras are built
+"""How well one photo alone tells where its marks are."""
+PRINCIPAL_POINT_SIGMA_MM = 0.15  # design: certificates have it within a tenth or two of the marks
+"""How well the middle of the marks stands for the principal point (METHODS 2)."""
+FEW = 3  # design: two cannot tell which of them is wrong
+"""With fewer photos the marks are taken to lie symmetrically."""
+Places = Mapping[str, tuple[float, float]]
+Stack = Float64[np.ndarray, "photos marks 2"]
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedMarks:
+    """The marks of a camera as its photos show them."""
+
+    places_mm: Places
+    """Film frame: origin where lines between opposite marks meet, millimetres."""
+    sigma_mm: float
+    """Standard deviation of a place per axis, millimetres."""
+    photos: int
+    """Photos they rest on."""
+    left_out: tuple[tuple[str, str], ...]
+    """(photo, mark) of marks that lie elsewhere than in the other photos."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +139,7 @@ def _open_ways(scan: ScanOrientation, camera: Camera) -> tuple[Way, ...]:
     if camera.fiducials_mm:
         return (scan.way, *scan.rivals)
     width, height = camera.frame_mm
-    return WAYS if abs(width - height) < 0.02 * width else tuple(w for w in WAYS if w[0] % 2 == 0)
+    return WAYS if abs(width - height) < SQUARE * width else tuple(w for w in WAYS if w[0] % 2 == 0)
 
 
 def _usual_strip(oriented: Oriented, ways: Mapping[str, Way]) -> str:
@@ -141,7 +175,7 @@ def _settled(scan: ScanOrientation, camera: Camera, way: Way, pixel_mm: float) -
     if len(scan.fiducials) < 2 or (same and scan.interior.model != "nominal"):
         return scan
     marks = _named(scan, camera, way)
-    interior = interior_of(marks, camera.fiducials_mm, way)
+    interior = interior_of(marks, camera.fiducials_mm, way[1])
     if isinstance(interior, Failure):
         return scan
     of_marks = ("fiducial-doubtful", "fiducial-unsure")
@@ -162,7 +196,7 @@ def _named(scan: ScanOrientation, camera: Camera, way: Way) -> tuple[FiducialMea
     if not set(names) <= set(camera.fiducials_mm) or set(names) <= {*CORNERS, *SIDES}:
         renamed = list(_on_film(scan.fiducials, way, 1.0))
     else:
-        pixels = np.array([(mark.column, mark.row) for mark in scan.fiducials])
+        pixels = places_of(scan.fiducials)
         sigmas = np.array([mark.sigma_px for mark in scan.fiducials])
         naming = name_marks(names, pixels, sigmas, scan.way, camera.fiducials_mm, (way,), scan.area)
         renamed = list(naming.names)
@@ -174,20 +208,15 @@ def _named(scan: ScanOrientation, camera: Camera, way: Way) -> tuple[FiducialMea
 
 def _pooled(oriented: Oriented) -> Oriented:
     """All photos with the variance factor of all: two redundant equations alone say little."""
-    fitted = [scan.interior for scan in oriented.values() if scan.interior.redundancy]
-    equations = sum(interior.redundancy for interior in fitted)
-    if len(fitted) < 2:
+    factor = pooled_factor([scan.interior for scan in oriented.values()])
+    if factor is None:
         return oriented
-    factor = sum(one.variance_factor * one.redundancy for one in fitted) / equations
     return {
-        name: replace(scan, interior=_with_factor(scan.interior, factor))
+        name: scan
+        if scan.interior.model == "nominal"
+        else replace(scan, interior=scan.interior.with_variance_factor(factor))
         for name, scan in oriented.items()
     }
-
-
-def _with_factor(interior: InteriorOrientation, factor: float) -> InteriorOrientation:
-    """The interior orientation with pooled sigmas, where it was fitted at all."""
-    return interior if interior.model == "nominal" else interior.with_variance_factor(factor)
 
 
 def _turned(photo_id: str, way: Way) -> Doubt:
@@ -198,7 +227,7 @@ def _turned(photo_id: str, way: Way) -> Doubt:
         photo_id,
         f"By its data strip and its neighbours this scan {words} against the others of its "
         "camera; its fiducials were named so. They alone cannot tell.",
-        0.5 if way[1] else 0.2,
+        0.5 if way[1] else 0.2,  # design: a mirrored scan spoils matching, a turned one does not
         {"quarter_turns": way[0], "mirrored": way[1]},
     )
 
@@ -210,14 +239,14 @@ def _estimated(camera: Camera, estimated: EstimatedMarks) -> Doubt:
     )
     rests = (
         "as one or two photos show them, taken to lie symmetrically"
-        if estimated.photos < 3
+        if estimated.photos < FEW
         else f"to {1000 * estimated.sigma_mm:.0f} um from {estimated.photos} photos"
     )
     return Doubt(
         "fiducials-estimated",
         camera.name,
         f"Camera '{camera.name}' has no fiducials_mm; its marks were found and placed {rests}. The "
-        f"principal point is only known to {estimated.principal_point_sigma_mm:.2f} mm. To keep "
+        f"principal point is only known to {PRINCIPAL_POINT_SIGMA_MM:.2f} mm. To keep "
         f"them: fiducials_mm = {{ {places} }}",
         evidence={
             "places_mm": {name: list(place) for name, place in estimated.places_mm.items()},
@@ -225,3 +254,110 @@ def _estimated(camera: Camera, estimated: EstimatedMarks) -> Doubt:
             "left_out": [list(pair) for pair in estimated.left_out],
         },
     )
+
+
+def estimate_marks(measured: Mapping[str, Places]) -> EstimatedMarks | None:
+    """Generalised Procrustes over all photos, the mean scale kept (METHODS 2).
+
+    Args:
+        measured: By photo, the marks in millimetres by the nominal scan pixel (x right, y up, any
+            origin and small rotation), film upright; names are those of `layouts`.
+
+    Returns:
+        The marks; None where no photo has three of them.
+    """
+    names = tuple(name for name in (*CORNERS, *SIDES) if any(name in m for m in measured.values()))
+    photos = [photo for photo, marks in measured.items() if len(marks) >= 3]
+    if not photos or len(names) < 3:
+        return None
+    stack = np.full((len(photos), len(names), 2), np.nan)
+    for i, photo in enumerate(photos):
+        for j, name in enumerate(names):
+            if name in measured[photo]:
+                stack[i, j] = measured[photo][name]
+    mean, moved = _procrustes(stack)
+    bad = np.linalg.norm(moved - mean, axis=2) > BAD_MM
+    left_out: list[tuple[str, str]] = []
+    if len(photos) >= FEW and bad.any():
+        left_out = [(photos[i], names[j]) for i, j in np.argwhere(bad).tolist()]
+        stack[bad] = np.nan
+        mean, moved = _procrustes(stack)
+    known = np.isfinite(mean).all(axis=1)
+    names, mean, moved = tuple(np.array(names)[known].tolist()), mean[known], moved[:, known]
+    mean = _squared(names, mean)
+    sigma = LONE_SIGMA_MM
+    if len(photos) >= FEW:
+        sigma = _spread(moved) / np.sqrt(len(photos))
+    else:
+        mean = _symmetric(names, mean)
+    places = {name: (float(x), float(y)) for name, (x, y) in zip(names, mean, strict=True)}
+    return EstimatedMarks(places, sigma, len(photos), tuple(left_out))
+
+
+def _procrustes(stack: Stack) -> tuple[FilmPoints, Stack]:
+    """Mean shape of all photos at their mean scale, and every photo moved onto it."""
+    centred = stack - np.nanmean(stack, axis=1, keepdims=True)
+    first = int(np.isfinite(stack[:, :, 0]).sum(axis=1).argmax())
+    mean: FilmPoints = centred[first]
+    moved, scales = centred, [1.0]
+    for _ in range(ROUNDS):
+        moved = np.full_like(stack, np.nan)
+        scales = []
+        for i, photo in enumerate(centred):
+            both = np.isfinite(photo[:, 0]) & np.isfinite(mean[:, 0])
+            fit = fit_similarity(photo[both], mean[both])
+            if isinstance(fit, PlaneTransform):
+                moved[i] = apply_affine(fit.matrix, photo)
+                scales.append(fit.scale)
+        counts = np.isfinite(moved[:, :, 0]).any(axis=0)
+        mean = np.full(mean.shape, np.nan)
+        # Nobody's scale is better than another's: their mean is the camera's.
+        mean[counts] = np.nanmean(moved[:, counts], axis=0) / float(np.mean(scales))
+    return mean, moved / float(np.mean(scales))
+
+
+def _spread(moved: Stack) -> float:
+    """Standard deviation of a mark in one photo about its mean, all marks seen twice together."""
+    counts = np.isfinite(moved).sum(axis=0)
+    freedom = int(np.clip(counts - 1, 0, None).sum())
+    if not freedom:
+        return LONE_SIGMA_MM
+    apart = moved - np.nansum(moved, axis=0) / np.maximum(counts, 1)
+    return float(np.sqrt(np.nansum(apart**2) / freedom))
+
+
+def _squared(names: Sequence[str], mean: FilmPoints) -> FilmPoints:
+    """Turned so that the marks stand straight, moved so that opposite ones meet in the origin."""
+    ideal = np.array([{**CORNERS, **SIDES}[name] for name in names])
+    fit = fit_similarity(mean, ideal * float(np.abs(mean).max()))
+    if isinstance(fit, PlaneTransform):
+        a, b = fit.matrix[0, 0], fit.matrix[1, 0]
+        mean = mean @ (np.array([[a, -b], [b, a]]) / np.hypot(a, b)).T
+    middles = [
+        _crossing(mean[[names.index(n) for n in four]])
+        for four in (("UL", "LR", "UR", "LL"), ("L", "R", "T", "B"))
+        if all(n in names for n in four)
+    ]
+    middle = np.mean(middles, axis=0) if middles else (mean.min(axis=0) + mean.max(axis=0)) / 2
+    return mean - middle
+
+
+def _crossing(ends: PixelPoints) -> np.ndarray:
+    """Where the line of the first two points meets that of the last two."""
+    first, second = ends[1] - ends[0], ends[3] - ends[2]
+    share = np.linalg.solve(np.column_stack([first, -second]), ends[2] - ends[0])
+    return ends[0] + share[0] * first
+
+
+def _symmetric(names: Sequence[str], mean: FilmPoints) -> FilmPoints:
+    """Corner marks as a rectangle, marks of the sides opposite each other."""
+    signs = np.array([{**CORNERS, **SIDES}[name] for name in names])
+    result = np.zeros_like(mean)
+    for group in (CORNERS, SIDES):
+        inside = np.array([name in group for name in names])
+        for axis in (0, 1):
+            on = inside & (signs[:, axis] != 0)
+            if on.any():
+                half = float(np.mean(mean[on, axis] * signs[on, axis]))
+                result[on, axis] = half * signs[on, axis]
+    return result

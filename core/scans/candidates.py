@@ -16,10 +16,16 @@ Field = Float32[np.ndarray, "rows columns"]
 Template = Float32[np.ndarray, "side side"]
 Peak = tuple[complex, float, float]
 """Column - i row in the scan, correlation, significance."""
-MERGE_MM = 2.0
+MERGE_MM = 2.0  # design: windows are seven times as wide; memory and time
 """Expected places closer than this share one window."""
-FLAT = 1.5
+FLAT = 1.5  # design: twice the steps of 8 bit
 """Local standard deviation (of 255) below which a correlation says nothing."""
+LEAST_PEAK = 0.2  # design: texture reaches more
+"""Correlation below which a maximum is no candidate."""
+APART_CELLS = 5  # design: as wide as the peak of a thin line
+"""Side of the square in which a candidate is the highest."""
+LEAST_SPREAD = 0.02  # design: an even window would make any peak significant
+"""Spread of correlations that is always reckoned with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,6 +172,7 @@ def _filled(gray: Field) -> Field:
     inside = np.isfinite(gray)
     if not inside.any():
         return np.zeros_like(gray)
+    # design: dust and scratches cover less than one in two hundred cells
     top = max(float(np.percentile(gray[inside], 99.5)), 1.0)
     filled = np.where(inside, gray, np.float32(np.median(gray[inside])))
     return filled * np.float32(255.0 / top)
@@ -187,8 +194,8 @@ def _correlate(gray: Field, template: Template) -> Float32[np.ndarray, "places_d
 
 def _peaks(field: Field, window: SearchWindow, half: int, count: int) -> list[Peak]:
     """The highest separate maxima."""
-    top = cv2.dilate(field, np.ones((5, 5), dtype=np.uint8))
-    rows, columns = np.nonzero((field == top) & (field > 0.2))
+    top = cv2.dilate(field, np.ones((APART_CELLS, APART_CELLS), dtype=np.uint8))
+    rows, columns = np.nonzero((field == top) & (field > LEAST_PEAK))
     order = np.argsort(-field[rows, columns], kind="stable")[:count]
     middle, spread = (float(value[0, 0]) for value in cv2.meanStdDev(field))
     peaks: list[Peak] = []
@@ -199,7 +206,7 @@ def _peaks(field: Field, window: SearchWindow, half: int, count: int) -> list[Pe
         place = complex(
             window.corner[0] + right * window.reduction, -window.corner[1] - down * window.reduction
         )
-        peaks.append((place, value, (value - middle) / (spread + 0.02)))
+        peaks.append((place, value, (value - middle) / (spread + LEAST_SPREAD)))
     return peaks
 
 

@@ -1,10 +1,13 @@
-"""The middle of a mark to a fraction of a pixel, in two independent ways.
+"""The middle of a mark to a fraction of a pixel: by its drawn figure, or by its symmetry.
 
-Matching compares the scan with the drawn mark; symmetry compares the scan with itself turned by
-half a circle and knows nothing of the mark's kind. Both solve for a shift by least squares with the
-influence of dirt and scratches bounded.
+Every way to centre a mark takes a window of the scan, an approximate middle and how far the middle
+may be from there, and returns a `Centre` in that window, or why there is none; the ways by the
+mark's outline are in `outlines`. Matching compares the scan with the drawn mark; symmetry compares
+the scan with itself turned by half a circle and knows nothing of the mark's kind. Both solve for a
+shift by least squares with the influence of dirt and scratches bounded.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -12,32 +15,38 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from core.doubts import Failure
-from core.geometry.robust import robust_sigma
+from core.geometry.robust import TINY, cauchy_weights, robust_sigma
 
 Gray = Float32[np.ndarray, "rows columns"]
 Weights = Float64[np.ndarray, "side side"]
 Shift = Float64[np.ndarray, "2"]
-STEPS = 20
-FAR = 3.0
+STEPS = 20  # design: a fit that has not converged by then wanders
+FAR = 3.0  # source: Geman & McClure 1987, the usual three spreads
 """Residual, in spreads, at which half of a pixel's influence is gone."""
-CONVERGED_PX = 1e-3
-ROUGH_PX = 5e-3
-"""Last step that suffices where the mark's likeness is wanted, not its middle, pixels."""
-NEAR_PX = 0.05
-"""Step from which what is far from the drawn mark no longer counts, pixels."""
-NOISE_SHARE = 0.08
+HUBER = 2.5  # source: Huber & Ronchetti 2009, between 1.5 and 3 spreads
+"""Residual, in spreads, from which influence is bounded on the way."""
+CONVERGED_PX = 1e-3  # design: a tenth of the best marks' sigma
+ROUGH_PX = 5e-3  # design: likeness changes in the fifth digit
+"""Last step that suffices where the mark's likeness is wanted, not its middle."""
+NEAR_PX = 0.05  # design: nearer than the residuals of a shift look like dirt
+"""Step from which what is far from the drawn mark no longer counts."""
+NOISE_SHARE = 0.08  # design: what drawn and real marks differ by on clean film
 """Noise that is always reckoned with, as a share of the contrast of the mark."""
-LAGS = 3
+LAGS = 3  # design: the softening below reaches so far, and grain with it
 """How far apart pixels are whose noise is taken to be correlated."""
-LOCAL_PX = 3
+LOCAL_PX = 3  # design: forty-nine residuals for one spread, narrower than a mark
 """Half width of the surroundings that tell how noisy a pixel is."""
-SOFT_TAPS = 4
-SOFT_PX = 0.7
+LEAST_VARIANCE = 0.25  # design: positive correlations only widen; half a sigma is left to chance
+"""Share of the variance of uncorrelated pixels that correlated ones have at least."""
+SOFT_TAPS = 4  # design: more than five sigmas of the blur
+SOFT_PX = 0.7  # design: the least at which resampling is exact to 1e-4 of the contrast
 """Blur (Gaussian sigma) of both fields before they are compared, pixels: a sharp line is less wide
 than resampling can follow, and its middle would be drawn to the middles of pixels."""
-EDGE_PX = 0.15
-"""How far a drawn edge may lie beside the scan's before it counts as dirt, pixels: the shape of a
-real mark is not quite the drawn one's."""
+EDGE_PX = 0.15  # design: between the middle's error (0.03) and the width of an edge (1)
+"""How far a drawn edge may lie beside the scan's before it counts as dirt: the shape of a real mark
+is not quite the drawn one's."""
+LEAST_RADIUS_PX = 3.0  # design: about thirty pixels for two unknowns
+"""Smallest disc about a middle that is compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +90,8 @@ class Left:
         where it is bright, and at edges.
         """
         local = _spread_about(self.residual)
-        even = self.residual / np.maximum(local, 1e-9)
-        power = float(np.sum(even**2)) + 1e-12
+        even = self.residual / np.maximum(local, TINY)
+        power = float(np.sum(even**2)) + TINY
         first, second = self.influence * local
         total = np.zeros((2, 2))
         for down in range(LAGS + 1):
@@ -93,99 +102,120 @@ class Left:
                                  [aside, 2 * _lagged(second, second, down, right)]])  # fmt: skip
                 total += share * both * (0.5 if down == right == 0 else 1)
         # Chance in the correlations may bring the sum of all below that of none.
-        least = 0.25 * float(np.sum(first**2) + np.sum(second**2))
+        least = LEAST_VARIANCE * float(np.sum(first**2) + np.sum(second**2))
         if np.linalg.eigvalsh(total)[0] <= 0 or np.trace(total) < least:
             total = np.eye(2) * max(float(np.trace(total)), least) / 2
         return total * float(np.count_nonzero(self.residual)) / self.freedom
+
+
+Step = tuple[Shift, Left, float]
+"""Where a fit moves the middle (or has moved it), what it leaves, and how alike both fields are."""
 
 
 def _spread_about(residual: Weights) -> Weights:
     """Root mean square of the residuals about each pixel; 0 where none is near."""
     around = (2 * LOCAL_PX + 1,) * 2
     count = cv2.blur((residual != 0).astype(np.float64), around)
-    mean = np.maximum(cv2.blur(residual**2, around), 0.0) / np.maximum(count, 1e-9)
+    mean = np.maximum(cv2.blur(residual**2, around), 0.0) / np.maximum(count, TINY)
     return np.asarray(np.sqrt(mean), dtype=np.float64)
 
 
 def match_mark(
     window: Gray,
-    template: Weights,
-    weights: Weights,
     start: tuple[float, float],
     limit_px: float,
+    template: Weights,
     judged: bool = True,
 ) -> Centre | Failure:
     """Least squares matching of a drawn mark: shift, gain and offset.
 
     Args:
         window: Part of the scan, without NaN.
-        template: The drawn mark; its middle is the middle of its middle pixel.
-        weights: Weight of each template pixel.
         start: Approximate middle (column, row) in the window, pixels.
         limit_px: How far from the start the middle may be.
+        template: The drawn mark; its middle is the middle of its middle pixel.
         judged: Whether its sigma is wanted.
     """
-    template = softened(template)
+    template, weights = softened(template), disc_in(template)
     slope_c, slope_r = np.gradient(template, axis=1), np.gradient(template, axis=0)
-    place = np.array(start, dtype=np.float64)
-    state = (0.0, 0.0)
-    left: Left | None = None
-    far = True
-    for _ in range(STEPS):
+
+    def step(place: Shift, far: bool) -> Step | Failure:
         patch = sample_about(window, place, template.shape[0])
-        gain, step, left, alike = _shift_and_gain(patch, template, slope_c, slope_r, weights, far)
-        if not np.isfinite(step).all() or abs(gain) < 1e-9:
+        gain, shift, left, alike = _shift_and_gain(patch, template, slope_c, slope_r, weights, far)
+        if not np.isfinite(shift).all() or abs(gain) < 1e-9:  # design: no contrast at all
             return Failure("The window holds nothing like the mark.")
-        place = place + np.clip(step, -1.0, 1.0)
-        state = (alike, float(np.abs(step).max()))
-        if np.linalg.norm(place - np.array(start)) > limit_px:
-            return Failure("Matching the drawn mark drifted away from it.")
-        if state[1] < (NEAR_PX if far else CONVERGED_PX if judged else ROUGH_PX):
-            if not far:
-                break
-            far = False
-    sigma = left.sigma_px if judged and left else float("nan")
-    return Centre(float(place[0]), float(place[1]), sigma, state[0])
+        return shift, left, alike
+
+    found = _approached(start, limit_px, step, CONVERGED_PX if judged else ROUGH_PX)
+    if found is None:
+        return Failure("Matching the drawn mark drifted away from it.")
+    if isinstance(found, Failure):
+        return found
+    place, left, alike = found
+    sigma = left.sigma_px if judged else float("nan")
+    return Centre(float(place[0]), float(place[1]), sigma, alike)
 
 
 def centre_by_symmetry(
-    window: Gray, weights: Weights, start: tuple[float, float], limit_px: float
+    window: Gray, start: tuple[float, float], limit_px: float, weights: Weights
 ) -> Centre | Failure:
     """The point about which the window looks most like itself after half a turn.
 
     Args:
         window: Part of the scan, without NaN.
-        weights: Weight of each pixel about the middle; itself symmetric.
         start: Approximate middle (column, row) in the window, pixels.
         limit_px: How far from the start the middle may be.
+        weights: Weight of each pixel about the middle; itself symmetric.
     """
-    place = np.array(start, dtype=np.float64)
-    alike = 0.0
-    left: Left | None = None
-    far = True
-    for _ in range(STEPS):
+
+    def step(place: Shift, far: bool) -> Step | Failure:
         patch = sample_about(window, place, weights.shape[0])
         turned = patch[::-1, ::-1]
         # With the middle at d: patch = f(u - d), turned = f(u + d), their difference d times
         # the sum of their slopes.
         slope_c = np.gradient(patch, axis=1) + np.gradient(turned, axis=1)
         slope_r = np.gradient(patch, axis=0) + np.gradient(turned, axis=0)
-        step, left = _solve(
-            np.stack([slope_c, slope_r], axis=-1), turned - patch, weights, float(patch.std()), far
-        )
-        alike = correlation(patch, turned, weights)
-        if not np.isfinite(step).all():
+        slopes = np.stack([slope_c, slope_r], axis=-1)
+        shift, left = _solve(slopes, turned - patch, weights, float(patch.std()), far)
+        if not np.isfinite(shift).all():
             return Failure("The window has no contrast.")
-        place = place + np.clip(step, -1.0, 1.0)
+        return shift, left, correlation(patch, turned, weights)
+
+    found = _approached(start, limit_px, step, CONVERGED_PX)
+    if found is None:
+        return Failure("The point of symmetry lies elsewhere.")
+    if isinstance(found, Failure):
+        return found
+    place, left, alike = found
+    # Every pixel stands against its opposite, which stands against it: half of them are new.
+    return Centre(float(place[0]), float(place[1]), float(np.sqrt(2)) * left.sigma_px, alike)
+
+
+def _approached(
+    start: tuple[float, float],
+    limit_px: float,
+    step: Callable[[Shift, bool], Step | Failure],
+    converged_px: float,
+) -> Step | Failure | None:
+    """Place, what is left and likeness where steps have become small; None if they lead away.
+
+    `step` takes a place and whether what is far from the mark still counts.
+    """
+    place = np.array(start, dtype=np.float64)
+    far, taken = True, None
+    for _ in range(STEPS):
+        taken = step(place, far)
+        if isinstance(taken, Failure):
+            return taken
+        place = place + np.clip(taken[0], -1.0, 1.0)
         if np.linalg.norm(place - np.array(start)) > limit_px:
-            return Failure("The point of symmetry lies elsewhere.")
-        if np.abs(step).max() < (CONVERGED_PX if not far else NEAR_PX):
+            return None
+        if np.abs(taken[0]).max() < (NEAR_PX if far else converged_px):
             if not far:
                 break
             far = False
-    # Every pixel stands against its opposite, which stands against it: half of them are new.
-    sigma = float(np.sqrt(2)) * left.sigma_px if left else float("nan")
-    return Centre(float(place[0]), float(place[1]), sigma, alike)
+    assert taken is not None
+    return place, *taken[1:]
 
 
 def softened(field: np.ndarray) -> Weights:
@@ -201,10 +231,8 @@ def sample_about(window: Gray, place: Shift, side: int) -> Weights:
     Blur and shift are one Gaussian laid beside the pixels' middles: exact to 1e-4 of the contrast
     at any fraction of a pixel, where resampling by `cv2.remap` knows only 32 of them.
     """
-    half = side // 2 + SOFT_TAPS
-    first = np.floor(place).astype(int) - half
     kernels = [_gaussian(float(at - 0.5 - np.floor(at))) for at in place]
-    patch = _part(window, int(first[0]), int(first[1]), 2 * half + 1)
+    patch = square_about(window, place, side + 2 * SOFT_TAPS)
     soft = cv2.sepFilter2D(patch, cv2.CV_64F, kernels[0], kernels[1])
     return np.asarray(soft[SOFT_TAPS:-SOFT_TAPS, SOFT_TAPS:-SOFT_TAPS], dtype=np.float64)
 
@@ -216,12 +244,13 @@ def _gaussian(shift: float) -> Float64[np.ndarray, "taps"]:
     return weights / weights.sum()
 
 
-def _part(window: Gray, column: int, row: int, side: int) -> Float32[np.ndarray, "side side"]:
-    """A square of the window, continued by its edge where it reaches beyond."""
-    rows, columns = window.shape
-    inside_c = np.clip(np.arange(column, column + side), 0, columns - 1)
-    inside_r = np.clip(np.arange(row, row + side), 0, rows - 1)
-    return window[np.ix_(inside_r, inside_c)]
+def square_about(window: Gray, place: Shift, side: int) -> Weights:
+    """An odd square of pixels as they are about one, continued where it reaches beyond."""
+    (rows, columns), half = window.shape, side // 2
+    column, row = np.floor(place).astype(int).tolist()
+    inside_c = np.clip(np.arange(column - half, column + half + 1), 0, columns - 1)
+    inside_r = np.clip(np.arange(row - half, row + half + 1), 0, rows - 1)
+    return window[np.ix_(inside_r, inside_c)].astype(np.float64)
 
 
 def disc_weights(side: int, radius_px: float) -> Weights:
@@ -229,6 +258,16 @@ def disc_weights(side: int, radius_px: float) -> Weights:
     axis = np.arange(side) - side // 2
     distance = np.hypot(*np.meshgrid(axis, axis))
     return np.clip((radius_px + 1 - distance) / 2, 0.0, 1.0)
+
+
+def disc(radius_px: float) -> Weights:
+    """The weights of a disc in the smallest square that holds it."""
+    return disc_weights(2 * int(np.ceil(radius_px)) + 3, radius_px)
+
+
+def disc_in(template: Weights) -> Weights:
+    """The weights of the largest disc in a template."""
+    return disc_weights(template.shape[0], template.shape[0] / 2 - 1)
 
 
 def _shift_and_gain(
@@ -268,19 +307,19 @@ def _solve(
     chosen = weights > 0
     design, right, base = columns[chosen], wanted[chosen], weights[chosen]
     # On a flawless black background the median is nought: the mark's edges must not be bounded.
-    noise = max(robust_sigma(right), NOISE_SHARE * contrast) + 1e-6
+    noise = max(robust_sigma(right), NOISE_SHARE * contrast) + TINY
     # Nor is half a pixel's share at an edge dirt: that would leave only the pixels in which the
     # mark happens to have no edge, and the middle would jump from pixel to pixel.
     spread = np.hypot(noise, EDGE_PX * np.hypot(design[:, 0], design[:, 1]))
     if far_counts:
-        used = base * np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(right), 1e-12))
+        used = base * np.minimum(1.0, HUBER * spread / np.maximum(np.abs(right), TINY))
     else:
         # A scratch along the mark's edge would still pull: what is far off counts for nothing.
-        used = base / (1 + (right / (FAR * spread)) ** 2) ** 2
+        used = base * cauchy_weights(np.abs(right) / spread, FAR) ** 2
     heavy = design * used[:, None]
     normal = heavy.T @ design
     fields = np.zeros((3, *weights.shape))
-    if np.linalg.cond(normal) > 1e14:
+    if np.linalg.cond(normal) > 1e14:  # design: float64 leaves two digits
         return np.full(design.shape[1], np.nan), Left(fields[:2], fields[2], 1.0)
     inverse = np.linalg.inv(normal)
     solution = inverse @ (heavy.T @ right)

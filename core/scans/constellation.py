@@ -4,6 +4,8 @@ Every kind of mark in the library is correlated with windows about the expected 
 peaks the set is taken that lies as the certificate says, turned by about none to three quarter
 circles and scaled by the scan pixel size. A set stands only if it could not be chance: the marks
 that did not determine it lie too near to where they should, or look too much like marks.
+
+Corner marks and marks of the sides may be of different kinds; all lie on one film.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,38 +14,75 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Complex128, Float64
+from scipy.stats import norm
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
+from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.raster.scan_file import ScanFile
-from core.scans.candidates import (
-    MERGE_MM,
-    Candidates,
-    SearchWindow,
-    all_candidates,
-    open_windows,
-)
-from core.scans.centring import Centre, centre_by_symmetry, disc_weights
+from core.scans.candidates import MERGE_MM, Candidates, SearchWindow, all_candidates, open_windows
+from core.scans.centring import LEAST_RADIUS_PX, Centre, centre_by_symmetry, disc
 from core.scans.film_area import FilmArea
-from core.scans.layouts import UPRIGHT, Layout, Way
-from core.scans.marks import Mark
-from core.scans.set_chance import (
-    ConstellationOptions,
-    Search,
-    along_border,
-    area_turn,
-    log_chance_of_border,
-    log_chance_of_looks,
-    log_chance_of_shape,
-)
+from core.scans.marks import Mark, library
+from core.scans.naming import UPRIGHT, Layout, Way
 
 Complexes = Complex128[np.ndarray, "n"]
 PeakComplex = Complex128[np.ndarray, "n peaks"]
 PeakValues = Float64[np.ndarray, "n peaks"]
-BORDER_MM = 1.5
-"""Distance from the corner of the frame within which a notch is the corner itself."""
-ASYMMETRIC_WORTH = 0.5
+SEARCH_PIXEL_MM = 0.075  # design: the thinnest lines of the library are a cell and a third wide
+"""Size of a pixel of the reduced windows."""
+REACH_SEEN_MM, REACH_UNSEEN_MM = (
+    7.0,
+    16.0,
+)  # design: certificate and frame differ, scans are cut off
+"""Half width of a window where the picture's border was seen, and where it was not."""
+PEAKS = 4  # design: the mark, and a number, a ray or dirt beside it that look more like marks
+"""Candidates kept for each window, kind and polarity."""
+KINDS = 24  # design: a third of the library in both polarities: the time that sets take
+"""Kinds and polarities, best first, for which sets are formed, besides the best size of each
+shape: texture is full of dots."""
+LARGEST_SCALE = 0.015  # design: twice what prints and shrunk film of the Canberra archive differ by
+"""How far the scale may differ from the nominal scan pixel size, as a share."""
+LARGEST_TURN_DEG = 4.0  # design: film laid on a scanner by hand lies straighter
+"""How far the film may be turned from a quarter circle."""
+FIT_MM = 1.0  # design: scanners shear, film shrinks, certificates are of a sister camera
+"""How far a mark may lie from where two others put it."""
+FIT_WORTH = 0.7  # design: at that distance a mark counts less than a third
+"""How much less a mark counts that lies FIT_MM off."""
+LEAST_BASE = 0.3  # design: a shorter base would let noise turn the set by degrees
+"""Share of the longest distance between marks from which two of them are a base."""
+RIVALS = 8  # design: time; the ninth set by score was never the most symmetric by far
+"""Sets at different places that are compared by their symmetry."""
+SEARCH_OFF_MM = 0.3  # design: four cells of the search
+"""How far the middle of a mark may be from the peak that found it."""
+APART_MM = 0.15  # design: two cells of the search
+"""Sets whose marks lie nearer to each other than this are at the same place."""
+SYMMETRY_MM = 1.5  # design: marks and their housings
+"""Radius within which a mark and its housing should be symmetric."""
+SHORTEST_REACH = 1.15  # design: a little more than the mark itself
+"""Radius within which a mark itself should be symmetric, in its reach."""
+MIN_SYMMETRY = 0.45  # design: half way between texture and a mark under scratches
+"""Mean symmetry, 0 to 1, below which a set is refused."""
+ASYMMETRIC_WORTH = 0.5  # design: what a good set of marks has under dirt
 """Symmetry that a kind of mark without any is credited with."""
+# measured: prove_fiducials --seed 173 and 211; sets are chosen by the border too, and pure texture
+# then reaches -4.9. Without a certificate hundreds of layouts are tried.
+MOST_CHANCE, MOST_CHANCE_BORDER, MOST_CHANCE_UNKNOWN = -4.0, -5.5, -6.0
+"""log10 of the number of sets as good that chance may give: for certified marks without and with
+the word of the border, and for marks of which nobody knows where they lie."""
+BORDER_TURN_DEG, BORDER_BESIDE_MM = 0.7, 0.5  # design: as well as borders are found on old film
+"""How far a set may usually be turned and lie beside against the picture's border."""
+FRAME_CORNER_MM = 1.5  # design: rounded corners, and how well they are found
+"""Distance from the corner of the frame within which a notch is the corner itself."""
+UPRIGHT_BONUS = 0.05  # design: more than noise changes a score, less than a lost mark
+"""Advantage of an upright scan over a turned one that fits as well, as a share of the score:
+the certificate of symmetric marks cannot tell them apart."""
+AGREE_MM = 1.5  # design: certificates of corners and sides are measured on one plate
+"""How far corner marks and marks of the sides may disagree about each other's places."""
+AROUND_MM = 3.0  # design: the window must hold marks, numbers and housings whole
+"""Half width of a window beyond AGREE_MM where another set says where the marks are."""
+LIBRARY = library()
+"""Kinds and sizes of marks that are looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,13 +120,40 @@ class Constellation:
         object.__setattr__(self, "pixels", locked(self.pixels))
         object.__setattr__(self, "correlations", locked(self.correlations))
 
+    @property
+    def fit(self) -> PlaneTransform | None:
+        """Similarity scan from film, as it lies, through the marks that were found."""
+        film = self.layout.lying(self.way)[[self.layout.names.index(name) for name in self.names]]
+        fit = fit_similarity(film, self.pixels, mirrored=True)
+        return fit if isinstance(fit, PlaneTransform) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """What stays the same while kinds, layouts and ways to lie are tried."""
+
+    scan_pixel_mm: float
+    window_mm2: float
+    tries: int
+    certified: bool
+    border: FilmArea | None
+    """The picture's border where it was seen and the marks are certified: it says how they lie."""
+
+    @property
+    def most_chance(self) -> float:
+        """log10 of the number of sets as good that chance may give."""
+        if not self.certified:
+            return MOST_CHANCE_UNKNOWN
+        return MOST_CHANCE_BORDER if self.border else MOST_CHANCE
+
 
 def find_constellation(
     scan: ScanFile,
     layouts: Sequence[Layout],
     scan_pixel_mm: float,
     area: FilmArea,
-    options: ConstellationOptions | None = None,
+    certified: bool = True,
+    reach_seen_mm: float = REACH_SEEN_MM,
 ) -> Constellation | Failure:
     """Find marks in a scan to about a tenth of a millimetre.
 
@@ -96,31 +162,30 @@ def find_constellation(
         layouts: Patterns in which they may lie: the same names, at places near each other.
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
-        options: How they are looked for.
+        certified: Without a certificate, notches that are the frame's own corners are refused.
+        reach_seen_mm: Half width of a window where the picture's border was seen, millimetres.
     """
-    options = options or ConstellationOptions()
-    reach_mm = options.reach_seen_mm if area.trusted else options.reach_unseen_mm
+    reach_mm = reach_seen_mm if area.trusted else REACH_UNSEEN_MM
     reaches = [layout.reach_mm for layout in layouts]
     middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
     reach_mm += (max(reaches) - min(reaches)) / 2
     ways = middle.ways
-    border = area if area.trusted and not options.beware_of_border else None
+    border = area if area.trusted and certified else None
     tries = len(layouts) * len(ways)
-    search = Search(scan_pixel_mm, (2 * reach_mm) ** 2, tries, options, border)
+    search = Search(scan_pixel_mm, (2 * reach_mm) ** 2, tries, certified, border)
     expected = {k: _expected(middle.lying(way), area, scan_pixel_mm) for k, way in enumerate(ways)}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
         scan, expected, (column, row), round(reach_mm / scan_pixel_mm), MERGE_MM / scan_pixel_mm,
-        max(1, round(options.search_pixel_mm / scan_pixel_mm)),
+        max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
     kinds = all_candidates(
-        windows, scan_pixel_mm * windows[0].reduction, options.peaks, options.marks,
-        area_turn(area),
+        windows, scan_pixel_mm * windows[0].reduction, PEAKS, LIBRARY, area.turn,
     )  # fmt: skip
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
     sets = [
         _best_set(search, kind, owners[k], layout, way)
-        for kind in _promising(kinds, options.kinds)
+        for kind in _promising(kinds, KINDS)
         for layout in layouts
         for k, way in enumerate(ways)
     ]
@@ -144,16 +209,14 @@ def _chosen(
     area: FilmArea,
 ) -> Constellation | Failure:
     """Of all sets that are not chance the one that is most like marks."""
-    options = search.options
-    most = options.max_log_with_border if search.border else options.max_log_false_alarms
-    sound = [c for c in found if c.log_false_alarms < most]
-    if search.options.beware_of_border:
-        limit_px = BORDER_MM / search.scan_pixel_mm
+    sound = [c for c in found if c.log_false_alarms < search.most_chance]
+    if not search.certified:
+        limit_px = FRAME_CORNER_MM / search.scan_pixel_mm
         sound = [c for c in sound if not _is_border(c, area, limit_px)]
     sound.sort(key=lambda chosen: chosen.score, reverse=True)
-    rivals = _rivals(sound, 0.15 / search.scan_pixel_mm)[: search.options.rivals]
+    rivals = _rivals(sound, APART_MM / search.scan_pixel_mm)[:RIVALS]
     symmetries = [_symmetry(rival, windows, search) for rival in rivals]
-    if max(symmetries, default=0.0) < search.options.min_symmetry:
+    if max(symmetries, default=0.0) < MIN_SYMMETRY:
         return Failure(
             "No set of marks lies as the certificate says.",
             {
@@ -163,7 +226,7 @@ def _chosen(
         )
     worth = [rival.score * value for rival, value in zip(rivals, symmetries, strict=True)]
     best = int(np.argmax(worth))
-    kinds = _other_kinds(rivals[best], sound, 0.15 / search.scan_pixel_mm)
+    kinds = _other_kinds(rivals[best], sound, APART_MM / search.scan_pixel_mm)
     return replace(rivals[best], symmetry=symmetries[best], kinds=kinds)
 
 
@@ -219,18 +282,18 @@ def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: Se
     for column, row in chosen.pixels.tolist():
         window = min(windows, key=lambda w: abs(w.middle[0] - column) + abs(w.middle[1] - row))
         start = ((column - window.corner[0]) / cell_px, (row - window.corner[1]) / cell_px)
-        for radius_mm in (1.15 * chosen.mark.reach_mm, search.options.symmetry_mm):
-            radius = max(radius_mm / cell_mm, 3.0)
-            weights = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
-            centre = centre_by_symmetry(window.gray, weights, start, limit_px=0.3 / cell_mm + 1)
+        for radius_mm in (SHORTEST_REACH * chosen.mark.reach_mm, SYMMETRY_MM):
+            radius = max(radius_mm / cell_mm, LEAST_RADIUS_PX)
+            centre = centre_by_symmetry(
+                window.gray, start, SEARCH_OFF_MM / cell_mm + 1, disc(radius)
+            )
             found.append(max(centre.correlation, 0.0) if isinstance(centre, Centre) else 0.0)
     return float(np.mean(found))
 
 
 def _expected(lying: FilmPoints, area: FilmArea, scan_pixel_mm: float) -> PixelPoints:
     """Where marks should be whose places in the axes of the scan are known, scan pixels."""
-    turn = area_turn(area)
-    cosine, sine = np.cos(turn), np.sin(turn)
+    cosine, sine = np.cos(area.turn), np.sin(area.turn)
     turned = lying @ np.array([[cosine, -sine], [sine, cosine]]).T
     return area.centre + turned * np.array([1.0, -1.0]) / scan_pixel_mm
 
@@ -247,9 +310,8 @@ def _best_set(
         return None
     put = starts[:, None] + factors[:, None] * where[None, :]
     distance_mm = np.abs(put[:, :, None] - places[None, :, :]) * search.scan_pixel_mm
-    tolerance = search.options.fit_tolerance_mm
-    fits = distance_mm < tolerance
-    value = np.where(fits, worth[None] * (1 - 0.7 * (distance_mm / tolerance) ** 2), 0.0)
+    fits = distance_mm < FIT_MM
+    value = np.where(fits, worth[None] * (1 - FIT_WORTH * (distance_mm / FIT_MM) ** 2), 0.0)
     total = value.max(axis=2).sum(axis=1) * along_border(search, factors)
     base = int(np.argmax(total))
     chosen = value[base].argmax(axis=1)
@@ -264,7 +326,7 @@ def _best_set(
     chance = log_chance_of_shape(search, len(layout.names), film[found], pixels)
     chance += log_chance_of_looks(correlations, chosen, found)
     chance += log_chance_of_border(search, complex(starts[base]), complex(factors[base]))
-    bonus = 1 + search.options.upright_bonus * (way == UPRIGHT)
+    bonus = 1 + UPRIGHT_BONUS * (way == UPRIGHT)
     turn = float(np.angle(factors[base])) + way[0] * np.pi / 2
     return Constellation(
         tuple(layout.names[int(i)] for i in found), pixels, correlations[found, chosen[found]],
@@ -279,18 +341,135 @@ def _bases(
     starts: list[np.ndarray] = []
     factors: list[np.ndarray] = []
     longest = np.abs(where[:, None] - where[None, :]).max()
-    tolerance = np.radians(search.options.turn_tolerance_deg)
+    tolerance = np.radians(LARGEST_TURN_DEG)
     for i, j in combinations(range(len(where)), 2):
         apart = where[j] - where[i]
-        if abs(apart) < 0.3 * longest:
+        if abs(apart) < LEAST_BASE * longest:
             continue
         factor = (places[j][None, :] - places[i][:, None]) / apart
         start = places[i][:, None] - factor * where[i]
         scale = np.abs(factor) * search.scan_pixel_mm
-        good = np.abs(scale - 1) < search.options.scale_tolerance
+        good = np.abs(scale - 1) < LARGEST_SCALE
         good &= np.abs(np.angle(factor)) < tolerance
         starts.append(start[good])
         factors.append(factor[good])
     if not starts:
         return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
     return np.concatenate(starts), np.concatenate(factors)
+
+
+def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: PixelPoints) -> float:
+    """log10 of how many sets this near to the certificate random peaks would give.
+
+    All pairs of peaks of all kinds are tried as bases; each further mark has its peaks spread at
+    random over its window and hits a disc of twice the RMS residual.
+    """
+    tried = KINDS * search.tries * PEAKS**2 * marks * (marks - 1) / 2
+    # design: of random pairs, about one in ten has the right scale and turn.
+    tried *= 0.1
+    fit = fit_similarity(film, pixels, mirrored=True)
+    residual_mm = 0.0
+    if isinstance(fit, PlaneTransform):
+        residual_mm = np.hypot(fit.rms * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
+    hit = PEAKS * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
+    # design: keeps the logarithm finite; no set of eight marks comes near.
+    return float(np.log10(tried) + (len(film) - 2) * np.log10(min(1.0, max(hit, 1e-12))))
+
+
+def along_border(search: Search, factors: Complexes) -> Float64[np.ndarray, "bases"]:
+    """What sets are worth by their turn against the picture's border, a half to one."""
+    if search.border is None:
+        return np.ones(len(factors))
+    beside = np.angle(factors) - search.border.turn
+    usual = np.radians(BORDER_TURN_DEG)
+    return 0.5 + 0.5 * np.exp(-0.5 * (beside / usual) ** 2)
+
+
+def log_chance_of_border(search: Search, start: complex, factor: complex) -> float:
+    """log10 of the chance that a random set lies as straight and as central in the picture."""
+    if search.border is None:
+        return 0.0
+    column, row = search.border.centre[0].tolist()
+    beside_mm = abs(start - complex(column, -row)) * search.scan_pixel_mm
+    turned = abs(float(np.degrees(np.angle(factor) - search.border.turn)))
+    place = np.pi * max(beside_mm, BORDER_BESIDE_MM) ** 2 / search.window_mm2
+    turn = max(turned, BORDER_TURN_DEG) / LARGEST_TURN_DEG
+    return float(np.log10(min(place, 1.0)) + np.log10(min(turn, 1.0)))
+
+
+def log_chance_of_looks(correlations: PeakValues, chosen: np.ndarray, found: np.ndarray) -> float:
+    """log10 of the chance that mere texture looks as much like marks as the set does.
+
+    Texture is what else was found in the windows: the best peak of each that is not in the set.
+    """
+    others = correlations.copy()
+    others[found, chosen[found]] = -1.0
+    # design: Fisher's transform, kept finite; no window's texture spreads by less than 0.15, and
+    # no mark counts more than 10^4, as the tails of texture are not normal.
+    most, least_spread, rarest = 0.999, 0.15, 1e-4
+    texture = np.arctanh(np.clip(others.max(axis=1), 0.0, most))
+    looks = np.arctanh(np.clip(correlations[found, chosen[found]], 0.0, most))
+    deviate = (looks - texture.mean()) / max(float(texture.std()), least_spread)
+    return float(np.log10(np.clip(norm.sf(deviate), rarest, 1.0)).sum())
+
+
+def find_mark_sets(
+    scan: ScanFile, layouts: Sequence[Layout], pixel_mm: float, area: FilmArea
+) -> list[Constellation]:
+    """One set for each layout, all agreeing: where two disagree the better one places the other.
+
+    A layout nothing of which was seen comes with the places the best set gives its marks, and no
+    names. Without any set there is none.
+
+    Args:
+        scan: The scan.
+        layouts: Patterns in which marks lie, each of one kind.
+        pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The exposed picture.
+    """
+    sets = [find_constellation(scan, [one], pixel_mm, area) for one in layouts]
+    found = [one for one in sets if isinstance(one, Constellation)]
+    if len(layouts) < 2 or not found:
+        return found
+    best = max(found, key=lambda one: one.score * one.symmetry)
+    fit = best.fit
+    result = [best]
+    for layout in (one for one in layouts if one is not best.layout and fit):
+        assert fit is not None
+        narrow = replace(layout, ways=(best.way,))
+        put = apply_affine(fit.matrix, narrow.lying(best.way))
+        placed = _placed_by(fit, area, pixel_mm)
+        again = find_constellation(scan, [narrow], pixel_mm, placed, True, AGREE_MM + AROUND_MM)
+        if isinstance(again, Constellation) and _agree(put, again, pixel_mm):
+            result.append(again)
+        else:
+            result.append(_unseen(best, narrow, put))
+    return result
+
+
+def _placed_by(fit: PlaneTransform, area: FilmArea, pixel_mm: float) -> FilmArea:
+    """The picture area moved and turned so that a found set lies in it as its layout says."""
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    half = np.ptp(area.corners, axis=0) * pixel_mm / 2
+    return FilmArea(apply_affine(fit.matrix, corners * half), ("left", "right", "top"), area.scores)
+
+
+def _unseen(best: Constellation, layout: Layout, put: PixelPoints) -> Constellation:
+    """A layout none of whose marks was seen, placed by the best set."""
+    places = zip(layout.names, put.tolist(), strict=True)
+    return replace(
+        best, names=(), pixels=np.zeros((0, 2)), correlations=np.zeros(0), layout=layout,
+        predicted={name: (column, row) for name, (column, row) in places},
+    )  # fmt: skip
+
+
+def _agree(put: PixelPoints, found: Constellation, pixel_mm: float) -> bool:
+    """True when the marks of a set were found where another set puts those of its layout."""
+    own = [found.layout.names.index(name) for name in found.names]
+    return bool(np.median(np.linalg.norm(put[own] - found.pixels, axis=1)) * pixel_mm < AGREE_MM)
+
+
+def middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:
+    """Distance between the middles of two sets of four."""
+    middles = [np.mean(list(one.predicted.values()), axis=0) for one in sets]
+    return float(np.linalg.norm(middles[0] - middles[1])) * pixel_mm

@@ -1,23 +1,39 @@
 """Fiducials that a person corrected after they were found: the interior orientation follows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
-from core.arrays import FilmPoints, PixelPoints
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, fit_interior
-from core.geometry.transforms import PlaneTransform, fit_similarity
+from core.raster.scan_file import ScanFile, read_window
+from core.scans.centring import (
+    LEAST_RADIUS_PX,
+    Centre,
+    Gray,
+    Weights,
+    centre_by_symmetry,
+    correlation,
+    disc,
+    match_mark,
+    sample_about,
+)
+from core.scans.fiducials import HAND_SIGMA_PX, seen_from
 from core.scans.film_area import area_from_interior
-from core.scans.hand_marks import HAND_SIGMA_PX
-from core.scans.interior_doubts import doubts_of_fit
-from core.scans.interior_orientation import ScanOrientation
-from core.scans.measured_marks import FiducialMeasurement
+from core.scans.interior_orientation import ScanOrientation, pooled_factor
+from core.scans.judging import (
+    FiducialMeasurement,
+    certified_places,
+    doubts_of_fit,
+    interior_of,
+    places_of,
+)
 
-FOUND_SIGMA_PX = 0.1
-"""Standard deviation of a found mark whose own is not known any more, pixels."""
+FOUND_SIGMA_PX = 0.1  # design: the goal of the centring
+"""Standard deviation of a found mark whose own is not known any more."""
 BY_HAND = "by hand"
 """Kind of a mark that a person measured."""
 OF_FIT = frozenset(
@@ -28,6 +44,16 @@ OF_FIT = frozenset(
     }
 )  # fmt: skip
 """Doubts that are raised anew once the marks are others."""
+RADII_MM = (0.5, 0.8, 1.3)  # design: marks are of different sizes
+"""Radii about the middle that are tried."""
+REACH_MM = 0.5  # design: as near as one points on a screen
+"""How far the middle may lie from where somebody pointed."""
+SNAP_PX, MARGIN_PX = 3.0, 8  # design: a search to a pixel; the blur of the samples
+"""How far matching may move from the place that was found, and what a window has beyond."""
+SEARCH_STEPS = 8  # design: time; steps of a twentieth of a millimetre
+"""Steps to either side in which the middle of a symmetric mark is sought."""
+LEAST_ALIKE = 0.6  # design: texture is hardly as symmetric
+"""Likeness below which the place is no mark."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +90,12 @@ def corrected_scans(
         if changes.get(name)
     }
     result = {**oriented, **corrected}
-    for name in corrected:
+    for name, scan in corrected.items():
         family = [one.interior for k, one in result.items() if cameras[k] is cameras[name]]
-        fitted = [one for one in family if one.redundancy]
-        interior = corrected[name].interior
-        if len(fitted) < 2 or interior.model == "nominal":
-            continue
-        equations = sum(one.redundancy for one in fitted)
-        factor = sum(one.variance_factor * one.redundancy for one in fitted) / equations
-        result[name] = replace(corrected[name], interior=interior.with_variance_factor(factor))
+        factor = pooled_factor(family)
+        if factor is not None and scan.interior.model != "nominal":
+            interior = scan.interior.with_variance_factor(factor)
+            result[name] = replace(scan, interior=interior)
     return result
 
 
@@ -90,19 +113,17 @@ def corrected_scan(
     marks = tuple(found[name] for name in camera.fiducials_mm if name in found)
     used = [mark for mark in marks if changes.get(mark.name, MarkChange()).use]
     doubts = tuple(doubt for doubt in scan.doubts if not _settled(doubt, changes))
-    pixels = np.array([(mark.column, mark.row) for mark in used]).reshape(-1, 2)
-    film = np.array([camera.fiducials_mm[mark.name] for mark in used]).reshape(-1, 2)
-    sigmas = np.array([mark.sigma_px for mark in used])
-    names = [mark.name for mark in used]
-    back = _from_behind(pixels, film) if scan.interior.model == "nominal" else scan.way[1]
-    fitted = fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=back)
+    back = scan.way[1]
+    if scan.interior.model == "nominal":
+        _, back = seen_from(places_of(used), certified_places(used, camera.fiducials_mm))
+    fitted = interior_of(used, camera.fiducials_mm, back)
     if isinstance(fitted, Failure):
         doubt = Doubt(
             "fiducials-corrected",
             scan.photo_id,
-            f"With the corrected fiducials there is no interior orientation ({fitted.reason}): it "
-            "stays what it was. Look at the marks of this scan again.",
-            evidence={"fiducials": names},
+            "With the corrected fiducials there is no interior orientation "
+            f"({fitted.reason.rstrip('.')}): it stays what it was. Look at its marks again.",
+            evidence={"fiducials": [mark.name for mark in used]},
         )
         return replace(scan, fiducials=marks, doubts=(*doubts, doubt))
     kept = tuple(doubt for doubt in doubts if doubt.kind not in OF_FIT)
@@ -138,7 +159,7 @@ def corrected_interior(
     pixels = np.array([places[name] for name in names]).reshape(-1, 2)
     film = np.array([certified[name] for name in names]).reshape(-1, 2)
     sigmas = np.array([HAND_SIGMA_PX if n in by_hand else FOUND_SIGMA_PX for n in names])
-    back = interior.mirrored if interior.names else _from_behind(pixels, film)
+    back = interior.mirrored if interior.names else seen_from(pixels, film)[1]
     fitted = fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=back)
     return interior if isinstance(fitted, Failure) else fitted
 
@@ -156,12 +177,93 @@ def _settled(doubt: Doubt, changes: Changes) -> bool:
     return doubt.evidence.get("fiducial") in changes
 
 
-def _from_behind(pixels: PixelPoints, film: FilmPoints) -> bool:
-    """Whether marks lie as in a film that was scanned from its back; two cannot tell."""
-    if len(pixels) < 3:
-        return False
-    fits: Sequence[PlaneTransform | Failure] = [
-        fit_similarity(pixels, film, mirrored=not back) for back in (False, True)
-    ]
-    rms = [fit.rms if isinstance(fit, PlaneTransform) else np.inf for fit in fits]
-    return bool(rms[1] < rms[0])
+@dataclass(frozen=True, slots=True)
+class Example:
+    """The same mark where it was measured well."""
+
+    scan: ScanFile
+    """The scan."""
+    place: tuple[float, float]
+    """Column and row of its middle."""
+
+
+def snap_mark(
+    scan: ScanFile, place: tuple[float, float], pixel_mm: float, example: Example | None = None
+) -> Centre | Failure:
+    """The middle of the mark beside a place, scan pixels.
+
+    Args:
+        scan: The scan.
+        place: Column and row where somebody pointed.
+        pixel_mm: Size of a scan pixel on the film, millimetres.
+        example: The same mark in another scan of the camera, that lies the same way and has
+            pixels of the same size; without one, or where it is unlike, the mark's own symmetry.
+    """
+    window, corner = _window(scan, place, pixel_mm)
+    start = (place[0] - corner[0], place[1] - corner[1])
+    reach_px = REACH_MM / pixel_mm + 2
+    tried: list[Centre] = []
+    if example is not None:
+        other, beside = _window(example.scan, example.place, pixel_mm)
+        middle = np.array(example.place) - np.array(beside)
+        for radius in RADII_MM:
+            template = sample_about(other, middle, _disc(radius, pixel_mm).shape[0])
+            near = _likest(window, template, start, reach_px)
+            _keep(tried, match_mark(window, near, SNAP_PX, template))
+    if not tried:
+        for radius in RADII_MM:
+            weights = _disc(radius, pixel_mm)
+            near = _most_symmetric(window, weights, start, reach_px)
+            _keep(tried, centre_by_symmetry(window, near, SNAP_PX, weights))
+    if not tried:
+        return Failure("there is nothing like the mark beside that place")
+    best = max(tried, key=lambda centre: centre.correlation)
+    return Centre(best.column + corner[0], best.row + corner[1], best.sigma_px, best.correlation)
+
+
+def _likest(
+    window: Gray, template: Weights, start: tuple[float, float], reach_px: float
+) -> tuple[float, float]:
+    """The place within reach at which the window is most like a template, to a pixel."""
+    surface = cv2.matchTemplate(window, template.astype(np.float32), cv2.TM_CCOEFF_NORMED)
+    half = template.shape[0] // 2
+    columns, rows = np.meshgrid(*(np.arange(n) + half + 0.5 for n in surface.shape[::-1]))
+    away = np.hypot(columns - start[0], rows - start[1])
+    best = int(np.argmax(np.where(away <= reach_px, surface, -np.inf)))
+    return float(columns.flat[best]), float(rows.flat[best])
+
+
+def _most_symmetric(
+    window: Gray, weights: Weights, start: tuple[float, float], reach_px: float
+) -> tuple[float, float]:
+    """The place within reach about which the window looks most like itself after half a turn."""
+    step = max(1.0, reach_px / SEARCH_STEPS)
+    offsets = np.arange(-reach_px, reach_px + step / 2, step)
+    best, place = -np.inf, start
+    for right in offsets:
+        for down in offsets:
+            here = np.array([start[0] + right, start[1] + down])
+            patch = sample_about(window, here, weights.shape[0])
+            alike = correlation(patch, patch[::-1, ::-1], weights)
+            if alike > best:
+                best, place = alike, (float(here[0]), float(here[1]))
+    return place
+
+
+def _keep(tried: list[Centre], found: Centre | Failure) -> None:
+    """Remember what looks like the mark."""
+    if isinstance(found, Centre) and found.correlation >= LEAST_ALIKE:
+        tried.append(found)
+
+
+def _disc(radius_mm: float, pixel_mm: float) -> Weights:
+    return disc(max(radius_mm / pixel_mm, LEAST_RADIUS_PX))
+
+
+def _window(
+    scan: ScanFile, place: tuple[float, float], pixel_mm: float
+) -> tuple[Gray, tuple[int, int]]:
+    """Grays about a place, and the first column and row."""
+    half = int(np.ceil((RADII_MM[-1] + REACH_MM) / pixel_mm)) + MARGIN_PX
+    corner = (round(place[0]) - half, round(place[1]) - half)
+    return read_window(scan, *corner, 2 * half, 2 * half, outside="edge"), corner

@@ -1,4 +1,4 @@
-"""Where the exposed picture lies in a scan, and which of its pixels are photograph.
+"""Where the exposed picture lies in a scan, and beside which of its sides the camera wrote.
 
 The border is looked for as four straight steps of gray, at right angles and as far apart as the
 camera's frame is wide; a side that cannot be seen (dark ground against dark film, or cut off by the
@@ -10,6 +10,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from jaxtyping import Float32
 
 from core.arrays import Matrix, PixelPoints, Scalars, locked
 from core.errors import ScanError
@@ -19,34 +20,51 @@ from core.raster.scan_file import ScanFile, read_window
 
 Side = Literal["left", "right", "top", "bottom"]
 SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
+# design: a border is blurred over less than three cells of a third of a millimetre.
 STEP_CELLS = 3
 """Cells on either side of a boundary whose means are compared."""
+# design: about what steps of chance reach; half of it lets chance sides outbid unseen ones.
 UNSEEN = 0.3
-"""Score that a side which cannot be seen is given: about what chance steps reach."""
-BLANK = 3.0
+"""Score that a side which cannot be seen is given."""
+BLANK = 3.0  # design: one in a hundred; even fog and snow differ by more
 """Grays (of 255, noise averaged out) that differ by less show nothing."""
-MARGIN = 0.1
+MARGIN = 0.1  # design: film beyond the frame, with the data strip, is about as wide
 """Share of the frame that is looked at about it once its place is roughly known."""
-MOST = 0.7
+MOST = 0.7  # design: a second look then has less than 1.2 times the resolution of the first
 """Share of the scan from which looking again would show nothing new."""
-
-
-@dataclass(frozen=True, slots=True)
-class FilmAreaOptions:
-    """How the border of the picture is looked for."""
-
-    overview_px: int = 1200
-    """The longer side of the reduced scan in which it is looked for, pixels."""
-    strips: int = 48
-    """Each side is cut into this many strips, each with one vote."""
-    max_turn_deg: float = 2.5
-    """How far the film may be turned in the scanner, degrees."""
-    size_tolerance: float = 0.02
-    """How far the picture may differ from `frame_mm`, as a share of it."""
-    off_middle_mm: float = 1.0
-    """How far the middle of the picture may be from the middle of its marks, millimetres."""
-    min_score: float = 0.45
-    """Mean vote of the strips (0 to 1) from which a side counts as seen."""
+OVERVIEW_PX = 1200  # design: cells of a fifth of a millimetre for film of 23 cm; memory and time
+"""The longer side of the reduced scan in which the border is looked for, pixels."""
+STRIPS = 48  # design: strips of 5 mm: a bright field spoils the votes of few
+"""Each side is cut into this many strips, each with one vote."""
+MOST_TURN_DEG = 2.5  # design: film laid on a scanner by hand lies straighter
+"""How far the film may be turned in the scanner, degrees."""
+TURNS = 51  # design: steps of 0.1 degrees, 0.4 mm from end to end of a side of 23 cm
+"""Rotations that are tried."""
+SIZE_TOLERANCE = 0.02  # design: prints and shrunk film differ by up to 0.7 per cent
+"""How far the picture may differ from `frame_mm`, as a share of it."""
+OFF_MIDDLE_MM = 1.0  # design: cameras centre their marks to tenths of a millimetre
+"""How far the middle of the picture may be from the middle of its marks, millimetres."""
+LEAST_SCORE = (
+    0.45  # design: half way between chance (UNSEEN) and a border seen in six of ten strips
+)
+"""Mean vote of the strips (0 to 1) from which a side counts as seen."""
+REACH = 0.15  # design: a frame that is cut off by more cannot be used
+"""Share of the frame that one of its sides may lie outside the scan."""
+PREFERRED = 0.02  # design: less than one of 48 votes: it decides between equals only
+"""What nominal size and the middle of the scan count at most, in votes."""
+# design: clocks, levels and counters lie so far beyond the frame; nearer are soft edges and
+# notches, and the ends of a side belong to housings of corner marks and to notes.
+STRIP_MM, CORNER_MM = (1.5, 22.0), 18.0
+"""From where to where beyond the border writing is looked for, and ends that are left out."""
+STRIP_CELL_MM = 0.25  # design: strokes of writing are about as wide
+"""Size of a cell in which writing is told from film, millimetres."""
+WRITING = 25.0  # design: a tenth of the range; grain of cells this large is far less
+"""Difference from the film's own gray, of 255, that counts as writing."""
+LEAST_WRITING_MM2 = 60.0  # design: one dial of 9 mm; a handwritten number covers less
+"""Area of writing below which there is no strip."""
+AHEAD = 2.0  # design: notes on another side cover less than half of a strip
+"""How many times more the strip must hold than any other side."""
+STRIP_SIDES: tuple[Side, ...] = ("left", "top", "right", "bottom")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +90,12 @@ class FilmArea:
         return bool(across) and bool({"top", "bottom"} & set(self.seen)) and len(self.seen) >= 3
 
     @property
+    def turn(self) -> float:
+        """Rotation of the lower border in the scan, radians, counter-clockwise."""
+        bottom = self.corners[1] - self.corners[0]
+        return float(np.arctan2(-bottom[1], bottom[0]))
+
+    @property
     def centre(self) -> PixelPoints:
         """Middle of the picture, (1, 2) pixels."""
         return self.corners.mean(axis=0, keepdims=True)
@@ -81,7 +105,6 @@ def detect_film_area(
     scan: ScanFile,
     camera: Camera,
     scan_pixel_mm: float,
-    options: FilmAreaOptions | None = None,
 ) -> FilmArea:
     """Find the border of the exposed picture.
 
@@ -89,12 +112,10 @@ def detect_film_area(
         scan: The scan.
         camera: Camera with the size of its frame.
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
-        options: How it is looked for.
     """
-    options = options or FilmAreaOptions()
     frame_mm = _frame_as_it_lies(scan, camera)
     columns, rows = scan.size_px
-    area = _area_in(scan, (0, 0, columns, rows), frame_mm / scan_pixel_mm, options)
+    area = _area_in(scan, (0, 0, columns, rows), frame_mm / scan_pixel_mm)
     low = area.corners.min(axis=0) - MARGIN * frame_mm / scan_pixel_mm
     high = area.corners.max(axis=0) + MARGIN * frame_mm / scan_pixel_mm
     left, top = np.maximum(low, 0).astype(int).tolist()
@@ -103,7 +124,7 @@ def detect_film_area(
         return area
     # A page with the photo in one corner: looked at again without the rest of the page.
     window = (left, top, right - left, bottom - top)
-    return _area_in(scan, window, frame_mm / scan_pixel_mm, options)
+    return _area_in(scan, window, frame_mm / scan_pixel_mm)
 
 
 def refine_film_area(
@@ -112,7 +133,6 @@ def refine_film_area(
     scan_pixel_mm: float,
     area: FilmArea,
     middle: tuple[float, float],
-    options: FilmAreaOptions | None = None,
 ) -> FilmArea:
     """The border once the middle of the fiducials is known, which is that of the picture.
 
@@ -122,32 +142,29 @@ def refine_film_area(
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The border as it was found without the marks.
         middle: Column and row of the middle of the marks.
-        options: How it is looked for.
     """
-    options = options or FilmAreaOptions()
     away_mm = np.abs(area.centre[0] - np.array(middle)) * scan_pixel_mm
-    if float(away_mm.max()) < options.off_middle_mm:
+    if float(away_mm.max()) < OFF_MIDDLE_MM:
         return area
     frame = _frame_as_it_lies(scan, camera) / scan_pixel_mm
     low = np.maximum(np.array(middle) - (0.5 + MARGIN) * frame, 0).astype(int)
     high = np.minimum(np.array(middle) + (0.5 + MARGIN) * frame, scan.size_px).astype(int)
     (left, top), (width, height) = low.tolist(), (high - low).tolist()
-    reach = options.off_middle_mm / scan_pixel_mm
-    return _area_in(scan, (left, top, width, height), frame, options, (middle, reach))
+    reach = OFF_MIDDLE_MM / scan_pixel_mm
+    return _area_in(scan, (left, top, width, height), frame, (middle, reach))
 
 
 def _area_in(
     scan: ScanFile,
     window: tuple[int, int, int, int],
     frame_px: np.ndarray,
-    options: FilmAreaOptions,
     known: tuple[tuple[float, float], float] | None = None,
 ) -> FilmArea:
     """The border of the picture in a window (column, row, columns, rows) of the scan.
 
     `known` is its middle and how far it may be from there, pixels.
     """
-    reduction = max(1, -(-max(window[2:]) // options.overview_px))
+    reduction = max(1, -(-max(window[2:]) // OVERVIEW_PX))
     gray = eight_bit(read_window(scan, *window, reduction))
     frame = frame_px / reduction
     near: list[tuple[float, float] | None] = [None, None]
@@ -157,11 +174,11 @@ def _area_in(
             ((column - window[0]) / reduction, reach / reduction),
             ((row - window[1]) / reduction, reach / reduction),
         ]
-    across, down = _votes(gray, options.strips), _votes(gray.T, options.strips)
+    across, down = _votes(gray), _votes(gray.T)
     best: tuple[float, _Pair, _Pair, float] | None = None
-    for turn in np.tan(np.radians(_turns(options))):
-        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), options, near[0])
-        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), options, near[1])
+    for turn in np.tan(np.radians(np.linspace(-MOST_TURN_DEG, MOST_TURN_DEG, TURNS))):
+        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), near[0])
+        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), near[1])
         if best is None or columns.total + rows.total > best[0]:
             best = (columns.total + rows.total, columns, rows, float(turn))
     assert best is not None
@@ -169,7 +186,7 @@ def _area_in(
     corners = _corners(columns, rows, turn, gray.shape) * reduction + np.array(window[:2])
     scores = np.array([*columns.scores, *rows.scores])
     seen: tuple[Side, ...] = tuple(
-        side for side, score in zip(SIDES, scores, strict=True) if score >= options.min_score
+        side for side, score in zip(SIDES, scores, strict=True) if score >= LEAST_SCORE
     )
     return FilmArea(corners, seen, scores)
 
@@ -180,13 +197,17 @@ def check_not_blank(scan: ScanFile, area: FilmArea) -> None:
     Raises:
         ScanError: The heart of the picture is even, but for noise.
     """
-    reduction = max(1, -(-max(scan.size_px) // 600))
+    # design: cells of 0.4 mm, whose means over 9 x 9 leave nothing of the grain.
+    overview_px, calm_cells = 600, 9
+    reduction = max(1, -(-max(scan.size_px) // overview_px))
     low, high = area.corners.min(axis=0), area.corners.max(axis=0)
-    left, top = np.maximum(low + 0.1 * (high - low), 0).astype(int).tolist()
-    right, bottom = np.minimum(high - 0.1 * (high - low), scan.size_px).astype(int).tolist()
+    left, top = np.maximum(low + MARGIN * (high - low), 0).astype(int).tolist()
+    right, bottom = np.minimum(high - MARGIN * (high - low), scan.size_px).astype(int).tolist()
     gray = read_window(scan, left, top, right - left, bottom - top, reduction)
+    # design: the brightest pixels may be dust; 16 bit scans hold at least 10 bits of film.
     top_gray = 255.0 if scan.dtype == "uint8" else max(float(np.nanpercentile(gray, 99.9)), 1024.0)
-    calm = cv2.blur(np.nan_to_num(gray), (9, 9))[4:-4, 4:-4] * (255.0 / top_gray)
+    calm = cv2.blur(np.nan_to_num(gray), (calm_cells, calm_cells))[4:-4, 4:-4] * (255.0 / top_gray)
+    # design: a hair or a spot on a blank film covers less than one per cent.
     spread = float(np.ptp(np.percentile(calm, [1, 99]))) if calm.size else 0.0
     if spread < BLANK:
         raise ScanError(
@@ -209,18 +230,13 @@ def _frame_as_it_lies(scan: ScanFile, camera: Camera) -> np.ndarray:
     return np.array((height, width) if lies_across else (width, height))
 
 
-def _turns(options: FilmAreaOptions) -> np.ndarray:
-    """Rotations to try, degrees."""
-    return np.linspace(-options.max_turn_deg, options.max_turn_deg, 51)
-
-
-def _votes(gray: np.ndarray, strips: int) -> Matrix:
-    """(strips, columns + 1) steps of gray across each column boundary, squashed to -1 .. 1.
+def _votes(gray: np.ndarray) -> Matrix:
+    """(STRIPS, columns + 1) steps of gray across each column boundary, squashed to -1 .. 1.
 
     Squashing gives every strip one vote, so that one bright field does not pass for a border.
     """
-    height = gray.shape[0] // strips
-    means = gray[: height * strips].reshape(strips, height, -1).mean(axis=1, dtype=np.float64)
+    height = gray.shape[0] // STRIPS
+    means = gray[: height * STRIPS].reshape(STRIPS, height, -1).mean(axis=1, dtype=np.float64)
     sums = np.cumsum(np.pad(means, ((0, 0), (1, 0))), axis=1)
     step = np.zeros_like(sums)
     half = STEP_CELLS
@@ -256,7 +272,6 @@ class _Pair:
 def _best_pair(
     score: Scalars,
     size: float,
-    options: FilmAreaOptions,
     near: tuple[float, float] | None = None,
 ) -> _Pair:
     """The two boundaries with the best votes that are as far apart as the frame is wide.
@@ -264,8 +279,8 @@ def _best_pair(
     A side that is not seen counts as UNSEEN wherever it is, also outside the scan; the two small
     penalties decide between equals: nominal size, then the middle of the scan.
     """
-    slack = round(size * options.size_tolerance) + 1
-    reach = round(0.15 * size) + slack
+    slack = round(size * SIZE_TOLERANCE) + 1
+    reach = round(REACH * size) + slack
     padded = np.full(len(score) + 2 * reach, UNSEEN)
     padded[reach : reach + len(score)] = np.maximum(score, UNSEEN)
     best: tuple[float, int, int] | None = None
@@ -274,10 +289,10 @@ def _best_pair(
             continue
         total = padded[:-width] + padded[width:]
         middle = np.arange(len(total)) + width / 2 - reach
-        total -= 0.02 * np.abs(width - size) / slack
-        total -= 0.02 * np.abs(middle - len(score) / 2) / len(score)
+        total -= PREFERRED * np.abs(width - size) / slack
+        total -= PREFERRED * np.abs(middle - len(score) / 2) / len(score)
         if near is not None:
-            total -= np.where(np.abs(middle - near[0]) > near[1] + 0.5, 9.0, 0.0)
+            total[np.abs(middle - near[0]) > near[1] + 0.5] = -np.inf
         first = int(np.argmax(total))
         if best is None or total[first] > best[0]:
             best = (float(total[first]), first - reach, width)
@@ -305,4 +320,62 @@ def _corners(columns: _Pair, rows: _Pair, slope: float, shape: tuple[int, ...]) 
 
 def eight_bit(gray: np.ndarray) -> np.ndarray:
     """Gray values stretched so that the bright end is 255, whatever the depth of the scan."""
+    # design: dust and scratches cover less than one in two hundred pixels.
     return gray * np.float32(255.0 / max(float(np.percentile(gray, 99.5)), 1.0))
+
+
+def find_data_strip(scan: ScanFile, pixel_mm: float, area: FilmArea) -> Side | None:
+    """The side of the picture, as it lies in the scan, with the data strip; None if no side leads.
+
+    Args:
+        scan: The scan.
+        pixel_mm: Size of a scan pixel on the film, millimetres.
+        area: The exposed picture.
+    """
+    reduction = max(1, round(STRIP_CELL_MM / pixel_mm))
+    low, high = area.corners.min(axis=0), area.corners.max(axis=0)
+    gap, reach, ends = (mm / pixel_mm for mm in (*STRIP_MM, CORNER_MM))
+    boxes = {
+        "left": (low[0] - reach, low[1] + ends, low[0] - gap, high[1] - ends),
+        "right": (high[0] + gap, low[1] + ends, high[0] + reach, high[1] - ends),
+        "top": (low[0] + ends, low[1] - reach, high[0] - ends, low[1] - gap),
+        "bottom": (low[0] + ends, high[1] + gap, high[0] - ends, high[1] + reach),
+    }
+    written = {side: _written_mm2(scan, boxes[side], reduction, pixel_mm) for side in STRIP_SIDES}
+    order = sorted(STRIP_SIDES, key=lambda side: written[side], reverse=True)
+    first, second = written[order[0]], written[order[1]]
+    if first < LEAST_WRITING_MM2 or first < AHEAD * second:
+        return None
+    return order[0]
+
+
+def _written_mm2(
+    scan: ScanFile,
+    box: tuple[float, float, float, float],
+    reduction: int,
+    pixel_mm: float,
+) -> float:
+    """Area of what differs from the film in the part of a box that lies in the scan."""
+    columns, rows = scan.size_px
+    left, top = max(round(box[0]), 0), max(round(box[1]), 0)
+    right, bottom = min(round(box[2]), columns), min(round(box[3]), rows)
+    if min(right - left, bottom - top) < 8 * reduction:  # design: less holds no figure
+        return 0.0
+    gray = read_window(scan, left, top, right - left, bottom - top, reduction)
+    if right - left < bottom - top:
+        gray = gray.T
+    cell_mm = pixel_mm * reduction
+    return float(_differs(gray).sum()) * cell_mm**2
+
+
+def _differs(gray: Float32[np.ndarray, "across along"]) -> np.ndarray:
+    """Cells unlike the film in their row; rows run along the border of the picture.
+
+    A row of scanner bed or of paper is even and holds nothing; the film's own gray is the row's
+    median, so that a dark film on a white bed is no writing.
+    """
+    level = np.median(gray, axis=1, keepdims=True)
+    step = np.abs(gray - level) > WRITING
+    busy = step.mean(axis=1, keepdims=True) < 0.5
+    cleaned = cv2.morphologyEx((step & busy).astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2)))
+    return np.asarray(cleaned)

@@ -9,15 +9,10 @@ import numpy as np
 from core.arrays import Mask, locked
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
-from core.geometry.interior import (
-    InteriorOrientation,
-    fit_interior,
-    nominal_interior,
-)
+from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
-from core.scans.data_strip import find_data_strip, ways_of_strip
-from core.scans.duplicate_scans import Look, look_of
 from core.scans.fiducials import (
+    fiducials_by_hand,
     measure_fiducials,
     measure_unknown_fiducials,
     renamed,
@@ -28,20 +23,28 @@ from core.scans.film_area import (
     area_from_interior,
     check_not_blank,
     detect_film_area,
+    find_data_strip,
     refine_film_area,
 )
-from core.scans.hand_marks import fiducials_by_hand
-from core.scans.interior_doubts import doubts_of_fit, names_guessed
-from core.scans.judging import FiducialOptions
-from core.scans.layouts import UPRIGHT, Way
-from core.scans.measured_marks import FiducialMeasurement, FiducialSet
-from core.scans.photo_mask import usable_mask
-from core.scans.scratches import find_scratches
+from core.scans.judging import (
+    FiducialMeasurement,
+    FiducialSet,
+    doubts_of_fit,
+    interior_of,
+    names_guessed,
+    places_of,
+)
+from core.scans.naming import UPRIGHT, Way, ways_of_strip
+from core.scans.photo_mask import find_scratches, usable_mask
+from core.scans.scan_pairs import Look, look_of
 
 Marks = Mapping[str, tuple[float, float]]
 """Column and row by the name of a mark."""
-CELL_MM = 0.25
-"""Cells of the mask that says what of a scan is photograph are no larger, millimetres."""
+CELL_MM, MOST_PIXELS = 0.25, 8  # design: a pen stroke; memory at one end, aliasing at the other
+"""Cells of the mask that says what of a scan is photograph are no larger."""
+
+EXPECTED, UNEXPECTED = 0.3, 0.8  # design: what the operator knows, and what is to be looked at
+"""Gravity of an orientation without fiducials."""
 
 
 def _unseen() -> Look:
@@ -81,14 +84,14 @@ class ScanOrientation:
         """Columns and rows."""
         return self.scan.size_px
 
-    def usable(self, reduction: int = 8) -> Mask:
+    def usable(self, reduction: int = MOST_PIXELS) -> Mask:
         """Which cells of the reduced scan are photograph; see `usable.usable_mask`."""
-        marks = [(mark.column, mark.row) for mark in self.fiducials]
+        marks = [mark.place for mark in self.fiducials]
         return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
 
     def masked(self) -> "ScanOrientation":
         """The same with its scan knowing which part of it is photograph."""
-        reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, 8))
+        reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, MOST_PIXELS))
         photograph = self.usable(reduction)
         pixel_mm = self.interior.pixel_size_mm
         scratches = find_scratches(self.scan, self.area.corners, photograph, pixel_mm)
@@ -100,7 +103,6 @@ def orient_scan(
     path: Path,
     camera: Camera,
     scan_pixel_um: float,
-    options: FiducialOptions | None = None,
     by_hand: Marks | None = None,
 ) -> ScanOrientation:
     """Open a scan, find its picture area and fiducials, and fit its interior orientation.
@@ -110,7 +112,6 @@ def orient_scan(
         camera: Camera; its `fiducials_mm` may be empty: marks are then looked for where cameras
             have them, and their places follow from all photos together (`family`).
         scan_pixel_um: Nominal size of a scan pixel, micrometres.
-        options: When a fiducial stands.
         by_hand: Fiducials that somebody measured (column, row); nothing is looked for then.
 
     Raises:
@@ -124,35 +125,28 @@ def orient_scan(
         check_fits_camera(scan, camera, pixel_mm)
     check_not_blank(scan, area)
     if camera.fiducials_mm:
-        return _by_certificate(scan, camera, pixel_mm, area, options, by_hand or {})
+        return _by_certificate(scan, camera, pixel_mm, area, by_hand or {})
     photo_id = photo_id_of(path)
-    measured, area = _unknown(scan, camera, pixel_mm, area, options)
-    strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
+    measured, area = _unknown(scan, camera, pixel_mm, area)
+    strip = find_data_strip(scan, pixel_mm, area) if area.trusted else None
     interior = _nominal(scan, camera, pixel_mm, area)
-    doubt = _nominal_doubt(photo_id, area, "The camera has no fiducials_mm", 0.3)
+    doubt = _nominal_doubt(photo_id, area, "The camera has no fiducials_mm", EXPECTED)
     return ScanOrientation(
         photo_id, scan, interior, measured.marks, _area(area, interior, camera),
         (*measured.doubts, doubt), strip=strip, look=look_of(scan, area),
     )  # fmt: skip
 
 
-def interior_of(
-    marks: Sequence[FiducialMeasurement], certificate: Marks, way: Way
-) -> InteriorOrientation | Failure:
-    """Interior orientation from at least two marks.
+def pooled_factor(interiors: Sequence[InteriorOrientation]) -> float | None:
+    """Variance factor of all photos of a camera: two redundant equations alone say little.
 
-    Args:
-        marks: The marks that were measured.
-        certificate: Where they lie on the film, millimetres.
-        way: How the film lies in the scan.
+    None where fewer than two photos have any.
     """
-    if len(marks) < 2:
-        return Failure(f"Only {len(marks)} of {len(certificate)} fiducials were measured.")
-    names = [mark.name for mark in marks]
-    pixels = np.array([(mark.column, mark.row) for mark in marks], dtype=np.float64)
-    film = np.array([certificate[name] for name in names], dtype=np.float64)
-    sigmas = np.array([mark.sigma_px for mark in marks])
-    return fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=way[1])
+    fitted = [interior for interior in interiors if interior.redundancy]
+    if len(fitted) < 2:
+        return None
+    equations = sum(interior.redundancy for interior in fitted)
+    return sum(one.variance_factor * one.redundancy for one in fitted) / equations
 
 
 def _unknown(
@@ -160,17 +154,16 @@ def _unknown(
     camera: Camera,
     pixel_mm: float,
     area: FilmArea,
-    options: FiducialOptions | None,
 ) -> tuple[FiducialSet, FilmArea]:
     """Marks nobody certified, and the picture area that goes with them."""
-    measured = measure_unknown_fiducials(scan, camera, pixel_mm, area, options)
+    measured = measure_unknown_fiducials(scan, camera, pixel_mm, area)
     if len(measured.marks) < 3:
         return measured, area
     refined = refine_film_area(scan, camera, pixel_mm, area, measured.middle)
     if refined is area or not measured.doubts:
         return measured, refined
     # Windows about the right places may show what windows about the wrong ones did not.
-    again = measure_unknown_fiducials(scan, camera, pixel_mm, refined, options)
+    again = measure_unknown_fiducials(scan, camera, pixel_mm, refined)
     return (again if len(again.marks) > len(measured.marks) else measured), refined
 
 
@@ -179,30 +172,29 @@ def _by_certificate(
     camera: Camera,
     pixel_mm: float,
     area: FilmArea,
-    options: FiducialOptions | None,
     by_hand: Marks,
 ) -> ScanOrientation:
     """The scan of a camera whose marks are certified."""
     photo_id = photo_id_of(scan.path)
     measured = fiducials_by_hand(photo_id, camera, by_hand)
     if not measured.marks:
-        measured = measure_fiducials(scan, camera, pixel_mm, area, options)
-    fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
+        measured = measure_fiducials(scan, camera, pixel_mm, area)
+    fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way[1])
     if isinstance(fitted, InteriorOrientation):
         column, row = fitted.pixel_from_film(np.zeros((1, 2)))[0].tolist()
         area = refine_film_area(scan, camera, pixel_mm, area, (column, row))
-    strip = find_data_strip(scan, camera, pixel_mm, area) if area.trusted else None
+    strip = find_data_strip(scan, pixel_mm, area) if area.trusted else None
     preferred = ways_of_strip(camera.data_strip, strip)
     if measured.rivals and preferred:
         measured = renamed(measured, camera, preferred, area)
-        fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way)
+        fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way[1])
     marks, doubts = measured.marks, measured.doubts
     if measured.guessed:
         doubts += (names_guessed(photo_id, measured.way),)
     if isinstance(fitted, Failure):
         interior = _nominal(scan, camera, pixel_mm, area)
-        doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), 0.8),)
-        doubts += _of_another_camera(scan, camera, pixel_mm, area, options)
+        doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), UNEXPECTED),)
+        doubts += _of_another_camera(scan, camera, pixel_mm, area)
     else:
         interior = fitted
         doubts += doubts_of_fit(photo_id, interior, marks, pixel_mm)
@@ -217,13 +209,12 @@ def _of_another_camera(
     camera: Camera,
     pixel_mm: float,
     area: FilmArea,
-    options: FiducialOptions | None,
 ) -> tuple[Doubt, ...]:
     """A word about marks that are there, but not where this camera has them."""
-    other = measure_unknown_fiducials(scan, camera, pixel_mm, area, options)
+    other = measure_unknown_fiducials(scan, camera, pixel_mm, area)
     if len(other.marks) < 3:
         return ()
-    middle = np.mean([(mark.column, mark.row) for mark in other.marks], axis=0)
+    middle = places_of(other.marks).mean(axis=0)
     places = {
         mark.name: (
             round(float(mark.column - middle[0]) * pixel_mm, 2),

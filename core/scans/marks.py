@@ -7,15 +7,18 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from core.geometry.robust import TINY
+
 Coordinates = Float64[np.ndarray, "rows columns"]
 Inside = Bool[np.ndarray, "rows columns"]
-SUPERSAMPLED = 800
+SUPERSAMPLED = 800  # design: memory; edges of large marks are then right to a tenth of a pixel
 """Samples along a side of a drawn template that suffice: small templates get eight a pixel."""
-SURROUND = 1.35
+SURROUND = 1.35  # design: a third of the template's width is background
 """Half width of a drawn template relative to the mark's own: contrast needs background."""
 SYMMETRIC = ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross", "dot", "ring",
              "ringed-dot", "ringed-cross", "ringed-saltire", "quadrants")  # fmt: skip
 
+# design: the shapes themselves, right angles and halves of them.
 NOTCH_NORMALS = {
     "wedge": (np.pi / 4, -np.pi / 4),
     "tip": (3 * np.pi / 4, -3 * np.pi / 4),
@@ -54,34 +57,42 @@ class Mark:
     @property
     def reach_mm(self) -> float:
         """How far it extends from its middle, millimetres."""
+        # design: as crops of Wild RC marks show: rays reach half a radius beyond their ring.
         return self.radius_mm * (1.5 if self.shape in ("ringed-cross", "ringed-saltire") else 1.0)
 
 
 def library() -> tuple[Mark, ...]:
     """Marks worth looking for, from 0.1 to 3 mm; lines no thicker than a third of their length."""
+    # design: sizes in steps of about 1.6, strokes of 2: between two steps a mark still correlates.
+    cross_radii, strokes = (0.4, 0.65, 1.0, 1.6, 2.5), (0.1, 0.2, 0.4)
+    # measured: prove_fiducials; dots in steps of two were missed between them.
+    dots = (0.06, 0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0)
+    ring_radii, ring_strokes = (0.3, 0.5, 0.8, 1.3), (0.1, 0.25)  # design: as above
+    corners = ((0.8, 0.2), (1.6, 0.2), (1.6, 0.4))  # design: as above
+    notch = 1.5  # design: enough of both edges for their directions
     marks = [
         Mark(shape, radius, stroke)
         for shape in ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross")
-        for radius in (0.4, 0.65, 1.0, 1.6, 2.5)
-        for stroke in (0.1, 0.2, 0.4)
+        for radius in cross_radii
+        for stroke in strokes
         if stroke <= radius / 3
     ]
-    marks += [Mark("dot", radius, 0.0) for radius in (0.06, 0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0)]
+    marks += [Mark("dot", radius, 0.0) for radius in dots]
     marks += [
         Mark(shape, radius, stroke)
         for shape in ("ring", "ringed-dot", "ringed-cross", "ringed-saltire")
-        for radius in (0.3, 0.5, 0.8, 1.3)
-        for stroke in (0.1, 0.25)
+        for radius in ring_radii
+        for stroke in ring_strokes
         if stroke <= radius / 2
     ]
     marks += [Mark("quadrants", radius, 0.0) for radius in (0.5, 1.0)]
     marks += [
         Mark(shape, radius, stroke)
         for shape in ("corner", "outer-corner")
-        for radius, stroke in ((0.8, 0.2), (1.6, 0.2), (1.6, 0.4))
+        for radius, stroke in corners
     ]
     wedges = ("wedge", "tip", "half-wedge", "other-half-wedge")
-    return (*marks, *(Mark(shape, 1.5, 0.0) for shape in wedges))
+    return (*marks, *(Mark(shape, notch, 0.0) for shape in wedges))
 
 
 def resized(mark: Mark, radius_factor: float, stroke_factor: float, blur_px: float) -> Mark:
@@ -129,7 +140,7 @@ def _drawn_figure(
 ) -> Float64[np.ndarray, "side side"]:
     """A figure by samples within every pixel."""
     side = 2 * half + 1
-    fine = int(np.clip(SUPERSAMPLED // side, 2, 8))
+    fine = int(np.clip(SUPERSAMPLED // side, 2, 8))  # design: shares of a 64th of a pixel
     axis = ((np.arange(side * fine) + 0.5) / fine - half - 0.5) * pixel_mm
     right, down = np.meshgrid(axis, axis)
     cosine, sine = np.cos(turn), np.sin(turn)
@@ -155,7 +166,7 @@ def _half_plane(right: Coordinates, down: Coordinates, angle: float) -> Coordina
     # A square seen along the line is a trapezoid: wide parts of constant depth, two ramps.
     inner, outer = (along - across) / 2, (along + across) / 2
     away = np.abs(apart)
-    ramp = np.clip(outer - away, 0, None) ** 2 / (2 * across * along + 1e-12)
+    ramp = np.clip(outer - away, 0, None) ** 2 / (2 * across * along + TINY)
     share = np.where(away <= inner, 0.5 + away / along, 1 - ramp)
     share = np.where(away >= outer, 1.0, share)
     return np.where(apart >= 0, share, 1 - share)
@@ -179,6 +190,7 @@ def _saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
 
 def _gapped_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     """Upright cross with an open middle."""
+    # design: drawn from cameras with open crosses
     return _cross(mark, x, y) & (np.maximum(np.abs(x), np.abs(y)) > 0.3 * mark.radius_mm)
 
 
@@ -189,6 +201,7 @@ def _gapped_saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
 
 def _dotted_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     """Upright cross, its open middle with a dot in it, as in cameras of the thirties."""
+    # design: drawn from cameras of the thirties; no dot is thinner than a pixel of the search
     return _gapped_cross(mark, x, y) | (np.hypot(x, y) < max(0.1 * mark.radius_mm, 0.05))
 
 
@@ -199,7 +212,7 @@ def _quadrants(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
 
 def _corner(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     """Two arms at a right angle that run towards the middle of the photo's sides."""
-    right, down = (-1.0 if part < -1e-9 else 1.0 for part in mark.outward)
+    right, down = (-1.0 if part < -TINY else 1.0 for part in mark.outward)
     inward, across = -x * right, -y * down
     half, arm = mark.stroke_mm / 2, mark.radius_mm
     level = (np.abs(across) < half) & (inward > -half) & (inward < arm)
@@ -228,8 +241,11 @@ def _ringed_dot(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
 
 def _ringed_cross(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:
     """Ring with four rays through it, as in Wild cameras."""
-    reach = replace(mark, radius_mm=mark.reach_mm, stroke_mm=mark.stroke_mm * 0.6)
-    return _ring(mark, x, y) | (_cross(reach, x, y) & (np.hypot(x, y) > 0.4 * mark.radius_mm))
+    # design: as crops of Wild RC marks show: rays are thinner than the ring and end inside it.
+    thinner, inside = 0.6, 0.4
+    reach = replace(mark, radius_mm=mark.reach_mm, stroke_mm=mark.stroke_mm * thinner)
+    rays = _cross(reach, x, y) & (np.hypot(x, y) > inside * mark.radius_mm)
+    return _ring(mark, x, y) | rays
 
 
 def _ringed_saltire(mark: Mark, x: Coordinates, y: Coordinates) -> Inside:

@@ -1,45 +1,135 @@
-"""The marks of one constellation at full resolution: the kind fitted, every middle found twice."""
+"""The marks of one set at full resolution: the kind fitted, every middle found twice."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
 import numpy as np
+from jaxtyping import Float32
 
 from core.doubts import Failure
+from core.geometry.robust import TINY
+from core.geometry.transforms import apply_affine
+from core.raster.scan_file import ScanFile, read_window
+from core.scans.candidates import eighth
 from core.scans.centring import (
     Centre,
     Gray,
     Weights,
     centre_by_symmetry,
     correlation,
-    disc_weights,
+    disc,
+    disc_in,
     match_mark,
     sample_about,
     softened,
 )
-from core.scans.constellation import Constellation
-from core.scans.edges import centre_by_edges
-from core.scans.mark_windows import RING_MM, Spot, within_eighth
+from core.scans.constellation import SHORTEST_REACH, Constellation
 from core.scans.marks import SURROUND, Mark, draw_mark, resized
-from core.scans.notches import centre_by_sides
+from core.scans.naming import within_eighth
+from core.scans.outlines import centre_by_edges, centre_by_sides
 
-FITTING_MM = 0.03
+FITTING_MM = 0.03  # design: the thinnest lines are three pixels wide
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
-NOTCH_SIGMA_PX = 0.024
-"""What the picture beside a notch does to its edges at least, pixels."""
-STEPS_APART_PX = 0.2
-"""How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
-RINGS = (2.5, 1.12, RING_MM)
+RING_MM = 1.4  # design: the largest ring of the library, and a little
+"""Greatest ring about a dot that is looked for."""
+RINGS = (2.5, 1.12, RING_MM)  # design: a ring is apart from its dot; steps less than its line
 """Rings that are tried about a dot: the least over its radius, step, and the greatest (mm)."""
-RING_GAIN = 0.15
+RING_GAIN = 0.15  # design: texture about a dot adds some hundredths
 """Likeness that a ring must add."""
-OUTLINE_SIGMAS = 4.0
-OUTLINE_PX = 0.1
-"""How far the outline may lie from the mark's middle before dirt is suspected, pixels."""
-BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
+WINDOW_REACH, WINDOW_MM, WINDOW_PX = 1.8, 0.6, 8  # design: drawn surroundings, error of the start
+"""Half width of a window in the mark's reach, and what is added in millimetres and pixels."""
+BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)  # design: from sharp to as wide as a thin line
 """Blurs that are tried, pixels of the fitting."""
+SIZE_STEPS = (0.2, 0.1, 0.05)  # design: from the step of the library to what moves no middle
+FINE_STEPS = (0.025, 0.0125)  # design: the ends of one-sided arms draw the middle with their size
+"""Steps of radius and stroke, as shares; the fine ones for marks that are not symmetric."""
+GAIN, FINE_GAIN = 1e-4, 2e-5  # design: less likeness is noise
+"""Likeness that a coarse and a fine step must add."""
+OFF_MM, NEAR_MM = 0.4, 0.3  # design: four cells of the search, and a little
+"""How far a mark may be from where its search, and its first measurement, put it."""
+NOTCH_SIGMA_PX = 0.024  # measured: prove_fiducials, chi-square of notches 1.0 in docs/measurements
+"""What the picture beside a notch does to its edges at least, pixels."""
+STEPS_APART_PX = 0.2  # design: as far as slopes of gray in the picture draw the steps aside
+"""How far a notch by its steps of gray may lie from the notch by its sides, pixels."""
+OUTLINE_SIGMAS, OUTLINE_PX, OUTLINE_MM = 4.0, 0.1, 0.1  # design: 1 in 10,000; goal of the centring
+"""How far the outline may lie from the mark's middle before dirt is suspected, and is sought."""
+WORST_PX = 9.0  # design: worse than any limit, and small enough to be squared
+"""Largest standard deviation of a second way that is reckoned with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spot:
+    """A window about one mark."""
+
+    name: str
+    """The fiducial's name."""
+    corner: tuple[int, int]
+    """First column and row in the scan."""
+    gray: Float32[np.ndarray, "rows columns"]
+    """Gray values."""
+    start: tuple[float, float]
+    """Approximate middle, window pixels."""
+    outward: tuple[float, float]
+    """Direction from the middle of the marks, in the film's axes (right, down)."""
+    found: bool
+    """False where the place only follows from the other marks."""
+
+
+def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
+    """Full resolution windows about all marks; those not found yet where the others put them."""
+    places = _all_places(found)
+    middle = np.mean(list(places.values()), axis=0)
+    spots: dict[str, Spot] = {}
+    for name, (column, row) in places.items():
+        outward = eighth((column - middle[0], row - middle[1]), within_eighth(found.turn))
+        spot = open_spot(scan, name, (column, row), outward, found.mark.reach_mm, pixel_mm)
+        if spot is not None:
+            spots[name] = replace(spot, found=name in found.names)
+    return spots
+
+
+def open_spot(
+    scan: ScanFile,
+    name: str,
+    place: tuple[float, float],
+    outward: tuple[float, float],
+    reach_mm: float,
+    pixel_mm: float,
+) -> Spot | None:
+    """The full resolution window about one place; None outside the scan.
+
+    Args:
+        scan: The scan.
+        name: The fiducial's name.
+        place: Where it should be, scan pixels.
+        outward: Direction from the middle of the marks, in the film's axes (right, down).
+        reach_mm: How far the mark extends from its middle.
+        pixel_mm: Size of a scan pixel, millimetres.
+    """
+    column, row = place
+    if not (0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]):
+        return None
+    # Room for a ring about what was found as a dot, and for a start that is a little off.
+    half = int(np.ceil((max(reach_mm, RING_MM) * WINDOW_REACH + WINDOW_MM) / pixel_mm)) + WINDOW_PX
+    corner = (round(column) - half, round(row) - half)
+    gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
+    if not np.isfinite(gray[half - 3 : half + 3, half - 3 : half + 3]).all():
+        return None
+    return Spot(name, corner, gray, (column - corner[0], row - corner[1]), outward, False)
+
+
+def _all_places(found: Constellation) -> Mapping[str, tuple[float, float]]:
+    """Where each mark was found, or where a similarity through the found ones puts it."""
+    places = dict(found.predicted)
+    if found.fit is not None:
+        put = apply_affine(found.fit.matrix, found.layout.lying(found.way)).tolist()
+        for name, (column, row) in zip(found.layout.names, put, strict=True):
+            places[name] = (column, row)
+    for name, (column, row) in zip(found.names, found.pixels.tolist(), strict=True):
+        places[name] = (column, row)
+    return places
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,19 +207,18 @@ def _sized(
     """Radius, stroke and blur that make it most like the scan's, and the spots started there."""
     best, blur = fitted, 0.0
     likeness, small = _likeness(spots, best, cell_mm)
-    # The ends of arms on one side only draw the middle of a mark along with its size.
-    finer = () if best.mark.symmetric else (0.025, 0.0125)
-    for step in (0.2, 0.1, 0.05, *finer):
+    finer = () if best.mark.symmetric else FINE_STEPS
+    for step in (*SIZE_STEPS, *finer):
         for _ in range(3):
             factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
                        (1.0, 1 / (1 + 2 * step)))  # fmt: skip
-            near = [b for b in BLURS_PX if b != blur] if step == 0.1 else []
+            near = [b for b in BLURS_PX if b != blur] if step == SIZE_STEPS[1] else []
             marks = [resized(best.mark, *pair, blur) for pair in factors]
             marks += [resized(best.mark, 1.0, 1.0, other) for other in near]
             trials = [replace(best, mark=mark) for mark in marks]
             found = [_likeness(small, trial, cell_mm) for trial in trials]
             winner = int(np.argmax([value for value, _ in found]))
-            if found[winner][0] <= likeness + (1e-4 if step >= 0.05 else 2e-5):
+            if found[winner][0] <= likeness + (GAIN if step in SIZE_STEPS else FINE_GAIN):
                 break
             best = trials[winner]
             likeness, small = found[winner]
@@ -151,10 +240,11 @@ def _ringed(spots: Sequence[Spot], dot: FittedMark, cell_mm: float) -> FittedMar
     values: list[float] = []
     for trial in trials:
         template = softened(trial.drawn((0.0, 1.0), cell_mm, radii[-1]))
-        weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
         sign = 1 if dot.bright else -1
         patches = [sample_about(s.gray, np.array(s.start), template.shape[0]) for s in spots]
-        values.append(sign * float(np.median([correlation(p, template, weights) for p in patches])))
+        values.append(
+            sign * float(np.median([correlation(p, template, disc_in(template)) for p in patches]))
+        )
     best = int(np.argmax(values))
     return trials[best] if best and values[best] > values[0] + RING_GAIN else None
 
@@ -188,12 +278,11 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
     if fitted.mark.notch:
         return _notch(spot, fitted, pixel_mm)
     template = fitted.drawn(spot.outward, pixel_mm)
-    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
-    matched = match_mark(spot.gray, template, weights, spot.start, limit_px=0.4 / pixel_mm + 2)
+    matched = match_mark(spot.gray, spot.start, OFF_MM / pixel_mm + 2, template)
     if isinstance(matched, Failure):
         return matched
     start = (matched.column, matched.row)
-    second = _second_way(spot.gray, fitted, template, weights, start, pixel_mm)
+    second = _second_way(spot.gray, fitted, template, start, pixel_mm)
     if isinstance(second, Failure):
         return second
     likeness = matched.correlation if fitted.bright else -matched.correlation
@@ -202,7 +291,7 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
         return both
     outline = template if fitted.bright else -template
     middle = (both.column - spot.corner[0], both.row - spot.corner[1])
-    third = centre_by_edges(spot.gray, outline, weights, middle, limit_px=0.1 / pixel_mm + 1)
+    third = centre_by_edges(spot.gray, middle, OUTLINE_MM / pixel_mm + 1, outline)
     return both if isinstance(third, Failure) else _confirmed(spot, both, third)
 
 
@@ -220,15 +309,14 @@ def _confirmed(spot: Spot, both: TwoWays, third: Centre) -> TwoWays:
 def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
     """A notch by its outline in two ways: nobody can draw the gray of the picture beside it."""
     template = fitted.drawn(spot.outward, pixel_mm)
-    weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
     outline = template if fitted.bright else -template
-    limit_px = 0.4 / pixel_mm + 2
-    first = centre_by_edges(spot.gray, outline, weights, spot.start, limit_px, False, True)
+    limit_px = OFF_MM / pixel_mm + 2
+    first = centre_by_edges(spot.gray, spot.start, limit_px, outline, notch=True)
     if isinstance(first, Failure):
         return first
     start = (first.column, first.row)
     drawn = partial(fitted.notch_at, spot.outward, pixel_mm)
-    second = centre_by_sides(spot.gray, drawn, weights, start, limit_px)
+    second = centre_by_sides(spot.gray, start, limit_px, drawn)
     if isinstance(second, Failure):
         return second
     likeness = second.correlation if fitted.bright else -second.correlation
@@ -249,13 +337,13 @@ def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> T
     """Both ways weighted by their sigmas."""
     apart = float(np.hypot(matched.column - second.column, matched.row - second.row))
     # Two ways that differ by no more than both sigmas let expect are as sure as they say.
-    expected = 2 * (matched.sigma_px**2 + min(second.sigma_px, 9.0) ** 2)
+    expected = 2 * (matched.sigma_px**2 + min(second.sigma_px, WORST_PX) ** 2)
     beyond = float(np.sqrt(max(apart**2 - expected, 0.0))) / 2
-    share = matched.sigma_px**2 / (matched.sigma_px**2 + second.sigma_px**2 + 1e-12)
+    share = matched.sigma_px**2 / (matched.sigma_px**2 + second.sigma_px**2 + TINY)
     return TwoWays(
         spot.corner[0] + share * second.column + (1 - share) * matched.column,
         spot.corner[1] + share * second.row + (1 - share) * matched.row,
-        float(np.hypot(min(second.sigma_px, 9.0), beyond)), likeness, apart,
+        float(np.hypot(min(second.sigma_px, WORST_PX), beyond)), likeness, apart,
     )  # fmt: skip
 
 
@@ -263,17 +351,15 @@ def _second_way(
     gray: Gray,
     fitted: FittedMark,
     template: Weights,
-    weights: Weights,
     start: tuple[float, float],
     pixel_mm: float,
 ) -> Centre | Failure:
     """The way that knows nothing of the grays of the drawn mark."""
     if not fitted.mark.symmetric:
         outline = template if fitted.bright else -template
-        return centre_by_edges(gray, outline, weights, start, limit_px=0.3 / pixel_mm + 2)
-    radius = fitted.mark.reach_mm * 1.15 / pixel_mm + 1
-    disc = disc_weights(2 * int(np.ceil(radius)) + 3, radius)
-    return centre_by_symmetry(gray, disc, start, limit_px=0.3 / pixel_mm + 2)
+        return centre_by_edges(gray, start, NEAR_MM / pixel_mm + 2, outline)
+    radius = fitted.mark.reach_mm * SHORTEST_REACH / pixel_mm + 1
+    return centre_by_symmetry(gray, start, NEAR_MM / pixel_mm + 2, disc(radius))
 
 
 def _reduced(spot: Spot, reduction: int) -> Spot:
@@ -305,15 +391,14 @@ def _likeness(
         if outward not in drawn:
             drawn[outward] = fitted.drawn(outward, cell_mm, reach_mm)
         template = drawn[outward]
-        weights = disc_weights(template.shape[0], template.shape[0] / 2 - 1)
-        match = match_mark(spot.gray, template, weights, spot.start, 0.3 / cell_mm + 1, False)
+        match = match_mark(spot.gray, spot.start, NEAR_MM / cell_mm + 1, template, False)
         if isinstance(match, Failure):
             values.append(-1.0)
             placed.append(spot)
             continue
         patch = sample_about(spot.gray, np.array([match.column, match.row]), template.shape[0])
         values.append(
-            correlation(patch, softened(template), weights) * (1 if fitted.bright else -1)
+            correlation(patch, softened(template), disc_in(template)) * (1 if fitted.bright else -1)
         )
         placed.append(replace(spot, start=(match.column, match.row)))
     # The drawn mark's own size is its window: likeness of a larger one is worth more.

@@ -5,29 +5,136 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import FilmPoints, PixelPoints, Scalars
+from core.arrays import FilmPoints, PixelPoints, Scalars, locked
+from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
-from core.scans.film_area import FilmArea
-from core.scans.layouts import UPRIGHT, WAYS, Way, lying
+from core.scans.film_area import FilmArea, Side
 
-FILM_SIGMA_MM = 0.003
+Way = tuple[int, bool]
+"""Quarter turns counter-clockwise in the scan, and whether the film shows its back."""
+UPRIGHT: Way = (0, False)  # design: no turn, not mirrored
+WAYS: tuple[Way, ...] = tuple((quarter, back) for back in (False, True) for quarter in range(4))
+ALIKE_MM = 0.6  # design: less than the fit of a set tolerates (FIT_MM of the constellation)
+"""Layouts whose marks all lie this near to each other are searched for only once."""
+ASIDE = 0.55  # design: about half way between the middle of a side (0) and a corner (1)
+"""Share of half the frame beyond which a mark in both directions belongs to a corner."""
+# design: from marks in the film's margin to those well inside the picture.
+INSETS_MM = (-4.5, 15.0)
+"""How far inside the border of the frame unknown marks are looked for, from and to."""
+# design: sets are sought whose scale is right to 1.5 per cent; between two steps nothing is missed.
+INSET_STEP_MM, INSET_STEP_SHARE = 1.5, 0.025
+"""Step between the distances tried, at most this share of half the frame."""
+# design: directions from the middle of the film, x right and y up.
+CORNERS = {"UL": (-1.0, 1.0), "UR": (1.0, 1.0), "LR": (1.0, -1.0), "LL": (-1.0, -1.0)}
+# design: the same.
+SIDES = {"T": (0.0, 1.0), "R": (1.0, 0.0), "B": (0.0, -1.0), "L": (-1.0, 0.0)}
+OUTWARD = {"left": SIDES["L"], "top": SIDES["T"], "right": SIDES["R"], "bottom": SIDES["B"]}
+FILM_SIGMA_MM = 0.003  # design: certificates give the places of marks to a few micrometres
 """How well film and certificate usually agree once its even stretching is taken up, millimetres."""
-STRETCH = 3e-4
+STRETCH = 3e-4  # design: usual shrinkage of film base by age and processing
 """How much a film is usually longer along one side than along the other, or out of square."""
-FREEDOM = 4.0
+FREEDOM = 4.0  # source: Lange, Little & Taylor 1989 (robust modelling with the t distribution)
 """Some films are far worse than usual: the freedom of Student's distribution that allows for it."""
-DECIDED = 12.0
+DECIDED = 12.0  # design: odds of four hundred to one
 """Twice the logarithm of the odds from which one way to lie is preferred to another."""
-TURNED = 2.0
-MIRRORED = 6.0
+TURNED, MIRRORED = 2.0, 6.0  # design: odds of three and of twenty to one, as archives scan
 """Twice the logarithm of the odds against a turned and against a mirrored scan beforehand."""
-BORDER_MM = 0.3
+BORDER_MM = 0.3  # design: the border is seen to a cell of a fifth of a millimetre
 """How well the middle of the certificate and that of the picture usually agree, millimetres."""
-BORDER_TURN = 2e-3
+BORDER_TURN = 2e-3  # design: the step of 0.1 degrees with which the border's turn is found
 """The same of the certificate's axes and the picture's border, radians."""
-NEAR_MM = 2.5
+NEAR_MM = 2.5  # design: no two marks lie so near; no certificate is wrong by so much
 """How near to its place a mark must lie to be taken for it."""
 Certificate = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Marks that are looked for together: of one kind, in one pattern."""
+
+    names: tuple[str, ...]
+    """Their names."""
+    film: FilmPoints
+    """Where they lie on the film, millimetres."""
+    ways: tuple[Way, ...]
+    """Ways to lie that differ and are tried."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "film", locked(self.film))
+
+    def lying(self, way: Way) -> FilmPoints:
+        """The marks as they lie in the scan, x right and y up, millimetres."""
+        return lying(self.film, way)
+
+    @property
+    def reach_mm(self) -> float:
+        """Distance of its outermost mark from the middle."""
+        return float(np.linalg.norm(self.film, axis=1).max())
+
+
+def lying(film: FilmPoints, way: Way) -> FilmPoints:
+    """Film points in the axes of a scan (x right, y up) on which the film lies in a way."""
+    quarter, back = way
+    turn = quarter * np.pi / 2
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    sides = np.array([-1.0, 1.0]) if back else np.array([1.0, 1.0])
+    return (film * sides) @ np.rint(rotation).T
+
+
+def certified_layouts(camera: Camera, quarters: Sequence[int]) -> tuple[Layout, ...]:
+    """The certificate's marks; corners and sides apart where both are enough to stand alone.
+
+    Args:
+        camera: Camera with its certified fiducials.
+        quarters: Quarter turns the frame's shape allows.
+    """
+    names = tuple(camera.fiducials_mm)
+    film = np.array([camera.fiducials_mm[name] for name in names], dtype=np.float64)
+    half = np.abs(film).max(axis=0)
+    corner = (np.abs(film) > ASIDE * half).all(axis=1)
+    parts = [corner, ~corner] if min(corner.sum(), (~corner).sum()) >= 3 else [corner | True]
+    return tuple(
+        Layout(
+            tuple(name for name, inside in zip(names, part, strict=True) if inside),
+            film[part],
+            distinct_ways(film[part], quarters),
+        )
+        for part in parts
+    )
+
+
+def guessed_layouts(camera: Camera) -> Mapping[str, tuple[Layout, ...]]:
+    """Corner marks and marks of the sides at many distances from the frame's border."""
+    half = np.array(camera.frame_mm) / 2
+    step = min(INSET_STEP_MM, INSET_STEP_SHARE * float(half.min()))
+    insets = np.arange(INSETS_MM[0], INSETS_MM[1] + step / 2, step).tolist()
+    return {
+        group: tuple(
+            Layout(
+                tuple(places),
+                np.array(list(places.values())) * (half - inset),
+                (UPRIGHT,),
+            )
+            for inset in insets
+        )
+        for group, places in (("corners", CORNERS), ("sides", SIDES))
+    }
+
+
+def distinct_ways(film: FilmPoints, quarters: Sequence[int]) -> tuple[Way, ...]:
+    """Of the ways to lie those that put marks elsewhere than an earlier one, names aside."""
+    kept: list[Way] = []
+    for way in WAYS:
+        here = lying(film, way)
+        if way[0] in quarters and not any(_alike(here, lying(film, other)) for other in kept):
+            kept.append(way)
+    return tuple(kept)
+
+
+def _alike(first: FilmPoints, second: FilmPoints) -> bool:
+    """True when every mark of one lies near one of the other."""
+    apart = np.linalg.norm(first[:, None] - second[None], axis=2)
+    return bool(max(apart.min(axis=0).max(), apart.min(axis=1).max()) < ALIKE_MM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +200,12 @@ def small_turn(put: PlaneTransform) -> float:
     Args:
         put: The similarity scan from film.
     """
-    clockwise = float(np.arctan2(put.matrix[1, 0], put.matrix[0, 0]))
-    return float((clockwise + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+    return within_eighth(float(np.arctan2(put.matrix[1, 0], put.matrix[0, 0])))
+
+
+def within_eighth(turn: float) -> float:
+    """A rotation less its quarter turns, radians."""
+    return float((turn + np.pi / 4) % (np.pi / 2) - np.pi / 4)
 
 
 def _unlikely(way: Way) -> float:
@@ -155,9 +266,41 @@ def _aslant(
     put = fit_similarity(film, pixels, mirrored=True)
     if not isinstance(put, PlaneTransform):
         return np.inf
-    bottom = area.corners[1] - area.corners[0]
-    turn = np.arctan2(put.matrix[1, 0], put.matrix[0, 0]) - np.arctan2(bottom[1], bottom[0])
+    turn = np.arctan2(put.matrix[1, 0], put.matrix[0, 0]) + area.turn
     beside_mm = (put.matrix[:, 2] - area.centre[0]) / put.scale
     square_sum = float(np.sum((beside_mm / BORDER_MM) ** 2))
     square_sum += float(np.sin(turn) / BORDER_TURN) ** 2
     return (FREEDOM + 3) * float(np.log1p(square_sum / FREEDOM))
+
+
+def ways_of_strip(certified: str, seen: Side | None) -> tuple[Way, ...]:
+    """Ways the film may lie in, not mirrored first, when its data strip was seen on a side.
+
+    Args:
+        certified: Side of the strip in the film frame; empty when nobody knows.
+        seen: Side of the strip in the scan.
+    """
+    if seen is None or not certified:
+        return ()
+    on_film = np.array([OUTWARD[certified]])
+    in_scan = np.array([OUTWARD[seen]])
+    return tuple(way for way in WAYS if np.allclose(lying(on_film, way), in_scan))
+
+
+def strip_on_film(seen: Side, way: Way) -> str:
+    """The side of the upright film that lies on a side of the scan."""
+    in_scan = np.array([OUTWARD[seen]])
+    return next(
+        side
+        for side, outward in OUTWARD.items()
+        if np.allclose(lying(np.array([outward]), way), in_scan)
+    )
+
+
+def turned_words(way: Way) -> str:
+    """A way to lie in words."""
+    if way == UPRIGHT:
+        return "upright"
+    turns = ("", "turned by 90 degrees counter-clockwise", "turned by 180 degrees",
+             "turned by 90 degrees clockwise")  # fmt: skip
+    return " and ".join(part for part in ("mirrored" if way[1] else "", turns[way[0]]) if part)

@@ -1,54 +1,81 @@
-"""Which pixels of a scan are photograph: no margin, no housings of marks, no data strip."""
+"""Which pixels of a scan are photograph: no margin, housings, data strip, writing or scratches.
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+Scratches are those that the film got on its way through camera, dryer and projector. They are thin,
+straight, and run along the film for centimetres, over road and wood alike. Means of short pieces of
+every row (and column) of pixels are looked at: a scratch is a row that is brighter, or darker, than
+those on both sides of it in nearly every piece, along one side of the picture. A lane may be as
+thin; none is as straight for so long, in so much of its length, and just in the direction in which
+most such lines run.
+"""
+
+from collections.abc import Iterable, Iterator
 
 import cv2
 import numpy as np
+from jaxtyping import Float32
 
-from core.arrays import Mask, PixelPoints
+from core.arrays import Flags, Indices, Mask, PixelPoints
 from core.geometry.robust import robust_sigma
-from core.raster.scan_file import ScanFile, read_overview
+from core.raster.scan_file import ScanFile, Scratch, read_overview, read_window
 from core.scans.film_area import FilmArea, eight_bit
 
-RING_MM = 3.0
+BORDER_MM = 1.0  # design: the picture's border is soft, and found to a fifth of a millimetre
+"""Strip along the border of the picture that is left out."""
+MARK_MM = 2.5  # design: the largest mark of the library, and a little
+"""Radius of the disc that is left out about every fiducial."""
+HOUSING_MM = 16.0  # design: as far as housings of marks and data strips of old cameras reach
+"""How far from the border housings, data strips and notes may reach into the picture."""
+RING_MM = 3.0  # design: film there always is about a frame, and enough cells to tell its gray
 """Width of the ring of film about the picture whose look is taken for the margin's."""
-MIN_MARGIN = 0.005
+MIN_MARGIN = 0.005  # design: a tenth of the ring about a whole frame
 """Share of the scan in that ring from which its look can be told."""
-MAX_SPREAD = 5.0
+MAX_SPREAD = 5.0  # design: with more, a margin holds writing or dirt, and its spread is no noise
 """Greatest spread of the margin's gray, of 255."""
-MIN_HEART = 0.1
+LEAST_SPREAD = 1.5  # design: steps of 8 bit and the compression of the file
+"""Spread of the margin's gray that is always reckoned with."""
+MIN_HEART = 0.1  # design: enough cells for the percentile below
 """Share of the scan that the picture's heart must be to tell what ink is."""
-INK_PERCENTILE = 99.95
-"""Ink is whiter than this share of the heart's cells,"""
-INK_BEYOND = 0.2
-"""and by so much of what sets those apart from the middle."""
-BROAD_MM, APART_MM, LEAST_INK_MM2 = 1.0, 2.0, 3.0
+# design: one cell in two thousand may be a roof in the sun; ink is whiter still.
+INK_PERCENTILE, INK_BEYOND = 99.95, 0.2
+"""Ink is whiter than this share of the heart's cells, and by so much of what sets those apart from
+the middle."""
+BROAD_MM, APART_MM, LEAST_INK_MM2 = 1.0, 2.0, 3.0  # design: pens and digits of archivists
 """Strokes are narrower than the first, nearer to each other than the second, and together at least
 as large as the third."""
-MAX_ALIKE = 0.05
+CLOSED_MM = 0.6  # design: strokes of lettering on housings are about so wide
+"""Gaps of the margin that are closed, and islands that are dropped."""
+MAX_ALIKE = 0.05  # design: ground is hardly ever as even and as dark as film
 """When more of the picture's heart looks like the margin, likeness proves nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class UsableOptions:
-    """What of the picture is left out."""
-
-    border_mm: float = 1.0
-    """Strip along the border of the picture, millimetres."""
-    mark_radius_mm: float = 2.5
-    """Disc about every fiducial, millimetres."""
-    housing_mm: float = 16.0
-    """How far the dark housings of marks and data strips may reach into the picture."""
+STRIP_PX = 1024  # design: memory; 50 MB of a scan of 12,000 columns
+"""Rows of pixels that are read at a time, about."""
+PIECE_MM, PIECE_PX = 0.64, (8, 32)  # design: grain is averaged out, bends and gaps are not
+"""Length of a piece, and its bounds."""
+ROW_MM = 0.04  # design: scratches are twenty to sixty micrometres wide
+"""Rows of pixels are put together to about this width."""
+BESIDE = 3  # design: beyond the blur of a scratch of a row or two
+"""Rows at this distance on both sides are what a scratch is compared with."""
+BEYOND = 6.0  # design: with 3 roads stand out as well, with 12 only the strongest scratches
+"""A piece stands out when it does so this many times as much as is usual about it."""
+ABOUT = (9, 101)  # design: 6 mm along and 4 mm across: one field, and no scratch fills it
+"""How many pieces and rows that is."""
+LEAST_MM, WHOLE, TURN_DEG = 22.0, 0.85, 2.0  # design: lanes are shorter, have gaps, or are aslant
+"""Length from which scratches are told from what lies on the ground, share of its pieces in which
+a scratch stands out, and how far both its ends may be turned against the side of the picture."""
+OFF = 1.5  # design: the row and its neighbours
+"""How far from its curve a piece of a scratch may lie, rows."""
+FAINT = 0.3  # design: a scratch is about as strong everywhere
+"""A piece that stands out less than this share of the usual piece is not of the same scratch."""
+ROUNDS = 4  # design: what is off a parabola no longer changes then
+Profile = Float32[np.ndarray, "rows pieces"]
+"""Mean gray of the pieces of every row."""
 
 
 def usable_mask(
     scan: ScanFile,
     area: FilmArea,
     pixel_mm: float,
-    marks: Iterable[tuple[float, float]] = (),
-    reduction: int = 8,
-    options: UsableOptions | None = None,
+    marks: Iterable[tuple[float, float]],
+    reduction: int,
 ) -> Mask:
     """Which cells of the reduced scan are photograph: no margin, marks, data strip or notes.
 
@@ -58,41 +85,39 @@ def usable_mask(
         pixel_mm: Size of a scan pixel on the film, millimetres.
         marks: Fiducials, (column, row) pixels.
         reduction: How many pixels a side become one.
-        options: What is left out.
 
     Returns:
         (rows // reduction, columns // reduction), True where the scan may be used.
     """
-    options = options or UsableOptions()
     gray = eight_bit(read_overview(scan, reduction))
     cell_mm = pixel_mm * reduction
     inside = _inside(area.corners / reduction, gray.shape)
-    depth_mm = cv2.distanceTransform(_framed(inside), cv2.DIST_L2, 5)[1:-1, 1:-1] * cell_mm
-    usable = depth_mm > options.border_mm
-    usable &= ~_margin_like(gray, inside, depth_mm, cell_mm, options)
-    usable &= ~_written(gray, depth_mm, cell_mm, options)
+    depth_mm = (
+        cv2.distanceTransform(_framed(inside), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1] * cell_mm
+    )
+    usable = depth_mm > BORDER_MM
+    usable &= ~_margin_like(gray, inside, depth_mm, cell_mm)
+    usable &= ~_written(gray, depth_mm, cell_mm)
     discs = np.zeros(gray.shape, dtype=np.uint8)
     for column, row in marks:
         place = (round(column / reduction - 0.5), round(row / reduction - 0.5))
-        cv2.circle(discs, place, int(np.ceil(options.mark_radius_mm / cell_mm)), 1, -1)
+        cv2.circle(discs, place, int(np.ceil(MARK_MM / cell_mm)), 1, -1)
     return np.asarray(usable & (discs == 0))
 
 
-def _written(
-    gray: np.ndarray, depth_mm: np.ndarray, cell_mm: float, options: UsableOptions
-) -> Mask:
+def _written(gray: np.ndarray, depth_mm: np.ndarray, cell_mm: float) -> Mask:
     """Cells of the picture's rim on which somebody has written, and what lies between strokes.
 
     Archives write in white on dark film: ink is clearly whiter than the whitest of the picture's
     heart, and thin. What is as white and broad is a field or a cloud. Dark strokes are not told
     from woods, for the rim of a picture is darker than its heart.
     """
-    heart = depth_mm > options.housing_mm
+    heart = depth_mm > HOUSING_MM
     rim = (depth_mm > 0) & ~heart
     nobody = np.zeros(gray.shape, dtype=bool)
     if heart.mean() < MIN_HEART:
         return nobody
-    usual, white = np.percentile(gray[heart], (50.0, INK_PERCENTILE))
+    usual, white = np.median(gray[heart]), np.percentile(gray[heart], INK_PERCENTILE)
     ink = (rim & (gray > white + INK_BEYOND * (white - usual))).astype(np.uint8)
     broad = cv2.morphologyEx(ink, cv2.MORPH_OPEN, _square(0.5 * BROAD_MM / cell_mm))
     broad = cv2.dilate(broad, _square(BROAD_MM / cell_mm))
@@ -122,9 +147,7 @@ def _framed(inside: Mask) -> np.ndarray:
     return np.pad(inside.astype(np.uint8), 1)
 
 
-def _margin_like(
-    gray: np.ndarray, inside: Mask, depth_mm: np.ndarray, cell_mm: float, options: UsableOptions
-) -> Mask:
+def _margin_like(gray: np.ndarray, inside: Mask, depth_mm: np.ndarray, cell_mm: float) -> Mask:
     """Cells of the picture that look like the margin and hang together with it.
 
     The housings of the marks, rounded corners and data strips are cut out of the exposed picture:
@@ -136,16 +159,145 @@ def _margin_like(
     if ring.mean() < MIN_MARGIN:
         return nobody
     level = float(np.median(gray[ring]))
-    spread = min(robust_sigma(gray[ring] - level), MAX_SPREAD) + 1.5
+    spread = min(robust_sigma(gray[ring] - level), MAX_SPREAD) + LEAST_SPREAD
     near = cv2.blur(np.abs(gray - level), (3, 3)) < 3 * spread
-    heart = depth_mm > options.housing_mm
+    heart = depth_mm > HOUSING_MM
     if heart.any() and near[heart].mean() > MAX_ALIKE:
         return nobody
-    near &= depth_mm < options.housing_mm
-    kernel = _square(0.6 / cell_mm)
+    near &= depth_mm < HOUSING_MM
+    kernel = _square(CLOSED_MM / cell_mm)
     closed = cv2.morphologyEx((near | outside).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)
     _, labels = cv2.connectedComponents(opened)
     touching = np.unique(labels[outside | (depth_mm < 2 * cell_mm)])
     margin = np.isin(labels, touching[touching > 0])
     return np.asarray(cv2.dilate(margin.astype(np.uint8), kernel) > 0)
+
+
+def find_scratches(
+    scan: ScanFile,
+    corners: PixelPoints,
+    photograph: Mask,
+    pixel_mm: float,
+) -> tuple[Scratch, ...]:
+    """Scratches of one scan, all of one way: that in which more of them was found.
+
+    Args:
+        scan: The scan; read by strips.
+        corners: Of the picture, pixels, as `FilmArea` has them.
+        photograph: True where the scan is photograph, cells that cover it whole.
+        pixel_mm: Size of a scan pixel on the film, millimetres.
+
+    Raises:
+        ScanError: The scan cannot be read.
+    """
+    piece = int(np.clip(round(PIECE_MM / pixel_mm), *PIECE_PX))
+    step = max(round(ROW_MM / pixel_mm), 1)
+    least = int(np.ceil(LEAST_MM / (pixel_mm * piece)))
+    if min(scan.size_px) < max(least, step) * piece:
+        return ()
+    profiles = _profiles(scan, piece, step)
+    sides = np.roll(corners, -1, axis=0) - corners
+    tilts = (_tilt(sides[[0, 2]]), _tilt(sides[[1, 3], ::-1]))
+    limit = float(np.tan(np.radians(TURN_DEG)))
+    ways: list[list[Scratch]] = []
+    for axis, (profile, tilt) in enumerate(zip(profiles, tilts, strict=True)):
+        cells = (photograph if axis == 0 else photograph.T).astype(np.uint8)
+        may = cv2.resize(cells, profile.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        curves = _along(profile, may, least)
+        found = (_scratch(axis, *curve, piece, step) for curve in curves)
+        ways.append([scratch for scratch in found if _turn(scratch, tilt) <= limit])
+    return tuple(max(ways, key=lambda found: sum(each.last - each.first for each in found)))
+
+
+def _turn(scratch: Scratch, tilt: float) -> float:
+    """Greatest difference of its rise from that of the picture's sides."""
+    square, rise, _ = scratch.course
+    return max(abs(2 * square * end + rise - tilt) for end in (scratch.first, scratch.last))
+
+
+def _tilt(sides: PixelPoints) -> float:
+    """Rise of two opposite sides of the picture for one pixel along them."""
+    return float(np.mean(sides[:, 1] / sides[:, 0]))
+
+
+def _profiles(scan: ScanFile, piece: int, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """Means (`Profile`) of the pieces of rows, and of columns, `step` of which make one."""
+    unit = piece * step
+    columns, rows = (side // unit * unit for side in scan.size_px)
+    along_rows = np.empty((rows // step, columns // piece), np.float32)
+    along_columns = np.empty((rows // piece, columns // step), np.float32)
+    high = max(STRIP_PX // unit, 1) * unit
+    for top in range(0, rows, high):
+        strip = read_window(scan, 0, top, columns, min(high, rows - top))
+        for means, down in ((along_rows, step), (along_columns, piece)):
+            part = means[top // down : (top + len(strip)) // down]
+            part[:] = cv2.resize(strip, part.shape[::-1], interpolation=cv2.INTER_AREA)
+    return along_rows, np.ascontiguousarray(along_columns.T)
+
+
+def _along(profile: Profile, may: Mask, least: int) -> Iterator[tuple[np.ndarray, int, int]]:
+    """Curves of bright and dark scratches along the rows of a profile."""
+    for sign in (1, -1):
+        strength = _standing_out(np.float32(sign) * profile)
+        for rows, pieces in _chains(strength, may, WHOLE * least):
+            curve = _curve(rows, pieces, least, WHOLE)
+            if curve is not None:
+                yield curve
+
+
+def _standing_out(profile: Profile) -> Profile:
+    """By how much a piece is brighter than both neighbours, in limits; from 1 on it stands out."""
+    thin = np.zeros_like(profile)
+    middle = profile[BESIDE:-BESIDE]
+    thin[BESIDE:-BESIDE] = middle - np.maximum(profile[: -2 * BESIDE], profile[2 * BESIDE :])
+    np.maximum(thin, 0, out=thin)
+    usual = cv2.blur(thin, ABOUT)
+    # design: a floor only where a scan is one even gray.
+    return thin / (BEYOND * np.maximum(usual, max(float(np.median(usual[::8])), 1e-3)))
+
+
+def _chains(strength: Profile, may: Mask, least: float) -> Iterator[tuple[Indices, Indices]]:
+    """Rows and pieces of what stands out and hangs together, one row for each piece.
+
+    Chains of fewer pieces than the least are left out.
+    """
+    peaks = (strength > 1) & may
+    peaks[1:] &= strength[1:] >= strength[:-1]
+    peaks[:-1] &= strength[:-1] >= strength[1:]
+    linked = cv2.dilate(peaks.astype(np.uint8), np.ones((3, 5), np.uint8))
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(linked)
+    enough = np.bincount(labels[peaks], minlength=len(boxes)) >= least
+    for label in np.flatnonzero(enough & (boxes[:, cv2.CC_STAT_WIDTH] >= least)):
+        left, top, wide, high = boxes[label, :4]
+        box = np.s_[top : top + high, left : left + wide]
+        mine = np.where((labels[box] == label) & peaks[box], strength[box], 0)
+        best = mine.max(axis=0)
+        # A scratch is about as strong everywhere: what is much weaker only happens to lie there.
+        pieces = np.flatnonzero(best > FAINT * np.median(best[best > 0]))
+        yield mine[:, pieces].argmax(axis=0) + top, pieces + left
+
+
+def _curve(
+    rows: Indices, pieces: Indices, least: int, whole: float
+) -> tuple[np.ndarray, int, int] | None:
+    """A parabola through nearly all rows of a chain, with its first and last piece."""
+    near: Flags = np.ones(len(rows), bool)
+    fitted = np.zeros(3)
+    for _ in range(ROUNDS):
+        if near.sum() < max(whole * least, 4):
+            return None
+        fitted = np.polyfit(pieces[near], rows[near], 2)
+        near = np.abs(np.polyval(fitted, pieces) - rows) <= OFF
+    first, last = int(pieces[near][0]), int(pieces[near][-1])
+    span = last - first + 1
+    return (fitted, first, last) if span >= least and near.sum() >= whole * span else None
+
+
+def _scratch(
+    axis: int, fitted: np.ndarray, first: int, last: int, piece: int, step: int
+) -> Scratch:
+    """The same curve in pixels; the middle of the first piece is at half a piece."""
+    ends = np.array([first, (first + last) / 2, last])
+    course = np.polyfit((ends + 0.5) * piece, (np.polyval(fitted, ends) + 0.5) * step, 2)
+    return Scratch(axis, float(first * piece), float((last + 1) * piece), tuple(course.tolist()))

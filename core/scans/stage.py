@@ -9,8 +9,8 @@ from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
 from core.progress import Work
 from core.scans.camera_group import settle_family
-from core.scans.duplicate_scans import same_photo
 from core.scans.interior_orientation import ScanOrientation, orient_scan
+from core.scans.scan_pairs import same_photo
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from rasterio.errors import NotGeoreferencedWarning
 from shapely.geometry import Polygon
 
 from core.arrays import Affine2, ObjectPoints, PixelPoints, Scalars
+from core.formats.world_file import write_world_file
 from core.progress import Progress, Silent
 from core.raster.grid import Grid
 from core.synthetic.film import draw_margin, draw_scars, make_scan
@@ -233,10 +234,7 @@ def _write_world_file(
 ) -> None:
     pixels, ground = _frame(exposure, flight)
     plan = _displaced(ground[:, :2], options, exposure.photo_id)
-    matrix = world_file_matrix(pixels, plan)
-    first = matrix[:, :2] @ np.array([0.5, 0.5]) + matrix[:, 2]
-    values = [*matrix[:, 0], *matrix[:, 1], *first]
-    path.write_text("".join(f"{value:.10f}\n" for value in values), encoding="ascii")
+    write_world_file(path, world_file_matrix(pixels, plan))
 
 
 def _write_footprints(path: Path, flight: Flight, options: SyntheticOptions) -> None:

@@ -6,9 +6,8 @@ import numpy as np
 
 from core.arrays import Affine2, FilmPoints, ObjectPoints, PixelPoints, Scalars, locked
 from core.geometry.camera import Camera
-from core.geometry.collinearity import film_from_object, object_from_film
+from core.geometry.collinearity import Atmosphere, atmosphere_of, film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere, atmosphere_of
 from core.synthetic.options import Scale, SyntheticOptions, seeded
 from core.synthetic.random_surfaces import Bounds, Terrain, make_terrain
 

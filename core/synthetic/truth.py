@@ -14,8 +14,8 @@ from core.arrays import Affine2, ObjectPoints, PixelPoints, Scalars, locked
 from core.block import Block, Measurement, Photo
 from core.errors import ReferenceDataError
 from core.geometry.camera import Camera
+from core.geometry.collinearity import EARTH_RADIUS_M, Atmosphere
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import EARTH_RADIUS_M, Atmosphere
 from core.raster.grid import Grid
 from core.synthetic.flight import Exposure, Flight
 from core.synthetic.network import Network

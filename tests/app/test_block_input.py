@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.block_input import described, surveyed
-from app.project import read_project
+from app.project import described, read_project, surveyed
 from core.errors import PhotogrammetryError
 from core.formats.csv_lists import ListedPoint
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.block_input import described
-from app.project import read_project
+from app.project import described, read_project
 from app.report.tables import write_fiducials
 from core.errors import PhotogrammetryError
 from core.formats.micmac_measures import (

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-import app.doctor
-from app.doctor import examine
+import app.verbs
+from app.verbs import examine
 from core.errors import PhotogrammetryError
 from tests.app.test_block_input import own_toml
 

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from app.interruption import interruptible
+from app.terminal import interruptible
 from core.errors import Cancelled
 from core.progress import Silent
 

@@ -8,8 +8,7 @@ import pyogrio
 import pytest
 import shapely
 
-from app.block_input import described
-from app.project import Project, read_project
+from app.project import Project, described, read_project
 from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
 from core.matching.learned import LearnedOperator

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.block import Block, Photo
-from core.geometry.image_corrections import Atmosphere
+from core.geometry.collinearity import Atmosphere
 from tests.flights import FlightPlan, fly
 
 LOOSE_RAD = 100.0

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
-from app.block_input import described
 from app.cli import main as gruber
-from app.project import read_project
+from app.project import described, read_project
 from core.block import Block
 from core.localisation.initial_orientation import Site
 from core.matching.patches import OpenPhoto

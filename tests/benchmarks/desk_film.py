@@ -23,7 +23,7 @@ from core.raster.ortho import open_ortho
 from core.raster.scan_file import ScanFiles, open_scan
 from core.scans.film_area import area_from_interior
 from core.scans.interior_orientation import ScanOrientation
-from core.scans.measured_marks import FiducialMeasurement
+from core.scans.judging import FiducialMeasurement
 from tests.benchmarks.large_desk import write_scan
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho
 from ui.review.state import InitialState

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from app.block_input import described
-from app.project import read_project
+from app.project import described, read_project
 from core.block import (
     Block,
     ExteriorPrior,

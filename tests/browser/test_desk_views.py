@@ -7,9 +7,8 @@ import urllib.request
 import numpy as np
 import pytest
 
-from app.block_input import described
 from app.placing import Placeable, open_placing
-from app.project import read_project
+from app.project import described, read_project
 from core.formats.qgis_points import read_qgis_points
 from core.matching.reference import open_reference
 from core.scans.stage import ScanSet

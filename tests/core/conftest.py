@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from app.block_input import described
-from app.project import read_project
+from app.project import described, read_project
 from core.formats.roads import read_roads
 from core.georeference.stage import Georeferenced
 from core.progress import Silent, Work

@@ -9,8 +9,8 @@ import numpy as np
 
 from core.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint, TiePoints
 from core.geometry.camera import Camera
+from core.geometry.collinearity import Atmosphere
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere
 from core.geometry.interior import InteriorOrientation
 
 UNKNOWN = ExteriorPrior(np.full(3, 1e5), np.full(3, 100.0))

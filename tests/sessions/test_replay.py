@@ -22,7 +22,7 @@ from sessions.decisions import (
     SetRole,
     Withdraw,
 )
-from sessions.replay import replay, replay_all, with_place
+from sessions.replay import replay, with_place
 
 points, photos = st.sampled_from(["P1", "P2", "P3", "gone"]), st.sampled_from(["A", "B", "gone"])
 pixel = st.floats(0, 12000)
@@ -44,7 +44,7 @@ def number(items: list[Decision]) -> list[Recorded]:
 
 
 def after(block: Block, *items: Decision) -> Measurement:
-    return replay(block, number(list(items))).measurements["P1", "A"]
+    return replay(block, number(list(items))).block.measurements["P1", "A"]
 
 
 @some
@@ -53,7 +53,7 @@ def test_do_and_withdraw_is_nothing__law(
     block: Block, before: list[Decision], decision: Decision
 ) -> None:
     log = number([*before, decision, Withdraw(len(before) + 1)])
-    assert encode(replay(block, log)) == encode(replay(block, log[:-2]))
+    assert encode(replay(block, log).block) == encode(replay(block, log[:-2]).block)
 
 
 @some
@@ -62,17 +62,17 @@ def test_undo_and_redo_of_everything_is_everything__law(block: Block, done: list
     count = len(done)
     undone: list[Decision] = [Withdraw(n) for n in range(count, 0, -1)]
     redone: list[Decision] = [Withdraw(n) for n in range(2 * count, count, -1)]
-    assert encode(replay(block, number(done + undone))) == encode(block)
-    assert encode(replay(block, number(done + undone + redone))) == encode(
-        replay(block, number(done))
+    assert encode(replay(block, number(done + undone)).block) == encode(block)
+    assert encode(replay(block, number(done + undone + redone)).block) == encode(
+        replay(block, number(done)).block
     )
 
 
 @some
 @given(st.lists(decisions, max_size=8))
 def test_replaying_twice_is_replaying_once__law(block: Block, done: list[Decision]) -> None:
-    once = replay(block, number(done))
-    assert encode(replay(once, number(done))) == encode(once)
+    once = replay(block, number(done)).block
+    assert encode(replay(once, number(done)).block) == encode(once)
 
 
 def test_each_decision_does_what_it_says__truth(block: Block) -> None:
@@ -86,7 +86,7 @@ def test_each_decision_does_what_it_says__truth(block: Block) -> None:
     chosen = after(block, ChoosePeak("P1", "A", 1))
     assert (chosen.column, chosen.row, chosen.sigma_px) == (peak.column, peak.row, peak.sigma_px)
     assert chosen.status == "accepted"
-    changed = replay(block, number([SetRole("P1", "check")]))
+    changed = replay(block, number([SetRole("P1", "check")])).block
     assert changed.surveyed["P1"].role == "check"
 
 
@@ -115,8 +115,8 @@ def test_decisions_about_what_is_not_proposed_are_reported_and_come_back__truth(
 ) -> None:
     log = number([Accept("P1", "A"), Reject("new", "A", "other"), SetRole("new", "check")])
     gone = replace(block, measurements={})
-    assert [item.decision_id for item in replay_all(gone, log).unmatched] == [1, 2, 3]
-    found = replay_all(block, log)
+    assert [item.decision_id for item in replay(gone, log).unmatched] == [1, 2, 3]
+    found = replay(block, log)
     assert [item.decision_id for item in found.unmatched] == [2, 3]
     assert found.block.measurements["P1", "A"].status == "accepted"
 
@@ -132,17 +132,17 @@ def test_a_new_proposal_elsewhere_does_not_move_what_was_accepted__truth(block: 
         (elsewhere, seen.column),
         (second, seen.column),
     ):
-        held = replay(block.with_measurement(proposed), log).measurements["P1", "A"]
+        held = replay(block.with_measurement(proposed), log).block.measurements["P1", "A"]
         assert held.column == pytest.approx(expected)
         assert held.status == "accepted"
-    assert replay(replace(block, measurements={}), log).measurements["P1", "A"].used
+    assert replay(replace(block, measurements={}), log).block.measurements["P1", "A"].used
 
 
 def test_a_chosen_peak_is_found_again_in_another_order__truth(block: Block) -> None:
     seen = block.measurements["P1", "A"]
     log = number([with_place(ChoosePeak("P1", "A", 1), block)])
     turned = block.with_measurement(replace(seen, peaks=seen.peaks[::-1]))
-    assert replay(turned, log).measurements["P1", "A"].column == seen.peaks[1].column
+    assert replay(turned, log).block.measurements["P1", "A"].column == seen.peaks[1].column
 
 
 def test_the_given_block_is_not_touched__truth(block: Block) -> None:
@@ -156,4 +156,4 @@ def test_thousands_of_decisions_replay_within_a_keystroke__truth(block: Block) -
     log = number([Place("P1", "A", *rng.uniform(0, 12000, 2)) for _ in range(5000)])
     last = log[-1].decision
     assert isinstance(last, Place)
-    assert replay(block, log).measurements["P1", "A"].column == last.column
+    assert replay(block, log).block.measurements["P1", "A"].column == last.column

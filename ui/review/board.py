@@ -14,9 +14,9 @@ from core.geometry.interior import film_shape, limit_um
 from core.geometry.transforms import PlaneTransform, fit_similarity
 from core.scans.corrected_marks import MarkChange, corrected_scan
 from core.scans.interior_orientation import ScanOrientation
-from core.scans.measured_marks import FiducialMeasurement
+from core.scans.judging import FiducialMeasurement
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
-from sessions.fiducials import mark_changes
+from sessions.replay import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
 from ui.review.looks import short, shortened

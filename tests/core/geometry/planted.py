@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.geometry.camera import Camera
+from core.geometry.collinearity import Atmosphere, atmosphere_of
 from core.geometry.consensus import Candidates
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere, atmosphere_of
 from core.geometry.interior import InteriorOrientation
 from core.geometry.resection import PhotoModel, moved
 

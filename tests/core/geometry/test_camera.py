@@ -7,13 +7,13 @@ import pytest
 
 from core.geometry.camera import BASE, SETS, Camera, additional_set, by_parameters
 from core.geometry.collinearity import (
+    Atmosphere,
     film_from_object,
     film_partials,
     ideal_from_film,
     object_from_film,
 )
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere
 
 AIR = Atmosphere(refraction=1e-4, curvature_per_m=1e-7)
 EXTERIOR = ExteriorOrientation(np.array([10.0, 20.0, 2500.0]), 0.05, -0.03, 0.7)

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 
 from core.geometry.camera import Camera
 from core.geometry.collinearity import (
+    Atmosphere,
     angles_by_increments,
     angles_from_rotations,
+    atmosphere_of,
     film_from_object,
     film_partials,
     ideal_from_film,
@@ -23,7 +25,6 @@ from core.geometry.exterior import (
     angles_from_rotation,
     rotation_from_angles,
 )
-from core.geometry.image_corrections import Atmosphere, atmosphere_of
 
 LENS = (-3e-8, 2e-12, -1e-17)
 CAMERA = Camera("wide", 152.0, (230.0, 230.0), (0.05, -0.03), LENS)

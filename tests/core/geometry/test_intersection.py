@@ -5,9 +5,8 @@ import pytest
 
 from core.doubts import Failure
 from core.geometry.camera import Camera
-from core.geometry.collinearity import film_from_object
+from core.geometry.collinearity import atmosphere_of, film_from_object
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import atmosphere_of
 from core.geometry.intersection import Intersection, OrientedRay, closest_points, intersect
 
 CAMERA = Camera("wide", 152.0, (230.0, 230.0), (0.01, -0.02), (1e-8, 0.0, 0.0))

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 from core.doubts import Failure
 from core.frames import opencv_from_pixel
 from core.geometry.camera import Camera
+from core.geometry.collinearity import Atmosphere
 from core.geometry.consensus import Candidates, ConsensusOptions
 from core.geometry.exterior import rotation_from_angles
-from core.geometry.image_corrections import Atmosphere
 from core.geometry.interior import InteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, difference, moved, resect_photo
 from tests.core.geometry.planted import (

@@ -14,8 +14,7 @@ from core.literature.independent_models import (
     form_models,
     triangulate_models,
 )
-from core.literature.methods import compare_methods
-from core.literature.strip_triangulation import triangulate_strips
+from core.literature.methods import compare_methods, triangulate_strips
 from tests.core.literature.test_independent_models import PLAN
 from tests.flights import fly
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.literature.independent_models import Sights, Triangulated, form_models
-from core.literature.strip_triangulation import strip_names, triangulate_strips
+from core.literature.methods import strip_names, triangulate_strips
 from tests.core.literature.test_independent_models import EXACT, astray_m
 from tests.flights import fly
 

@@ -10,9 +10,8 @@ import pytest
 from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.scans.camera_group import settle_family
-from core.scans.duplicate_scans import same_photo
-from core.scans.handedness import front_is
 from core.scans.interior_orientation import orient_scan
+from core.scans.scan_pairs import front_is, same_photo
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0))

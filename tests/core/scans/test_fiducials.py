@@ -9,7 +9,7 @@ import pytest
 
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan, read_overview
-from core.scans.fiducials import measure_fiducials
+from core.scans.fiducials import looked_again, measure_fiducials
 from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import ScanOrientation, orient_scan
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
@@ -126,3 +126,22 @@ def test_texture_is_not_taken_for_marks__truth(tmp_path: Path) -> None:
         found = measure_fiducials(scan, CAMERA, 0.04, detect_film_area(scan, CAMERA, 0.04))
         assert not found.marks
         assert [doubt.kind for doubt in found.doubts] == ["fiducials-not-found"]
+
+
+CERTIFIED = {"5": (0.2, 26.4), "6": (26.7, -0.1), "7": (-0.3, -26.5), "8": (-26.2, 0.3)}
+NOTCHED = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=CERTIFIED)
+
+
+def test_a_lost_mark_is_found_where_the_others_put_it__truth(tmp_path: Path) -> None:
+    """And one that is not there stays a doubt, at the place of its name."""
+    path = tmp_path / "film.tif"
+    film = Film(kind="half-arrow", fiducials=CERTIFIED, mark_size=1.2)
+    truth = make_film(path, film, 3)
+    scan, pixel_mm = open_scan(path), film.pixel_mm
+    area = detect_film_area(scan, NOTCHED, pixel_mm)
+    found = measure_fiducials(scan, NOTCHED, pixel_mm, area)
+    assert len(found.marks) == 4
+    lost = replace(found, marks=tuple(mark for mark in found.marks if mark.name != "7"))
+    again = looked_again(scan, NOTCHED, lost, pixel_mm)
+    mark = next(mark for mark in again.marks if mark.name == "7")
+    assert np.hypot(mark.column - truth["7"][0], mark.row - truth["7"][1]) < 0.15

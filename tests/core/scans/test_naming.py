@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from core.scans.film_area import FilmArea
-from core.scans.interior_doubts import names_guessed
-from core.scans.layouts import UPRIGHT, WAYS, Way, lying
-from core.scans.naming import name_marks
+from core.scans.judging import names_guessed
+from core.scans.naming import UPRIGHT, WAYS, Way, lying, name_marks
 
 SIGMAS = np.full(4, 0.02)
 ODD = {"1": (-26.4, 26.0), "2": (26.0, 25.6), "3": (25.5, -26.0), "4": (-26.0, -26.3)}

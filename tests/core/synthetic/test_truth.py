@@ -9,8 +9,8 @@ import rasterio
 
 from core.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint
 from core.errors import ReferenceDataError
+from core.geometry.collinearity import Atmosphere
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import Atmosphere
 from core.geometry.interior import InteriorOrientation
 from core.synthetic.flight import make_flight
 from core.synthetic.options import SyntheticOptions

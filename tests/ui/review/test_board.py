@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.block_input import described
 from app.desk.inputs import desk_inputs, first_snapshot
 from app.desk.measuring import MeasuringTool, snap_to_mark
-from app.project import read_project
+from app.project import described, read_project
 from core.geometry.interior import fit_interior
 from core.scans.stage import ScanSet
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, Withdraw
-from sessions.fiducials import judged_scans, mark_changes
-from sessions.replay import replay, replay_all
+from sessions.replay import judged_scans, mark_changes, replay
 from sessions.session import Session
 from ui.review.board import board_part
 from ui.review.compare import drawn_from_block
@@ -58,7 +56,7 @@ def test_the_desk_and_the_next_run_orient_a_scan_the_same__law(given):
     inputs, engine = given
     name, mark = a_mark(inputs)
     recorded = said(PlaceFiducial(name, mark.name, mark.column + 0.4, mark.row - 0.3))
-    at_desk = replay(inputs.block, recorded, inputs.initial.films).photos[name].interior
+    at_desk = replay(inputs.block, recorded, inputs.initial.films).block.photos[name].interior
     run = judged_scans(scan_set(inputs), engine, recorded)
     assert np.array_equal(
         at_desk.film_from_pixel_matrix, run.oriented[name].interior.film_from_pixel_matrix
@@ -66,9 +64,9 @@ def test_the_desk_and_the_next_run_orient_a_scan_the_same__law(given):
     # A block made by that run, opened at the desk: nothing moves; taken back: as it was found.
     photo = replace(inputs.block.photos[name], interior=run.oriented[name].interior)
     made = inputs.block.with_photos({**inputs.block.photos, name: photo})
-    assert replay(made, recorded, inputs.initial.films).photos[name] is photo
-    assert replay(made, recorded).photos[name] is photo
-    back = replay(made, (*recorded, *said(None, Withdraw(1))[1:]), inputs.initial.films)
+    assert replay(made, recorded, inputs.initial.films).block.photos[name] is photo
+    assert replay(made, recorded).block.photos[name] is photo
+    back = replay(made, (*recorded, *said(None, Withdraw(1))[1:]), inputs.initial.films).block
     found = inputs.initial.films[name].interior
     assert back.photos[name].interior is found
     assert judged_scans(scan_set(inputs), engine, ()).oriented[name].interior is found
@@ -91,11 +89,11 @@ def test_a_mark_left_out_takes_no_part__oracle(given):
         judged.interior.film_from_pixel_matrix, alone.film_from_pixel_matrix, rtol=1e-9, atol=1e-9
     )
     assert mark in judged.fiducials
-    assert not replay_all(inputs.block, recorded).unmatched
+    assert not replay(inputs.block, recorded).unmatched
     again = said(*[item.decision for item in recorded], JudgeFiducial(name, mark.name, use=True))
     assert judged_scans(scan_set(inputs), engine, again).oriented == inputs.initial.films
     elsewhere = said(PlaceFiducial("nowhere", "1", 5.0, 5.0), PlaceFiducial(name, "99", 5.0, 5.0))
-    assert replay_all(inputs.block, elsewhere).unmatched == elsewhere
+    assert replay(inputs.block, elsewhere).unmatched == elsewhere
 
 
 def test_a_mark_pointed_at_roughly_is_centred__truth(given):
@@ -124,7 +122,7 @@ def test_the_board_shows_every_mark_worst_first__law(state, given):
     doubts = [row["doubt"] for row in board["photos"]]
     assert doubts == sorted(doubts, reverse=True)
     recorded = said(PlaceFiducial(name, mark.name, mark.column + 9.0, mark.row))
-    moved = replace(state, block=replay(inputs.block, recorded, inputs.initial.films))
+    moved = replace(state, block=replay(inputs.block, recorded, inputs.initial.films).block)
     worst = board_part(moved, inputs.initial, drawn, recorded)["photos"][0]
     cell = next(one for one in worst["cells"] if one["name"] == mark.name)
     # So far off that the others contradict it: it is left out, and the board says so.
@@ -132,7 +130,7 @@ def test_the_board_shows_every_mark_worst_first__law(state, given):
     assert any("was left out" in why for why in worst["why"])
     assert np.hypot(*cell["residual"]) > 1000
     recorded = said(PlaceFiducial(name, mark.name, mark.column + 0.6, mark.row))
-    moved = replace(state, block=replay(inputs.block, recorded, inputs.initial.films))
+    moved = replace(state, block=replay(inputs.block, recorded, inputs.initial.films).block)
     rows = board_part(moved, inputs.initial, drawn, recorded)["photos"]
     row = next(one for one in rows if one["photo"] == name)
     cell = next(one for one in row["cells"] if one["name"] == mark.name)

@@ -9,7 +9,7 @@ import pytest
 from core.geometry.camera import Camera
 from core.raster.scan_file import Scratch, UsableArea, open_scan, read_overview
 from core.scans.interior_orientation import orient_scan
-from core.scans.scratches import find_scratches
+from core.scans.photo_mask import find_scratches
 from tests.core.scans.film_maker import Film, make_film, write_gray
 
 FILM = Film(fiducials={}, turn_deg=0.4)
