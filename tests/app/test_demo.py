@@ -57,7 +57,7 @@ def test_a_demo_that_was_broken_off_is_made_anew__law(made, monkeypatch, tmp_pat
         (folder / "scans").mkdir()
         raise KeyboardInterrupt
 
-    whole = app.demo.make_block
+    whole = app.verbs.make_block
     monkeypatch.setattr(app.verbs, "make_block", breaks)
     with pytest.raises(KeyboardInterrupt):
         make_demo(tmp_path / "demo", TINY, Listener())
