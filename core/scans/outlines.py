@@ -39,10 +39,8 @@ from core.scans.centring import (
 
 REACH_PX, FAR_PX = 3.0, 5.0  # design: twice the blur of a step; the error of the start
 """How far from the drawn outline a step is looked for, and while the mark is being approached."""
-STEP_PX = 0.25  # design: cubic interpolation shows no more
-"""Step along a normal."""
-BEYOND_PX = 2.0  # design: a step at the end of its reach must be seen whole
-"""How much further than its reach a profile goes."""
+STEP_PX, BEYOND_PX = 0.25, 2.0  # design: cubic interpolation shows no more; a step is seen whole
+"""Step along a normal, and how much further than its reach a profile goes."""
 EDGE_TIP_PX, TIP_PX = 12.0, 6.0  # design: a narrow notch is no wider than its edges are blurred
 """Outline this near to the tip of a notch is not used for steps, and pixels not for surfaces."""
 NEARNESS, CENTROID_PX = 0.45, 0.7  # design: between the sides of a thin line; as wide as a step
@@ -332,9 +330,8 @@ def _beside_outline(
     sides: Sequence[Side], share: Values, slopes: Float64[np.ndarray, "pixels 3"], blur: float
 ) -> Surfaces:
     """What the splines of both sides add to each pixel."""
-    return np.hstack([
-        sides[0].beside(share, -slopes, blur), sides[1].beside(1 - share, slopes, blur)
-    ])  # fmt: skip
+    mine, other = sides[0].beside(share, -slopes, blur), sides[1].beside(1 - share, slopes, blur)
+    return np.hstack([mine, other])
 
 
 def _step_of_gray(
