@@ -211,7 +211,9 @@ def _pointed(seat: Seat, block: Block) -> Pointed | None:
     point, photo = block.surveyed.get(seat.current[0]), block.photos.get(seat.current[1])
     if point is None or photo is None:
         return None
-    return Pointed(point.position - block.origin, photo.exterior.centre - block.origin)
+    return Pointed(
+        seat.current[0], point.position - block.origin, photo.exterior.centre - block.origin
+    )
 
 
 def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:

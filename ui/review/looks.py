@@ -4,6 +4,11 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+from jaxtyping import UInt8
+
+from core.arrays import Scalars
+
 ShownState = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """State of a measurement as the desk shows it."""
 CloudShape = Literal["square", "diamond", "circle", "rounded", "sparkle"]
@@ -47,6 +52,8 @@ STALE = "#f3b13c"
 """Photos whose ortho is older than their orientation."""
 PHOTO = "#9fb4cc"
 """Frustums."""
+SIZES = ("#4c6fd8", "#3fa7b0", "#7cc46b", "#e6d14a", "#ee6a2c")
+"""Misfits from nothing to the largest usual one: one ramp, darker where less is told."""
 TIE_VECTOR = "#c9a86a"
 """Residuals of tie points."""
 TIE = "#6f7f95"
@@ -56,6 +63,19 @@ TIE = "#6f7f95"
 def rgb(colour: str) -> tuple[int, int, int]:
     """Red, green, blue (0 to 255) of a CSS colour written `#rrggbb`."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def size_colours(sizes: Scalars, most: float) -> UInt8[np.ndarray, "n 3"]:
+    """Colour of each size on the ramp from nought to `most`; what is larger has the last one.
+
+    Args:
+        sizes: Sizes, in the unit of `most`.
+        most: Where the ramp ends.
+    """
+    ramp = np.array([rgb(colour) for colour in SIZES], dtype=np.float64)
+    place = np.clip(sizes / max(most, 1e-9), 0.0, 1.0) * (len(ramp) - 1)
+    channels = [np.interp(place, np.arange(len(ramp)), ramp[:, channel]) for channel in range(3)]
+    return np.rint(np.stack(channels, axis=1)).astype(np.uint8)
 
 
 def page_palette() -> dict[str, object]:

@@ -1,7 +1,8 @@
 """The block as the 3D scene shows it, and what a ray in it hits: arrays in the local frame."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Literal
 
 import numpy as np
@@ -23,6 +24,8 @@ EDGE_PARTS = 12
 """Parts of each edge of a footprint, so that it follows the terrain."""
 VECTOR_SHARE = 0.03
 """A misfit of ordinary size is drawn at most as long as this share of the block."""
+MEASURE_SHARE = 0.1
+"""The arrow that shows the scale of the vectors is at most this share of the block long."""
 WORST: tuple[ShownState, ...] = ("rejected", "dubious", "auto", "accepted", "unused")
 """Which state a point shows that has several measurements: the first of these it has."""
 POINT_ANGLE = np.radians(0.9)
@@ -65,14 +68,12 @@ class ScenePicture:
     """Check points."""
     vectors: Segments
     """Surveyed point of each used measurement, and the end of its misfit at true length."""
-    vector_states: tuple[ShownState, ...]
-    """State of each vector."""
     ties: Points
     """Tie points."""
     tie_vectors: Segments
     """Each tie point and the end of its longest residual on the ground, at true length."""
     labels: Mapping[str, Position]
-    """Names of the surveyed points."""
+    """Names of the photos, without what all of them share, at their perspective centres."""
 
 
 def scene_picture(
@@ -93,7 +94,6 @@ def scene_picture(
     """
     oriented, origin = state.oriented, state.block.origin
     states = point_states(state)
-    vectors, vector_states = misfit_vectors(state, away)
     surveyed = state.block.surveyed
     ties = state.report.tie_positions
     ties = ties[np.all(np.isfinite(ties), axis=1)]
@@ -108,12 +108,24 @@ def scene_picture(
         checks=_positions(
             state.block, [k for k, point in surveyed.items() if point.role == "check"]
         ),
-        vectors=vectors,
-        vector_states=vector_states,
+        vectors=misfit_vectors(state, away),
         ties=local_from_object(ties, origin),
         tie_vectors=tie_vectors(state) if tied is None else tied,
-        labels={name: point.position - origin for name, point in surveyed.items()},
+        labels={
+            short: oriented.photos[name].exterior.centre - origin
+            for name, short in short_names(list(oriented.photos)).items()
+        },
     )
+
+
+def short_names(names: Sequence[str]) -> dict[str, str]:
+    """Names without the words that all begin with; the same that the pages leave out."""
+    first, last = min(names, default=""), max(names, default="")
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    shared = "".join(letter for letter, _ in alike) if len(names) > 1 else ""
+    while shared and shared[-1].isalnum():
+        shared = shared[:-1]
+    return {name: name[len(shared) :] for name in names}
 
 
 class Footprints:
@@ -157,12 +169,9 @@ def point_states(state: DeskState) -> dict[str, ShownState]:
     }
 
 
-def misfit_vectors(
-    state: DeskState, away: Mapping[Key, Misfit] | None = None
-) -> tuple[Segments, tuple[ShownState, ...]]:
+def misfit_vectors(state: DeskState, away: Mapping[Key, Misfit] | None = None) -> Segments:
     """Misfits of all measurements that take part or judge, as displacements on the ground."""
     segments: list[np.ndarray] = []
-    states: list[ShownState] = []
     for key, misfit in (misfits(state) if away is None else away).items():
         if key not in state.block.measurements:
             continue
@@ -171,8 +180,7 @@ def misfit_vectors(
             continue
         start = state.block.surveyed[key[0]].position - state.block.origin
         segments.append(np.array([start, start + np.array([*misfit.metres, 0.0])]))
-        states.append(shown)
-    return np.array(segments).reshape(-1, 2, 3), tuple(states)
+    return np.array(segments).reshape(-1, 2, 3)
 
 
 def tie_vectors(state: DeskState) -> Segments:
@@ -210,7 +218,7 @@ def _ground_from_pixel(block: Block, photo_id: str) -> np.ndarray:
 
 def readable_scale(state: DeskState) -> float:
     """How many times longer than on the ground vectors must be drawn to be seen: 1, 2 or 5 tens."""
-    vectors, _ = misfit_vectors(state)
+    vectors = misfit_vectors(state)
     if not len(vectors):
         return 1.0
     lengths = np.linalg.norm(vectors[:, 1] - vectors[:, 0], axis=1)
@@ -219,6 +227,18 @@ def readable_scale(state: DeskState) -> float:
     if typical < 1e-9 or extent <= 0:
         return 1.0
     wanted = min(max(VECTOR_SHARE * extent / typical, 1.0), 1000.0)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
+
+
+def measure_m(extent_m: float, scale: float) -> float:
+    """Length of the arrow that shows the scale of the vectors: 1, 2 or 5 of a power of ten, metres.
+
+    Args:
+        extent_m: Longer side of the block, metres.
+        scale: How many times longer than on the ground vectors are drawn.
+    """
+    wanted = MEASURE_SHARE * extent_m / max(scale, 1.0)
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
 

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import viser
+from jaxtyping import UInt8
 from viser import transforms
 
 from core.arrays import Position
 from ui.review import looks
 from ui.review.looks import LOOKS, ShownState, rgb
-from ui.review.scene import FrustumPicture, Points, ScenePicture, Segments
+from ui.review.scene import FrustumPicture, Points, ScenePicture, Segments, measure_m
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
 from ui.views.meshes import needles_glb
@@ -23,6 +24,9 @@ TIES = "/ties"
 TIE_VECTORS = "/tie_vectors"
 CURRENT = "/current"
 CURRENT_RAY = "/current_ray"
+CURRENT_NAME = "/current_name"
+MEASURE = "/measure"
+MEASURE_NAME = "/measure_name"
 """Names of nodes of the scene, which tests look for as well."""
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
@@ -49,9 +53,9 @@ def points_node(state: ShownState) -> str:
     return f"/points/{state}"
 
 
-def label_node(point_id: str) -> str:
-    """Name of a surveyed point."""
-    return f"/labels/{_plain(point_id)}"
+def label_node(photo_name: str) -> str:
+    """Name of a photo."""
+    return f"/labels/{_plain(photo_name)}"
 
 
 def _plain(name: str) -> str:
@@ -73,6 +77,8 @@ class Stage:
 class Pointed:
     """What is current, in the local frame."""
 
+    name: str
+    """Name of the surveyed point."""
     position: Position
     """The surveyed point."""
     centre: Position
@@ -169,6 +175,7 @@ class BlockView:
             (VECTORS, looks.CURRENT, 2.4),
             (CURRENT, looks.CURRENT, 3.0),
             (CURRENT_RAY, looks.CURRENT, 1.4),
+            (MEASURE, looks.FOOTPRINT, 3.0),
         ):
             self._lines[name] = self._scene.add_line_segments(
                 name,
@@ -230,22 +237,36 @@ class BlockView:
         handle.visible = visible and len(segments) > 0
 
     def _show_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
-        """Residuals lengthened; each in the colour of its measurement's state."""
-        handle, segments = self._lines[VECTORS], picture.vectors
-        shown = (segments.tobytes(), picture.vector_states, options.vector_scale)
-        if len(segments) and self._is_new(VECTORS, shown):
+        """Misfits lengthened, coloured by their size up to the length of the arrow of scale."""
+        handle, segments, scale = self._lines[VECTORS], picture.vectors, options.vector_scale
+        measure = measure_m(self._stage.extent_m, scale)
+        if len(segments) and self._is_new(VECTORS, (segments.tobytes(), scale)):
             start, end = segments[:, 0], segments[:, 1]
-            longer = start + (end - start) * options.vector_scale
+            longer = start + (end - start) * scale
             points = np.stack([start, longer], axis=1) + 1.2 * self._lift
-            colours = _state_colours(picture.vector_states)
+            sizes = np.linalg.norm(end - start, axis=1)
+            colours = _seen_as(looks.size_colours(sizes, measure))
+            colours = np.repeat(colours[:, None, :], 2, axis=1)
             if len(handle.points) == len(points):
                 handle.points, handle.colors = points.astype(np.float32), colours
             else:
                 handle.remove()
                 handle = self._lines[VECTORS] = self._scene.add_line_segments(
-                    VECTORS, points, colours, thickness=2.4, thickness_units="screen"
+                    VECTORS, points, colors=colours, thickness=2.4, thickness_units="screen"
                 )
         handle.visible = "vectors" not in options.hidden and len(segments) > 0
+        self._show_measure(measure, scale, bool(handle.visible))
+
+    def _show_measure(self, measure: float, scale: float, visible: bool) -> None:
+        """An arrow of a round length south of the block, as many times longer as the vectors."""
+        reach = self._stage.extent_m
+        start = self._stage.middle + np.array([-0.5 * reach, -0.56 * reach, 0.0])
+        along = np.array([measure * scale, 0.0, 0.0])
+        barb = 0.12 * along[0]
+        tip = start + along
+        barbs = [np.stack([tip, tip + np.array([-barb, side * barb, 0.0])]) for side in (-1, 1)]
+        self._show_lines(MEASURE, np.stack([np.stack([start, tip]), *barbs]), visible)
+        self._show_name(MEASURE_NAME, f"{measure:g} m", tip + self._lift, visible)
 
     def _show_tie_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
         """Residuals of tie points as one mesh of needles: made when they are first asked for."""
@@ -258,15 +279,21 @@ class BlockView:
             self._needles.visible = shown
 
     def _show_labels(self, labels: Mapping[str, Position], visible: bool) -> None:
-        """Names are made when they are first asked for: they are the slowest of all nodes."""
-        if visible:
-            for point_id, position in labels.items():
-                if point_id not in self._labels:
-                    self._labels[point_id] = self._scene.add_label(
-                        label_node(point_id), point_id, position=position + 2 * self._lift
-                    )
-        for handle in self._labels.values():
-            handle.visible = visible
+        """Names of photos are made when they are first asked for."""
+        for name, position in labels.items():
+            self._show_name(label_node(name), name, position, visible)
+
+    def _show_name(self, node: str, text: str, position: Position, visible: bool) -> None:
+        """A name at a place; a node is made when it is first seen, for names are the slowest."""
+        label = self._labels.get(node)
+        if visible and self._is_new(node, (text, *np.asarray(position).tolist())):
+            if label is not None:
+                label.remove()
+            label = self._labels[node] = self._scene.add_label(
+                node, text, position=position, font_screen_scale=0.85
+            )
+        if label is not None:
+            label.visible = visible
 
     def _show_current(self, pointed: Pointed | None) -> None:
         """A ring about the current point, and its ray to the photo it is looked at in."""
@@ -278,7 +305,9 @@ class BlockView:
             self._show_lines(CURRENT, np.stack([ring[:-1], ring[1:]], axis=1), True)
             ray = np.stack([pointed.position, pointed.centre - self._lift])[None]
             self._show_lines(CURRENT_RAY, ray, True)
+            self._show_name(CURRENT_NAME, pointed.name, pointed.position + 4 * self._lift, True)
         else:
+            self._show_name(CURRENT_NAME, "", NOWHERE[0], False)
             self._lines[CURRENT].visible = self._lines[CURRENT_RAY].visible = False
 
     def _is_new(self, name: str, shown: object) -> bool:
@@ -289,6 +318,7 @@ class BlockView:
         return True
 
 
-def _state_colours(states: tuple[ShownState, ...]) -> np.ndarray:
-    colours = np.array([rgb(LOOKS[state].colour) for state in states], dtype=np.uint8)
-    return np.repeat(colours[:, None, :], 2, axis=1)
+def _seen_as(colours: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
+    """What to give for lines to be seen in these colours: viser takes their parts for light."""
+    # source: IEC 61966-2-1, the curve of sRGB, here as a power of 2.2.
+    return np.rint(255 * (colours / 255.0) ** 2.2).astype(np.uint8)

@@ -9,11 +9,14 @@ import pytest
 
 from tests.ui.desk_block import outlines, tiny_snapshot
 from ui.review.looks import LOOKS, STALE, rgb
-from ui.review.scene import scene_picture
+from ui.review.scene import measure_m, scene_picture
 from ui.review.state import SceneOptions
 from ui.views.block_view import (
     CURRENT,
+    CURRENT_NAME,
     FOOTPRINTS,
+    MEASURE,
+    MEASURE_NAME,
     VECTORS,
     BlockView,
     Pointed,
@@ -93,11 +96,27 @@ def test_what_is_current_is_ringed__truth(shown):
     view, picture, client = shown
     assert not client.scene.nodes[CURRENT].visible
     place = np.array([10.0, 20.0, 30.0])
-    view.show(picture, ALL, Pointed(place, place + np.array([0.0, 0.0, 900.0])))
+    view.show(picture, ALL, Pointed("J-1", place, place + np.array([0.0, 0.0, 900.0])))
     ring = client.scene.nodes[CURRENT]
     assert ring.visible
     middle = np.asarray(ring.points)[:, 0].mean(axis=0)
     assert middle[:2] == pytest.approx(place[:2], abs=0.01)
+    assert client.scene.nodes[CURRENT_NAME].visible
+    view.show(picture, ALL, None)
+    assert not client.scene.nodes[CURRENT_NAME].visible
+
+
+def test_longer_misfits_have_other_colours_and_an_arrow_tells_their_scale__truth(shown):
+    _, picture, client = shown
+    nodes = client.scene.nodes
+    sizes = np.linalg.norm(picture.vectors[:, 1] - picture.vectors[:, 0], axis=1)
+    colours = np.asarray(nodes[VECTORS].colors)[:, 0]
+    assert len(np.unique(colours, axis=0)) > 3
+    assert (colours[np.argmin(sizes)] != colours[np.argmax(sizes)]).any()
+    arrow = np.asarray(nodes[MEASURE].points)[0]
+    length = measure_m(2400.0, ALL.vector_scale)
+    assert np.linalg.norm(arrow[1] - arrow[0]) == pytest.approx(5 * length, rel=1e-3)
+    assert nodes[MEASURE_NAME].visible
 
 
 def test_the_eye_is_set_so_that_the_whole_block_is_in_sight__law(shown):

@@ -115,3 +115,15 @@ window.cancelAnimationFrame = (ticket) => {
   if (found?.later) clearTimeout(found.later);
   if (found?.frame) frames.stop(found.frame);
 };
+
+// Behind the block stands the ground of the page around it.
+const around = window.parent.document.documentElement;
+const ground = document.createElement("style");
+document.head.append(ground);
+const follow = () => {
+  const colour = getComputedStyle(around).getPropertyValue("--scene").trim();
+  // Another canvas of viser's lies above the drawn one.
+  ground.textContent = `canvas[data-engine] { background: ${colour}; }`;
+};
+new MutationObserver(follow).observe(around, { attributes: true, attributeFilter: ["data-theme"] });
+follow();
