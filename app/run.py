@@ -3,15 +3,16 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import cast
 
 from app.project import Project, described
-from app.report.model import ReportContent
+from app.report.model import ReportContent, Written
 from app.report.page import write_report
 from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results
-from app.report.wording import remarks
+from app.report.wording import counted, remarks
 from app.settings import Threads
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentReport
@@ -44,6 +45,8 @@ LAST_STAGES = {
 }
 PAGE = "report.html"
 CHANGE = "change.gpkg"
+WALKED = "walked"
+"""Product that keeps what the last walk took, for a report written without one."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -225,7 +228,13 @@ class Run:
     def stand_in(
         self, report: AdjustmentReport, mosaic: MosaicProduct, change: Mapping[str, float]
     ) -> None:
-        """Take what was made last instead of walking, with another adjustment and mosaic."""
+        """Take what was made last instead of walking, with another adjustment and mosaic.
+
+        What the last walk took, and what its stages were made from, is told again.
+        """
+        walked = self.session.products.latest_value(WALKED) or {}
+        self.seconds = {**walked.get("seconds", {})}
+        self.digests = {**walked.get("digests", {})}
         latest = {stage.name: self.session.products.latest_value(stage.name) for stage in STAGES}
         latest["scans"] = self.corrected(cast("ScanSet", latest["scans"]))
         self.results = StageResults(**latest, adjustment=report, mosaic=mosaic, change=change)
@@ -233,6 +242,8 @@ class Run:
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
         write_all(self.session, self.content(), self.dem())
+        walked = {"seconds": self.seconds, "digests": self.digests}
+        self.session.products.save_value(WALKED, self.digest_of(WALKED), walked)
         return str(self.session.results / PAGE)
 
     def content(self) -> ReportContent:
@@ -250,12 +261,12 @@ class Run:
             reliability=self.assembly.reliability,
             mosaic=self.session.results / "mosaic.tif",
             seams=mosaic.seams,
+            holes=mosaic.holes,
             change=made(self.results.change),
             timings_s=self.seconds,
-            provenance={
-                "gruber": version("gruber"),
-                **{f"digest of {name}": digest[:16] for name, digest in self.digests.items()},
-            },
+            written=Written(now_utc(), self.session.operator, version("gruber")),
+            decisions=self.session.decisions(),
+            provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
         )
 
 
@@ -339,7 +350,7 @@ def make_mosaic(
 ) -> MosaicProduct:
     """The mosaic of the orthos, unless it is fresh."""
     digest_of = session.products.digest_of
-    inputs = digest_of("mosaic", 2, orthos)
+    inputs = digest_of("mosaic", 3, orthos)
     target, seams = session.results / "mosaic.tif", session.results / "seams.gpkg"
     kept = None if anew else session.products.load_value("mosaic", digest_of(inputs, target))
     if kept is not None and seams.is_file():
@@ -419,11 +430,6 @@ SUMMARIES: Mapping[str, Callable[[StageResults], str]] = {
 """One line about what each stage of the engine made."""
 
 
-def counted(number: int, thing: str) -> str:
-    """`1 scan`, `2 scans`."""
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
 def make_change(
     session: Session,
     project: Project,
@@ -458,6 +464,11 @@ def make_change(
         write_change(found, temporary, crs)
     session.products.save_value("change", digest, found.shares)
     return found.shares
+
+
+def now_utc() -> str:
+    """Date and time to the minute."""
+    return datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def terrain_of(dem: Dem) -> Terrain:

@@ -52,6 +52,7 @@ from core.mosaic.radiometry import Balance
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid
+from core.raster.holes import Hole
 from core.raster.scan_file import ScanFile, Scratch, UsableArea
 from core.reference.stage import ReferenceFeatures, ReferencePoints
 from core.scans.film_area import FilmArea
@@ -86,6 +87,7 @@ REGISTERED: tuple[type, ...] = (
     FilmArea,
     Georeferenced,
     Grid,
+    Hole,
     InteriorOrientation,
     Localised,
     Measurement,

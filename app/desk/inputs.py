@@ -31,7 +31,9 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, open_reference
+from core.mosaic.composition import MosaicProduct
 from core.progress import SILENT, Part, Progress
+from core.raster.holes import Hole
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
 from core.scans.stage import ScanSet
@@ -45,6 +47,8 @@ from ui.views.meshes import SurfaceSource, TerrainOptions
 
 SEARCH_M = 12.0
 """How far about the expected place reference and scan are compared, metres."""
+Holes = tuple[Hole, ...] | None
+"""Holes inside a mosaic; None without one."""
 MOSAIC_WORK = 2.0
 """Making the mosaic takes about as long as this many orthos."""
 
@@ -60,6 +64,11 @@ def keep_nothing(report: AdjustmentReport) -> None:
 def no_gains(report: AdjustmentReport) -> Gains:
     """Nothing is known of what looking at a measurement brings."""
     return {}
+
+
+def no_mosaic() -> Holes:
+    """There is none."""
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +127,8 @@ class DeskInputs:
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
     gains: Callable[[AdjustmentReport], Gains] = no_gains
     """What looking at each measurement is expected to bring in an adjustment."""
+    holes: Callable[[], Holes] = no_mosaic
+    """Holes inside the mosaic on disk."""
     results: Path | None = None
     """Folder of tables and report, to be read and taken away from the desk."""
 
@@ -125,7 +136,7 @@ class DeskInputs:
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
-    return DeskState(desk.block, desk.report, made=made, written=desk.written)
+    return DeskState(desk.block, desk.report, made=made, written=desk.written, holes=desk.holes())
 
 
 def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
@@ -177,6 +188,7 @@ def desk_inputs(
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
         results=session.results,
+        holes=lambda: holes_of(session),
         remake=OrthoMaker(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
         written=latest is not None and same_results(latest, report),
@@ -189,6 +201,12 @@ def desk_inputs(
             report.block, reference.ortho.ground_sample_distance_m, given.control.orientation
         ),
     )
+
+
+def holes_of(session: Session) -> Holes:
+    """Holes inside the mosaic that was made last."""
+    mosaic = cast("MosaicProduct | None", session.products.latest_value("mosaic"))
+    return None if mosaic is None else mosaic.holes
 
 
 def initial_state_of(given: BlockInput, session: Session, placed: Georeferenced) -> InitialState:

@@ -305,7 +305,8 @@ class ReviewLoop:
         else:
             oriented = replace(state, report=ended.made_with).oriented
             written = ended.made_with is state.report and not state.adjusting
-            state = replace(with_made(state, ended.photo_ids, oriented), written=written)
+            made = with_made(state, ended.photo_ids, oriented)
+            state = replace(made, written=written, holes=self._inputs.holes())
             notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
         stale = stale_photos(state, self._inputs.stale_m)
         self._now = replace(self._now, state=state, stale=stale)

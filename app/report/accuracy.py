@@ -14,6 +14,7 @@ from core.mosaic.comparison import (
     circular_error_90,
     rms_interval,
 )
+from core.quality.rules import CHECKS
 
 ASPRS_LEAST = 30
 """Check points below which the ASPRS standard (Ed. 2, 2023) allows no statement."""
@@ -43,6 +44,7 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
         **plan_figures(differences),
         **_heights(differences[intersected, 2]),
         "survey_rms_horizontal": float(np.sqrt(np.mean(np.sum(sigma[:, :2] ** 2, axis=1)))),
+        "enough": len(checks) >= CHECKS,
         "asprs_least": ASPRS_LEAST,
         "asprs_enough": len(checks) >= ASPRS_LEAST,
     }
@@ -112,7 +114,7 @@ def _heights(differences: np.ndarray) -> dict[str, Any]:
 def _differs_from_nought(values: np.ndarray) -> bool:
     """True when a t-test at 5 % says the mean is not nought."""
     count = len(values)
-    if count < 3 or float(np.ptp(values)) == 0:
+    if count < CHECKS or float(np.ptp(values)) == 0:
         return False
     t = abs(float(values.mean())) / (float(values.std(ddof=1)) / np.sqrt(count))
     return bool(t > stats.t.ppf(0.975, count - 1))

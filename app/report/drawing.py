@@ -13,6 +13,10 @@ WIDTH = 1000.0
 """Width of the block figure in its own units."""
 MARGIN = 46.0
 TALLEST = 1100.0
+MAP, MOSAIC = "blockmap", "mosaicmap"
+"""Names of both drawings in the page."""
+HOLE = 9.0
+"""Smallest ring about a hole of the mosaic."""
 VECTOR_SHARE = 0.045
 """A large residual vector is drawn this long, as a share of the width."""
 
@@ -39,11 +43,11 @@ def draw_map(figures: Figures) -> tuple[Markup, float | None]:
     enlarged = _enlargement(figures, sheet)
     parts = [_frame(sheet)]
     parts += [_ring(sheet, ring, "footprint") for ring in figures["footprints"].values()]
-    parts += [_dot(sheet, place, "tie", 1.4) for place in figures["ties"]]
-    parts += [_cross(sheet, place) for place in figures["left_out"]]
+    parts += [_dot(sheet.at(place), "tie", 1.4) for place in figures["ties"]]
+    parts += [_cross(sheet.at(place)) for place in figures["left_out"]]
     parts += [part for p in figures["control"] for part in _point(sheet, p, "control", enlarged)]
     parts += [part for p in figures["checks"] for part in _point(sheet, p, "check", enlarged)]
-    names = _short_names(list(figures["centres"]))
+    names = short_names(list(figures["centres"]))
     for name, centre in figures["centres"].items():
         parts += _centre(sheet, centre, names[name])
     parts.append(_scale_bar(sheet))
@@ -51,26 +55,53 @@ def draw_map(figures: Figures) -> tuple[Markup, float | None]:
         parts.append(_vector_bar(sheet, enlarged))
     box = f"0 0 {WIDTH:.0f} {sheet.height:.0f}"
     scale = None if enlarged is None else enlarged / sheet.per_metre
-    return _tag("svg", Markup("").join(parts), viewBox=box, class_="map", role="img"), scale
+    drawn = tag("g", Markup("").join(parts), id=MAP)
+    return tag("svg", drawn, viewBox=box, class_="map", role="img"), scale
 
 
-def draw_seams(mosaic: Figures) -> Markup:
-    """Seams over the picture of the mosaic, in shares of its width and height."""
+def draw_map_again(figures: Figures) -> Markup:
+    """The block figure once more, of any size: it refers to the one that was drawn."""
+    box = f"0 0 {WIDTH:.0f} {_sheet(figures).height:.0f}"
+    return tag("svg", tag("use", href=f"#{MAP}"), viewBox=box, class_="map", role="img")
+
+
+def draw_symbols() -> dict[str, Markup]:
+    """What the block figure draws at a place, each by itself for the legend."""
+    middle = (9.0, 9.0)
+    drawn = {
+        "photo centre": _triangle(middle, "centre"),
+        "control point": _dot(middle, "control", 3.4),
+        "check point": _dot(middle, "check", 3.4),
+        "control left out": _cross(middle),
+        "tie point": _dot(middle, "tie", 1.4),
+    }
+    return {
+        name: tag("svg", part, viewBox="0 0 18 18", class_="symbol") for name, part in drawn.items()
+    }
+
+
+def draw_mosaic(mosaic: Figures, picture: str) -> Markup:
+    """The picture of the mosaic with seams and holes over it.
+
+    Args:
+        mosaic: Figures of the mosaic.
+        picture: The picture as a data URI.
+    """
     west, south, east, north = mosaic["bounds"]
-    names = _short_names([seam["scan"] for seam in mosaic["seams"]])
+    names = short_names([seam["scan"] for seam in mosaic["seams"]])
     wide, tall = WIDTH, WIDTH * (north - south) / (east - west)
-    parts: list[Markup] = []
+    parts = [tag("image", href=picture, width=wide, height=tall)]
     for seam in mosaic["seams"]:
         for ring in seam["rings"]:
             places = [
                 (wide * (x - west) / (east - west), tall * (north - y) / (north - south))
                 for x, y in ring
             ]
-            parts.append(_tag("polygon", points=_points(places), class_="seam"))
+            parts.append(tag("polygon", points=_points(places), class_="seam"))
         inside = Polygon(max(seam["rings"], key=len)).representative_point()
         x, y = inside.x, inside.y
         parts.append(
-            _tag(
+            tag(
                 "text",
                 names[seam["scan"]],
                 class_="seamname",
@@ -78,13 +109,25 @@ def draw_seams(mosaic: Figures) -> Markup:
                 y=tall * (north - y) / (north - south),
             )
         )
-    return _tag(
-        "svg",
-        Markup("").join(parts),
-        viewBox=f"0 0 {wide:.0f} {tall:.0f}",
-        class_="overlay",
-        preserveAspectRatio="none",
-    )
+    parts += [
+        tag(
+            "circle",
+            cx=wide * (hole["east"] - west) / (east - west),
+            cy=tall * (north - hole["north"]) / (north - south),
+            r=max(sqrt(hole["area_m2"]) * wide / (east - west), HOLE),
+            class_="hole",
+        )
+        for hole in mosaic["holes"]
+    ]
+    drawn = tag("g", Markup("").join(parts), id=MOSAIC)
+    return tag("svg", drawn, viewBox=f"0 0 {wide:.0f} {tall:.0f}", class_="map", role="img")
+
+
+def draw_mosaic_again(mosaic: Figures) -> Markup:
+    """The mosaic once more, of any size: it refers to the one that was drawn."""
+    west, south, east, north = mosaic["bounds"]
+    box = f"0 0 {WIDTH:.0f} {WIDTH * (north - south) / (east - west):.0f}"
+    return tag("svg", tag("use", href=f"#{MOSAIC}"), viewBox=box, class_="map", role="img")
 
 
 def draw_bars(counts: dict[str, int], unit: str) -> Markup:
@@ -97,25 +140,25 @@ def draw_bars(counts: dict[str, int], unit: str) -> Markup:
     for index, key in enumerate(keys):
         x, tall = 20 + index * step, 120.0 * counts[key] / most
         parts += [
-            _tag("rect", x=x, y=base - tall, width=step - 22, height=max(tall, 0.8), class_="bar"),
-            _tag(
+            tag("rect", x=x, y=base - tall, width=step - 22, height=max(tall, 0.8), class_="bar"),
+            tag(
                 "text",
                 f"{counts[key]:,}",
                 x=x + (step - 22) / 2,
                 y=base - tall - 6,
                 class_="barcount",
             ),
-            _tag("text", key, x=x + (step - 22) / 2, y=base + 17, class_="barname"),
+            tag("text", key, x=x + (step - 22) / 2, y=base + 17, class_="barname"),
         ]
     width = 20 + len(keys) * step + 60
-    parts.append(_tag("line", x1=10, y1=base, x2=width - 60, y2=base, class_="axis"))
-    parts.append(_tag("text", unit, x=width - 54, y=base + 17, class_="unit"))
-    return _chart(parts, width, 176)
+    parts.append(tag("line", x1=10, y1=base, x2=width - 60, y2=base, class_="axis"))
+    parts.append(tag("text", unit, x=width - 54, y=base + 17, class_="unit"))
+    return chart(parts, width, 176)
 
 
-def _chart(parts: Sequence[Markup], width: float, height: float, top: float = 0.0) -> Markup:
+def chart(parts: Sequence[Markup], width: float, height: float, top: float = 0.0) -> Markup:
     """A small drawing at its own size, pixels."""
-    return _tag(
+    return tag(
         "svg",
         Markup("").join(parts),
         viewBox=f"0 {top:.0f} {width:.0f} {height:.0f}",
@@ -131,18 +174,18 @@ def draw_reliability(bins: Sequence[Figures]) -> Markup:
     side, edge = 200.0, 30.0
     most = max(one["proposals"] for one in bins)
     parts = [
-        _tag("line", x1=edge, y1=side, x2=edge + side, y2=side, class_="axis"),
-        _tag("line", x1=edge, y1=0, x2=edge, y2=side, class_="axis"),
-        _tag("line", x1=edge, y1=side, x2=edge + side, y2=0, class_="axis"),
-        _tag("text", "stated 1", x=edge + side, y=side + 17, class_="barname"),
-        _tag("text", "0", x=edge, y=side + 17, class_="barname"),
-        _tag("text", "1", x=edge - 10, y=10, class_="barname"),
+        tag("line", x1=edge, y1=side, x2=edge + side, y2=side, class_="axis"),
+        tag("line", x1=edge, y1=0, x2=edge, y2=side, class_="axis"),
+        tag("line", x1=edge, y1=side, x2=edge + side, y2=0, class_="axis"),
+        tag("text", "stated 1", x=edge + side, y=side + 17, class_="barname"),
+        tag("text", "0", x=edge, y=side + 17, class_="barname"),
+        tag("text", "1", x=edge - 10, y=10, class_="barname"),
     ]
     for one in bins:
         x, y = edge + side * one["stated"], side * (1.0 - one["borne_out"])
         radius = 2.0 + 7.0 * sqrt(one["proposals"] / most)
-        parts.append(_tag("circle", cx=x, cy=y, r=radius, class_="bar"))
-    return _chart(parts, edge + side + 40, side + 34, top=-10)
+        parts.append(tag("circle", cx=x, cy=y, r=radius, class_="bar"))
+    return chart(parts, edge + side + 40, side + 34, top=-10)
 
 
 def draw_coverage(photo: Figures) -> Markup:
@@ -156,16 +199,16 @@ def draw_coverage(photo: Figures) -> Markup:
             x, y = column * side, row * side
             style = "cell full" if count else "cell empty"
             parts.append(
-                _tag("rect", x=x + 1, y=y + 1, width=side - 2, height=side - 2, class_=style)
+                tag("rect", x=x + 1, y=y + 1, width=side - 2, height=side - 2, class_=style)
             )
             parts.append(
-                _tag("text", str(count), x=x + side / 2, y=y + side / 2 + 2, class_="cellcount")
+                tag("text", str(count), x=x + side / 2, y=y + side / 2 + 2, class_="cellcount")
             )
             width = (side - 8) * ties / most
             parts.append(
-                _tag("rect", x=x + 4, y=y + side - 7, width=width, height=3, class_="celltie")
+                tag("rect", x=x + 4, y=y + side - 7, width=width, height=3, class_="celltie")
             )
-    return _tag("svg", Markup("").join(parts), viewBox="0 0 102 102", class_="nine")
+    return tag("svg", Markup("").join(parts), viewBox="0 0 102 102", class_="nine")
 
 
 def _sheet(figures: Figures) -> _Sheet:
@@ -200,7 +243,7 @@ def _frame(sheet: _Sheet) -> Markup:
     """Neat line with coordinates at round distances, and grid north."""
     right, bottom = WIDTH - MARGIN, sheet.height - MARGIN - 34 + 0.0
     parts = [
-        _tag(
+        tag(
             "rect",
             x=MARGIN - 14,
             y=MARGIN - 14,
@@ -213,9 +256,9 @@ def _frame(sheet: _Sheet) -> Markup:
     easting = ceil(sheet.west / step) * step
     while MARGIN + (easting - sheet.west) * sheet.per_metre <= right:
         x = MARGIN + (easting - sheet.west) * sheet.per_metre
-        parts.append(_tag("line", x1=x, y1=MARGIN - 14, x2=x, y2=MARGIN - 20, class_="axis"))
+        parts.append(tag("line", x1=x, y1=MARGIN - 14, x2=x, y2=MARGIN - 20, class_="axis"))
         parts.append(
-            _tag(
+            tag(
                 "text", f"{easting:,.0f}".replace(",", " "), x=x, y=MARGIN - 25, class_="coordinate"
             )
         )
@@ -223,9 +266,9 @@ def _frame(sheet: _Sheet) -> Markup:
     northing = floor(sheet.north / step) * step
     while MARGIN + (sheet.north - northing) * sheet.per_metre <= bottom:
         y = MARGIN + (sheet.north - northing) * sheet.per_metre
-        parts.append(_tag("line", x1=MARGIN - 14, y1=y, x2=MARGIN - 20, y2=y, class_="axis"))
+        parts.append(tag("line", x1=MARGIN - 14, y1=y, x2=MARGIN - 20, y2=y, class_="axis"))
         parts.append(
-            _tag(
+            tag(
                 "text",
                 f"{northing:,.0f}".replace(",", " "),
                 x=MARGIN - 25,
@@ -236,8 +279,8 @@ def _frame(sheet: _Sheet) -> Markup:
         )
         northing -= step
     x = right - 6
-    parts.append(_tag("path", d=f"M{x} {MARGIN - 4} l6 20 l-6 -5 l-6 5 z", class_="north"))
-    parts.append(_tag("text", "N", x=x, y=MARGIN + 30, class_="northname"))
+    parts.append(tag("path", d=f"M{x} {MARGIN - 4} l6 20 l-6 -5 l-6 5 z", class_="north"))
+    parts.append(tag("text", "N", x=x, y=MARGIN + 30, class_="northname"))
     return Markup("").join(parts)
 
 
@@ -245,36 +288,37 @@ def _centre(sheet: _Sheet, centre: Figures, name: str) -> list[Markup]:
     x, y = sheet.at(centre["position"])
     style = "centre" if centre["oriented"] else "centre loose"
     return [
-        _tag("path", d=f"M{x:.1f} {y - 6:.1f} l5.5 10 h-11 z", class_=style),
-        _tag("text", name, x=x + 9, y=y + 5, class_="name"),
+        _triangle((x, y), style),
+        tag("text", name, x=x + 9, y=y + 5, class_="name"),
     ]
 
 
+def _triangle(at: tuple[float, float], style: str) -> Markup:
+    return tag("path", d=f"M{at[0]:.1f} {at[1] - 6:.1f} l5.5 10 h-11 z", class_=style)
+
+
 def _point(sheet: _Sheet, point: Figures, style: str, enlarged: float | None) -> list[Markup]:
-    parts = [_dot(sheet, point["position"], style, 3.4, title=point["point_id"])]
+    parts = [_dot(sheet.at(point["position"]), style, 3.4, title=point["point_id"])]
     if enlarged is not None and None not in point["vector_m"]:
         x, y = sheet.at(point["position"])
         east, north = point["vector_m"]
         end = {"x2": x + east * enlarged, "y2": y - north * enlarged}
-        parts.insert(0, _tag("line", x1=x, y1=y, **end, class_=f"vector {style}line"))
+        parts.insert(0, tag("line", x1=x, y1=y, **end, class_=f"vector {style}line"))
     return parts
 
 
-def _dot(
-    sheet: _Sheet, place: Sequence[float], style: str, radius: float, title: str = ""
-) -> Markup:
-    x, y = sheet.at(place)
-    inner = _tag("title", title) if title else Markup("")
-    return _tag("circle", inner, cx=x, cy=y, r=radius, class_=style)
+def _dot(at: tuple[float, float], style: str, radius: float, title: str = "") -> Markup:
+    inner = tag("title", title) if title else Markup("")
+    return tag("circle", inner, cx=at[0], cy=at[1], r=radius, class_=style)
 
 
-def _cross(sheet: _Sheet, place: Sequence[float]) -> Markup:
-    x, y = sheet.at(place)
-    return _tag("path", d=f"M{x - 3:.1f} {y - 3:.1f} l6 6 m0 -6 l-6 6", class_="leftout")
+def _cross(at: tuple[float, float]) -> Markup:
+    x, y = at
+    return tag("path", d=f"M{x - 3:.1f} {y - 3:.1f} l6 6 m0 -6 l-6 6", class_="leftout")
 
 
 def _ring(sheet: _Sheet, ring: Sequence[Sequence[float]], style: str) -> Markup:
-    return _tag("polygon", points=_points([sheet.at(place) for place in ring]), class_=style)
+    return tag("polygon", points=_points([sheet.at(place) for place in ring]), class_=style)
 
 
 def _scale_bar(sheet: _Sheet) -> Markup:
@@ -283,8 +327,8 @@ def _scale_bar(sheet: _Sheet) -> Markup:
     name = f"{metres / 1000:g} km" if metres >= 1000 else f"{metres:g} m"
     return Markup("").join(
         [
-            _tag("path", d=f"M{x} {y - 5} v5 h{metres * sheet.per_metre:.1f} v-5", class_="scale"),
-            _tag("text", name, x=x, y=y - 9, class_="scalename"),
+            tag("path", d=f"M{x} {y - 5} v5 h{metres * sheet.per_metre:.1f} v-5", class_="scale"),
+            tag("text", name, x=x, y=y - 9, class_="scalename"),
         ]
     )
 
@@ -294,12 +338,12 @@ def _vector_bar(sheet: _Sheet, enlarged: float) -> Markup:
     x, y = WIDTH - MARGIN - metres * enlarged, sheet.height - 22
     return Markup("").join(
         [
-            _tag(
+            tag(
                 "path",
                 d=f"M{x:.1f} {y - 5} v5 h{metres * enlarged:.1f} v-5",
                 class_="scale vectorscale",
             ),
-            _tag(
+            tag(
                 "text",
                 f"residual of {metres:g} m",
                 x=WIDTH - MARGIN,
@@ -310,7 +354,7 @@ def _vector_bar(sheet: _Sheet, enlarged: float) -> Markup:
     )
 
 
-def _short_names(names: list[str]) -> dict[str, str]:
+def short_names(names: list[str]) -> dict[str, str]:
     """The last part of each name where that tells them apart."""
     short = {name: name.replace("_", ".").split(".")[-1] for name in names}
     return short if len(set(short.values())) == len(names) else {name: name for name in names}
@@ -326,7 +370,7 @@ def _points(places: Sequence[tuple[float, float]]) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
 
 
-def _tag(name: str, inner: str | Markup = "", **attributes: str | float) -> Markup:
+def tag(name: str, inner: str | Markup = "", **attributes: str | float) -> Markup:
     """One element; text and attributes are escaped unless they are markup already."""
     told = Markup("").join(
         Markup(' {}="{}"').format(

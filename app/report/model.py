@@ -15,7 +15,9 @@ import shapely
 from shapely.geometry import Polygon
 
 from app.report.accuracy import check_accuracy, comparison_accuracy
-from app.report.protocol_figures import json_value, spread_figures
+from app.report.decided import decision_figures
+from app.report.protocol_figures import control_in_use, json_value, spread_figures
+from app.report.residuals import parameter_figures, residual_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
@@ -28,11 +30,25 @@ from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
 from core.quality.displacement import displacement
 from core.quality.rules import Finding, check_release, judge_block
+from core.raster.holes import Hole
+from sessions.decisions import Recorded
 
 CELLS = 3
 """Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
 SHOWN_TIES = 4000
 """Tie points drawn in the block figure at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """When, by whom and with what a report was written."""
+
+    at: str
+    """Date and time, UTC."""
+    operator: str
+    """Who had it written."""
+    version: str
+    """Of Gruber."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +81,8 @@ class ReportContent:
     """The mosaic."""
     seams: Sequence[Seam] = ()
     """Its seams."""
+    holes: Sequence[Hole] | None = None
+    """Holes inside it, largest first; None where there is no mosaic."""
     change: Mapping[str, float] = field(default_factory=dict[str, float])
     """Share of the ground that is `same` as today and that is `different`; empty: not known."""
     comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
@@ -72,7 +90,11 @@ class ReportContent:
     timings_s: Mapping[str, float] = field(default_factory=dict[str, float])
     """Seconds of each stage."""
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Versions, options, digests, times."""
+    """What the stages were made from."""
+    written: Written | None = None
+    """Date, operator and version."""
+    decisions: Sequence[Recorded] = ()
+    """Every decision of the session."""
 
 
 def gather(content: ReportContent) -> dict[str, Any]:
@@ -84,17 +106,21 @@ def gather(content: ReportContent) -> dict[str, Any]:
         for name, photo in block.photos.items()
     }
     standing = {name: footprints[name] for name, photo in block.photos.items() if photo.oriented}
-    findings = judge_block(assess_block(report, standing), report)
+    findings = judge_block(assess_block(report, standing), report, content.holes)
     figures = {
         "verdict": [
             {"kind": one.kind, "grave": one.grave, "sentence": one.sentence, **one.values}
             for one in findings
         ],
+        "written": None if content.written is None else asdict(content.written),
+        "decisions": decision_figures(content.decisions),
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report),
         "checks": check_accuracy(report),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
-        "control": _control_figures(report),
+        "control": {**_control_figures(report), **control_in_use(report, content.influence)},
+        "residuals": residual_figures(report),
+        "parameters": parameter_figures(report),
         "reliability": _reliability(content),
         "coverage": _coverage(report),
         "control_spread": spread_figures(report, content.influence),
@@ -118,7 +144,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "map": _map_figures(report, footprints),
         "mosaic": None
         if content.mosaic is None
-        else _mosaic_figures(content.mosaic, content.seams),
+        else {**_mosaic_figures(content.mosaic, content.seams), **_hole_figures(content.holes)},
         "change": dict(content.change),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
@@ -407,6 +433,11 @@ def _mosaic_figures(path: Path, seams: Sequence[Seam]) -> dict[str, Any]:
             for seam in seams
         ],
     }
+
+
+def _hole_figures(holes: Sequence[Hole] | None) -> dict[str, Any]:
+    """Ground inside the mosaic that no photo shows."""
+    return {"holes": [asdict(hole) for hole in holes or ()]}
 
 
 def _level_footprint(photo: Photo, camera: Camera) -> Polygon:

@@ -16,16 +16,28 @@ from app.report.drawing import (
     draw_bars,
     draw_coverage,
     draw_map,
+    draw_map_again,
+    draw_mosaic,
+    draw_mosaic_again,
     draw_reliability,
-    draw_seams,
+    draw_symbols,
+    short_names,
 )
 from app.report.model import ReportContent, gather
-from app.report.wording import findings, tell
+from app.report.plots import draw_film, draw_histogram, longest_mean
+from app.report.summary import requirements
+from app.report.wording import WORST, film_places, findings, fine, tell
 from sessions.atomic_write import whole_file
 
 THUMBNAIL_PX = 1400
 LONGEST_TABLE = 300
 """Rows of a table on the page; the rest is in the JSON, and the page says so."""
+CHAPTERS = (
+    "Verdict", "Doubts", "Block", "Accuracy", "Residuals", "Control in use",
+    "Distribution of control", "Tie points", "Exterior orientation", "Georeference",
+    "Interior orientation", "Cameras", "Mosaic", "Scans", "Decisions", "Provenance",
+)  # fmt: skip
+"""In the order of the page; that of the mosaic only where there is one."""
 
 
 def write_report(folder: Path, content: ReportContent) -> tuple[Path, Path]:
@@ -68,20 +80,32 @@ def render(figures: dict[str, Any], mosaic_jpeg: str = "") -> str:
     )
     environment.filters["figure"] = _figure
     environment.filters["signed"] = _signed
+    environment.filters["fine"] = fine
+    environment.filters["fine_signed"] = lambda value, places: fine(value, places, sign="+")
     block_map, enlarged = draw_map(figures["map"])
     caption = tell("map_caption_plain") if enlarged is None else tell("map_caption", scale=enlarged)
-    mosaic = figures["mosaic"]
+    mosaic, films = figures["mosaic"], figures["residuals"]["films"]
     return environment.get_template("page.html").render(
         f=figures,
         found=findings(figures),
         tell=tell,
+        requirements=requirements(figures),
+        chapters=[name for name in CHAPTERS if mosaic or name != "Mosaic"],
+        short=short_names([row["scan"] for row in figures["exterior"]]),
         block_map=block_map,
+        small_map=draw_map_again(figures["map"]),
+        symbols=draw_symbols(),
+        draw_histogram=draw_histogram,
+        draw_film=draw_film,
+        longest_px=longest_mean(films),
+        film_places=film_places(figures["interior"]),
+        worst=WORST,
         map_caption=caption,
         rays=draw_bars(figures["ties"]["points_by_rays"], "rays"),
         reliability=draw_reliability(figures["reliability"]["bins"]),
         draw_coverage=draw_coverage,
-        seams=draw_seams(mosaic) if mosaic and mosaic["seams"] else "",
-        mosaic_jpeg=mosaic_jpeg,
+        mosaic=draw_mosaic(mosaic, mosaic_jpeg) if mosaic else "",
+        small_mosaic=draw_mosaic_again(mosaic) if mosaic else "",
         longest=LONGEST_TABLE,
     )
 

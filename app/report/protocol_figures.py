@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from app.report.residuals import parameter_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
@@ -43,7 +44,7 @@ def protocol_figures(
         "options": _options(report, options),
         "quality": _quality(report),
         "classes": {name: _class(figures) for name, figures in report.classes.items()},
-        "parameters": [_parameter(parameter) for parameter in report.parameters],
+        "parameters": parameter_figures(report),
         "ties": _ties(report, counts),
         "photos": _photos(report, counts, {n: scale * s for n, s in corners.items()}),
         "control": _control(report, influence, scale),
@@ -142,11 +143,6 @@ def _class(figures: ClassFigures) -> dict[str, Any]:
     }
 
 
-def _parameter(parameter: Any) -> dict[str, Any]:
-    fields = ("owner", "name", "value", "sigma", "test", "correlation", "partner", "held")
-    return {field: getattr(parameter, field) for field in fields}
-
-
 def _ties(report: AdjustmentReport, counts: RayCounts) -> dict[str, Any]:
     residuals = report.tie_residuals_px[np.isfinite(report.tie_residuals_px).all(axis=1)]
     rays = len(residuals)
@@ -232,6 +228,24 @@ def _control(report: AdjustmentReport, influence: Influence | None, scale: float
             np.array([p["left_out_m"] for p in points if p["left_out_m"]]).reshape(-1, 3)
         ),
     }
+
+
+def control_in_use(report: AdjustmentReport, influence: Influence | None) -> dict[str, Any]:
+    """Every control measurement that takes part, worst first, with how far its point moved."""
+    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    control = _control(report, influence, scale)
+    moved = {point["point_id"]: point["difference_m"] for point in control["points"]}
+    items = report.block.measurements
+    rows = [
+        {
+            **row,
+            "status": items[row["point_id"], row["scan"]].status,
+            "difference_m": moved.get(row["point_id"], [np.nan] * 3),
+            "length_px": float(np.hypot(*row["residual_px"])),
+        }
+        for row in control["measurements"]
+    ]
+    return {"in_use": sorted(rows, key=lambda row: (-(row["test"] or 0.0), -row["length_px"]))}
 
 
 def _without(left_out: LeftOut | None, scale: float) -> dict[str, Any]:

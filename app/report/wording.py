@@ -12,6 +12,8 @@ from core.doubts import Doubt
 from core.quality.rules import SIGMA_NOUGHT
 
 Figures = dict[str, Any]
+WORST = 40
+"""Rows of a table that only shows the worst."""
 LINES = 8
 """No more than this; the report has them all."""
 GRAVE = 0.5
@@ -22,6 +24,11 @@ SET_ASIDE = "scan-set-aside"
 TEXT = {
     "title": "{name}: {oriented} of {photos} photos oriented",
     "subtitle": "Accuracy report of the block · {crs}{heights}",
+    "written": "Written {at} by {operator} with Gruber {version}.",
+    "headline_few": (
+        "{points} in plan: m_p = {m_p:.2f} m, too few to judge. What follows says how well the "
+        "block fits the reference ortho{sigma}."
+    ),
     "headline_checks": (
         "m_p = {m_p:.2f} m in plan at {count} check points "
         "(95 % interval {low:.2f} to {high:.2f} m)."
@@ -64,6 +71,8 @@ TEXT = {
     ),
     "map_caption_plain": "Footprints, photo centres, control points; grey dots are tie points.",
     "checks": "Check points: m_p {m_p:.2f} m, {bias}",
+    "checks_one": "One check point, {m_p:.2f} m off: too few to judge",
+    "checks_few": "{points}, m_p {m_p:.2f} m: too few to judge",
     "bias_none": "no systematic shift",
     "bias_some": "shifted by {east:+.2f} m east, {north:+.2f} m north",
     "checks_none": "No check points: accuracy is relative to the reference ortho",
@@ -76,16 +85,57 @@ TEXT = {
         "error of the check points themselves ({survey:.2f} m) included."
     ),
     "asprs_few": (
-        "{count} check points are fewer than the {least} that ASPRS Ed. 2 (2023) asks for: the "
-        "figures are not sufficient for a statement by that standard."
+        "ASPRS Ed. 2 (2023) asks for {least} check points; {points} allow no statement by that "
+        "standard."
+    ),
+    "asprs_one": (
+        "ASPRS Ed. 2 (2023) asks for {least} check points; one allows no statement by that "
+        "standard."
     ),
     "comparison": "Against {name}: m_p {m_p:.2f} m at {count} places",
-    "residuals": "Residuals by class",
-    "control": "{used} measurements at {points} control points steer the block; {left} left out",
+    "map_small": "Photos, control and check points with their residuals.",
+    "mosaic_small": "The mosaic, its seams and its holes.",
+    "mosaic_caption": (
+        "{file} with its seams (each place is shown by the photo whose nadir is nearest) and, "
+        "ringed, its holes."
+    ),
+    "no_holes": "There are no holes inside the mosaic.",
+    "holes": (
+        "{holes} inside the mosaic, {area} m² together: no photo shows the ground there. Take in a "
+        "photo that does, or fill the place from another source."
+    ),
+    "verdict_0": "The block is good",
+    "verdict_1": "The block can be used; {doubtful} to be looked at",
+    "verdict_2": "The block is not good enough",
+    "residuals": "Residuals: ties {tie} px, control {control} px",
+    "histogram_tie": "Tie points: {count:,} residual coordinates, RMS {rms_px:.2f} px; the curve "
+    "is the normal distribution of that RMS.",
+    "histogram_control": "Control points: {count:,} residual coordinates, RMS {rms_px:.2f} px.",
+    "films": "Residuals of each photo by parts of its film",
+    "films_text": (
+        "Mean residual (computed minus measured) of ties and control in each of 36 parts, three "
+        "residuals at least; the longest arrow of all is {longest:.2f} px. What is alike in many "
+        "photos belongs to lens or film."
+    ),
+    "parameters": "What was estimated with the photos, and what each is mixed up with",
+    "control": "{used} at {points} {steer} the block; {left} left out",
+    "in_use": "Measurements in use, worst first: {shown} of {all}",
+    "in_use_text": (
+        "dX, dY, dZ: adjusted minus known coordinates of the point. Without it: how far the "
+        "measurement lies from where all others put it, in standard deviations. Redundancy: the "
+        "share of an error in it that others would show. All of them are in control_points.csv."
+    ),
+    "left_out": (
+        "Measurements left out: {count} ({by_status}). control_points.csv has each of them with "
+        "its residual and the reason."
+    ),
+    "left_out_none": "No measurement was left out.",
+    "decisions": "Decisions: {count}, by {operators}, {first} to {last} UTC; taken back: {back}",
+    "decisions_none": "No decision was made at the desk",
     "control_none": "No control steers the block: it lies where its approximate orientation put it",
     "unchecked": (
-        "{count} control measurements have a redundancy number below 0.1: no other measurement "
-        "would show them wrong."
+        "Control measurements with a redundancy number below 0.1, which no other would show "
+        "wrong: {count}."
     ),
     "reliability": (
         "How far the heights of peaks can be believed, without a label: across, the probability "
@@ -114,8 +164,8 @@ TEXT = {
     ),
     "ties": "{points} tie points, {share:.0f} % of them in three photos or more",
     "ties_none": "No tie points: every photo stands on its control alone",
-    "overlaps": "{pairs} pairs of photos overlap; {untied} of them share no tie point",
-    "overlaps_all": "{pairs} pairs of photos overlap, all of them tied",
+    "overlaps": "Overlapping pairs of photos: {pairs}; without a common tie point: {untied}",
+    "overlaps_all": "Overlapping pairs of photos: {pairs}, all of them tied",
     "exterior": (
         "Perspective centres are known to {median:.2f} m, the worst ({scan}) to {worst:.2f} m"
     ),
@@ -125,9 +175,9 @@ TEXT = {
         "{worst:.0f} m"
     ),
     "georeference_plain": "Georeference",
-    "interior": "Fiducials fit to {median:.0f} µm, the worst scan ({scan}) to {worst:.0f} µm",
+    "interior": "Fiducials fit to {median} µm, the worst scan ({scan}) to {worst} µm",
     "interior_none": "No fiducials: interior orientation is nominal, from the middle of the scans",
-    "cameras": "Cameras: principal distance changed by at most {change:.3f} mm",
+    "cameras": "Cameras: principal distance changed by at most {change} mm",
     "cameras_plain": "Cameras",
     "set_aside": "{count} scans were set aside",
     "set_aside_one": "One scan was set aside",
@@ -139,6 +189,11 @@ TEXT = {
     "mosaic": "The mosaic: {columns} × {rows} pixels of {gsd:g} m from {photos} photos",
     "provenance": "How this was made",
 }
+
+
+def counted(number: int, thing: str) -> str:
+    """`1 scan`, `2 scans`."""
+    return f"{number:,} {thing}{'' if number == 1 else 's'}".replace(",", "\u202f")
 
 
 def tell(key: str, **values: Any) -> str:
@@ -163,7 +218,24 @@ def findings(figures: Figures) -> dict[str, str]:
         "doubts": _doubts(figures["doubts"]),
         "checks": _checks(figures["checks"]),
         "asprs": _asprs(figures["checks"]),
+        "verdict": _verdict(figures["verdict"]),
+        "decisions": _decisions(figures["decisions"]),
         "control": _control(figures["control"]),
+        "in_use": tell(
+            "in_use",
+            shown=min(len(figures["control"]["in_use"]), WORST),
+            all=len(figures["control"]["in_use"]),
+        ),
+        "left_out": _left_out(figures["control"]),
+        "residuals": tell(
+            "residuals",
+            **{
+                name: "–" if rms is None else f"{rms:.2f}"
+                for name in ("tie", "control")
+                for rms in [figures["adjustment"]["rms_px"].get(name)]
+            },
+        ),
+        "holes": _holes(figures["mosaic"]),
         "coverage": tell(
             "coverage",
             good=sum(photo["control_cells"] >= 5 for photo in figures["coverage"]),
@@ -186,13 +258,51 @@ def _set_aside(count: int) -> str:
 
 def _headline(figures: Figures) -> str:
     checks, block = figures["checks"], figures["block"]
-    if checks["count"]:
+    if checks["count"] and checks["enough"]:
         low, high = checks["m_p_interval"]
         return tell("headline_checks", m_p=checks["m_p"], count=checks["count"], low=low, high=high)
     ortho, dem = block["reference_ortho_sigma_m"], block["reference_dem_sigma_m"]
     known = ortho is not None and dem is not None
     sigma = tell("sigma_of_reference", ortho=ortho, dem=dem) if known else ""
+    if checks["count"]:
+        points = counted(checks["count"], "check point")
+        return tell("headline_few", points=points, m_p=checks["m_p"], sigma=sigma)
     return tell("headline_relative", sigma=sigma)
+
+
+def _verdict(verdict: list[Figures]) -> str:
+    doubtful = counted(sum(one["grave"] > 0 for one in verdict), "finding")
+    return tell(f"verdict_{max((one['grave'] for one in verdict), default=0)}", doubtful=doubtful)
+
+
+def _decisions(decisions: Figures) -> str:
+    people = decisions["operators"]
+    if not people:
+        return tell("decisions_none")
+    first, last = min(one["first"] for one in people), max(one["last"] for one in people)
+    return tell(
+        "decisions",
+        count=decisions["count"],
+        operators=", ".join(one["who"] for one in people),
+        first=first[:16].replace("T", " "),
+        last=last[:16].replace("T", " "),
+        back=decisions["taken_back"],
+    )
+
+
+def _left_out(control: Figures) -> str:
+    if not control["left_out"]:
+        return tell("left_out_none")
+    statuses = [one["status"] for one in control["left_out"]]
+    by_status = ", ".join(f"{name} {statuses.count(name)}" for name in sorted(set(statuses)))
+    return tell("left_out", count=len(statuses), by_status=by_status)
+
+
+def _holes(mosaic: Figures | None) -> str:
+    if mosaic is None or not mosaic["holes"]:
+        return tell("no_holes")
+    area = sum(hole["area_m2"] for hole in mosaic["holes"])
+    return tell("holes", holes=counted(len(mosaic["holes"]), "hole"), area=f"{area:.0f}")
 
 
 def _certificate(certificate: Figures | None, verdict: list[Figures]) -> str:
@@ -226,6 +336,10 @@ def _doubts(doubts: list[Figures]) -> str:
 def _checks(checks: Figures) -> str:
     if not checks["count"]:
         return tell("checks_none")
+    if not checks["enough"]:
+        points = counted(checks["count"], "check point")
+        key = "checks_one" if checks["count"] == 1 else "checks_few"
+        return tell(key, m_p=checks["m_p"], points=points)
     east, north = checks["mean_shift"]
     shifted = any(checks["mean_significant"])
     bias = tell("bias_some", east=east, north=north) if shifted else tell("bias_none")
@@ -237,17 +351,28 @@ def _asprs(checks: Figures) -> str:
         return ""
     survey = checks["survey_rms_horizontal"]
     total = (checks["m_p"] ** 2 + survey**2) ** 0.5
-    key = "asprs_enough" if checks["asprs_enough"] else "asprs_few"
-    least = checks["asprs_least"]
-    return tell(key, count=checks["count"], least=least, total=total, survey=survey)
+    key = "asprs_one" if checks["count"] == 1 else "asprs_few"
+    return tell(
+        "asprs_enough" if checks["asprs_enough"] else key,
+        count=checks["count"],
+        points=counted(checks["count"], "check point"),
+        least=checks["asprs_least"],
+        total=total,
+        survey=survey,
+    )
 
 
 def _control(control: Figures) -> str:
     used = sum(control["by_status"].get(status, 0) for status in ("auto", "accepted"))
     if not used:
         return tell("control_none")
-    left = len(control["left_out"])
-    return tell("control", used=used, points=control["points_used"], left=left)
+    return tell(
+        "control",
+        used=counted(used, "measurement"),
+        points=counted(control["points_used"], "control point"),
+        steer="steers" if used == 1 else "steer",
+        left=len(control["left_out"]),
+    )
 
 
 def _ties(ties: Figures) -> str:
@@ -289,8 +414,24 @@ def _interior(rows: list[Figures]) -> str:
     if not fitted:
         return tell("interior_none")
     worst, scan = max(fitted)
-    middle = median(value for value, _ in fitted)
-    return tell("interior", median=middle, worst=worst, scan=scan)
+    middle, places = median(value for value, _ in fitted), film_places(rows)
+    return tell("interior", median=fine(middle, places), worst=fine(worst, places), scan=scan)
+
+
+def film_places(rows: list[Figures]) -> int:
+    """Decimals of residuals on the film: one more for every power of ten below ten micrometres."""
+    worst = max((row["rms_um"] for row in rows if row["residuals_um"]), default=0.0)
+    return 0 if worst >= 10 else 1 if worst >= 1 else 2
+
+
+def fine(value: float | None, places: int, sign: str = "") -> str:
+    """A number with fixed places; what is not nought is never told as nought."""
+    if value is None:
+        return "–"
+    smallest = 10.0**-places
+    if value and abs(value) < smallest / 2:
+        return f"<\u202f{smallest:.{places}f}"
+    return f"{value:{sign}.{places}f}".replace("-", "−")
 
 
 def _cameras(cameras: list[Figures]) -> str:
@@ -299,7 +440,7 @@ def _cameras(cameras: list[Figures]) -> str:
         for row in cameras
         if "before" in row
     ]
-    return tell("cameras", change=max(changes)) if changes else tell("cameras_plain")
+    return tell("cameras", change=fine(max(changes), 3)) if changes else tell("cameras_plain")
 
 
 def remarks(set_aside: Mapping[str, str], doubts: Sequence[Doubt], where: str) -> list[str]:

@@ -38,6 +38,7 @@ from core.raster.grid import (
     window_of,
     write_tiles,
 )
+from core.raster.holes import Hole, find_holes
 
 # design: METHODS 8 gives 2 to 10; it hides a step of gray and is narrower than a road
 FEATHER_PX = 8
@@ -78,6 +79,8 @@ class MosaicProduct:
     """Radiometric correction by photo."""
     covered_share: float
     """Share of its pixels that show the ground, 0 to 1."""
+    holes: tuple[Hole, ...] = ()
+    """Ground inside it that no photo shows, largest first."""
 
 
 def mosaic_grid(orthos: Sequence[OrthoProduct]) -> Grid:
@@ -139,7 +142,7 @@ def compose_mosaic(
     finally:
         tiles_path.unlink(missing_ok=True)
     share = covered / (grid.columns * grid.rows)
-    return MosaicProduct(path, grid, work.seams, work.balances, share)
+    return MosaicProduct(path, grid, work.seams, work.balances, share, find_holes(path))
 
 
 RASTERIZING = Lock()

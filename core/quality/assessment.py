@@ -144,6 +144,17 @@ def assess_block(report: AdjustmentReport, footprints: Footprints | None = None)
     )
 
 
+def film_patterns(report: AdjustmentReport) -> dict[str, tuple[Vectors, FilmCounts]]:
+    """Mean residual (column, row; pixels) by cell of each photo's film, and how many make it.
+
+    Args:
+        report: The adjustment.
+    """
+    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
+    rays = _used_rays(report, taking_part)
+    return {name: _pattern(report.block, {name: used})[:2] for name, used in rays.items()}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
     """What is used in one photo."""

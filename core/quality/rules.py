@@ -17,6 +17,7 @@ from core.block import Block
 from core.doubts import Doubt
 from core.quality.assessment import BlockQuality, Overlap, assess_block
 from core.quality.control_count import ControlCount
+from core.raster.holes import Hole
 
 # design: a fifth off is what weights of a sound block are; a half off, nothing that is predicted
 # with them can be believed.
@@ -128,6 +129,9 @@ SENTENCES = {
     "along-small": "Overlap along the strips {low} to {high} %; below {least} % in {small} photos.",
     "across": "Overlap between strips {low} to {high} %.",
     "across-small": "Overlap between strips {low} to {high} %; below {least} % in {small} photos.",
+    "no-holes": "The mosaic has no holes inside it.",
+    "holes": "Holes inside the mosaic: {count}, {area} m² together; the largest ({largest} m²) is "
+    "about E {east} N {north}. No photo shows the ground there.",
     "predicted": "Position is predicted to {relative} m relative to the reference ortho, and to "
     "{value} m on the ground with the reference's own error: more than {limit} m.",
 }
@@ -160,12 +164,15 @@ class Finding:
         return SENTENCES[self.kind].format(**self.values)
 
 
-def judge_block(found: BlockQuality, report: AdjustmentReport) -> tuple[Finding, ...]:
+def judge_block(
+    found: BlockQuality, report: AdjustmentReport, holes: Sequence[Hole] | None = None
+) -> tuple[Finding, ...]:
     """Every finding about an adjusted block, gravest first; the gravest is the verdict.
 
     Args:
         found: What was measured of the block.
         report: The adjustment.
+        holes: Holes inside its mosaic, largest first; None where there is no mosaic yet.
     """
     findings = [
         *_human_findings(report),
@@ -173,6 +180,7 @@ def judge_block(found: BlockQuality, report: AdjustmentReport) -> tuple[Finding,
         *_control_findings(found, report),
         *_tie_findings(found),
         *_flight_findings(found),
+        *_hole_findings(holes),
     ]
     return tuple(sorted(findings, key=lambda finding: -finding.grave))
 
@@ -345,7 +353,8 @@ def _amount_findings(found: BlockQuality, report: AdjustmentReport) -> list[Find
     """Whether there is enough control, and where."""
     plan, heights = len(found.known_plan), len(found.known_heights)
     count, filled = len(report.surveyed_positions), int(np.count_nonzero(found.control_cells))
-    told = {"count": str(count), "cells": str(filled), "least": str(BLOCK_POINTS)}
+    told = {"count": str(count), "cells": str(filled), "least": str(BLOCK_POINTS),
+            "parts": str(CELLS_HELD)}  # fmt: skip
     if count < BLOCK_POINTS or plan < DATUM[0] or heights < DATUM[1]:
         return [Finding("control-few", POOR, {**told, "plan": str(plan), "heights": str(heights)})]
     sound = filled >= CELLS_HELD
@@ -391,7 +400,8 @@ def _tie_findings(found: BlockQuality) -> list[Finding]:
         alone = len(oriented) < 2
         return [Finding("one-photo", DOUBTFUL) if alone else Finding("no-ties", POOR)]
     many = sum(count for rays, count in found.rays.items() if rays >= 3) / total
-    told, sound = {"share": f"{100 * many:.0f}"}, many >= MANY_RAYS
+    told = {"share": f"{100 * many:.0f}", "least": f"{100 * MANY_RAYS:.0f}"}
+    sound = many >= MANY_RAYS
     findings = [Finding("rays" if sound else "rays-few", SOUND if sound else DOUBTFUL, told)]
     for members, points in found.parts:
         told = {"worst": members[0], "photos": str(len(members)), "points": str(points)}
@@ -437,6 +447,19 @@ def _flight_findings(found: BlockQuality) -> list[Finding]:
             }
             findings.append(Finding(f"{text}-small" if small else text, int(small > 0), told))
     return findings
+
+
+def _hole_findings(holes: Sequence[Hole] | None) -> list[Finding]:
+    if not holes:
+        return [] if holes is None else [Finding("no-holes", SOUND)]
+    told = {
+        "count": str(len(holes)),
+        "area": f"{sum(hole.area_m2 for hole in holes):.0f}",
+        "largest": f"{holes[0].area_m2:.0f}",
+        "east": f"{holes[0].east:.0f}",
+        "north": f"{holes[0].north:.0f}",
+    }
+    return [Finding("holes", DOUBTFUL, told)]
 
 
 def _nearest_shares(overlaps: tuple[Overlap, ...], along: bool) -> list[float]:

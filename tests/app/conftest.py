@@ -8,11 +8,13 @@ import rasterio
 from affine import Affine
 from shapely.geometry import box
 
-from app.report.model import ReportContent
+from app.report.model import ReportContent, Written
 from core.adjustment.block_adjustment import adjust_block
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation
 from core.mosaic.seams import Seam
+from core.raster.holes import Hole
+from sessions.decisions import Accept, Recorded, Reject, Withdraw
 from tests.flights import FlightPlan, fly
 
 MARKS = ("1", "2", "3", "4")
@@ -63,6 +65,15 @@ def mosaic(report, tmp_path_factory):
     return path
 
 
+def decided(keys):
+    """Two decisions that stand and one that was taken back."""
+    made = [Accept(*keys[0]), Reject(*keys[1], "changed"), Accept(*keys[2]), Withdraw(3)]
+    return [
+        Recorded(number, f"2025-11-20T10:0{number - 1}:00+00:00", "anna", decision)
+        for number, decision in enumerate(made, start=1)
+    ]
+
+
 @pytest.fixture(scope="session")
 def content(flown, report, mosaic):
     with rasterio.open(mosaic) as file:
@@ -88,11 +99,12 @@ def content(flown, report, mosaic):
         reference_sigma_m=(0.25, 0.5),
         mosaic=mosaic,
         seams=seams,
+        holes=(Hole(900.0, west + 500.0, south + 700.0), Hole(400.0, west + 900.0, south + 200.0)),
+        written=Written("2025-11-21 01:02 UTC", "anna", "0.1.0"),
+        decisions=decided(list(report.residuals_px)[:3]),
         timings_s={"read scans": 3.2, "tie points": 41.75, "adjustment": 0.4, "mosaic": 12.0},
         provenance={
-            "gruber": "0.1.0",
             "options": "default",
             "block.toml": "sha256 3f9a…",
-            "made": "2025-11-21 01:02 UTC",
         },
     )

@@ -99,7 +99,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
         yield (
             "quality",
             (
-                (*adjusted, state.free, desk.outlines, desk.adjustments, seat.pair),
+                (*adjusted, state.free, state.holes, desk.outlines, desk.adjustments, seat.pair),
                 lambda: quality_part(state, desk.outlines, desk.adjustments, seat.pair),
             ),
         )

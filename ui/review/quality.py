@@ -27,7 +27,7 @@ def quality_part(
     report = state.report
     polygons = footprint_polygons(state, outlines)
     found = assess_block(report, polygons)
-    findings = judge_block(found, report)
+    findings = judge_block(found, report, state.holes)
     return {
         "verdict": max((f.grave for f in findings), default=0),
         "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],

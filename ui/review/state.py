@@ -8,6 +8,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
+from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
 from ui.review.looks import ShownState
 
@@ -182,6 +183,8 @@ class DeskState:
     """False while tables and report on disk are older than the decisions."""
     free: tuple[bool, bool] = (True, True)
     """Whether cameras are estimated, and whether gross errors are looked for."""
+    holes: tuple[Hole, ...] | None = None
+    """Holes inside the mosaic on disk; None where there is none."""
     extra: Extra = NO_EXTRA
     """Tie points, photos and fiducials to be judged."""
 

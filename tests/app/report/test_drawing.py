@@ -4,7 +4,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from app.report.drawing import draw_bars, draw_coverage, draw_map, draw_seams
+from app.report.drawing import (
+    draw_bars,
+    draw_coverage,
+    draw_map,
+    draw_mosaic,
+    draw_symbols,
+)
+from app.report.plots import draw_film, draw_histogram, longest_mean
 
 
 def parts_of(svg):
@@ -26,4 +33,43 @@ def test_bars_are_as_high_as_their_numbers__truth():
 
 def test_coverage_and_seams_are_drawn__law(written):
     assert parts_of(draw_coverage(written[1]["coverage"][0]))[0] == "svg"
-    assert parts_of(draw_seams(written[1]["mosaic"]))[0] == "svg"
+    mosaic = {**written[1]["mosaic"], "holes": [{"area_m2": 900.0, "east": 0.0, "north": 0.0}]}
+    parts = parts_of(draw_mosaic(mosaic, "data:image/jpeg;base64,"))
+    assert parts[0] == "svg"
+    assert parts.count("polygon") == sum(len(seam["rings"]) for seam in mosaic["seams"])
+    assert parts.count("circle") == 1
+
+
+def test_the_legend_shows_what_the_map_draws__truth(written):
+    """The legend showed dots where the map has crosses and triangles."""
+    drawing = ElementTree.fromstring(str(draw_map(written[1]["map"])[0]))
+    on_map = {part.get("class"): part.tag for part in drawing.iter() if part.get("class")}
+    symbols = draw_symbols()
+    assert len(symbols) == 5
+    for symbol in symbols.values():
+        (shape,) = ElementTree.fromstring(str(symbol))
+        assert on_map[shape.get("class")] == shape.tag
+
+
+def test_a_histogram_is_as_high_as_its_counts__truth():
+    counts = [1, 5, 20, 5, 1]
+    told = {"counts": counts, "count": 32, "rms_px": 0.5, "reach_px": 2.0}
+    bars = [
+        float(part.get("height"))
+        for part in ElementTree.fromstring(str(draw_histogram(told))).iter()
+        if part.tag == "rect"
+    ]
+    assert [bar / max(bars) for bar in bars] == pytest.approx([n / 20 for n in counts], abs=0.01)
+
+
+def test_arrows_of_a_film_have_one_scale_for_all_photos__truth(written):
+    films = written[1]["residuals"]["films"]
+    longest = longest_mean(films)
+    assert longest > 0
+    lengths = []
+    for film in films.values():
+        for part in ElementTree.fromstring(str(draw_film(film, longest))).iter():
+            if part.tag == "line":
+                ends = [float(part.get(name)) for name in ("x1", "x2", "y1", "y2")]
+                lengths.append(((ends[1] - ends[0]) ** 2 + (ends[3] - ends[2]) ** 2) ** 0.5)
+    assert max(lengths) == pytest.approx(2 * 0.45 * 118 / 6, abs=0.2)

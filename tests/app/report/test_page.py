@@ -6,9 +6,12 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
+import pytest
 
 from app.report.model import ReportContent
 from app.report.page import render, write_report
+from app.report.summary import requirements
+from app.report.wording import fine
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
@@ -49,14 +52,14 @@ def test_page_is_well_formed_and_needs_no_network__law(written):
     parser = parsed(written[0])
     assert "script" not in parser.tags
     assert "link" not in parser.tags
-    assert all(url.startswith("data:") for url in parser.urls)
+    assert all(url.startswith(("data:", "#")) for url in parser.urls)
     assert "url(" not in written[0]
     assert "@import" not in written[0]
 
 
 def test_page_is_a_function_of_the_json__law(written):
     page, figures = written
-    picture = re.search(r'src="(data:image/jpeg;base64,[^"]+)"', page).group(1)
+    picture = re.search(r'href="(data:image/jpeg;base64,[^"]+)"', page).group(1)
     assert render(figures, picture) == page
 
 
@@ -76,8 +79,95 @@ def test_headings_say_the_finding__truth(written):
     assert "residuals are as large as the a-priori standard deviations say" in text
     assert "One scan was set aside" in text
     assert "The file ends after 3 of 9 MB" in text
-    assert "fewer than the 30 that ASPRS" in text
+    assert "asks for 30 check points; 12 check points allow no statement" in text
     assert text.index("junction 118") < text.index("Fiducial 3") < text.index("The DEM has a gap")
+
+
+def test_every_chapter_has_a_name_of_its_own_and_stands_in_the_contents__law(written):
+    """Two chapters were called Control, and there were no contents."""
+    page = written[0]
+    names = re.findall(r'<h2 id="([^"]+)"><small>', page)
+    assert len(names) == len(set(names)) > 12
+    assert re.findall(r'<li><a href="#([^"]+)"', page) == names
+
+
+def test_the_first_page_has_every_requirement_who_and_when__truth(written):
+    page, figures = written
+    front = page[page.index('<section class="front">') : page.index("</section>")]
+    for row in requirements(figures):
+        assert row["name"] in front
+        assert row["limit"].replace(">", "&gt;") in front
+    assert front.count('class="t result') == len(requirements(figures)) >= 10
+    assert all(f'href="#{name}"' in front for name in ("blockmap", "mosaicmap"))
+    assert "Signature" in front
+    text = text_of(page)
+    assert "Written 2025-11-21 01:02 UTC by anna with Gruber 0.1.0." in text
+    assert "Decisions: 2, by anna, 2025-11-20 10:00 to 2025-11-20 10:01 UTC; taken back: 1" in text
+
+
+def test_what_stands_in_the_table_is_what_the_verdict_says__law(written):
+    figures = written[1]
+    doubtful = {row["name"] for row in requirements(figures) if row["grave"]}
+    told = {one["kind"]: one["grave"] for one in figures["verdict"]}
+    assert ("Check points" in doubtful) == bool(told.get("checks", 1))
+    assert ("Tilt" in doubtful) == ("tilt-over" in told)
+    assert "Holes inside the mosaic" in doubtful
+
+
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (1, "One check point, {m_p} m off: too few to judge"),
+        (2, "2 check points, m_p {m_p} m: too"),
+    ],
+)
+def test_few_check_points_are_not_judged__truth(content, tmp_path, count, told):
+    """One point gave 'no systematic shift', and '1 check points'."""
+    few = replace(content, report=replace(content.report, checks=content.report.checks[:count]))
+    html, figures = write_report(tmp_path, few)
+    text = text_of(html.read_text(encoding="utf-8"))
+    m_p = json.loads(figures.read_text(encoding="utf-8"))["checks"]["m_p"]
+    assert told.format(m_p=f"{m_p:.2f}") in text
+    assert "systematic shift" not in text
+    assert "1 check points" not in text
+
+
+def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(content, tmp_path):
+    """Three hundred rows of left-out measurements, and none of those in use."""
+    told = replace(content, influence=influence_of(content.report, content.adjustment))
+    html, figures = write_report(tmp_path, told)
+    control = json.loads(figures.read_text(encoding="utf-8"))["control"]
+    tests = [row["test"] for row in control["in_use"]]
+    assert len(tests) == len(content.report.redundancy_numbers)
+    assert tests == sorted(tests, reverse=True)
+    page = html.read_text(encoding="utf-8")
+    assert control["in_use"][0]["point_id"] in page
+    text = text_of(page)
+    assert f"worst first: {min(len(tests), 40)} of {len(tests)}" in text
+    assert f"Measurements left out: {len(control['left_out'])} (" in text
+    assert "Left out, with the reason" not in text
+
+
+def test_holes_of_the_mosaic_are_named__truth(written):
+    text = text_of(written[0])
+    assert "2 holes inside the mosaic, 1300 m² together" in text
+    assert "Holes inside the mosaic: 2, 1300 m² together; the largest (900 m²)" in text
+
+
+def test_small_residuals_are_not_told_as_nought__truth(written):
+    """Fiducials that fit to 0.3 um were told as 0 um."""
+    figures = json.loads(json.dumps(written[1]))
+    for row in figures["interior"]:
+        row["rms_um"] *= 0.03
+        row["residuals_um"] = {
+            name: [0.03 * v for v in both] for name, both in row["residuals_um"].items()
+        }
+    text = text_of(render(figures))
+    assert re.search(r"Fiducials fit to 0\.[1-9]\d µm, the worst scan \(\S+\) to 0\.[1-9]", text)
+    table = text[text.index("residuals of fiducials") :][:900]
+    assert not re.search(r"[+−]0(?:\.0+)?[,\s]", table)
+    assert fine(0.001, 2) == "<\u202f0.01"
+    assert fine(0.0, 2) == "0.00"
 
 
 def test_a_blunder_accepted_by_hand_is_named_where_the_block_is_certified__truth(

@@ -1,0 +1,74 @@
+"""Holes: ground inside a raster product that nothing shows."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from jaxtyping import Int64
+from rasterio.windows import Window
+from scipy import ndimage
+
+from core.arrays import Mask
+
+# design: some megabytes, and a cell of two metres on a block of ten kilometres.
+LATTICE = 2048
+"""Cells along the longer side in which holes are told apart."""
+# design: a band of 64 MB at most on the widest mosaics.
+BAND_CELLS = 64
+"""Rows of cells that are read at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """A connected part without data that the raster surrounds."""
+
+    area_m2: float
+    """Its area."""
+    east: float
+    """Easting of its middle, metres in the raster's CRS."""
+    north: float
+    """Northing of its middle."""
+
+
+def find_holes(path: Path) -> tuple[Hole, ...]:
+    """Holes of a raster, largest first; what is open towards its edge is none.
+
+    They are told apart on a lattice, whose cells are empty as soon as one pixel of theirs is: two
+    empty places nearer than a cell are one. Areas count pixels.
+
+    Args:
+        path: A raster whose first band has a nodata value or a mask; axes along the CRS, metres.
+    """
+    with rasterio.open(path) as file:
+        side = max(1, -(-max(file.width, file.height) // LATTICE))
+        missing = _missing(file, side)
+        transform, pixel_m2 = file.transform, abs(file.res[0] * file.res[1])
+    # Outside lies all round, so that what reaches the edge is one with it.
+    empty = np.pad(missing > 0, 1, constant_values=True)
+    numbers, count = ndimage.label(empty)
+    inside = [number for number in range(1, count + 1) if number != numbers[0, 0]]
+    if not inside:
+        return ()
+    pixels = ndimage.sum_labels(np.pad(missing, 1), numbers, inside)
+    middles = np.array(ndimage.center_of_mass(empty, numbers, inside)) - 0.5
+    found = [
+        Hole(float(area) * pixel_m2, *(float(v) for v in transform @ (column * side, row * side)))
+        for area, (row, column) in zip(pixels, middles, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda hole: (-hole.area_m2, hole.east, hole.north)))
+
+
+def _missing(file: rasterio.DatasetReader, side: int) -> Int64[np.ndarray, "rows columns"]:
+    """Pixels without data in each cell; those beyond the last row and column are without."""
+    rows, columns = -(-file.height // side), -(-file.width // side)
+    found = np.zeros((rows, columns), dtype=np.int64)
+    for first in range(0, rows, BAND_CELLS):
+        top = first * side
+        tall = min(BAND_CELLS * side, file.height - top)
+        seen = file.read_masks(1, window=Window(0, top, file.width, tall)) > 0
+        cells: Mask = np.zeros((-(-tall // side) * side, columns * side), dtype=np.bool_)
+        cells[:tall, : file.width] = seen
+        shown = cells.reshape(-1, side, columns, side).sum(axis=(1, 3))
+        found[first : first + len(shown)] = side * side - shown
+    return found

@@ -1,0 +1,62 @@
+"""The accuracy report in a browser: nothing is cut, neither on the screen nor on paper."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.report.model import ReportContent
+from app.report.page import write_report
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.adjustment.influence import influence_of
+from tests.flights import FlightPlan, fly
+
+pytestmark = pytest.mark.browser
+A4_PX = 703
+"""Width of A4 within its margins, pixels."""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """The report of a block whose scans have names as long as those of the archive."""
+    block = fly(FlightPlan(ties=200, control=24, check=1), np.random.default_rng(3)).block
+    names = {name: f"LMSA08.1938.SYNT25.{name.replace('_', '')}" for name in block.photos}
+    photos = {names[name]: replace(p, photo_id=names[name]) for name, p in block.photos.items()}
+    measured = [
+        replace(item, photo_id=names[item.photo_id]) for item in block.measurements.values()
+    ]
+    block = replace(
+        block,
+        photos=photos,
+        measurements={item.key: item for item in measured},
+        ties=replace(block.ties, photo_ids=tuple(names[n] for n in block.ties.photo_ids)),
+    )
+    adjusted = adjust_block(block)
+    ahead = influence_of(adjusted, AdjustmentOptions())
+    content = ReportContent("long", adjusted, before=block, influence=ahead)
+    return write_report(tmp_path_factory.mktemp("report"), content)[0]
+
+
+@pytest.mark.parametrize("width", [1366, 1600])
+def test_no_table_is_wider_than_the_page__truth(chromium, report, width):
+    """Of the table of exterior orientations sigma kappa was scrolled away."""
+    page = chromium.new_page(viewport={"width": width, "height": 900})
+    page.goto(report.as_uri())
+    wide = (
+        "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)"
+    )
+    assert page.evaluate(f"{wide}.length") == 0
+    assert page.evaluate("document.querySelectorAll('.scroll').length") > 8
+    page.close()
+
+
+def test_no_table_is_cut_on_paper__truth(chromium, report):
+    page = chromium.new_page(viewport={"width": A4_PX, "height": 1000})
+    page.goto(report.as_uri())
+    page.emulate_media(media="print")
+    rights = "[...document.querySelectorAll('table')].map(e => e.getBoundingClientRect().right)"
+    assert page.evaluate(f"Math.max(...{rights})") <= A4_PX + 1
+    # The first page holds all of the front: 273 mm of it are printed on.
+    assert page.evaluate("document.querySelector('.front').offsetHeight") < 1032
+    page.close()
