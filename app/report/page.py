@@ -81,7 +81,7 @@ def render(figures: dict[str, Any], mosaic_jpeg: str = "") -> str:
     environment.filters["figure"] = _figure
     environment.filters["signed"] = _signed
     environment.filters["fine"] = fine
-    environment.filters["fine_signed"] = lambda value, places: fine(value, places, sign="+")
+    environment.filters["fine_signed"] = _fine_signed
     block_map, enlarged = draw_map(figures["map"])
     caption = tell("map_caption_plain") if enlarged is None else tell("map_caption", scale=enlarged)
     mosaic, films = figures["mosaic"], figures["residuals"]["films"]
@@ -128,6 +128,10 @@ def thumbnail(path: Path) -> str:
 def _figure(value: float | None, places: int = 2) -> str:
     """A number with fixed places; a dash where there is none."""
     return "–" if value is None else f"{value:,.{places}f}".replace(",", "\u202f").replace("-", "−")
+
+
+def _fine_signed(value: float | None, places: int = 2) -> str:
+    return fine(value, places, sign="+")
 
 
 def _signed(value: float | None, places: int = 2) -> str:

@@ -236,7 +236,7 @@ def control_in_use(report: AdjustmentReport, influence: Influence | None) -> dic
     control = _control(report, influence, scale)
     moved = {point["point_id"]: point["difference_m"] for point in control["points"]}
     items = report.block.measurements
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             **row,
             "status": items[row["point_id"], row["scan"]].status,

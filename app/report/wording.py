@@ -424,7 +424,7 @@ def film_places(rows: list[Figures]) -> int:
     return 0 if worst >= 10 else 1 if worst >= 1 else 2
 
 
-def fine(value: float | None, places: int, sign: str = "") -> str:
+def fine(value: float | None, places: int = 2, sign: str = "") -> str:
     """A number with fixed places; what is not nought is never told as nought."""
     if value is None:
         return "–"
