@@ -6,6 +6,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -220,6 +221,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
     """What a page needs once."""
     return {
         "name": desk.name,
+        "version": version("gruber"),
         "edition": secrets.token_urlsafe(6),
         "template": desk.template_m,
         "palette": page_palette(),

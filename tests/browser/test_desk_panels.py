@@ -1,5 +1,7 @@
 """New points, history, quality, people and looks in a real Chromium, by key and by pointer."""
 
+from importlib.metadata import version
+
 import pytest
 
 from tests.browser.hands import current, settled, state_of
@@ -39,6 +41,28 @@ def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     page.click("#history button")
     page.wait_for_function("gruber.parts.status.decided === 2")
     assert state_of(page, first) == "dubious"
+
+
+def test_quality_is_printed_light_with_date_operator_and_version__truth(sit):
+    """In the dark theme it was black on dark, without a date."""
+    page = sit(scene=False)
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality p.verdict")
+    assert not page.locator("#quality .printed").is_visible()
+    page.evaluate(
+        """addEventListener("beforeprint", () => {
+             const line = document.querySelector("#quality .printed");
+             window.paper = [document.documentElement.dataset.theme, line.textContent];
+           })"""
+    )
+    page.pdf(print_background=True)
+    theme, line = page.evaluate("window.paper")
+    assert theme == "light"
+    told = f"Printed {page.evaluate('new Date().toISOString().slice(0, 10)')}"
+    assert line.startswith(told)
+    assert line.endswith(f"UTC by anna, Gruber {version('gruber')}")
+    page.wait_for_function("document.documentElement.dataset.theme === 'dark'")
 
 
 def test_quality_follows_the_block_and_compares_adjustments__truth(sit):

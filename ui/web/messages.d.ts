@@ -13,6 +13,7 @@ type Send = (message: Record<string, unknown>) => boolean;
 
 interface Start {
   name: string;
+  version: string;
   edition: string;
   seat: string;
   guest: boolean;

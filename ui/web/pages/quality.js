@@ -8,6 +8,13 @@ const state = { shown: "" };
 
 export function setUpQuality() {
   byId("quality").addEventListener("close", () => send({ kind: "quality", shown: false }));
+  addEventListener("beforeprint", () => {
+    const when = new Date().toISOString().slice(0, 16).replace("T", " ");
+    const values = { when, who: byId("who").textContent ?? "", version: start.version };
+    for (const line of all(".printed", byId("quality"))) {
+      line.textContent = word("quality.printed", values);
+    }
+  });
 }
 
 /** @param {Quality} [known] what was told last: it is not told again when nothing changed */
@@ -80,7 +87,9 @@ function verdict({ verdict: gravest, findings }) {
   });
   const words = element("p", { class: `verdict grave${gravest}` }, word(`verdict.${gravest}`));
   const attributes = { class: "quality-part", "data-part": "verdict" };
-  return element("section", attributes, words, element("ul", {}, ...lines));
+  const signed = element("p", { class: "signed" }, word("quality.signed"));
+  return element("section", attributes, element("p", { class: "printed" }), words,
+    element("ul", {}, ...lines), signed);
 }
 
 /** @param {Quality} found */

@@ -4,8 +4,13 @@ import { byId, first, word } from "./words.js";
 const THEMES = ["dark", "light"];
 
 export function setUpTheme() {
-  show(localStorage.getItem("gruber.theme") ?? "dark");
+  show(chosen());
+  // Paper is light whatever the desk is.
+  addEventListener("beforeprint", () => show("light"));
+  addEventListener("afterprint", () => show(chosen()));
 }
+
+const chosen = () => localStorage.getItem("gruber.theme") ?? "dark";
 
 export function nextTheme() {
   const now = document.documentElement.dataset.theme ?? "";
