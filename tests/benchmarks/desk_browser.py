@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from tests.browser.conftest import ARGUMENTS, SIZE, chromium_path
+from tests.browser.conftest import ARGUMENTS, SIZE, chromium_path, toured
 
 HOME = Path(__file__).resolve().parents[2]
 WATCH = """() => {
@@ -73,7 +73,9 @@ def browser() -> Generator[object]:
 
 def sit_down(launched, url: str, size: dict[str, int] = SIZE) -> Page:
     """A page at the desk, once its first point is drawn; times are taken from then on."""
-    context = launched.new_context(viewport=size, bypass_csp=True)
+    context = launched.new_context(
+        viewport=size, bypass_csp=True, storage_state=toured(url)
+    )
     context.set_default_timeout(30_000)
     page = context.new_page()
     page.goto(url)

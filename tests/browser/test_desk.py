@@ -10,7 +10,7 @@ import pytest
 from viser import _messages as viser_messages
 
 from app.desk.wiring import open_desk
-from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of
+from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
 from tests.browser.hands import current, press, sigma, state_of
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
@@ -35,7 +35,7 @@ def test_everything_of_the_block_is_in_the_scene__truth(sit):
 
 
 def test_the_pages_keep_their_own_policy_and_report_no_error__law(chromium, desk):
-    context = chromium.new_context(viewport=SIZE)
+    context = chromium.new_context(viewport=SIZE, storage_state=toured(desk.url))
     page, heard = context.new_page(), []
     page.on("pageerror", lambda error: heard.append(str(error)))
     page.on("console", lambda said: heard.append(said.text) if said.type == "error" else None)

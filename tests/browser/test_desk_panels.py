@@ -4,6 +4,8 @@ from importlib.metadata import version
 
 import pytest
 
+from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS, SIZE, toured
 from tests.browser.hands import current, settled, state_of
 from ui.words.catalogue import words
 
@@ -113,6 +115,64 @@ def test_light_and_dark_and_the_tour__law(sit):
     page.wait_for_selector("#tour", state="hidden")
 
 
+def test_the_first_enter_of_a_new_user_turns_the_tour_and_decides_nothing__law(
+    chromium, desk, tmp_path
+):
+    context = chromium.new_context(viewport=SIZE, bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    page.goto(desk.url)
+    page.wait_for_selector("#tour-next:focus")
+    page.wait_for_function("gruber.parts.point")
+    step = "document.querySelector('#tour footer span').textContent"
+    for key in ("Enter", " ", "y", "n", "u", "ArrowRight"):
+        page.keyboard.press(key)
+    page.wait_for_timeout(600)
+    assert page.evaluate(step) == "3 / 5"
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#tour", state="hidden")
+    with Session.open(tmp_path, "reader") as session:
+        assert session.decisions() == ()
+    page.reload()
+    page.wait_for_selector(".row.current")
+    assert not page.locator("#tour").is_visible()
+    context.close()
+
+
+def test_focused_controls_keep_their_keys_and_the_desk_has_the_rest__law(sit):
+    page = sit(scene=False)
+    before = page.evaluate("gruber.parts.point.figures.place")
+    page.focus('[data-act="quality"]')
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#quality[open]")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#quality", state="hidden")
+    page.focus('[data-mode="swipe"]')
+    page.keyboard.press(" ")
+    assert page.evaluate("gruber.compareState().mode") == "swipe"
+    assert not page.evaluate("gruber.compareState().blink")
+    for slider in ("#contrast", "#swipe"):
+        box = page.locator(slider).bounding_box()
+        page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        value = float(page.input_value(slider))
+        page.keyboard.press("ArrowRight")
+        assert float(page.input_value(slider)) == value + 1
+    page.focus("#sort-column")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowDown")
+    assert page.evaluate("document.activeElement.id") == "sort-column"
+    # A letter is the desk's even beside a button or slider; a pointer leaves no focus behind.
+    page.focus("#contrast")
+    page.keyboard.press("h")
+    page.wait_for_selector("#help[open]")
+    page.keyboard.press("h")
+    page.click('[data-mode="side"]')
+    assert page.evaluate("document.activeElement.tagName") != "BUTTON"
+    page.wait_for_timeout(600)
+    assert page.evaluate("gruber.parts.status.decided") == 0
+    assert page.evaluate("gruber.parts.point.figures.place") == before
+
+
 def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     page = sit(scene=False)
     empty = words()["queue.empty.fiducial"]
@@ -143,7 +203,8 @@ def test_at_1366_by_768_nothing_is_cut_off__law(sit):
 def test_a_czech_browser_reads_czech_and_nothing_is_cut_off__law(chromium, desk, size):
     width, height = size
     context = chromium.new_context(
-        locale="cs-CZ", viewport={"width": width, "height": height}, bypass_csp=True
+        locale="cs-CZ", viewport={"width": width, "height": height}, bypass_csp=True,
+        storage_state=toured(desk.url),
     )
     page = context.new_page()
     page.goto(desk.url)

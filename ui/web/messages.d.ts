@@ -281,6 +281,7 @@ interface Ids {
   "sieve-role": HTMLSelectElement;
   "sort-column": HTMLSelectElement;
   swipe: HTMLInputElement;
+  tour: HTMLDialogElement;
 }
 
 interface Window {

@@ -240,10 +240,7 @@ function showLarge() {
     /** @type {string} */ name, /** @type {string} */ key, /** @type {() => void} */ does,
   ) => element("button", {
     "data-board": name, title: word(`board.${name}.tip`), disabled: start.guest,
-    onclick: (/** @type {Event} */ event) => {
-      does();
-      /** @type {HTMLElement} */ (event.target).blur();
-    },
+    onclick: does,
   }, word(`board.${name}`), element("kbd", {}, key));
   const turn = (/** @type {"previous" | "next"} */ name, /** @type {number} */ by) => {
     const title = word(`board.${name}`);

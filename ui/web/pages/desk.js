@@ -19,6 +19,7 @@ import { setUpResults } from "./results.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
+import { listenToKeys } from "./keys.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import { connect, mergeRows, send, takeSeat } from "./wire.js";
 
@@ -117,24 +118,20 @@ const LAYERS = [
   "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels",
 ];
 const REPEATS = new Set(["next", "previous"]);
+/** The key that opened a sheet closes it. @type {Record<string, string>} */
+const CLOSED_BY = { quality: "KeyB", help: "KeyH" };
 
 /** True when the key is ours. @param {KeyboardEvent} event */
 function takeKey(event) {
-  if (event.ctrlKey || event.altKey || event.metaKey) return false;
-  const sheet = document.querySelector("dialog[open]:not(#help)");
+  const sheet = document.querySelector("dialog[open]");
   if (sheet) return sheetKey(event, /** @type {HTMLDialogElement} */ (sheet));
-  const [down, letter] = [event.type === "keydown", letterOf(event)];
+  const down = event.type === "keydown";
   if (event.key === "Escape" && down && clearMarked()) return true;
   if (event.key === "Escape" && compareState().adding) {
     switchCompare("adding");
     return true;
   }
-  if (byId("help").open) {
-    // Nothing is decided behind an open sheet of keys.
-    if (down && (event.key === "Escape" || letter === "KeyH")) toggleHelp();
-    return true;
-  }
-  return pictureKey(event, down) || actKey(event, down, KEYS[letter]);
+  return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);
 }
 
 /** Nothing is decided behind an open sheet. @param {KeyboardEvent} event */
@@ -142,7 +139,7 @@ function sheetKey(event, /** @type {HTMLDialogElement} */ sheet) {
   const letter = letterOf(event);
   if (sheet.id === "board") return boardKey(event, letter);
   if (sheet.id === "placement") return placementKey(event, letter);
-  const closes = event.key === "Escape" || (sheet.id === "quality" && letter === "KeyB");
+  const closes = event.key === "Escape" || letter === CLOSED_BY[sheet.id];
   if (closes && event.type === "keydown") sheet.close();
   return event.key === "Escape" || event.key.length === 1;
 }
@@ -195,27 +192,18 @@ function explain(digit) {
   send({ kind: "explain", digit });
 }
 
-window.gruberKey = takeKey;
 // Asked by the scene, whose frames wait where drawing is slow.
 window.gruberAtWork = () => {
   const idle = performance.now() - state.handAt;
   return idle < 800 || (idle < 2000 && !compareState().drawn.whole);
 };
 
-function listenToKeys() {
+function watchHand() {
   const worked = () => {
     state.handAt = performance.now();
   };
   for (const type of ["keydown", "pointerdown", "wheel"]) {
     window.addEventListener(type, worked, { capture: true, passive: true });
-  }
-  for (const type of /** @type {const} */ (["keydown", "keyup"])) {
-    window.addEventListener(type, (event) => {
-      const { tagName, type: kind } = /** @type {HTMLInputElement} */ (event.target);
-      const writing = tagName === "TEXTAREA" || tagName === "SELECT"
-        || (tagName === "INPUT" && kind !== "range");
-      if (!writing && takeKey(event)) event.preventDefault();
-    }, true);
   }
   window.addEventListener("blur", () => {
     if (focused() !== byId("scene")) blink(false);
@@ -237,12 +225,11 @@ function setUpButtons() {
       for (const type of ["pointerup", "pointerleave"]) {
         button.addEventListener(type, () => blink(false));
       }
-    } else {
-      button.addEventListener("click", () => {
-        ACTS[act]();
-        button.blur();
+      // A key cannot hold a button down: it turns the pictures over, and back.
+      button.addEventListener("click", ({ detail }) => {
+        if (!detail) blink(!compareState().blink);
       });
-    }
+    } else button.addEventListener("click", () => ACTS[act]());
   }
 }
 
@@ -260,7 +247,6 @@ function setUpScene() {
     const { valueAsNumber: steps } = slider();
     send({ kind: "vectors", scale: steps === 0 ? 0 : Math.round(2 ** (steps / 6)) });
   });
-  slider().addEventListener("change", () => slider().blur());
   byId("vectors").title = word("vectors.tip");
 }
 
@@ -428,7 +414,8 @@ async function open() {
   setUpResults();
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);
-  listenToKeys();
+  watchHand();
+  window.gruberKey = listenToKeys(takeKey);
   state.wanted = keptPlace();
   connect(receive);
   openScene();

@@ -7,6 +7,7 @@ import {
   drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer,
 } from "./tiles.js";
 import { ARROWS, Pane, View, inverse, mapped, oncePerFrame } from "./view.js";
+import { listenToKeys } from "./keys.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 
 /** @typedef {"scan" | "ortho"} Side */
@@ -405,14 +406,13 @@ function step(by) {
 
 /** @param {KeyboardEvent} event */
 function takeKey(event) {
-  if (event.ctrlKey || event.altKey || event.metaKey || !state.scan) return;
+  if (event.type !== "keydown" || !state.scan) return false;
   const [right, down] = ARROWS[event.key] ?? [0, 0];
   const far = event.shiftKey ? 10 : 1;
   const act = right || down ? () => nudge(far * right, far * down)
     : ACTS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!act) return;
-  event.preventDefault();
-  act();
+  if (act) act();
+  return Boolean(act);
 }
 
 async function open() {
@@ -432,7 +432,7 @@ async function open() {
   onTile(redraw);
   setUpTheme();
   first("[data-act=theme]").addEventListener("click", nextTheme);
-  window.addEventListener("keydown", takeKey);
+  listenToKeys(takeKey);
   choose(scans.find((one) => one.pairs.length) ?? scans[0]);
   const place = () => {
     const { scan, fit, views, pending, run, saved } = state;

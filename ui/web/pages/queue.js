@@ -111,7 +111,8 @@ function fill(name, options, chosen) {
   for (const [value, text] of options) select.append(element("option", { value }, text));
   select.addEventListener("change", () => {
     chosen(select.value);
-    select.blur();
+    // Chosen by pointer, the keys are the desk's again; by key one goes on choosing.
+    if (!select.matches(":focus-visible")) select.blur();
   });
 }
 

@@ -22,8 +22,6 @@ for (const type of ["pointerdown", "pointermove", "wheel", "keydown"]) {
 
 for (const type of /** @type {const} */ (["keydown", "keyup"])) {
   window.addEventListener(type, (event) => {
-    const { tagName } = /** @type {Element} */ (event.target ?? {});
-    if (/^(INPUT|TEXTAREA|SELECT)$/.test(tagName ?? "")) return;
     if (window.parent !== window && window.parent.gruberKey?.(event)) {
       event.preventDefault();
       event.stopImmediatePropagation();

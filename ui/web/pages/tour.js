@@ -8,18 +8,21 @@ const GAP = 14;
 const EDGE = 8;
 const state = { step: 0 };
 
-export const tourIsNew = () => !localStorage.getItem("gruber.tour") && !navigator.webdriver;
+export const tourIsNew = () => !localStorage.getItem("gruber.tour");
 
 export function startTour() {
   state.step = 0;
+  byId("tour").addEventListener("close", ended, { once: true });
+  byId("tour").showModal();
   show();
 }
 
-function end() {
+function ended() {
   localStorage.setItem("gruber.tour", "seen");
-  byId("tour").hidden = true;
   document.querySelector(".toured")?.classList.remove("toured");
 }
+
+const end = () => byId("tour").close();
 
 function next() {
   state.step += 1;
@@ -34,7 +37,6 @@ function show() {
   target.classList.add("toured");
   const box = target.getBoundingClientRect();
   const room = byId("tour");
-  room.hidden = false;
   const go = word(state.step === STEPS.length - 1 ? "tour.done" : "tour.next");
   room.replaceChildren(
     element("b", {}, word(`tour.${place}.title`)), element("p", {}, word(`tour.${place}`)),

@@ -1,0 +1,25 @@
+// Who a key belongs to: what has the focus, or the page.
+import assert from "node:assert/strict";
+import test from "node:test";
+
+import { focusUses } from "../../ui/web/pages/keys.js";
+
+const uses = (key, tagName, type = "") => focusUses({ key, target: { tagName, type } });
+
+test("buttons are pressed and leave every other key to the desk", () => {
+  assert.ok(uses("Enter", "BUTTON") && uses(" ", "BUTTON"));
+  assert.ok(!uses("y", "BUTTON") && !uses("ArrowRight", "BUTTON") && !uses("Escape", "BUTTON"));
+  assert.ok(uses("Enter", "A") && !uses(" ", "A"));
+});
+
+test("sliders move, fields and lists are written in", () => {
+  assert.ok(uses("ArrowLeft", "INPUT", "range") && uses("End", "INPUT", "range"));
+  assert.ok(!uses("n", "INPUT", "range") && !uses(" ", "INPUT", "range"));
+  assert.ok(uses("n", "INPUT", "text") && uses("ArrowUp", "SELECT") && uses("y", "TEXTAREA"));
+  assert.ok(uses(" ", "INPUT", "checkbox") && !uses("y", "INPUT", "checkbox"));
+});
+
+test("what is no control uses no key", () => {
+  assert.ok(!uses("Enter", "SECTION") && !uses(" ", "CANVAS"));
+  assert.ok(!focusUses({ key: "Enter", target: null }));
+});
