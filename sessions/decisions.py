@@ -72,6 +72,9 @@ class Place:
     """Pixels, corner origin."""
     row: float
     """Pixels, corner origin."""
+    sigma_px: float | None = None
+    """Standard deviation per axis, pixels, of a measurement moved onto the peak it lay beside; None
+    where a hand placed it."""
 
 
 @dataclass(frozen=True, slots=True)

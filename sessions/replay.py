@@ -283,7 +283,15 @@ def _decided(proposed: Measurement | None, decision: PhotoDecision, who: str) ->
 
 
 def _placed(proposed: Measurement | None, decision: Place, who: str) -> Measurement:
-    """The operator's own measurement; its peak comes last so that the others keep their index."""
+    """The operator's own measurement; its peak comes last so that the others keep their index.
+
+    One that was refined remains the engine's: same peak, same score, same weight.
+    """
+    if proposed is not None and decision.sigma_px is not None:
+        return replace(
+            proposed, column=decision.column, row=decision.row, sigma_px=decision.sigma_px,
+            status="accepted", reason=f"refined by {who}",
+        )  # fmt: skip
     peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
     hand = Peak(decision.column, decision.row, HAND_SIGMA_PX, 1.0, "operator")
     return Measurement(

@@ -1,9 +1,9 @@
 """Session: the folder of a block and its door; all other rooms come through here."""
 
 import json
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,7 +15,14 @@ from core.block import Block
 from core.errors import StorageError
 from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
-from sessions.decisions import Decision, Recorded, Withdraw, last_to_redo, last_to_undo
+from sessions.decisions import (
+    Decision,
+    Recorded,
+    Withdraw,
+    last_to_redo,
+    last_to_undo,
+    standing,
+)
 from sessions.disk import explain_disk_errors
 from sessions.layers import write_layers
 from sessions.processes import only_run
@@ -44,6 +51,7 @@ class Session:
         self.results = folder / RESULTS
         self._store = store
         self._known: list[Recorded] = []
+        self._when = datetime.min.replace(tzinfo=UTC)
 
     @classmethod
     def open(cls, block_folder: Path, operator: str) -> Self:
@@ -70,20 +78,33 @@ class Session:
     def record(
         self, decision: Decision, seen: Block | None = None, operator: str | None = None
     ) -> Recorded:
-        """Put a decision on the disk; when this returns, it is there.
+        """Put one decision on the disk; see `record_all`."""
+        return self.record_all((decision,), seen, operator)[0]
+
+    def record_all(
+        self, decisions: Sequence[Decision], seen: Block | None = None, operator: str | None = None
+    ) -> tuple[Recorded, ...]:
+        """Put decisions on the disk; when this returns, they are there.
+
+        What is recorded at once bears one time, which no other record of this session has: it is
+        undone at once.
 
         Args:
-            decision: What was decided.
+            decisions: What was decided.
             seen: The block that was on screen: fills in the place that was looked at, so that a
                 later run cannot move what a human has accepted.
             operator: Who decided; the session's own operator by default.
         """
-        placed = decision if seen is None else with_place(decision, seen)
-        when = datetime.now(UTC).isoformat(timespec="milliseconds")
+        self._when = max(datetime.now(UTC), self._when + timedelta(milliseconds=1))
+        when = self._when.isoformat(timespec="milliseconds")
         who = operator or self.operator
-        text = json.dumps(to_json(placed), ensure_ascii=False)
-        number = self._store.append(when, who, type(placed).__name__, text)
-        return Recorded(number, when, who, placed)
+        recorded: list[Recorded] = []
+        for decision in decisions:
+            placed = decision if seen is None else with_place(decision, seen)
+            text = json.dumps(to_json(placed), ensure_ascii=False)
+            number = self._store.append(when, who, type(placed).__name__, text)
+            recorded.append(Recorded(number, when, who, placed))
+        return tuple(recorded)
 
     def decisions(self) -> tuple[Recorded, ...]:
         """Every decision of every operator, in order, withdrawn ones and withdrawals included."""
@@ -104,16 +125,28 @@ class Session:
         return replay(block, self.decisions(), found)
 
     def undo(self, operator: str | None = None) -> Recorded | None:
-        """Withdraw the operator's own last decision that stands; None when there is none."""
-        who = operator or self.operator
-        last = last_to_undo(self.decisions(), who)
-        return None if last is None else self.record(Withdraw(last.decision_id), operator=who)
+        """Withdraw the operator's own last decision that stands, and what was recorded with it.
+
+        Returns:
+            The last withdrawal; None when there is nothing to withdraw.
+        """
+        return self._withdrawn(last_to_undo(self.decisions(), operator or self.operator))
 
     def redo(self, operator: str | None = None) -> Recorded | None:
         """Withdraw the operator's own last undo; None when something was decided after it."""
-        who = operator or self.operator
-        last = last_to_redo(self.decisions(), who)
-        return None if last is None else self.record(Withdraw(last.decision_id), operator=who)
+        return self._withdrawn(last_to_redo(self.decisions(), operator or self.operator))
+
+    def _withdrawn(self, last: Recorded | None) -> Recorded | None:
+        """Withdraw a record with all that its operator recorded at the same time."""
+        if last is None:
+            return None
+        together = [
+            Withdraw(item.decision_id)
+            for item in standing(self.decisions())
+            if (item.when, item.who) == (last.when, last.who)
+            and isinstance(item.decision, Withdraw) == isinstance(last.decision, Withdraw)
+        ]
+        return self.record_all(together, operator=last.who)[-1]
 
     def write_layers(
         self, block: Block, report: AdjustmentReport, footprints: Mapping[str, shapely.Polygon]

@@ -2,6 +2,7 @@
 
 import queue
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -24,7 +25,7 @@ from app.desk.messages import (
     Tried,
 )
 from core.doubts import Failure
-from sessions.decisions import AddPoint, Decision, Recorded, Withdraw, standing
+from sessions.decisions import AddPoint, Decision, Place, Recorded, Withdraw, standing
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.gestures import Freed, Gesture
@@ -34,7 +35,7 @@ from ui.review.pages import Pages
 from ui.review.queue import seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Key, Notice, Remaking, SceneOptions, Seat
+from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat
 from ui.review.trial import Trial, TrialWork
 
 
@@ -139,7 +140,8 @@ class ReviewLoop:
             drawn = seat.seat_id in self._scenes
             if drawn and (picture := self._pages.changed_scene(seat, self._now)):
                 self._screen.scene(seat.seat_id, picture, seat, self._now.state.oriented)
-        self._try_out([seat.current for seat in seats if seat.current])
+        looked_at = [seat.draft_of(seat.current) or seat.current for seat in seats]
+        self._try_out([subject for subject in looked_at if subject])
 
     def _replay(self) -> None:
         """Lay all decisions that stand over the block as the engine left it."""
@@ -160,12 +162,12 @@ class ReviewLoop:
         self._trial = None
         self._worker.submit(self._work)
 
-    def _try_out(self, keys: list[Key]) -> None:
-        """Find out what turning a measurement would do, while somebody looks at it."""
+    def _try_out(self, subjects: list[Key | Draft]) -> None:
+        """Find out what turning a measurement or keeping a draft would do, while it is shown."""
         if self._now.state.adjusting:
             return
-        wanted = [key for key in keys if key not in self._now.trials]
-        if wanted and (self._trial is None or self._trial.key not in wanted):
+        wanted = [one for one in subjects if one not in self._now.trials]
+        if wanted and (self._trial is None or self._trial.subject not in wanted):
             self._trial = TrialWork(self._now.state, wanted[0])
             self._worker.try_out(self._trial)
 
@@ -186,21 +188,22 @@ class ReviewLoop:
         """What a gesture comes to: the decision on the disk before anything else."""
         outcome = outcome_of(gesture, self._seat(gesture.seat_id), self._now)
         seat = outcome.seat
-        if outcome.decision is not None:
-            self._record(outcome.decision, seat.operator, outcome.act == "amend")
+        if outcome.decisions:
+            self._record(outcome.decisions, seat.operator, outcome.act == "amend")
         self._now = self._now.with_seat(seat)
         if outcome.notice is not None:
             self._screen.tell(seat.seat_id, outcome.notice)
         if outcome.act:
             self._do(outcome.act, gesture, seat)
 
-    def _record(self, decision: Decision, operator: str, amends: bool = False) -> None:
+    def _record(self, decisions: Sequence[Decision], operator: str, amends: bool = False) -> None:
         """Only once it is on disk does anything else happen."""
         last = self._last
-        if amends and last is not None and gives_reason(last.decision, decision):
+        if amends and last is not None and gives_reason(last.decision, decisions[0]):
             # The reason belongs to the rejection just made: one decision, one undo.
             self._session.undo(operator)
-        self._last = self._session.record(decision, seen=self._now.state.block, operator=operator)
+        seen = self._now.state.block
+        self._last = self._session.record_all(decisions, seen=seen, operator=operator)[-1]
         self._replay_due = True
 
     def _do(self, act: Act, gesture: Gesture, seat: Seat) -> None:
@@ -227,6 +230,7 @@ class ReviewLoop:
     def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
         """Undo or redo the operator's own last decision, and look at what it was about."""
         turn = self._session.undo if act == "undo" else self._session.redo
+        known = len(self._session.decisions())
         recorded = turn(seat.operator)
         if recorded is None:
             self._screen.tell(seat.seat_id, Notice(f"notice.nothing-to-{act}"))
@@ -239,6 +243,9 @@ class ReviewLoop:
         if key is not None:
             self._now = self._now.with_seat(replace(seat, current=key))
         about = " \u00b7 ".join(key) if key else subject_of(touched.decision)
+        if (count := len(self._session.decisions()) - known) > 1:
+            self._screen.tell(seat.seat_id, Notice(f"notice.{act}.several", {"count": f"{count}"}))
+            return
         text = f"notice.{act}.{type(touched.decision).__name__}"
         self._screen.tell(seat.seat_id, Notice(text, {"what": about}))
 
@@ -254,9 +261,14 @@ class ReviewLoop:
             seat = replace(seat, current=best.key)
         elif decision and is_overtaken(decision, self._now.recorded[event.known :]):
             return
+        if isinstance(decision, Place):
+            draft = Draft((decision.point_id, decision.photo_id), decision)
+            if seat.draft_of(draft.key) != event.since:
+                return
+            seat, decision = seat.with_draft(draft), None
         if decision is not None:
-            self._record(decision, seat.operator)
-            self._now = self._now.with_seat(seat)
+            self._record((decision,), seat.operator)
+        self._now = self._now.with_seat(seat)
         self._screen.tell(event.seat_id, notice)
 
     def _take_adjustment(self, event: Adjusted) -> None:
@@ -278,7 +290,7 @@ class ReviewLoop:
             return
         assert found is None or isinstance(found, Trial), "asked for with every trial"
         self._trial = None
-        self._now = replace(self._now, trials={**self._now.trials, trial.key: found})
+        self._now = replace(self._now, trials={**self._now.trials, trial.subject: found})
 
     def _remake(self, seat: Seat) -> None:
         state, stale = self._now.state, self._now.stale

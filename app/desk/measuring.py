@@ -12,9 +12,10 @@ from core.control.likeness import OPERATOR, Likeness
 from core.doubts import Failure
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
-from sessions.decisions import Accept, AddPoint, Place, PlaceFiducial, Recorded
-from sessions.replay import HAND_SIGMA_PX
+from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
+from sessions.replay import HAND_SIGMA_PX, SAME_PLACE_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
+from ui.review.drafts import with_drafted
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice
@@ -49,7 +50,7 @@ class MeasuringTool:
             case PointAsked():
                 return self._add_point(gesture, desk, begun)
             case Refined():
-                found = self._refine(gesture, desk)
+                return self._refine(gesture, desk)
             case MarkPlaced():
                 found = _snap(gesture, desk.initial)
             case _:
@@ -67,25 +68,35 @@ class MeasuringTool:
         found = measure_point(desk.state, name, place, (desk.dem, self.likeness), self.sigma_m)
         return Measured(seat_id, found, notice_of_point(found), known=len(desk.recorded))
 
-    def _refine(self, gesture: Refined, desk: DeskSnapshot) -> tuple[Place | None, Notice]:
-        """The measurement on the peak of likeness beside it, and by how much that moved it."""
-        measurement = desk.state.block.measurements[gesture.key]
+    def _refine(self, gesture: Refined, desk: DeskSnapshot) -> Measured:
+        """The measurement, or its draft, on the peak of likeness beside it; and how far that is.
+
+        On the peak that was measured it keeps its weight; elsewhere it is as if placed by hand.
+        """
+        seat_id, key, known = gesture.seat_id, gesture.key, len(desk.recorded)
+        draft = desk.seats[seat_id].draft_of(key) if seat_id in desk.seats else None
+        measured = desk.state.block.measurements[key]
+        start = with_drafted(desk.state, draft).block.measurements[key] if draft else measured
         point, oriented = desk.state.block.surveyed[gesture.key[0]], desk.state.oriented
         photo, camera = oriented.photos[gesture.key[1]], oriented.camera_of(gesture.key[1])
         found = Failure("there is nothing to compare with")
         if self.likeness is not None:
             found = self.likeness(photo, camera, point.position[None, :])
-        place = found if isinstance(found, Failure) else found.refined(measurement.pixel)
+        place = found if isinstance(found, Failure) else found.refined(start.pixel)
         if isinstance(place, Failure):
-            return None, Notice("notice.not-refined", {"why": place.reason})
+            refused = Notice("notice.not-refined", {"why": place.reason})
+            return Measured(seat_id, None, refused, known=known)
         column, row = (float(value) for value in place[0])
-        moved = column - measurement.column, row - measurement.row
+        moved = column - start.column, row - start.row
         values = {
             "distance": f"{np.hypot(*moved):.2f}",
             "column": f"{moved[0]:+.2f}",
             "row": f"{moved[1]:+.2f}",
         }
-        return Place(*gesture.key, column, row), Notice("notice.refined", values)
+        away = np.hypot(column - measured.column, row - measured.row)
+        sigma = measured.sigma_px if away < SAME_PLACE_PX else None
+        decision = Place(*key, column, row, sigma)
+        return Measured(seat_id, decision, Notice("notice.refined", values), draft, known)
 
 
 def _snap(gesture: MarkPlaced, initial: InitialState) -> tuple[PlaceFiducial | None, Notice]:
@@ -111,16 +122,13 @@ def notice_of_point(point: AddPoint) -> Notice:
 
 
 def is_overtaken(decision: Place | PlaceFiducial, newer: Sequence[Recorded]) -> bool:
-    """True when somebody decided otherwise about the same thing while it was measured.
-
-    Who accepts a measurement that is being refined means the refined place.
-    """
+    """True when somebody decided about the same thing while it was measured, by what was shown."""
     names = (
         ("photo_id", "name") if isinstance(decision, PlaceFiducial) else ("point_id", "photo_id")
     )
     subject = [getattr(decision, name) for name in names]
-    others = [item.decision for item in newer if not isinstance(item.decision, Accept)]
-    return any([getattr(other, name, None) for name in names] == subject for other in others)
+    others = [[getattr(item.decision, name, None) for name in names] for item in newer]
+    return subject in others
 
 
 def next_name(state: DeskState, recorded: Sequence[Recorded]) -> str:

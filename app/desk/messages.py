@@ -12,7 +12,7 @@ from ui.review.compare import Drawn
 from ui.review.gestures import Gesture
 from ui.review.picture import Part
 from ui.review.scene import ScenePicture
-from ui.review.state import Notice, Seat
+from ui.review.state import Draft, Notice, Seat
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +84,11 @@ class Measured:
     seat_id: str
     """Who asked."""
     decision: AddPoint | Place | PlaceFiducial | None
-    """To be recorded; None when nothing was found."""
+    """To be recorded, but a place, which is a draft; None when nothing was found."""
     notice: Notice
     """What to tell the operator."""
+    since: Draft | None = None
+    """The draft a refinement began from: another one that was made meanwhile stays."""
     known: int = 0
     """So many decisions were recorded when it was asked for."""
 

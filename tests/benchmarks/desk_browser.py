@@ -73,9 +73,7 @@ def browser() -> Generator[object]:
 
 def sit_down(launched, url: str, size: dict[str, int] = SIZE) -> Page:
     """A page at the desk, once its first point is drawn; times are taken from then on."""
-    context = launched.new_context(
-        viewport=size, bypass_csp=True, storage_state=toured(url)
-    )
+    context = launched.new_context(viewport=size, bypass_csp=True, storage_state=toured(url))
     context.set_default_timeout(30_000)
     page = context.new_page()
     page.goto(url)

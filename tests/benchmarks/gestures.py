@@ -164,6 +164,20 @@ def refined(hand: Hand) -> Hand:
     return walked
 
 
+def kept(hand: Hand, yes: Hand) -> Hand:
+    """A gesture that drafts a place, and the verdict that keeps it, twice where it is asked."""
+
+    def keeping(page: Page) -> None:
+        hand(page)
+        page.wait_for_function("gruber.parts.point.draft")
+        yes(page)
+        page.wait_for_function("!gruber.parts.point.draft || gruber.parts.point.draft.asking")
+        if page.evaluate("gruber.parts.point.draft"):
+            yes(page)
+
+    return keeping
+
+
 def click_large(page: Page) -> None:
     """A place clicked in the large picture of a mark."""
     box = page.locator("#mark-room .magnified").bounding_box()
@@ -252,14 +266,15 @@ DECISIONS = (
     Decides("C", key("c"), ("SetRole",)), Decides("role button", button("role"), ("SetRole",)),
     Decides("U", key("u"), BACK), Decides("undo button", button("undo"), BACK),
     Decides("Shift+U", key("Shift+U"), BACK), Decides("redo button", button("redo"), BACK),
-    Decides("click in the scan", click_in_scan, PLACED),
-    Decides("mark dragged", drag_mark, PLACED),
-    Decides("arrow", key("ArrowRight"), PLACED),
-    Decides("Shift+arrow", key("Shift+ArrowUp"), PLACED),
-    Decides("Enter", refined(key("Enter")), PLACED),
-    Decides("refine button", refined(button("refine")), PLACED),
+    Decides("click in the scan, Y", kept(click_in_scan, key("y")), PLACED),
+    Decides("mark dragged, Y", kept(drag_mark, key("y")), PLACED),
+    Decides("arrow, Y", kept(key("ArrowRight"), key("y")), PLACED),
+    Decides("Shift+arrow, keep button", kept(key("Shift+ArrowUp"), click("#keep button")), PLACED),
+    Decides("Enter, Y", kept(refined(key("Enter")), key("y")), PLACED),
+    Decides("refine button, Y", kept(refined(button("refine")), key("y")), PLACED),
     Decides("history button", click("#history button"), BACK),
-    Decides("other peak", walked_until(TWO_PEAKS, click(".peak:not(.on)")), ("ChoosePeak",)),
+    Decides("other peak, Y", kept(walked_until(TWO_PEAKS, click(".peak:not(.on)")), key("y")),
+            ("ChoosePeak",)),
     Decides("P, click in the ortho", new_point(key("p")), ("AddPoint",)),
     Decides("add button, click", new_point(button("add")), ("AddPoint",)),
     Decides("U after it", key("u"), BACK),
@@ -283,12 +298,15 @@ FILTER, SORT = (
     "JSON.stringify(gruber.parts.queue.filter)",
     "JSON.stringify(gruber.parts.queue.sort)",
 )
+DRAFTED = "gruber.parts.status.drafts"
 BLINK = f"{LOOK}.blink"
 OPEN = "document.querySelector('dialog[open]')?.id ?? ''"
 COMPARED = "JSON.stringify(gruber.parts.quality.compared?.pair)"
 ON_MAP = "gruber.placementState().current"
 MARK = "gruber.boardState().current?.join('|')"
 LOOKING = (
+    Looks("click in the scan", click_in_scan, DRAFTED), Looks("Esc", key("Escape"), DRAFTED),
+    Looks("arrow", key("ArrowRight"), DRAFTED), Looks("U on a draft", key("u"), DRAFTED),
     Looks("J", key("j"), PLACE), Looks("K", key("k"), PLACE),
     Looks("next button", button("next"), PLACE),
     Looks("previous button", button("previous"), PLACE),

@@ -108,9 +108,7 @@ def sit_at(chromium):
 
     def sit_down(url: str, scene: bool = True):
         # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
-        context = chromium.new_context(
-            viewport=SIZE, bypass_csp=True, storage_state=toured(url)
-        )
+        context = chromium.new_context(viewport=SIZE, bypass_csp=True, storage_state=toured(url))
         context.set_default_timeout(PATIENCE_MS)
         contexts.append(context)
         page = context.new_page()

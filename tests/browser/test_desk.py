@@ -10,6 +10,7 @@ import pytest
 from viser import _messages as viser_messages
 
 from app.desk.wiring import open_desk
+from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
 from tests.browser.hands import current, press, sigma, state_of
 from tests.ui.desk_block import desk_inputs, tiny_block
@@ -194,9 +195,7 @@ def test_another_browser_sees_the_decision_and_keeps_its_place__law(sit):
     assert current(berta) == there
 
 
-def test_a_click_in_the_scan_places_the_point_there__truth(sit, desk, monkeypatch):
-    # An adjustment would move the photo, and the mark in the picture warped with it.
-    monkeypatch.setattr(desk.loop, "_adjust", lambda: None)
+def test_a_click_in_the_scan_drafts_the_point_there__truth(sit):
     page = sit(scene=False)
     point = current(page)
     pane = page.locator('.pane[data-pane="right"]')
@@ -208,8 +207,8 @@ def test_a_click_in_the_scan_places_the_point_there__truth(sit, desk, monkeypatc
     view = page.evaluate("gruber.compareState().view")
     aimed = [view["east"] + right / view["scale"], view["north"] - down / view["scale"]]
     page.mouse.click(*aim)
-    page.wait_for_function("gruber.parts.point.state === 'accepted'")
-    measured = page.evaluate("gruber.parts.point.marks.measured")
+    page.wait_for_function("gruber.parts.point.draft")
+    measured = page.evaluate("gruber.parts.point.draft.place")
     scale = page.evaluate("gruber.compareState().view.scale")
     # Half a pixel of the screen.
     assert abs(measured[0] - aimed[0]) * scale < 0.6
@@ -225,6 +224,49 @@ def test_a_click_in_the_scan_places_the_point_there__truth(sit, desk, monkeypatc
     after = page.evaluate("gruber.parts.point.figures.place")
     assert after[0] - before[0] == pytest.approx(0.1, abs=0.11)
     assert after[1] - before[1] == pytest.approx(1.0, abs=0.11)
+    assert page.evaluate("gruber.parts.status.decided") == 0
+
+
+def click_beside(page, right=40, down=-30, **how):
+    """Click in the scan beside its middle."""
+    box = page.locator('.pane[data-pane="right"]').bounding_box()
+    place = box["x"] + box["width"] / 2 + right, box["y"] + box["height"] / 2 + down
+    page.mouse.click(*place, **how)
+
+
+def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
+    page = sit(scene=False)
+    first = current(page)
+    # A hand that holds the picture still and other buttons place nothing.
+    click_beside(page, delay=700)
+    click_beside(page, button="middle")
+    click_beside(page, button="right")
+    page.wait_for_timeout(400)
+    assert page.evaluate("gruber.parts.point.draft") is None
+    click_beside(page)
+    page.wait_for_selector("#asked.draft #keep")
+    page.wait_for_function("gruber.parts.point.trial && gruber.parts.point.draft")
+    assert page.text_content("#trial h3") == words()["trial.draft"]
+    assert page.text_content('[data-figure="score"] span:last-child') == words()["peak.hand"]
+    page.keyboard.press("Escape")
+    page.wait_for_function("!gruber.parts.point.draft")
+    click_beside(page)
+    page.wait_for_function("gruber.parts.point.draft")
+    page.keyboard.press("j")
+    page.wait_for_selector(f'.row.draft[data-key="{first}"]')
+    assert state_of(page, first) == "auto"
+    page.keyboard.press("k")
+    page.wait_for_function("gruber.parts.point.draft && gruber.parts.point.trial")
+    page.keyboard.press("y")
+    page.wait_for_selector("#asked.against")
+    said = page.inner_text("#keep p")
+    assert re.fullmatch(r"[\d.]+ sigma .* Moves \S+ by up to [\d.]+ m\. Keep\?", said)
+    with Session.open(tmp_path, "reader") as session:
+        assert session.decisions() == ()
+    page.click("#keep button")
+    page.wait_for_function("gruber.parts.status.decided === 1")
+    assert state_of(page, first) == "accepted"
+    assert page.evaluate("gruber.parts.status.drafts") == 0
 
 
 def test_pictures_are_drawn_and_blink_exchanges_them__law(sit):

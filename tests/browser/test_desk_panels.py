@@ -203,7 +203,9 @@ def test_at_1366_by_768_nothing_is_cut_off__law(sit):
 def test_a_czech_browser_reads_czech_and_nothing_is_cut_off__law(chromium, desk, size):
     width, height = size
     context = chromium.new_context(
-        locale="cs-CZ", viewport={"width": width, "height": height}, bypass_csp=True,
+        locale="cs-CZ",
+        viewport={"width": width, "height": height},
+        bypass_csp=True,
         storage_state=toured(desk.url),
     )
     page = context.new_page()

@@ -7,6 +7,7 @@ import pytest
 
 from app.desk.wiring import open_desk
 from sessions.session import Session
+from tests.browser.hands import keep_draft
 from tests.ui.desk_block import desk_inputs
 
 pytestmark = pytest.mark.browser
@@ -60,7 +61,7 @@ def test_clicks_on_dots_place_within_a_tenth_of_a_pixel__truth(tmp_path, sit_at,
         for _ in range(6):
             errors.append(placed_error(page))
             before = page.get_attribute(".row.current", "data-key")
-            page.keyboard.press("j")
+            keep_draft(page)
             page.wait_for_function("k => gruber.parts.point.key.join('|') !== k", arg=before)
         settled_count = page.evaluate("gruber.parts.status.decided")
     with Session.open(tmp_path, "reader") as session:
@@ -83,8 +84,7 @@ def placed_error(page) -> float:
     near = (dot - middle) * scale + np.array(size) / 2
     page.mouse.move(box["x"] + 5, box["y"] + 5)
     seen = np.array(page.evaluate(CENTROID, near.tolist()))
-    before = page.evaluate("gruber.parts.status.decided")
     page.mouse.click(*np.rint(seen + np.array([box["x"], box["y"]])))
-    page.wait_for_function("n => gruber.parts.status.decided > n", arg=before)
-    settled_place = page.evaluate("gruber.parts.point.raw.measured")
+    page.wait_for_function("gruber.parts.point.draft")
+    settled_place = page.evaluate("gruber.parts.point.draft.raw")
     return float(np.hypot(*(np.array(settled_place) - dot)))

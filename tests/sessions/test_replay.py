@@ -98,6 +98,14 @@ def test_a_placed_measurement_is_accepted_with_half_a_pixel__truth(block: Block)
     assert placed.peaks[:2] == block.measurements["P1", "A"].peaks
 
 
+def test_a_refined_measurement_keeps_its_weight_and_its_score__law(block: Block) -> None:
+    proposed = block.measurements["P1", "A"]
+    refined = after(block, Place("P1", "A", proposed.column + 0.1, proposed.row, 0.23))
+    assert (refined.column, refined.status) == (proposed.column + 0.1, "accepted")
+    assert (refined.sigma_px, refined.score) == (0.23, proposed.score)
+    assert refined.peaks == proposed.peaks
+
+
 def test_a_point_can_be_placed_where_nothing_was_proposed__truth(block: Block) -> None:
     bare = replace(block, measurements={})
     assert after(bare, Place("P1", "A", 5.0, 6.0)).used

@@ -27,6 +27,7 @@ from sessions.decisions import (
     Reject,
     SetRole,
     Withdraw,
+    standing,
 )
 from sessions.session import Session
 from sessions.store import Store
@@ -63,6 +64,21 @@ def test_every_kind_of_decision_is_found_again__truth(tmp_path: Path) -> None:
 def test_time_of_recording_is_utc__truth(tmp_path: Path) -> None:
     with Session.open(tmp_path, "ada") as session:
         assert session.record(Accept("P1", "A")).when.endswith("+00:00")
+
+
+def test_what_is_recorded_at_once_is_undone_and_redone_at_once__law(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        alone = session.record(Accept("P1", "A"))
+        both = session.record_all((Reject("P1", "B", "hidden"), Reject("P2", "B", "hidden")))
+        assert both[0].when == both[1].when > alone.when
+        session.undo()
+        assert [item.decision for item in standing(session.decisions())][:1] == [alone.decision]
+        assert not set(both) & set(standing(session.decisions()))
+        session.redo()
+        assert set(both) < set(standing(session.decisions()))
+        session.undo()
+        session.undo()
+        assert alone not in standing(session.decisions())
 
 
 def test_two_operators_see_each_other__truth(tmp_path: Path, block: Block) -> None:

@@ -30,6 +30,23 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True)
+class JudgedTogether:
+    """One verdict on several measurements at once."""
+
+    seat_id: str
+    keys: tuple[Key, ...]
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Dropped:
+    """The draft about a measurement given up."""
+
+    seat_id: str
+    key: Key
+
+
+@dataclass(frozen=True, slots=True)
 class Explained:
     """The reason of the rejection just made, as a digit."""
 
@@ -39,7 +56,7 @@ class Explained:
 
 @dataclass(frozen=True, slots=True)
 class PlacedInScan:
-    """The point set by hand, in pixels of the raw scan."""
+    """The point drafted by hand, in pixels of the raw scan."""
 
     seat_id: str
     key: Key
@@ -49,7 +66,7 @@ class PlacedInScan:
 
 @dataclass(frozen=True, slots=True)
 class PlacedOnGround:
-    """The point set by hand in the rectified scan: easting and northing, metres."""
+    """The point drafted by hand in the rectified scan: easting and northing, metres."""
 
     seat_id: str
     key: Key
@@ -59,7 +76,7 @@ class PlacedOnGround:
 
 @dataclass(frozen=True, slots=True)
 class Refined:
-    """The measurement moved onto the peak of likeness beside it."""
+    """The measurement drafted on the peak of likeness beside it."""
 
     seat_id: str
     key: Key
@@ -67,7 +84,7 @@ class Refined:
 
 @dataclass(frozen=True, slots=True)
 class PeakChosen:
-    """Another of the places the engine found."""
+    """Another of the places the engine found, drafted."""
 
     seat_id: str
     key: Key
@@ -256,7 +273,8 @@ class Freed:
 
 
 Gesture = (
-    Judged | Explained | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
+    Judged | JudgedTogether | Dropped | Explained
+    | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
     | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
     | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named
     | QualityAsked | Freed | SheetAsked | MarkPlaced | MarkJudged
@@ -288,7 +306,10 @@ def _judged(seat_id: str, message: Message) -> Gesture:
     verdict = message["verdict"]
     if verdict not in VERDICTS:
         raise ValueError(verdict)
-    return Judged(seat_id, _key(message), verdict)
+    if "keys" not in message:
+        return Judged(seat_id, _key(message), verdict)
+    keys = tuple(_key({"key": key}) for key in cast(list[Any], message["keys"]))
+    return JudgedTogether(seat_id, keys, verdict)
 
 
 def _placed(seat_id: str, message: Message) -> Gesture:
@@ -358,6 +379,7 @@ def _mark(seat_id: str, message: Message) -> Gesture:
 
 _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "judge": _judged,
+    "drop": lambda seat, message: Dropped(seat, _key(message)),
     "explain": lambda seat, message: Explained(seat, int(message["digit"])),
     "place": _placed,
     "refine": lambda seat, message: Refined(seat, _key(message)),

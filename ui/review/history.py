@@ -40,7 +40,12 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
         for item in recorded
         if isinstance(item.decision, Withdraw) and item.decision_id in stands
     }
-    about = [item for item in recorded if concerns(item.decision, key, extra)]
+    explained = _explained(recorded)
+    about = [
+        item
+        for item in recorded
+        if concerns(item.decision, key, extra) and item.decision_id not in explained
+    ]
     return [
         {
             "id": item.decision_id,
@@ -53,6 +58,17 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
         }
         for item in reversed(about[-LONGEST:])
     ]
+
+
+def _explained(recorded: Sequence[Recorded]) -> set[int]:
+    """Rejections that were recorded anew with their reason: both together are one."""
+    return {
+        first.decision_id
+        for first, back, again in zip(recorded, recorded[1:], recorded[2:], strict=False)
+        if back.decision == Withdraw(first.decision_id)
+        and gives_reason(first.decision, again.decision)
+        and first.who == again.who
+    }
 
 
 def concerns(decision: Decision, key: Key, extra: Extra) -> bool:

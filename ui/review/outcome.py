@@ -25,13 +25,16 @@ from sessions.decisions import (
 )
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
+from ui.review.drafts import is_to_be_asked
 from ui.review.gestures import (
+    Dropped,
     Explained,
     Filtered,
     Fitted,
     Freed,
     Gesture,
     Judged,
+    JudgedTogether,
     LayerSwitched,
     MarkJudged,
     MarkPlaced,
@@ -59,7 +62,7 @@ from ui.review.gestures import (
 from ui.review.queue import coming, neighbour, sort_keys, visible
 from ui.review.scene import Picked, pick
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Key, Notice, QueueFilter, Seat, Sorting
+from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
 
 Act = Literal[
     "", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current", "measure", "free"
@@ -73,8 +76,8 @@ class Outcome:
 
     seat: Seat
     """The seat afterwards."""
-    decision: Decision | None = None
-    """To be recorded before anything is shown."""
+    decisions: tuple[Decision, ...] = ()
+    """To be recorded, as one act, before anything is shown."""
     act: Act = ""
     """What else the loop shall do."""
     notice: Notice | None = None
@@ -84,7 +87,7 @@ class Outcome:
 def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What a gesture of one seat comes to now."""
     match gesture:
-        case Judged():
+        case Judged() | JudgedTogether():
             return _judge(gesture, seat, desk)
         case Explained():
             return _explain(gesture, seat)
@@ -96,10 +99,12 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _measure(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
-        case Undone() | Redone() | RemakeAsked() | RemakeCancelled() | Fitted() | Freed():
+        case (
+            Undone() | Redone() | Dropped() | RemakeAsked() | RemakeCancelled() | Fitted() | Freed()
+        ):
             return _act(gesture, seat)
         case TakenBack(decision_id=decision_id):
-            return Outcome(seat, decision=taken_back(decision_id, desk.recorded))
+            return Outcome(seat, taken_back(decision_id, desk.recorded))
         case RayPicked():
             return _pick(gesture, seat, desk)
         case _:
@@ -107,12 +112,17 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
 
 
 def _act(
-    gesture: Undone | Redone | RemakeAsked | RemakeCancelled | Fitted | Freed, seat: Seat
+    gesture: Undone | Redone | Dropped | RemakeAsked | RemakeCancelled | Fitted | Freed, seat: Seat
 ) -> Outcome:
-    """What only the loop can do."""
+    """What only the loop can do, and drafts given up."""
     match gesture:
+        case Dropped(key=key):
+            return Outcome(seat.without_draft(key))
         case Freed():
             return Outcome(seat, act="free")
+        case Undone() if (draft := seat.draft_of(seat.current)) is not None:
+            # What was done last is taken back first.
+            return Outcome(seat.without_draft(draft.key))
         case Undone():
             return Outcome(replace(seat, explaining=None), act="undo")
         case Redone():
@@ -125,31 +135,57 @@ def _act(
             return Outcome(seat, act="fit whole" if whole else "fit current")
 
 
-def _judge(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _judge(gesture: Judged | JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """A verdict on one measurement, or the same on several as one act."""
+    if isinstance(gesture, JudgedTogether):
+        return _judge_together(gesture, seat, desk)
+    return _judge_one(gesture, seat, desk)
+
+
+def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """Record the verdict and go on; a key pressed again on a point already left does nothing."""
-    measurement = desk.state.measurement_of(gesture.key)
-    if measurement is None or gesture.key not in desk.rows:
+    key, verdict = gesture.key, gesture.verdict
+    measurement = desk.state.measurement_of(key)
+    if measurement is None or key not in desk.rows:
         return Outcome(seat)
-    verdict = gesture.verdict
-    extra = gesture.key in desk.state.extra.measurements
+    extra = key in desk.state.extra.measurements
     if extra and verdict not in ("accept", "reject"):
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
-    stands = _standing_verdict(measurement.status, measurement.reason) == verdict
-    here = gesture.key == seat.current
+    draft = seat.draft_of(key) if verdict == "accept" else None
+    if draft and is_to_be_asked(desk.state, seat, draft):
+        return Outcome(replace(seat, asking=draft))
+    stands = not draft and _standing_verdict(measurement.status, measurement.reason) == verdict
+    here = key == seat.current
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
     rejected = verdict == "reject" and not stands and not extra
-    after = replace(after, explaining=gesture.key if rejected else None)
-    last = here and desk.rows[gesture.key].state == "auto" and not coming(desk.rows, seat)
-    decided = (
-        verdict_on(desk.state.extra, gesture.key, verdict == "accept")
-        if extra
-        else _decision_of(verdict, gesture.key)
-    )
+    after = replace(after.without_draft(key), explaining=key if rejected else None)
+    last = here and desk.rows[key].state == "auto" and not coming(desk.rows, seat)
+    if draft:
+        decided = draft.decision
+    elif extra:
+        decided = verdict_on(desk.state.extra, key, verdict == "accept")
+    else:
+        decided = _decision_of(verdict, key)
     return Outcome(
         after,
-        decision=None if stands else decided,
+        () if stands or decided is None else (decided,),
         notice=Notice("notice.queue-done") if last else None,
     )
+
+
+def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """One verdict on several, recorded as one act; drafts that contradict the block stay drafts."""
+    decided: list[Decision] = []
+    notice = None
+    for key in sorted(gesture.keys, key=lambda key: seat.order.index(key)):
+        draft = seat.draft_of(key) if gesture.verdict == "accept" else None
+        if draft and is_to_be_asked(desk.state, seat, draft):
+            notice = Notice("notice.still-drafts")
+            continue
+        one = _judge_one(Judged(seat.seat_id, key, gesture.verdict), seat, desk)
+        decided += one.decisions
+        seat, notice = one.seat, notice or one.notice
+    return Outcome(replace(seat, explaining=None), tuple(decided), notice=notice)
 
 
 def _decision_of(verdict: Verdict, key: Key) -> Decision:
@@ -182,26 +218,26 @@ def _next_open(seat: Seat, desk: DeskSnapshot) -> Key | None:
     return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
 
 
-def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> Withdraw | None:
+def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> tuple[Withdraw, ...]:
     """What turns one decision round: withdrawn when it stands, else its withdrawal withdrawn."""
     if not any(item.decision_id == decision_id for item in recorded):
-        return None
+        return ()
     stands = standing(recorded)
     if any(item.decision_id == decision_id for item in stands):
-        return Withdraw(decision_id)
+        return (Withdraw(decision_id),)
     undone = [
         item.decision_id
         for item in stands
         if isinstance(item.decision, Withdraw) and item.decision.decision_id == decision_id
     ]
-    return Withdraw(undone[-1]) if undone else None
+    return (Withdraw(undone[-1]),) if undone else ()
 
 
 def _explain(gesture: Explained, seat: Seat) -> Outcome:
     if seat.explaining is None or not 1 <= gesture.digit <= len(REASONS):
         return Outcome(seat)
     decision = Reject(*seat.explaining, reason=REASONS[gesture.digit - 1])
-    return Outcome(replace(seat, explaining=None), decision=decision, act="amend")
+    return Outcome(replace(seat, explaining=None), (decision,), "amend")
 
 
 def _mark(gesture: MarkPlaced | MarkJudged, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -214,14 +250,13 @@ def _mark(gesture: MarkPlaced | MarkJudged, seat: Seat, desk: DeskSnapshot) -> O
     if gesture.name not in known and gesture.name not in photo.interior.names:
         return Outcome(seat)
     if isinstance(gesture, MarkJudged):
-        decision = JudgeFiducial(gesture.photo_id, gesture.name, gesture.use)
-        return Outcome(seat, decision=decision)
+        return Outcome(seat, (JudgeFiducial(gesture.photo_id, gesture.name, gesture.use),))
     place = gesture.column, gesture.row
     if not lies_within(*place, photo.size_px):
         return _outside(seat, gesture.photo_id)
     if gesture.snap:
         return Outcome(seat, act="measure")
-    return Outcome(seat, decision=PlaceFiducial(gesture.photo_id, gesture.name, *place))
+    return Outcome(seat, (PlaceFiducial(gesture.photo_id, gesture.name, *place),))
 
 
 def lies_within(column: float, row: float, size_px: tuple[int, int]) -> bool:
@@ -236,18 +271,18 @@ def _outside(seat: Seat, photo_id: str) -> Outcome:
 def _place(
     gesture: PlacedInScan | PlacedOnGround | PeakChosen, seat: Seat, desk: DeskSnapshot
 ) -> Outcome:
-    """A place set by hand, or another peak: the seat stays, to look at what it did."""
+    """A place set by hand, or another peak: a draft, until a verdict keeps it."""
     point_id, photo_id = gesture.key
     if gesture.key in desk.state.extra.measurements:
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
-    if point_id not in desk.state.block.surveyed or photo_id not in desk.drawn:
+    if gesture.key not in desk.rows or photo_id not in desk.drawn:
         return Outcome(seat)
     seat = replace(seat, current=gesture.key, explaining=None)
     if isinstance(gesture, PeakChosen):
-        measurement = desk.state.block.measurements.get(gesture.key)
-        if measurement is None or not 0 <= gesture.index < len(measurement.peaks):
+        measurement = desk.state.block.measurements[gesture.key]
+        if not 0 <= gesture.index < len(measurement.peaks):
             return Outcome(seat)
-        return Outcome(seat, decision=ChoosePeak(point_id, photo_id, gesture.index))
+        return _drafted(seat, ChoosePeak(point_id, photo_id, gesture.index))
     if isinstance(gesture, PlacedOnGround):
         plane = np.array([[gesture.east, gesture.north]])
         pixel = pixel_from_ground(plane, desk.drawn[photo_id], desk.dem)[0]
@@ -255,7 +290,11 @@ def _place(
         pixel = np.array([gesture.column, gesture.row])
     if not lies_within(float(pixel[0]), float(pixel[1]), desk.drawn[photo_id].photo.size_px):
         return _outside(seat, photo_id)
-    return Outcome(seat, decision=Place(point_id, photo_id, float(pixel[0]), float(pixel[1])))
+    return _drafted(seat, Place(point_id, photo_id, float(pixel[0]), float(pixel[1])))
+
+
+def _drafted(seat: Seat, decision: Place | ChoosePeak) -> Outcome:
+    return Outcome(seat.with_draft(Draft((decision.point_id, decision.photo_id), decision)))
 
 
 def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -273,7 +312,7 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     if point is None:
         return Outcome(seat)
     role = "check" if point.role == "control" else "control"
-    return Outcome(replace(seat, explaining=None), decision=SetRole(gesture.point_id, role))
+    return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
 
 def _pick(gesture: RayPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:

@@ -69,7 +69,8 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
     block, report, others = state.block, state.report, desk.others(seat.seat_id)
     people = tuple((other.current, other.operator) for other in others)
     adjusted = (block, report, state.before, state.extra, desk.drawn)
-    trial = desk.trials.get(seat.current) if seat.current else None
+    subject = seat.draft_of(seat.current) or seat.current
+    trial = desk.trials.get(subject) if subject else None
     yield (
         "point",
         (
@@ -91,7 +92,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
     yield (
         "status",
         (
-            (state, desk.rows, desk.stale, seat.operator, people),
+            (state, desk.rows, desk.stale, seat.operator, len(seat.drafts), people),
             lambda: status_part(state, desk.rows, desk.stale, seat, others),
         ),
     )
@@ -123,7 +124,7 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
     pictured = Pictured(
         desk.drawn,
         desk.dem,
-        desk.trials.get(key),
+        desk.trials.get(seat.draft_of(key) or key),
         history_of(key, desk.recorded, desk.state.extra),
         desk.table.by_point.get(key[0], ()),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
+from ui.review.drafts import by_hand, with_drafted
 from ui.review.looks import short, shortened
 from ui.review.misfit import misfits
 from ui.review.queue import Row, coming
@@ -43,6 +44,7 @@ def queue_part(
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": list(seat.explaining) if seat.explaining else None,
+        "drafts": [places[draft.key] for draft in seat.drafts if draft.key in places],
     }  # fmt: skip
 
 
@@ -86,6 +88,7 @@ def status_part(
         "redundancy": report.redundancy,
         "counts": tally,
         "decided": state.decided,
+        "drafts": len(seat.drafts),
         "operator": seat.operator,
         "people": [[other.operator, list(other.current or ())] for other in others],
         "adjusting": state.adjusting,
@@ -136,7 +139,8 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         return None
     measurement = state.measurement_of(key)
     assert measurement is not None, "there is no overlay without one"
-    oriented = state.oriented
+    oriented, draft = state.oriented, seat.draft_of(key)
+    shown = with_drafted(state, draft) if draft else state
     return {
         "key": list(key),
         "role": row.role,
@@ -149,13 +153,26 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         },
         "marks": _marks(overlay),
         "raw": _raw(overlay),
-        "figures": _figures(state, row, measurement),
+        "draft": None if draft is None else {
+            **_draft(overlay_of(shown, drawn, pictured.dem, key)),
+            "asking": seat.asking == draft,
+        },
+        "figures": _figures(state, shown, row),
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
-        "peaks": _peaks(measurement),
+        "peaks": _peaks(measurement, shown.measurement_of(key) or measurement),
         "others": _others(rows, drawn, pictured.beside or (key,)),
         "ahead": _ahead(state, seat, rows, drawn),
         "trial": _trial(state, pictured.trial),
         "history": list(pictured.history),
+    }  # fmt: skip
+
+
+def _draft(overlay: Overlay | None) -> dict[str, Any]:
+    """Where a draft lies: on the ground, and in the raw scan."""
+    assert overlay is not None, "a draft is about a measurement that is shown"
+    return {
+        "place": shortened(overlay.measured[0], 4),
+        "raw": shortened(overlay.measured_px[0], 3),
     }
 
 
@@ -196,11 +213,21 @@ def _raw(overlay: Overlay) -> Part:
     }
 
 
-def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
-    point = state.point_of(row.key[0])
+def _figures(state: DeskState, shown: DeskState, row: Row) -> Part:
+    """The figures of a measurement, or those of the draft about it beside the measured ones.
+
+    Args:
+        state: The desk.
+        shown: The same, with the draft kept where there is one.
+        row: The measurement.
+    """
+    drafted = shown is not state
+    measurement, point = shown.measurement_of(row.key), shown.point_of(row.key[0])
+    assert measurement is not None, "rows are about measurements"
     assert point is not None, "rows are about points"
-    now = misfits(state, (row.key,)).get(row.key)
-    old = misfits(state, (row.key,), state.before).get(row.key) if state.before else None
+    now = misfits(shown, (row.key,)).get(row.key)
+    before = state.report if drafted else state.before
+    old = misfits(state, (row.key,), before).get(row.key) if before else None
     return {
         "misfit": shortened(now.pixels if now else None, 2),
         "misfit_before": shortened(old.pixels if old else None, 2),
@@ -208,25 +235,24 @@ def _figures(state: DeskState, row: Row, measurement: Measurement) -> Part:
         "ratio": short(now.ratio if now else None, 1),
         "residual": shortened(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": short(measurement.sigma_px, 2),
-        "score": short(row.score, 2),
+        "score": None if by_hand(measurement) else short(row.score, 2),
+        "hand": by_hand(measurement),
         "redundancy": short(row.controlled, 2),
         "place": [short(measurement.column, 1), short(measurement.row, 1)],
         "source": point.source if row.role in POINT_KINDS else row.role,
         "surveyed": [short(value, 1) for value in point.position],
         "surveyed_sigma": [short(value, 2) for value in point.sigma_m],
-        "remark": state.remark(measurement),
+        "remark": "" if drafted else state.remark(measurement),
     }
 
 
-def _peaks(measurement: Measurement) -> Part:
-    """Score, operator and distance of every candidate from the measured place."""
+def _peaks(measurement: Measurement, shown: Measurement) -> Part:
+    """Score, operator and distance of every candidate from the measured or drafted place."""
     return [
         {
             "score": short(peak.score, 2),
             "operator": peak.operator,
-            "away": short(
-                np.hypot(peak.column - measurement.column, peak.row - measurement.row), 1
-            ),
+            "away": short(np.hypot(peak.column - shown.column, peak.row - shown.row), 1),
         }
         for peak in measurement.peaks
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 from core.adjustment.expected_gain import Gain
 from core.block import Measurement
+from ui.review.drafts import by_hand
 from ui.review.looks import ShownState, short
 from ui.review.misfit import Misfit, controllability, misfits
 from ui.review.state import (
@@ -48,7 +49,7 @@ class Row:
     misfit_px: float
     """Distance from where the block expects it, scan pixels; NaN when that is not known."""
     score: float
-    """Likeness, 0 to 1."""
+    """Likeness, 0 to 1; NaN where a hand placed it."""
     controlled: float | None
     """Share of an error here that would show, 0 to 1."""
     grounds: tuple[DoubtReason, ...]
@@ -301,7 +302,7 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
         doubt=doubt,
         gain=gain,
         misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
-        score=measurement.score,
+        score=math.nan if by_hand(measurement) else measurement.score,
         controlled=controlled,
         grounds=grounds,
         disputed_m=disputed,

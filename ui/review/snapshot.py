@@ -12,7 +12,7 @@ from ui.review.compare import Drawn, HeightSource
 from ui.review.history import AdjustmentRecord
 from ui.review.queue import NO_ROWS, QueueTable, Row, keep_seat_up
 from ui.review.scene import Segments
-from ui.review.state import NOTHING_INITIAL, DeskState, InitialState, Key, Seat
+from ui.review.state import NOTHING_INITIAL, DeskState, Draft, InitialState, Key, Seat
 from ui.review.trial import Trial
 
 NO_SEGMENTS = np.zeros((0, 2, 3))
@@ -42,8 +42,10 @@ class DeskSnapshot:
     """Footprints, local frame."""
     tie_vectors: Segments = field(default_factory=lambda: NO_SEGMENTS)
     """Residual vectors of tie points, local frame."""
-    trials: Mapping[Key, Trial | None] = field(default_factory=dict[Key, Trial | None])
-    """What turning a measurement would do; None where that could not be found."""
+    trials: Mapping[Key | Draft, Trial | None] = field(
+        default_factory=dict[Key | Draft, Trial | None]
+    )
+    """What turning a measurement or keeping a draft would do; None where that was not found."""
     recorded: Sequence[Recorded] = ()
     """Every decision."""
     adjustments: tuple[AdjustmentRecord, ...] = ()

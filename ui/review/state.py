@@ -10,6 +10,7 @@ from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
+from sessions.decisions import ChoosePeak, Place
 from ui.review.looks import ShownState
 
 Key = tuple[str, str]
@@ -72,6 +73,20 @@ class SceneOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class Draft:
+    """A place for a measurement that nobody has decided yet: it becomes a decision or is dropped.
+
+    Where the point lies by hand, by refinement or on another peak, scan pixels. Drafts live as long
+    as the desk runs, and are not in the session.
+    """
+
+    key: Key
+    """Point and photo."""
+    decision: Place | ChoosePeak
+    """What it becomes once it is kept."""
+
+
+@dataclass(frozen=True, slots=True)
 class Seat:
     """One browser at the desk: who sits there, and where in the queue."""
 
@@ -91,6 +106,10 @@ class Seat:
     """Queue in the order it had when it was last sorted: decisions do not shuffle it underfoot."""
     explaining: Key | None = None
     """The measurement just rejected, whose reason a digit may still give."""
+    drafts: tuple[Draft, ...] = ()
+    """Places not decided yet, one for a measurement at most."""
+    asking: Draft | None = None
+    """The draft against the block that was accepted once: once more keeps it."""
     scene: SceneOptions = SceneOptions()
     """What of the 3D scene is shown."""
     quality: bool = False
@@ -99,6 +118,18 @@ class Seat:
     """The fiducial board or the map of placements while one is open."""
     pair: tuple[int, int] | None = None
     """Numbers of two adjustments compared there; first and last when None."""
+
+    def draft_of(self, key: Key | None) -> Draft | None:
+        """The draft about a measurement."""
+        return next((draft for draft in self.drafts if draft.key == key), None)
+
+    def without_draft(self, key: Key) -> "Seat":
+        """The seat without a draft about a measurement."""
+        return replace(self, drafts=tuple(draft for draft in self.drafts if draft.key != key))
+
+    def with_draft(self, draft: Draft) -> "Seat":
+        """The seat with a draft in the place of an earlier one about the same measurement."""
+        return replace(self, drafts=(*self.without_draft(draft.key).drafts, draft))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,9 @@ from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
 from sessions.replay import judged, with_changes
 from ui.review.compare import shift_px
 from ui.review.doubtful import verdict_on
+from ui.review.drafts import with_drafted
 from ui.review.misfit import misfits
-from ui.review.state import DeskState, Key
+from ui.review.state import DeskState, Draft, Key
 
 NEIGHBOURS = 3
 """So many measurements beside the one looked at are told."""
@@ -32,12 +33,12 @@ class Neighbour:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What would come of rejecting a measurement that is used, or of accepting one that is not."""
+    """What would come of rejecting what is used, accepting what is not, or keeping a draft."""
 
     key: Key
     """The measurement."""
     rejects: bool
-    """True when the trial leaves the measurement out, False when it takes it in."""
+    """True when the trial leaves the measurement out, False when it takes it in or moves it."""
     sigma_nought: float
     """It would be this."""
     shift_m: float
@@ -50,26 +51,31 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialWork:
-    """One measurement of a state, to be turned in a trial adjustment."""
+    """One measurement of a state, to be turned or moved in a trial adjustment."""
 
     state: DeskState
     """The desk with the adjustment on screen."""
-    key: Key
-    """The measurement."""
+    subject: Key | Draft
+    """The measurement, or the place drafted for it."""
 
     def block(self) -> Block | None:
         """The block with the measurement turned; None where that can change nothing."""
-        return turn_measurement(self.state, self.key)
+        return turn_measurement(self.state, self.subject)
 
     def conclude(self, report: AdjustmentReport) -> Trial | None:
         """The figures of the trial; None when it did not settle."""
-        return trial_of(self.state, self.key, report)
+        return trial_of(self.state, self.subject, report)
 
 
-def turn_measurement(state: DeskState, key: Key) -> Block | None:
-    """The block with one measurement turned; None where that can change nothing."""
+def turn_measurement(state: DeskState, subject: Key | Draft) -> Block | None:
+    """The block with one measurement turned, or moved; None where that can change nothing."""
+    key = key_of(subject)
     measurement, point = state.measurement_of(key), state.point_of(key[0])
-    if measurement is None or point is None or point.role == "check":
+    if point is None or point.role == "check":
+        return None
+    if isinstance(subject, Draft):
+        return with_drafted(state, subject).block
+    if measurement is None:
         return None
     if key in state.extra.measurements:
         verdict = verdict_on(state.extra, key, use=False)
@@ -82,13 +88,19 @@ def turn_measurement(state: DeskState, key: Key) -> Block | None:
     return state.block.with_measurement(replace(measurement, status=status))
 
 
-def trial_of(state: DeskState, key: Key, report: AdjustmentReport) -> Trial | None:
+def key_of(subject: Key | Draft) -> Key:
+    """The measurement a trial is about."""
+    return subject.key if isinstance(subject, Draft) else subject
+
+
+def trial_of(state: DeskState, subject: Key | Draft, report: AdjustmentReport) -> Trial | None:
     """The figures of a trial against the adjustment on screen; None when it did not settle."""
+    key = key_of(subject)
     measurement = state.measurement_of(key)
     if measurement is None or not report.converged:
         return None
     shift, most = largest_shift(state.oriented, report.block)
-    turned = _takes_part(state, measurement)
+    turned = not isinstance(subject, Draft) and _takes_part(state, measurement)
     return Trial(key, turned, report.sigma_nought, shift, most, _neighbours(state, key, report))
 
 

@@ -45,12 +45,15 @@ interface Queue {
   filter: Filter;
   sort: Sort;
   explaining: Key | null;
+  /** Rows with a draft of one's own. */
+  drafts: number[];
 }
 /** The queue with what the page itself finds out about it. */
 interface SiftedQueue extends Queue {
   counts: Record<string, number>;
   shown: number[];
   isTaken: Map<number, string>;
+  drafted: Set<number>;
 }
 
 interface Status {
@@ -61,6 +64,7 @@ interface Status {
   converged: boolean;
   counts: Record<string, number>;
   decided: number;
+  drafts: number;
   operator: string;
   people: [name: string, key: Key | []][];
   adjusting: boolean;
@@ -70,12 +74,14 @@ interface Status {
 }
 
 interface Figures {
+  ratio: number | null;
   misfit: Pair | null;
   misfit_before: Pair | null;
   ground: Pair | null;
   residual: Pair | null;
   sigma: number | null;
   score: number | null;
+  hand: boolean;
   redundancy: number | null;
   place: Pair;
   source: string;
@@ -109,6 +115,8 @@ interface Point {
   marks: { surveyed: Pair; predicted: Pair; measured: Pair; peaks: Pair[] };
   /** Pixels of the raw scan, and its pixels per metre east and north. */
   raw: { predicted: Pair; measured: Pair; peaks: Pair[]; matrix: number[][] };
+  /** A place not decided yet: metres, pixels of the raw scan, and whether it is asked about. */
+  draft: { place: Pair; raw: Pair; asking: boolean } | null;
   figures: Figures;
   why: [word: string, value: string][];
   peaks: { score: number | null; operator: string; away: number }[];

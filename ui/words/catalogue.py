@@ -13,9 +13,9 @@ LANGUAGES: tuple[str, ...] = ("en", "cs")
 KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
-    ("C", "act.role"), ("Enter", "act.refine"), ("Space", "blink"), ("R", "raw"),
-    ("L", "likeness"), ("P", "act.add"), ("B", "quality"), ("I", "board"), ("G", "placement"),
-    ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
+    ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
+    ("R", "raw"), ("L", "likeness"), ("P", "act.add"), ("B", "quality"),
+    ("I", "board"), ("G", "placement"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the text of what it does."""
 

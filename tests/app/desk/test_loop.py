@@ -17,8 +17,11 @@ from ui.review.compare import made_with
 from ui.review.gestures import (
     Explained,
     Judged,
+    JudgedTogether,
     Named,
+    PlacedInScan,
     PointAsked,
+    Redone,
     RemakeAsked,
     RoleSwitched,
     Selected,
@@ -27,6 +30,10 @@ from ui.review.gestures import (
     Undone,
 )
 from ui.review.state import DeskState
+
+
+def tiny_keys(desk):
+    return [tuple(row[:2]) for row in desk.glass.parts["anna-1"]["rows"] if row[3] == "auto"]
 
 
 class Glass:
@@ -136,6 +143,44 @@ def test_the_reason_replaces_the_rejection_it_explains__law(desk):
     desk.loop.submit(Undone("anna-1"))
     desk.settled(0)
     assert desk.glass.row(first)[3] == "auto"
+
+
+def test_what_was_judged_at_once_is_undone_at_once__law(desk):
+    keys = tuple(tiny_keys(desk)[:5])
+    desk.loop.submit(Judged("anna-1", tiny_keys(desk)[7], "dubious"))
+    desk.loop.submit(JudgedTogether("anna-1", keys, "reject"))
+    desk.settled(6)
+    desk.loop.submit(Undone("anna-1"))
+    desk.settled(1)
+    assert all(desk.glass.row(key)[3] == "auto" for key in keys)
+    assert ("anna-1", "notice.undo.several") in desk.glass.notices
+    desk.loop.submit(Redone("anna-1"))
+    desk.settled(6)
+
+
+def test_a_draft_is_shown_with_its_effect_and_is_not_on_disk__law(desk):
+    first = desk.glass.current()
+    before = desk.glass.parts["anna-1"]["point"]["figures"]
+    column, row = tiny_block().block.measurements[first].pixel[0] + 25.0
+    desk.loop.submit(PlacedInScan("anna-1", first, float(column), float(row)))
+    desk.glass.until(lambda glass: (glass.parts["anna-1"]["point"]["draft"] or {}).get("raw"))
+    point = desk.glass.parts["anna-1"]["point"]
+    assert np.allclose(point["draft"]["raw"], [column, row], atol=1e-3)
+    assert point["figures"]["ratio"] > before["ratio"]
+    assert (point["figures"]["hand"], point["figures"]["score"]) == (True, None)
+    assert point["state"] == desk.glass.row(first)[3] == "auto"
+    assert desk.glass.parts["anna-1"]["queue"]["drafts"] != []
+    desk.glass.until(lambda glass: glass.parts["anna-1"]["point"]["trial"])
+    desk.loop.submit(Stepped("anna-1", 1))
+    desk.glass.until(lambda glass: glass.current() != first)
+    assert desk.glass.status()["drafts"] == 1
+    assert desk.session.decisions() == ()
+    desk.loop.submit(Selected("anna-1", first))
+    for _ in range(2):
+        desk.loop.submit(Judged("anna-1", first, "accept"))
+    desk.settled(1)
+    assert desk.glass.row(first)[3] == "accepted"
+    assert desk.glass.row(first)[7] is None
 
 
 def test_two_seats_see_each_other_but_keep_their_places__law(desk):

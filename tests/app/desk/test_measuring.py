@@ -91,7 +91,11 @@ def test_enter_moves_the_measurement_onto_the_peak_and_says_how_far__law():
     found = MeasuringTool(lambda *_: likeness)(Refined("anna-1", key), desk, print)
     # The peak lies one pixel to the right of the measurement.
     assert found.decision == Place(
-        *key, pytest.approx(measured.column + 1, abs=0.02), pytest.approx(measured.row, abs=0.02)
+        *key,
+        pytest.approx(measured.column + 1, abs=0.02),
+        pytest.approx(measured.row, abs=0.02),
+        # The same peak, measured anew, counts as much as before.
+        measured.sigma_px,
     )
     assert (found.notice.text, found.notice.values["distance"]) == ("notice.refined", "1.00")
     flat = MeasuringTool(lambda *_: Failure("the point is not in this photo"))
@@ -113,7 +117,7 @@ def test_a_point_that_no_scan_shows_is_refused_in_words__law():
 @pytest.mark.parametrize(
     ("newer", "overtaken"),
     [
-        (Accept("J1", "one"), False),
+        (Accept("J1", "one"), True),
         (Reject("J1", "one", "other"), True),
         (Place("J1", "one", 5.0, 6.0), True),
         (Reject("J1", "two", "other"), False),

@@ -205,14 +205,14 @@ def test_gestures_on_the_board_mean_decisions__law(given):
 
     place = [mark.column + 1.5, mark.row]
     plain = outcome(kind="mark", place=place)
-    assert plain.decision == PlaceFiducial(name, mark.name, *place)
+    assert plain.decisions == (PlaceFiducial(name, mark.name, *place),)
     assert outcome(kind="mark", place=place, snap=True).act == "measure"
     snapped = MeasuringTool()(MarkPlaced("s", name, mark.name, *place, snap=True), desk, print)
     assert isinstance(snapped.decision, PlaceFiducial)
     assert abs(snapped.decision.column - mark.column) < 0.4
     assert snapped.notice.text == "notice.snapped"
     wrong = outcome(kind="mark", place=[-5.0, 2.0])
-    assert (wrong.decision, wrong.notice.text) == (None, "notice.outside")
+    assert (wrong.decisions, wrong.notice.text) == ((), "notice.outside")
     strange = outcome(kind="mark-use", name="99", use=False)
-    assert (strange.decision, strange.notice, strange.act) == (None, None, "")
+    assert (strange.decisions, strange.notice, strange.act) == ((), None, "")
     assert gesture_from_message("s", {"kind": "sheet", "sheet": "other", "shown": True}) is None

@@ -76,6 +76,14 @@ def test_details_read_as_they_were_decided__truth(decision, detail):
     assert (words()[text].format(**values) if text else "") == detail
 
 
+def test_a_rejection_and_its_reason_are_one_line__law():
+    plain, reason = Reject(*KEY, "other"), Reject(*KEY, "changed")
+    lines = history_of(KEY, said(plain, Withdraw(1), reason), NO_EXTRA)
+    assert [line["detail"][0] for line in lines] == ["reason.2"]
+    # What was withdrawn and not given a reason stays in sight.
+    assert len(history_of(KEY, said(plain, Withdraw(1), Accept(*KEY)), NO_EXTRA)) == 2
+
+
 def test_the_measurement_a_decision_is_about__truth():
     assert key_of(Accept(*KEY), NO_EXTRA) == KEY
     assert key_of(SetRole("J101", "check"), NO_EXTRA) is None

@@ -14,12 +14,14 @@ from sessions.decisions import (
     Reject,
     SetRole,
 )
-from tests.ui.desk_block import tiny_snapshot
+from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import ground_from_pixel
 from ui.review.gestures import (
+    Dropped,
     Explained,
     Filtered,
     Judged,
+    JudgedTogether,
     PeakChosen,
     PlacedInScan,
     PlacedOnGround,
@@ -34,7 +36,7 @@ from ui.review.gestures import (
 from ui.review.outcome import outcome_of
 from ui.review.queue import seat_down, visible
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Seat
+from ui.review.state import Draft, Seat
 
 
 @pytest.fixture(scope="module")
@@ -58,15 +60,16 @@ def seat(desk: DeskSnapshot) -> Seat:
 )
 def test_a_verdict_is_a_decision_and_goes_to_the_next__law(desk, seat, verdict, decision):
     found = outcome_of(Judged(seat.seat_id, seat.current, verdict), seat, desk)
-    assert isinstance(found.decision, decision)
-    assert (found.decision.point_id, found.decision.photo_id) == seat.current
+    (made,) = found.decisions
+    assert isinstance(made, decision)
+    assert (made.point_id, made.photo_id) == seat.current
     assert found.seat.current == visible(desk.rows, seat)[1]
 
 
 def test_a_verdict_on_a_point_already_left_does_not_step__law(desk, seat):
     here, there = visible(desk.rows, seat)[:2]
     found = outcome_of(Judged(seat.seat_id, there, "accept"), replace(seat, current=here), desk)
-    assert found.decision == Accept(*there)
+    assert found.decisions == (Accept(*there),)
     assert found.seat.current == here
 
 
@@ -76,16 +79,16 @@ def test_the_same_verdict_again_is_no_decision__law(desk, seat):
     found = outcome_of(
         Judged(seat.seat_id, seat.current, "accept"), seat, replace(desk, state=state)
     )
-    assert found.decision is None
+    assert found.decisions == ()
     assert found.seat.current != seat.current
 
 
 def test_a_digit_after_a_rejection_gives_its_reason__law(desk, seat):
     rejected = outcome_of(Judged(seat.seat_id, seat.current, "reject"), seat, desk)
     explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, desk)
-    assert explained.decision == Reject(*seat.current, reason="changed")
+    assert explained.decisions == (Reject(*seat.current, reason="changed"),)
     assert explained.act == "amend"
-    assert outcome_of(Explained(seat.seat_id, 2), explained.seat, desk).decision is None
+    assert outcome_of(Explained(seat.seat_id, 2), explained.seat, desk).decisions == ()
 
 
 def test_a_place_on_the_warped_scan_is_the_pixel_under_it__law(desk, seat):
@@ -93,14 +96,64 @@ def test_a_place_on_the_warped_scan_is_the_pixel_under_it__law(desk, seat):
     pixel = desk.state.block.measurements[key].pixel + 3.25
     ground = ground_from_pixel(pixel, desk.drawn[key[1]], desk.dem, 280.0)[0]
     found = outcome_of(PlacedOnGround(seat.seat_id, key, *ground[:2]), seat, desk)
-    assert isinstance(found.decision, Place)
-    assert np.allclose([found.decision.column, found.decision.row], pixel[0], atol=1e-2)
+    assert found.decisions == ()
+    place = found.seat.draft_of(key).decision
+    assert isinstance(place, Place)
+    assert np.allclose([place.column, place.row], pixel[0], atol=1e-2)
     assert found.seat.current == key
+
+
+def test_a_draft_is_kept_by_yes_and_dropped_by_anything_else__law(desk, seat):
+    key = seat.current
+    near = Place(*key, *map(float, desk.state.block.measurements[key].pixel[0] + 0.1))
+    drafted = seat.with_draft(Draft(key, near))
+    drafted = replace(drafted, asking=drafted.drafts[0])
+    kept = outcome_of(Judged(seat.seat_id, key, "accept"), drafted, desk)
+    assert kept.decisions == (near,)
+    assert kept.seat.drafts == ()
+    assert kept.seat.current != key
+    for gesture in (Dropped(seat.seat_id, key), Undone(seat.seat_id)):
+        dropped = outcome_of(gesture, drafted, desk)
+        assert (dropped.decisions, dropped.act, dropped.seat.drafts) == ((), "", ())
+    rejected = outcome_of(Judged(seat.seat_id, key, "reject"), drafted, desk)
+    assert rejected.decisions == (Reject(*key, "other"),)
+    assert rejected.seat.drafts == ()
+    walked = outcome_of(Stepped(seat.seat_id, 1), drafted, desk)
+    assert walked.decisions == ()
+    assert walked.seat.draft_of(key).decision == near
+
+
+def test_a_draft_against_the_block_is_asked_about_once__law(desk, seat):
+    key = next(k for k in seat.order if k not in tiny_block().blunders)
+    pixel = desk.state.block.measurements[key].pixel[0]
+    seat = replace(seat, current=key)
+    for away, asks in ((0.1, False), (30.0, True)):
+        place = Place(*key, *map(float, pixel + away))
+        first = outcome_of(
+            Judged(seat.seat_id, key, "accept"), seat.with_draft(Draft(key, place)), desk
+        )
+        assert (first.decisions == ()) is asks
+        assert (first.seat.current == key) is asks
+    assert outcome_of(Judged(seat.seat_id, key, "accept"), first.seat, desk).decisions == (place,)
+    # Moved once more, it is asked about once more.
+    other = first.seat.with_draft(Draft(key, replace(place, row=place.row + 1)))
+    assert outcome_of(Judged(seat.seat_id, key, "accept"), other, desk).decisions == ()
+
+
+def test_several_at_once_are_one_act_and_drafts_in_doubt_wait__law(desk, seat):
+    keys = visible(desk.rows, seat)[:4]
+    pixel = desk.state.block.measurements[keys[2]].pixel[0]
+    seat = seat.with_draft(Draft(keys[2], Place(*keys[2], *map(float, pixel + 40))))
+    found = outcome_of(JudgedTogether(seat.seat_id, keys[::-1], "accept"), seat, desk)
+    assert found.decisions == tuple(Accept(*key) for key in keys if key != keys[2])
+    assert found.notice.text == "notice.still-drafts"
+    assert found.seat.draft_of(keys[2]) is not None
+    assert found.seat.current == keys[2]
 
 
 def test_a_place_outside_the_scan_is_refused_in_words__law(desk, seat):
     found = outcome_of(PlacedInScan(seat.seat_id, seat.current, -5.0, 10.0), seat, desk)
-    assert found.decision is None
+    assert found.decisions == ()
     assert found.notice is not None
     assert found.notice.text == "notice.outside"
 
@@ -108,29 +161,28 @@ def test_a_place_outside_the_scan_is_refused_in_words__law(desk, seat):
 def test_enter_waits_there_for_what_is_measured__law(desk, seat):
     key = seat.order[6]
     found = outcome_of(Refined(seat.seat_id, key), replace(seat, explaining=key), desk)
-    assert (found.decision, found.act) == (None, "measure")
+    assert (found.decisions, found.act) == ((), "measure")
     assert (found.seat.current, found.seat.explaining) == (key, None)
     assert outcome_of(Refined(seat.seat_id, ("J1", "none")), seat, desk).act == ""
 
 
 def test_a_peak_is_chosen_only_if_it_is_there__law(desk, seat):
-    assert outcome_of(PeakChosen(seat.seat_id, seat.current, 0), seat, desk).decision == ChoosePeak(
-        *seat.current, 0
-    )
-    assert outcome_of(PeakChosen(seat.seat_id, seat.current, 99), seat, desk).decision is None
+    chosen = outcome_of(PeakChosen(seat.seat_id, seat.current, 0), seat, desk)
+    assert chosen.seat.drafts == (Draft(seat.current, ChoosePeak(*seat.current, 0)),)
+    assert chosen.decisions == ()
+    assert outcome_of(PeakChosen(seat.seat_id, seat.current, 99), seat, desk).seat.drafts == ()
 
 
 def test_the_role_is_switched_both_ways__law(desk, seat):
     for point_id, point in desk.state.block.surveyed.items():
         found = outcome_of(RoleSwitched(seat.seat_id, point_id), seat, desk)
-        assert found.decision == SetRole(
-            point_id, "check" if point.role == "control" else "control"
-        )
+        role = "check" if point.role == "control" else "control"
+        assert found.decisions == (SetRole(point_id, role),)
 
 
 def test_undo_is_left_to_the_loop__law(desk, seat):
     found = outcome_of(Undone(seat.seat_id), seat, desk)
-    assert (found.decision, found.act) == (None, "undo")
+    assert (found.decisions, found.act) == ((), "undo")
 
 
 def test_steps_walk_the_queue_and_stop_at_its_ends__law(desk, seat):

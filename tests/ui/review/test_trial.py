@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from sessions.decisions import Place
 from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
-from ui.review.state import DeskState
+from ui.review.state import DeskState, Draft
 from ui.review.trial import NEIGHBOURS, TrialWork, largest_shift, turn_measurement
 
 
@@ -37,6 +38,18 @@ def test_what_is_left_out_would_be_taken_in__law(state):
     block = turn_measurement(state, key)
     assert block is not None
     assert block.measurements[key].status == "accepted"
+
+
+def test_a_draft_is_tried_where_it_lies__truth(state):
+    key = sorted(tiny_block().blunders)[0]
+    right = next(p for p in state.block.measurements[key].peaks[1:])
+    draft = Draft(key, Place(*key, right.column, right.row))
+    work = TrialWork(state, draft)
+    moved = work.block().measurements[key]
+    assert (moved.column, moved.status) == (right.column, "accepted")
+    found = work.conclude(adjust(work.block()))
+    assert not found.rejects
+    assert found.sigma_nought < state.report.sigma_nought
 
 
 def test_a_check_point_and_what_is_gone_change_nothing__law(state):

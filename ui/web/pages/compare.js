@@ -139,7 +139,8 @@ export function compareState() {
 export function nudge(right, down) {
   const { point, look: { raw } } = state;
   if (!point) return;
-  const from = state.nudged ?? (raw ? point.raw : point.marks).measured;
+  const from = state.nudged ?? (raw ? point.draft?.raw ?? point.raw.measured
+    : point.draft?.place ?? point.marks.measured);
   const [unit, up] = raw ? [1, -1] : [point.scan.pixel, 1];
   state.nudged = [from[0] + right * unit, from[1] - up * down * unit];
   sendNudge(point.key, state.nudged, raw ? "scan" : "ground");
@@ -190,7 +191,7 @@ function drawAll() {
     whole = drawPicture(pane, point) && whole;
     drawMarks(pane, point);
   }
-  const measured = (state.nudged ?? point.marks.measured).join();
+  const measured = (state.nudged ?? point.draft?.place ?? point.marks.measured).join();
   const drawn = { key: point.key.join("|"), state: point.state, measured, whole };
   state.drawn = { ...drawn, at: performance.now() };
 }
@@ -280,11 +281,19 @@ function placeAt(pane, screen) {
   return { ground: groundFromLayer(pane.layerFromScreen(screen)), raw };
 }
 
-/** Where the mark of the measurement is on the screen. @param {Pane} pane @param {Point} point */
-function measuredNow(pane, point) {
+/** @param {Pane} pane @param {Point} point */
+const measuredOn = (pane, point) =>
+  onScreen(pane, point, point.marks.measured, point.raw.measured);
+
+/**
+ * Where a draft is on the screen, the hand ahead of the desk's answer; null without one.
+ * @param {Pane} pane @param {Point} point
+ */
+function draftOn(pane, point) {
   const { dragged, nudged, look } = state;
+  const { draft } = point;
   if (dragged) return onScreen(pane, point, dragged.ground, dragged.raw);
-  if (!nudged) return onScreen(pane, point, point.marks.measured, point.raw.measured);
+  if (!nudged) return draft && onScreen(pane, point, draft.place, draft.raw);
   if (!look.raw) return onScreen(pane, point, nudged);
   return onScreen(pane, point, mapped(inverse(rawFromGround(point)), nudged), nudged);
 }
@@ -316,12 +325,17 @@ function scanMarks(context, pane, point) {
     halo(context, palette.peak, 1.3, () => context.rect(x - 5, y - 5, 10, 10));
     text(context, `${index + 1}`, [x + 8, y - 7], palette.peak);
   });
-  const from = measuredNow(pane, point);
+  const draft = draftOn(pane, point);
+  const from = draft ?? measuredOn(pane, point);
   const to = onScreen(pane, point, marks.predicted, raw.predicted);
   const far = Math.hypot(to[0] - from[0], to[1] - from[1]) > 10;
   if (far) line(context, from, to, palette.predicted, 1.2);
   expectedMark(context, to, palette.predicted, 9);
-  measuredMark(context, from, palette.states[point.state].colour);
+  measuredMark(context, measuredOn(pane, point), palette.states[point.state].colour);
+  if (!draft) return;
+  context.setLineDash([3, 3]);
+  measuredMark(context, draft, palette.current);
+  context.setLineDash([]);
 }
 
 /**
@@ -334,7 +348,7 @@ function drawPatch(context, pane, point) {
   const onScan = contentOf(pane) === "scan";
   const matrix = rawFromGround(point);
   const half = start.template * scaleOf(matrix);
-  const middle = onScan ? raw.measured : raw.predicted;
+  const middle = onScan ? point.draft?.raw ?? raw.measured : raw.predicted;
   const shift = [0, 1].map((i) => (onScan ? 0 : marks.surveyed[i] - marks.predicted[i]));
   const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => {
     const place = [middle[0] + x * half, middle[1] + y * half];
@@ -393,7 +407,7 @@ function describe(pane, point, { ground, raw }) {
 /** @param {Pane} pane @param {Place} at */
 function putMark(pane, { ground, raw }) {
   if (!state.point) return;
-  // The mark stands there at once; the desk's answer puts it where it is recorded.
+  // The draft stands there at once; the desk's answer puts it where it is kept.
   state.nudged = raw ?? ground;
   redraw();
   const frame = showsRaw(pane) ? "scan" : "ground";
@@ -430,7 +444,7 @@ const HAND = {
   grips: (pane, [x, y]) => {
     const { look, point } = state;
     if (!point || !look.marks || look.adding || !takesPlace(pane, [x, y])) return false;
-    const mark = measuredNow(pane, point);
+    const mark = draftOn(pane, point) ?? measuredOn(pane, point);
     return Math.hypot(mark[0] - x, mark[1] - y) < 8;
   },
   drag: (pane, screen) => {

@@ -1,10 +1,10 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import {
-  all, byId, element, fillWords, first, focused, learnNames, number, shortName, shortPoint, start,
-  stateGlyph, tip, word,
+  all, byId, element, fillWords, first, focused, learnNames, number, start, stateGlyph, tip, word,
 } from "./words.js";
 import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
+import { askAbout, askWhy, dropDraft, explain } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
@@ -25,22 +25,21 @@ import { connect, mergeRows, send, takeSeat } from "./wire.js";
 
 /** @typedef {{ key: Key | null, filter: Filter, sort: Sort }} Seen where one was in the queue */
 
-const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
 const SAME_MS = 2000; // design: a second press on what is still shown is a slip
 const NOTICE_MS = 3500; // design: one sentence is read
 const GRAVE_MS = 30000; // design: what went wrong is not missed
 const state = {
   parts: /** @type {Parts} */ ({}),
-  /** Until when a digit is a reason. */
-  explained: 0,
-  timer: 0,
   /** Where one was before a desk that was opened anew, until it is there again. */
   wanted: /** @type {Seen | null} */ (null),
   judged: { shown: "", at: 0 },
   handAt: -Infinity,
 };
 
-const shownNow = () => JSON.stringify([state.parts.point?.key, state.parts.point?.state]);
+function shownNow() {
+  const { key, state: shown, draft } = state.parts.point ?? {};
+  return JSON.stringify([key, shown, draft]);
+}
 
 /**
  * One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
@@ -49,7 +48,7 @@ const shownNow = () => JSON.stringify([state.parts.point?.key, state.parts.point
 function judge(verdict) {
   const many = markedKeys();
   if (many.length) {
-    for (const key of many) send({ kind: "judge", key, verdict });
+    send({ kind: "judge", keys: many, verdict });
     clearMarked();
     return;
   }
@@ -131,6 +130,7 @@ function takeKey(event) {
     switchCompare("adding");
     return true;
   }
+  if (event.key === "Escape" && down && dropDraft()) return true;
   return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);
 }
 
@@ -158,11 +158,7 @@ function pictureKey(event, down) {
     if (down) arrow(event);
     return true;
   }
-  if (/^[1-5]$/.test(event.key) && Date.now() < state.explained) {
-    if (down && !event.repeat) explain(Number(event.key));
-    return true;
-  }
-  return false;
+  return /^[1-5]$/.test(event.key) && down && !event.repeat && explain(Number(event.key));
 }
 
 /** @param {KeyboardEvent} event @param {boolean} down @param {string | undefined} name */
@@ -183,13 +179,6 @@ function arrow(event) {
   }
   const step = event.shiftKey ? 1 : 0.1;
   nudge(right * step, down * step);
-}
-
-/** @param {number} digit */
-function explain(digit) {
-  state.explained = 0;
-  byId("reasons").hidden = true;
-  send({ kind: "explain", digit });
 }
 
 // Asked by the scene, whose frames wait where drawing is slow.
@@ -271,26 +260,6 @@ function showScene({ layers, scale }) {
   first("#vectors output").textContent = number(scale, 0);
 }
 
-/** @param {Key | null} explaining */
-function showReasons(explaining) {
-  const room = byId("reasons");
-  const shown = JSON.stringify(explaining);
-  if (room.dataset.shown === shown) return;
-  room.dataset.shown = shown;
-  clearTimeout(state.timer);
-  room.hidden = !explaining;
-  state.explained = explaining ? Date.now() + REASON_MS : 0;
-  if (!explaining) return;
-  const point = `${shortPoint(explaining[0])} \u00b7 ${shortName(explaining[1])}`;
-  const choices = [1, 2, 3, 4, 5].map((digit) => element("button",
-    { onclick: () => explain(digit) }, element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
-  room.replaceChildren(element("p", {}, stateGlyph("rejected", 13), word("reason.ask", { point })),
-    ...choices);
-  state.timer = setTimeout(() => {
-    room.hidden = true;
-  }, REASON_MS);
-}
-
 /** @param {Message} message */
 function receive(message) {
   const { notices = [], ...fresh } = message;
@@ -300,7 +269,7 @@ function receive(message) {
   Object.assign(parts, fresh);
   if (fresh.rows || fresh.queue || fresh.order) showQueue(fresh);
   if (fresh.queue) {
-    showReasons(fresh.queue.explaining);
+    askWhy(fresh.queue.explaining);
     keepPlace(fresh.queue);
   }
   if (fresh.status) showStatus(fresh.status);
@@ -315,6 +284,7 @@ function receive(message) {
   if ("point" in fresh) {
     if (shownNow() !== judged.shown) judged.shown = "";
     showPoint(point);
+    askAbout(point);
     comparePoint(point);
   }
   notices.forEach(tell);

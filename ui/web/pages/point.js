@@ -73,7 +73,7 @@ function showFigures(figures) {
   put("residual", !residual ? ["\u2013"]
     : [`${number(length(residual), 2)} px`, parted(residual, "", "")]);
   put("sigma", [`${number(figures.sigma, 2)} px`]);
-  put("score", [number(figures.score, 2)]);
+  put("score", [figures.hand ? word("peak.hand") : number(figures.score, 2)]);
   put("redundancy", [redundancy === null ? "\u2013"
     : span(number(redundancy, 2), unchecked ? "worse" : "")], unchecked ? word("unchecked") : "");
   put("place", [`${figures.place.map((value) => number(value, 1)).join(", ")} px`]);
@@ -107,9 +107,10 @@ function showWhy({ figures: { remark }, state, why }) {
  * Filled in a moment after the rest: an adjustment with this one measurement turned.
  * @param {Point} point
  */
-function showTrial({ role, trial }) {
+function showTrial({ draft, role, trial }) {
   const lines = [];
-  const title = !trial ? "trial.effect" : trial.rejects ? "trial.reject" : "trial.accept";
+  const title = draft ? "trial.draft" : !trial ? "trial.effect"
+    : trial.rejects ? "trial.reject" : "trial.accept";
   if (role === "check") lines.push(word("trial.check"));
   else if (!trial) lines.push(word("trial.wait"));
   else {

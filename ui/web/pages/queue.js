@@ -178,7 +178,8 @@ export function showQueue(fresh) {
   if (rows.length !== state.learnt) learnPoints([...new Set(rows.map((row) => row[POINT]))]);
   state.learnt = rows.length;
   const { counts, kinds, shown } = sifted(rows, order, told.filter);
-  const queue = Object.assign(told, { counts, shown, isTaken: new Map(told.taken) });
+  const drafted = new Set(told.drafts);
+  const queue = Object.assign(told, { counts, shown, drafted, isTaken: new Map(told.taken) });
   state.queue = queue;
   showSieve(queue, kinds);
   showPlace(queue);
@@ -263,14 +264,15 @@ function draw() {
 }
 
 /** @param {HTMLElement} line @param {number} index @param {SiftedQueue} queue */
-function write(line, index, { current, isTaken }) {
+function write(line, index, { current, drafted, isTaken }) {
   const row = state.rows[index];
   const taken = isTaken.get(index);
   const chosen = state.marked.has(textOf(index));
-  const shape = JSON.stringify([row, index === current, taken, chosen]);
+  const draft = drafted.has(index);
+  const shape = JSON.stringify([row, index === current, taken, chosen, draft]);
   if (line.dataset.shape === shape) return;
   line.dataset.shape = shape;
-  const kinds = { current: index === current, human: row[HUMAN], marked: chosen, taken };
+  const kinds = { current: index === current, human: row[HUMAN], marked: chosen, taken, draft };
   const on = Object.entries(kinds).filter(([, value]) => value).map(([name]) => name);
   line.className = ["row", ...on].join(" ");
   line.dataset.key = `${row[POINT]}|${row[PHOTO]}`;
@@ -278,12 +280,14 @@ function write(line, index, { current, isTaken }) {
   const [role, long] = [word(`role.${row[ROLE]}`), word(`state.${row[STATE]}.long`)];
   const said = [row[POINT], row[PHOTO], role, long];
   if (row[DISPUTED] !== null) said.push(word("doubt.disputed", { value: row[DISPUTED] }));
+  if (draft) said.push(word("draft.row"));
   if (taken) said.push(word("people.here", { names: taken }));
   line.title = said.join(" \u00b7 ");
   line.onclick = (event) => pointAt(event, index);
   const bar = element("i");
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;
   const misfit = row[MISFIT] ?? 0;
+  const byHand = row[SCORE] === null && POINTS.includes(row[ROLE]);
   const large = misfit > LARGE_PX && row[STATE] !== "unused" ? " large" : "";
   line.replaceChildren(
     stateGlyph(row[STATE]),
@@ -291,6 +295,6 @@ function write(line, index, { current, isTaken }) {
     element("span", { class: "name" }, shortPoint(row[POINT])),
     element("span", { class: "scan" }, shortName(row[PHOTO])),
     element("span", { class: `right${large}` }, number(row[MISFIT], misfit >= 100 ? 0 : 2)),
-    element("span", { class: "right" }, number(row[SCORE], 2)),
+    element("span", { class: "right" }, byHand ? word("score.hand") : number(row[SCORE], 2)),
     element("span", { class: "doubt" }, bar));
 }

@@ -23,6 +23,8 @@ export function showStatus(status) {
     element("span", { class: "part", "data-tally": name },
       stateGlyph(look, 12), element("b", {}, `${status.counts[name]}`),
       element("span", { class: "muted" }, word(`status.${name}`)))));
+  byId("drafts").textContent = status.drafts ? word("status.drafts", { count: status.drafts }) : "";
+  byId("drafts").title = word("status.drafts.tip");
   byId("working").classList.toggle("busy", adjusting);
   byId("working").textContent = adjusting ? word("status.adjusting")
     : converged ? "" : word("status.diverged");

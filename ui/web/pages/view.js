@@ -3,6 +3,8 @@ import { byId, element, first } from "./words.js";
 
 // design: pixels a hand moves by itself while it clicks.
 const STILL_PX = 4;
+// design: a hand that holds the picture longer wants to move it, and has not.
+const CLICK_MS = 400;
 // design: longer than between two presses of a key, shorter than a thought.
 const PAUSE_MS = 400;
 
@@ -152,6 +154,16 @@ export const paneElement = (name) => element("div", { class: `${name} pane` },
   element("canvas", { class: "picture" }), element("canvas", { class: "marks" }),
   element("span", { class: "where" }));
 
+/**
+ * A short press and release of the left button alone.
+ * @param {{ button: number, timeStamp: number }} event
+ * @param {{ button: number, since: number }} down
+ */
+export const isClick = ({ button, timeStamp }, down) =>
+  button === 0 && down.button === 0 && timeStamp - down.since < CLICK_MS;
+
+/** @typedef {{ at: Pair, since: number, button: number, moved: boolean, grips: boolean }} Down */
+
 /** A picture with marks over it: a drag moves the picture or a mark, the wheel zooms. */
 export class Pane {
   /** @param {HTMLElement} room @param {View} view @param {Hand} hand */
@@ -185,7 +197,7 @@ export class Pane {
 
   #listen() {
     const { room, hand } = this;
-    /** @type {{ at: Pair, button: number, moved: boolean, grips: boolean } | null} */
+    /** @type {Down | null} */
     let down = null;
     const ready = () => this.view.scale > 0 && (hand.ready?.() ?? true);
     const screenOf = (/** @type {MouseEvent} */ event) => {
@@ -196,7 +208,7 @@ export class Pane {
       if (!ready() || event.button > 1) return;
       const at = screenOf(event);
       const grips = event.button === 0 && (hand.grips?.(this, at) ?? false);
-      down = { at, button: event.button, moved: false, grips };
+      down = { at, since: event.timeStamp, button: event.button, moved: false, grips };
       room.setPointerCapture(event.pointerId);
       event.preventDefault();
       byId("compare").focus({ preventScroll: true });
@@ -220,7 +232,9 @@ export class Pane {
       room.classList.remove("panning");
       if (!down) return;
       if (down.moved && down.grips) hand.drop?.(this);
-      else if (!down.moved && !down.grips && down.button === 0) hand.click?.(this, screenOf(event));
+      else if (!down.moved && !down.grips && isClick(event, down)) {
+        hand.click?.(this, screenOf(event));
+      }
       hand.drag?.(this, null);
       down = null;
     });

@@ -1,0 +1,84 @@
+// What the desk asks or says above the buttons that decide: a draft to keep or drop, the reason of
+// a rejection, or how a point is placed.
+import { byId, element, number, shortName, stateGlyph, word } from "./words.js";
+import { send } from "./wire.js";
+
+const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
+const state = {
+  point: /** @type {Point | null} */ (null),
+  /** The measurement just rejected, and until when a digit is its reason. */
+  explaining: /** @type {Key | null} */ (null),
+  until: 0,
+  timer: 0,
+};
+
+/** @param {Point | null} point */
+export function askAbout(point) {
+  state.point = point;
+  show();
+}
+
+/** @param {Key | null} explaining the measurement just rejected */
+export function askWhy(explaining) {
+  if (JSON.stringify(explaining) === JSON.stringify(state.explaining)) return;
+  clearTimeout(state.timer);
+  Object.assign(state, { explaining, until: explaining ? Date.now() + REASON_MS : 0 });
+  if (explaining) state.timer = setTimeout(show, REASON_MS);
+  show();
+}
+
+/** The reason of the rejection just made; false when none is asked for. @param {number} digit */
+export function explain(digit) {
+  if (Date.now() >= state.until) return false;
+  state.until = 0;
+  send({ kind: "explain", digit });
+  show();
+  return true;
+}
+
+/** The draft in sight given up; false when there is none. */
+export function dropDraft() {
+  const { point } = state;
+  return Boolean(point?.draft) && send({ kind: "drop", key: point?.key });
+}
+
+function show() {
+  const { point, explaining, until } = state;
+  const why = explaining && Date.now() < until && !point?.draft?.asking;
+  const room = byId("asked");
+  room.className = why ? "why" : point?.draft ? (point.draft.asking ? "against" : "draft") : "";
+  byId("reasons").hidden = !why;
+  byId("keep").hidden = Boolean(why) || !point?.draft;
+  byId("hint").hidden = Boolean(why) || Boolean(point?.draft);
+  if (why) showReasons(explaining);
+  else if (point?.draft) showDraft(point);
+}
+
+/** @param {Key} explaining */
+function showReasons([name, photo]) {
+  const choices = [1, 2, 3, 4, 5].map((digit) => element("button",
+    { class: "small", onclick: () => explain(digit) },
+    element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
+  byId("reasons").replaceChildren(
+    element("p", { title: `${name} \u00b7 ${photo}` },
+      stateGlyph("rejected", 13), word("reason.ask", { scan: shortName(photo) })), ...choices);
+}
+
+/** @param {Point} point */
+function showDraft({ key, draft, figures, trial, role }) {
+  const values = {
+    sigma: number(figures.ratio, 1), shift: trial && number(trial.shift, 2),
+    scan: trial && shortName(trial.photo),
+  };
+  const asking = draft?.asking;
+  const said = [word(asking ? "draft.against" : "draft", values)];
+  if (trial) said.push(word("draft.moves", values));
+  else if (role === "check") said.push(word("draft.check"));
+  if (asking) said.push(word("draft.ask"));
+  const act = (/** @type {string} */ name, /** @type {string} */ cap,
+    /** @type {() => void} */ onclick) =>
+    element("button", { class: "small", onclick }, word(name), element("kbd", {}, cap));
+  byId("keep").replaceChildren(element("p", { title: said.join(" ") }, said.join(" ")),
+    act("draft.keep", "Y", () => send({ kind: "judge", key, verdict: "accept" })),
+    act("draft.drop", "Esc", dropDraft));
+}
