@@ -108,7 +108,7 @@ def filtered(folder: Path) -> bool:
         pairs = [
             page.evaluate(FILTER, state)
             for _ in range(6)
-            for state in ("unused", "open", "all", "review")
+            for state in ("unused", "dubious", "all", "open")
         ]
     painted, answered = np.array(pairs).T
     say_row(f"filter of {rows} rows, on screen", told(painted))

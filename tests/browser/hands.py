@@ -18,6 +18,21 @@ def state_of(page, key: str) -> str:
     )
 
 
+def becomes(page, key: str, state: str) -> None:
+    """Wait until a measurement is in a state, wherever the queue shows it."""
+    page.wait_for_function(
+        "([key, state]) => gruber.parts.rows"
+        ".find(row => `${row[0]}|${row[1]}` === key)?.[3] === state",
+        arg=[key, state],
+    )
+
+
+def look_at(page, key: str) -> None:
+    """Choose a measurement among all, decided or not."""
+    page.click('.chip[data-state="all"]')
+    page.click(f'.row[data-key="{key}"]')
+
+
 def press(page, key: str) -> tuple[str, float, float]:
     """Press a key on the current point: its name, sigma nought before, seconds until it changed."""
     point, before = current(page), page.get_attribute("#sigma", "data-value")
@@ -60,7 +75,6 @@ def place_wrongly(page, away_px: float = 60) -> str:
     page.mouse.click(middle[0] + away_px, middle[1] - away_px)
     page.wait_for_function("gruber.parts.point.draft")
     keep_draft(page)
-    keep = "key => gruber.parts.rows.find(row => `${row[0]}|${row[1]}` === key)[3] === 'accepted'"
-    page.wait_for_function(keep, arg=point)
+    becomes(page, point, "accepted")
     settled(page)
     return point

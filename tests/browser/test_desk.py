@@ -12,7 +12,7 @@ from viser import _messages as viser_messages
 from app.desk.wiring import open_desk
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
-from tests.browser.hands import current, press, sigma, state_of
+from tests.browser.hands import becomes, current, look_at, press, sigma, state_of
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
 from ui.views import block_view as names
@@ -90,10 +90,10 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
     assert current(page) != rejected
     accepted = current(page)
     page.keyboard.press("y")
-    page.wait_for_selector(f'.row[data-key="{accepted}"][data-state="accepted"]')
+    becomes(page, accepted, "accepted")
     page.wait_for_selector("#working:not(.busy)", state="attached")
     page.keyboard.press("u")
-    page.wait_for_selector(f'.row[data-key="{accepted}"][data-state="auto"]')
+    becomes(page, accepted, "auto")
     page.wait_for_selector("#working:not(.busy)", state="attached")
     press(page, "u")
     assert state_of(page, rejected) == "auto"
@@ -132,7 +132,7 @@ def test_a_digit_gives_the_reason_of_a_rejection__law(sit):
     page.wait_for_selector("#reasons:not([hidden])")
     page.keyboard.press("2")
     page.wait_for_selector("#reasons", state="hidden")
-    page.click(f'.row[data-key="{point}"]')
+    look_at(page, point)
     page.wait_for_selector('#why .remark:has-text("changed")')
     assert page.evaluate("gruber.parts.status.decided") == 1
 
@@ -145,7 +145,7 @@ def test_keys_pressed_in_the_scene_are_the_desks__law(sit):
     assert page.evaluate("document.activeElement.id") == "scene"
     point = current(page)
     page.keyboard.press("m")
-    page.wait_for_selector(f'.row[data-key="{point}"][data-state="dubious"]')
+    becomes(page, point, "dubious")
 
 
 def test_a_click_on_a_frustum_shows_its_photo__truth(sit):
@@ -168,7 +168,7 @@ def test_a_click_on_a_frustum_shows_its_photo__truth(sit):
 def test_a_reload_finds_everything_as_it_was__law(sit):
     page = sit(scene=False)
     page.select_option("#sort-column", "score")
-    page.click('.chip[data-state="open"]')
+    page.click('.chip[data-state="all"]')
     point, _, _ = press(page, "n")
     here, number = current(page), sigma(page)
     page.reload()
@@ -176,9 +176,9 @@ def test_a_reload_finds_everything_as_it_was__law(sit):
     assert current(page) == here
     assert sigma(page) == number
     assert page.input_value("#sort-column") == "score"
-    assert page.locator('.chip.on[data-state="open"]').count() == 1
+    assert page.locator('.chip.on[data-state="all"]').count() == 1
     page.click('.chip[data-state="rejected"]')
-    page.wait_for_selector(f'.row[data-key="{point}"][data-state="rejected"]')
+    becomes(page, point, "rejected")
 
 
 def test_another_browser_sees_the_decision_and_keeps_its_place__law(sit):
@@ -189,7 +189,7 @@ def test_another_browser_sees_the_decision_and_keeps_its_place__law(sit):
     berta.wait_for_function("first => gruber.parts.point.key.join('|') !== first", arg=first)
     there = current(berta)
     point, _, _ = press(anna, "n")
-    berta.wait_for_selector(f'.row[data-key="{point}"][data-state="rejected"]')
+    becomes(berta, point, "rejected")
     berta.wait_for_function("value => +document.getElementById('sigma').dataset.value === value",
                             arg=sigma(anna))  # fmt: skip
     assert current(berta) == there

@@ -6,7 +6,7 @@ import pytest
 
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, toured
-from tests.browser.hands import current, settled, state_of
+from tests.browser.hands import becomes, current, look_at, settled, state_of
 from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
@@ -35,7 +35,7 @@ def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     page.wait_for_function("gruber.parts.status.decided === 1")
     page.keyboard.press("y")
     page.wait_for_function("gruber.parts.status.decided === 2")
-    page.click(f'.row[data-key="{first}"]')
+    look_at(page, first)
     page.click("#history button")
     page.wait_for_function("gruber.parts.status.decided === 1")
     assert state_of(page, first) == "auto"
@@ -173,11 +173,37 @@ def test_focused_controls_keep_their_keys_and_the_desk_has_the_rest__law(sit):
     assert page.evaluate("gruber.parts.point.figures.place") == before
 
 
+def test_what_is_decided_leaves_the_list_and_the_rest_is_counted__law(sit):
+    page = sit(scene=False)
+    first, shown = current(page), page.evaluate("gruber.parts.queue.shown.length")
+    page.keyboard.press("y")
+    becomes(page, first, "accepted")
+    page.keyboard.press("n")
+    page.wait_for_function("gruber.parts.status.decided === 2")
+    said = words()["queue.progress"].format(left=shown - 2, done=2)
+    page.wait_for_selector(f"#progress-said:has-text('{said}')")
+    assert page.evaluate("gruber.parts.queue.shown.length") == shown - 2
+    here = current(page)
+    tally = page.evaluate("gruber.parts.status.counts")
+    assert (tally["accepted"], tally["rejected"], tally["auto"]) == (1, 1, shown - 2)
+    # Every filter keeps its place, and among all points J passes over what is decided.
+    page.click('.chip[data-state="rejected"]')
+    page.wait_for_function("gruber.parts.point.state === 'rejected'")
+    page.click('.chip[data-state="open"]')
+    page.wait_for_function("key => gruber.parts.point.key.join('|') === key", arg=here)
+    look_at(page, first)
+    page.wait_for_function("gruber.parts.point.state === 'accepted'")
+    page.keyboard.press("j")
+    page.wait_for_function("gruber.parts.point.state === 'auto'")
+
+
 def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     page = sit(scene=False)
     empty = words()["queue.empty.fiducial"]
     page.select_option("#sieve-role", "fiducial")
     page.wait_for_selector(f"#queue-empty:has-text('{empty}')")
+    assert page.text_content("#nothing") == empty
+    assert page.locator("#acts button:not(:disabled)").count() == 0
     page.select_option("#sieve-role", "")
     page.wait_for_selector(".row.current")
 

@@ -13,7 +13,17 @@ import pytest
 from app.terminal import JsonLines
 from app.verbs import RunOptions, walked
 from tests.browser.conftest import scene_of
-from tests.browser.hands import changed, current, place_wrongly, press, settled, sigma, state_of
+from tests.browser.hands import (
+    becomes,
+    changed,
+    current,
+    look_at,
+    place_wrongly,
+    press,
+    settled,
+    sigma,
+    state_of,
+)
 from ui.views import block_view as names
 from ui.words.catalogue import words
 
@@ -47,10 +57,10 @@ def test_y_n_u_change_state_and_figures__truth(real_desk, sit_at):
     page.wait_for_function("before => gruber.parts.status.sigma !== before", arg=before)
     accepted = current(page)
     page.keyboard.press("y")
-    page.wait_for_selector(f'.row[data-key="{accepted}"][data-state="accepted"]')
+    becomes(page, accepted, "accepted")
     for key in (accepted, point):
         page.keyboard.press("u")
-        page.wait_for_selector(f'.row[data-key="{key}"][data-state="auto"]')
+        becomes(page, key, "auto")
     settled(page)
     assert sigma(page) == pytest.approx(before, abs=1e-4)
     took = []
@@ -65,7 +75,7 @@ def test_y_n_u_change_state_and_figures__truth(real_desk, sit_at):
 def test_what_the_engine_left_out_waits_behind_its_own_button__law(real_desk, sit_at):
     page = sit_at(real_desk.desk.url, scene=False)
     tally = page.evaluate("gruber.parts.queue.counts")
-    assert page.evaluate("gruber.parts.queue.shown.length") == tally["all"] - tally["unused"]
+    assert page.evaluate("gruber.parts.queue.shown.length") == tally["open"]
     doubts = page.evaluate("gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])")
     half = len(doubts) // 2
     assert statistics.mean(doubts[:half]) > statistics.mean(doubts[half:])
@@ -105,7 +115,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     page.wait_for_function("gruber.parts.status.stale.length === 0")
     wrong = mosaic.stat().st_mtime_ns
     assert wrong > before
-    page.click(f'.row[data-key="{point}"]')
+    look_at(page, point)
     press(page, "n")
     settled(page)
     page.wait_for_function("gruber.parts.status.stale.length > 0")
@@ -142,7 +152,7 @@ def test_a_page_comes_back_to_a_desk_that_was_killed__law(run_folder, sit_at):
     try:
         page = sit_at(url, scene=False)
         page.select_option("#sort-column", "score")
-        page.click('.chip[data-state="open"]')
+        page.click('.chip[data-state="all"]')
         point, _, _ = press(page, "n")
         settled(page)
         here, number = current(page), sigma(page)
@@ -156,9 +166,9 @@ def test_a_page_comes_back_to_a_desk_that_was_killed__law(run_folder, sit_at):
             "key => document.querySelector('.row.current')?.dataset.key === key", arg=here
         )
         assert sigma(page) == number
-        assert page.locator('.chip.on[data-state="open"]').count() == 1
+        assert page.locator('.chip.on[data-state="all"]').count() == 1
         page.click('.chip[data-state="rejected"]')
-        page.wait_for_selector(f'.row[data-key="{point}"][data-state="rejected"]')
+        becomes(page, point, "rejected")
     finally:
         process.kill()
         process.wait()

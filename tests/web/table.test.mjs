@@ -20,15 +20,14 @@ test("points are shown in their order, ties only when they are asked for__truth"
   assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, photo: "a" }).shown, [2, 0]);
 });
 
-test("what is to review is all but the unused__truth", () => {
-  assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, state: "review" }).shown, [1, 0]);
+test("what is to review is what nobody decided__truth", () => {
   assert.deepEqual(sifted(ROWS, ORDER, { ...ALL, state: "open" }).shown, [0]);
 });
 
 test("counts are of the kind that is shown, whatever state is asked for__truth", () => {
   const { counts, kinds } = sifted(ROWS, ORDER, { ...ALL, state: "open" });
-  assert.deepEqual([counts.all, counts.open, counts.rejected, counts.unused, counts.review],
-    [3, 1, 1, 1, 2]);
+  assert.deepEqual([counts.all, counts.open, counts.rejected, counts.unused],
+    [3, 1, 1, 1]);
   assert.deepEqual([kinds.control, kinds.check, kinds.tie], [1, 1, 1]);
 });
 

@@ -119,6 +119,8 @@ class Stepped:
 
     seat_id: str
     step: int
+    undecided: bool = False
+    """True to pass over what is decided already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,7 +389,9 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "role": lambda seat, message: RoleSwitched(seat, str(message["point"])),
     "undo": lambda seat, message: Undone(seat),
     "redo": lambda seat, message: Redone(seat),
-    "step": lambda seat, message: Stepped(seat, 1 if int(message["step"]) > 0 else -1),
+    "step": lambda seat, message: Stepped(
+        seat, 1 if int(message["step"]) > 0 else -1, bool(message.get("undecided", False))
+    ),
     "select": lambda seat, message: Selected(seat, _key(message)),
     "sort": _sorted,
     "filter": _filtered,

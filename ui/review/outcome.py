@@ -59,7 +59,15 @@ from ui.review.gestures import (
     VectorsScaled,
     Verdict,
 )
-from ui.review.queue import coming, neighbour, sort_keys, visible
+from ui.review.queue import (
+    coming,
+    neighbour,
+    next_open,
+    showing,
+    sort_keys,
+    visible,
+    with_filter,
+)
 from ui.review.scene import Picked, pick
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
@@ -323,7 +331,7 @@ def _pick(gesture: RayPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
     key = _worst(found, seat, desk)
     if key is None:
         return Outcome(seat, notice=Notice("notice.nothing-measured", {"name": found.name}))
-    return Outcome(replace(seat, current=key))
+    return Outcome(showing(seat, desk.rows, key))
 
 
 def _worst(found: Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
@@ -357,8 +365,12 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
             return replace(seat, quality=shown, pair=pair or seat.pair)
         case SheetAsked(sheet=sheet, shown=shown):
             return replace(seat, sheet=sheet if shown else "")
-        case Stepped(step=step):
-            current = neighbour(visible(desk.rows, seat), seat, step)
+        case Stepped(step=step, undecided=undecided):
+            current = (
+                next_open(desk.rows, seat)
+                if undecided and step > 0
+                else neighbour(visible(desk.rows, seat), seat, step)
+            )
             return replace(seat, current=current or seat.current)
         case Selected(key=key) if key in desk.rows:
             return replace(seat, current=key)
@@ -366,13 +378,6 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
             sorting = Sorting(column, descending)
             return replace(seat, sorting=sorting, order=sort_keys(desk.rows.values(), sorting))
         case Filtered(state=state, photo_id=photo_id, role=role):
-            seat = replace(seat, filter=QueueFilter(state, photo_id, role))
-            shown = visible(desk.rows, seat)
-            if seat.current in shown:
-                return seat
-            # Where nothing is left nothing is shown; then one is back where one was.
-            wanted = seat.left if seat.current is None else seat.current
-            current = wanted if wanted in shown else next(iter(shown), None)
-            return replace(seat, current=current, left=wanted)
+            return with_filter(seat, desk.rows, QueueFilter(state, photo_id, role))
         case _:
             return seat

@@ -70,14 +70,8 @@ def status_part(
 ) -> Part:
     """The status line; `others` sit at the desk as well."""
     report, before = state.report, state.before
-    tally = dict.fromkeys(("used", "open", "rejected", "dubious"), 0)
-    for row in rows.values():
-        if row.role not in POINT_KINDS:
-            continue
-        tally["used"] += row.role == "control" and row.state in IN_USE
-        tally["open"] += row.state == "auto"
-        tally["rejected"] += row.state == "rejected"
-        tally["dubious"] += row.state == "dubious"
+    states = [row.state for row in rows.values() if row.role in POINT_KINDS]
+    tally = {name: states.count(name) for name in ("auto", "accepted", "dubious", "rejected")}
     making = state.remaking
     return {
         "sigma": short(report.sigma_nought, 4),

@@ -205,8 +205,6 @@ def passes(row: Row, wanted: QueueFilter) -> bool:
     match wanted.state:
         case "all":
             return True
-        case "review":
-            return row.state != "unused"
         case "open":
             return row.state == "auto"
         case "disputed":
@@ -229,6 +227,43 @@ def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
     if step > 0:
         return behind[0] if behind else shown[-1]
     return ahead[-1] if ahead else shown[0]
+
+
+def next_open(rows: Mapping[Key, Row], seat: Seat) -> Key | None:
+    """The next undecided key of the queue; simply the next one where all of it is decided."""
+    shown = visible(rows, seat)
+    undecided = tuple(key for key in shown if rows[key].state == "auto")
+    return neighbour(undecided or shown, seat, 1)
+
+
+def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Seat:
+    """The seat under another filter, where it was under it before, or at the next thing there."""
+    places = {**dict(seat.places), **({seat.filter: seat.current} if seat.current else {})}
+    there = places.get(wanted, seat.current)
+    seat = replace(seat, filter=wanted, places=tuple(places.items()))
+    shown = visible(rows, seat)
+    if there not in shown:
+        there = (
+            seat.current
+            if seat.current in shown
+            else neighbour(shown, replace(seat, current=there), 1)
+        )
+    return replace(seat, current=there)
+
+
+def showing(seat: Seat, rows: Mapping[Key, Row], key: Key) -> Seat:
+    """The seat at a measurement; a filter that hides it gives way as little as it can."""
+    row, wanted = rows[key], seat.filter
+    if not passes(row, replace(wanted, state="all")):
+        role = wanted.role if row.role == wanted.role else ""
+        photo_id = wanted.photo_id if row.key[1] == wanted.photo_id else ""
+        wanted = replace(wanted, role=role if row.role in POINT_KINDS else row.role,
+                         photo_id=photo_id)  # fmt: skip
+    if not passes(row, wanted):
+        wanted = replace(wanted, state="open" if row.state == "auto" else row.state)
+    if wanted != seat.filter:
+        seat = with_filter(seat, rows, wanted)
+    return replace(seat, current=key)
 
 
 def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> tuple[Key, ...]:

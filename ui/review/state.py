@@ -23,11 +23,9 @@ KINDS: tuple[Kind, ...] = ("control", "check", "tie", "photo", "fiducial")
 POINT_KINDS: tuple[Kind, ...] = ("control", "check")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
-StateFilter = Literal[
-    "review", "all", "open", "disputed", "accepted", "rejected", "dubious", "unused"
-]
+StateFilter = Literal["open", "all", "disputed", "accepted", "rejected", "dubious", "unused"]
 STATE_FILTERS: tuple[StateFilter, ...] = (
-    "review", "all", "open", "disputed", "dubious", "accepted", "rejected", "unused",
+    "open", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 Sheet = Literal["", "board", "placement"]
 """A view laid over the desk, beside that of the block's quality."""
@@ -53,9 +51,9 @@ class Sorting:
 class QueueFilter:
     """What a queue lets through."""
 
-    state: StateFilter = "review"
-    """One state; `review`: all but what the engine left out; `open`: used and not looked at;
-    `disputed`: accepted by a human, contradicted by the block."""
+    state: StateFilter = "open"
+    """One state, or all; `open`: used and not looked at, which is what there is to do; `disputed`:
+    accepted by a human, contradicted by the block."""
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""
@@ -96,8 +94,8 @@ class Seat:
     """Who sits there."""
     current: Key | None = None
     """The measurement being looked at."""
-    left: Key | None = None
-    """The one looked at before a filter left nothing in the queue."""
+    places: tuple[tuple[QueueFilter, Key], ...] = ()
+    """What was looked at last under each filter that was left."""
     sorting: Sorting = Sorting()
     """Order of the queue."""
     filter: QueueFilter = QueueFilter()

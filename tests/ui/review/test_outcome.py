@@ -34,9 +34,9 @@ from ui.review.gestures import (
     Undone,
 )
 from ui.review.outcome import outcome_of
-from ui.review.queue import seat_down, visible
+from ui.review.queue import next_open, seat_down, showing, visible, with_filter
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Seat
+from ui.review.state import Draft, QueueFilter, Seat
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +236,42 @@ def test_selected_must_exist__law(desk, seat):
 
 def test_a_filter_that_lets_nothing_through_shows_nothing_and_forgets_nothing__law(desk, seat):
     here = replace(seat, current=seat.order[3])
-    empty = outcome_of(Filtered(seat.seat_id, "review", "", "fiducial"), here, desk).seat
+    empty = outcome_of(Filtered(seat.seat_id, "open", "", "fiducial"), here, desk).seat
     assert empty.current is None
-    back = outcome_of(Filtered(seat.seat_id, "review", "", ""), empty, desk).seat
+    back = outcome_of(Filtered(seat.seat_id, "open", "", ""), empty, desk).seat
     assert back.current == here.current
+
+
+def test_every_filter_keeps_its_own_place__law(desk, seat):
+    shown = visible(desk.rows, seat)
+    here = replace(seat, current=shown[4])
+    there = outcome_of(Filtered(seat.seat_id, "unused", "", ""), here, desk).seat
+    assert desk.rows[there.current].state == "unused"
+    there = outcome_of(Stepped(seat.seat_id, 1), there, desk).seat
+    back = outcome_of(Filtered(seat.seat_id, "open", "", ""), there, desk).seat
+    assert back.current == shown[4]
+    again = outcome_of(Filtered(seat.seat_id, "unused", "", ""), back, desk).seat
+    assert again.current == there.current
+    # What was decided meanwhile is passed over.
+    rows = {**desk.rows, shown[4]: replace(desk.rows[shown[4]], state="accepted")}
+    assert with_filter(there, rows, QueueFilter("open")).current == shown[5]
+
+
+def test_next_passes_over_what_is_decided__law(desk, seat):
+    shown = visible(desk.rows, seat)
+    done = {key: replace(desk.rows[key], state="rejected") for key in shown[1:4]}
+    rows = {**desk.rows, **done}
+    seat = replace(seat, current=shown[0], filter=QueueFilter("all"))
+    assert next_open(rows, seat) == next(k for k in visible(rows, seat)[1:]
+                                         if rows[k].state == "auto")  # fmt: skip
+    assert next_open(rows, replace(seat, filter=QueueFilter("rejected"))) in done
+
+
+def test_what_is_picked_in_3d_is_in_the_queue_whatever_its_filter__law(desk, seat):
+    unused = next(key for key, row in desk.rows.items() if row.state == "unused")
+    seat = with_filter(seat, desk.rows, QueueFilter("open", "elsewhere", "tie"))
+    found = showing(seat, desk.rows, unused)
+    assert found.current == unused
+    assert found.filter == QueueFilter("unused")
+    same = showing(replace(found, filter=QueueFilter("all")), desk.rows, unused)
+    assert same.filter == QueueFilter("all")

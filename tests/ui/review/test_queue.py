@@ -93,8 +93,8 @@ def test_rows_without_a_figure_come_last_either_way__law(desk):
 @pytest.mark.parametrize(
     ("wanted", "state", "role", "let_through"),
     [
-        ("review", "unused", "control", False),
-        ("review", "rejected", "control", True),
+        ("open", "unused", "control", False),
+        ("open", "rejected", "control", False),
         ("open", "auto", "check", True),
         ("open", "accepted", "control", False),
         ("all", "unused", "control", True),

@@ -74,7 +74,7 @@ const ACTS = {
   role: () => sendOf(({ key }) => ({ kind: "role", point: key[0] })),
   undo: () => send({ kind: "undo" }),
   redo: () => send({ kind: "redo" }),
-  next: () => send({ kind: "step", step: 1 }),
+  next: () => send({ kind: "step", step: 1, undecided: true }),
   previous: () => send({ kind: "step", step: -1 }),
   wallis: () => switchCompare("wallis"),
   raw: () => switchCompare("raw"),

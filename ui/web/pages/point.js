@@ -14,7 +14,10 @@ const PARTS = ["figures", "why", "trial", "peaks", "point-name", "history"];
 export function showPoint(point) {
   byId("nothing").hidden = point !== null;
   for (const name of PARTS) byId(name).replaceChildren();
-  for (const button of all("#acts button")) button.classList.remove("stands");
+  for (const button of all("#acts button")) {
+    button.classList.remove("stands");
+    button.toggleAttribute("disabled", !point);
+  }
   showOthers(point);
   if (!point) return;
   const { key: [name, photo], role, state } = point;

@@ -6,7 +6,8 @@ import { send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
-const STATES = ["review", "all", "open", "disputed", "dubious", "accepted", "rejected", "unused"];
+const STATES = ["open", "all", "disputed", "dubious", "accepted", "rejected", "unused"];
+const DONE = ["accepted", "rejected", "dubious"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
@@ -15,7 +16,7 @@ const POINTS = ["control", "check"];
 const LARGE_PX = 3;
 const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED] =
   /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8]);
-const PLAIN = ["all", "review", "disputed"]; // filters that are no state of a row
+const PLAIN = ["all", "disputed"]; // filters that are no state of a row
 
 const state = {
   rows: /** @type {Row[]} */ ([]),
@@ -141,8 +142,7 @@ const ofKind = (row, filter) => (!filter.photo || row[PHOTO] === filter.photo)
 
 /** @param {Row} row @param {string} wanted */
 const inState = (row, wanted) => wanted === "all"
-  || (wanted === "disputed" && row[DISPUTED] !== null)
-  || (wanted === "review" ? row[STATE] !== "unused" : stateName(row) === wanted);
+  || (wanted === "disputed" ? row[DISPUTED] !== null : stateName(row) === wanted);
 
 /** @param {Row} row */
 const stateName = (row) => (row[STATE] === "auto" ? "open" : row[STATE]);
@@ -161,7 +161,6 @@ export function sifted(rows, order, filter) {
     if (!ofKind(row, filter)) return false;
     counts.all += 1;
     counts[stateName(row)] += 1;
-    if (row[STATE] !== "unused") counts.review += 1;
     if (row[DISPUTED] !== null) counts.disputed += 1;
     return inState(row, filter.state);
   });
@@ -224,8 +223,15 @@ function showPlace({ current, shown, counts, filter }) {
   byId("queue-place").classList.toggle("many", marked.size > 0);
   byId("queue-place").textContent = marked.size
     ? word("queue.marked", { count: marked.size }) : word("queue.place", values);
+  const done = DONE.reduce((sum, name) => sum + counts[name], 0);
+  byId("progress").title = byId("progress-said").textContent =
+    word("queue.progress", { left: counts.open, done });
+  byId("progress-done").style.width = `${(100 * done) / Math.max(done + counts.open, 1)}%`;
   const own = `queue.empty.${filter.role}`;
-  byId("queue-empty").textContent = word(start.words[own] && !counts.all ? own : "queue.empty");
+  const name = start.words[own] && !counts.all ? own
+    : filter.state === "open" && done ? "queue.empty.done" : "queue.empty";
+  byId("queue-empty").textContent = word(name);
+  byId("nothing").textContent = word(shown.length ? "compare.none" : name);
   byId("queue-empty").hidden = shown.length > 0;
 }
 

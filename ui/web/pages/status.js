@@ -1,10 +1,7 @@
 // The status line, and the making of orthos.
 import { byId, element, number, shortName, start, stateGlyph, word } from "./words.js";
 
-/** @type {[name: string, look: State][]} */
-const TALLY = [
-  ["used", "accepted"], ["open", "auto"], ["dubious", "dubious"], ["rejected", "rejected"],
-];
+const TALLY = /** @type {State[]} */ (["auto", "accepted", "dubious", "rejected"]);
 const state = { sigma: /** @type {number | null} */ (null) };
 
 /** @param {Status} status */
@@ -19,9 +16,9 @@ export function showStatus(status) {
   byId("mp").title = word("status.mp.tip");
   byId("mp").replaceChildren(...(mp === null ? [word("status.mp.none")]
     : [word("status.mp"), ...change(status.mp_before, mp, "m")]));
-  byId("tally").replaceChildren(...TALLY.map(([name, look]) =>
-    element("span", { class: "part", "data-tally": name },
-      stateGlyph(look, 12), element("b", {}, `${status.counts[name]}`),
+  byId("tally").replaceChildren(...TALLY.map((name) =>
+    element("span", { class: "part", "data-tally": name, title: word(`state.${name}.long`) },
+      stateGlyph(name, 12), element("b", {}, `${status.counts[name]}`),
       element("span", { class: "muted" }, word(`status.${name}`)))));
   byId("drafts").textContent = status.drafts ? word("status.drafts", { count: status.drafts }) : "";
   byId("drafts").title = word("status.drafts.tip");
