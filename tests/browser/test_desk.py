@@ -227,7 +227,7 @@ def test_a_click_in_the_scan_drafts_the_point_there__truth(sit):
     assert page.evaluate("gruber.parts.status.decided") == 0
 
 
-def click_beside(page, right=40, down=-30, **how):
+def click_beside(page, right=140, down=-100, **how):
     """Click in the scan beside its middle."""
     box = page.locator('.pane[data-pane="right"]').bounding_box()
     place = box["x"] + box["width"] / 2 + right, box["y"] + box["height"] / 2 + down
