@@ -40,7 +40,7 @@ from sessions.session import HIDDEN, Session
 from ui.review.compare import DrawnPhoto
 from ui.review.looks import page_palette
 from ui.review.placement import NOWHERE
-from ui.review.tiles import Lattice
+from ui.review.tiles import Lattice, OrthoSource
 from ui.web.access import Access
 from ui.web.front import Front, FrontInputs
 from ui.web.placing import Pair, placing_routes
@@ -245,7 +245,7 @@ def open_placing(
     access = Access(host, lasting_token(project.folder / HIDDEN))
     running = Running(project.file)
     clicking = Clicking(found, running)
-    start = _start(project, lattice, ortho.ground_sample_distance_m)
+    start = _start(project, lattice, ortho)
     doors = FrontInputs(
         access, None, tiles, None, start, page="placing.html", told=clicking.photos,
         routes=placing_routes(clicking), language=language,
@@ -413,17 +413,14 @@ def drawn_unplaced(
     return DrawnPhoto(photo, camera, 1)
 
 
-def _start(project: Project, lattice: Lattice, ortho_pixel_m: float) -> dict[str, Any]:
+def _start(project: Project, lattice: Lattice, ortho: OrthoSource) -> dict[str, Any]:
     """What the page needs once."""
     return {
         "name": project.block.name,
         "edition": secrets.token_urlsafe(6),
         "palette": page_palette(),
         "photos": [],
-        "lattice": {
-            "west": lattice.west, "north": lattice.north,
-            "pixel": lattice.pixel_m, "levels": lattice.levels,
-        },
-        "ortho_pixel": ortho_pixel_m,
+        "lattice": lattice.part(ortho.bounds),
+        "ortho_pixel": ortho.ground_sample_distance_m,
         "command": f"gruber run {project.folder}",
     }  # fmt: skip

@@ -22,7 +22,7 @@ from ui.review.state import DeskState, InitialState, Notice
 
 NAME = re.compile(r"H(\d+)")
 EDGE_MM = 2.0
-"""So near the border of the frame nothing is measured."""
+"""So near the border of the frame nothing is measured where another photo shows the place."""
 SURE, AGREEING_PX = 0.7, 0.3
 """Likeness and agreement of its two ways that make a mark an example for others."""
 SAME_PIXEL = 0.02
@@ -141,9 +141,12 @@ def next_name(state: DeskState, recorded: Sequence[Recorded]) -> str:
 def photos_showing(
     state: DeskState, plane: PlanePoints, dem: HeightSource
 ) -> dict[str, np.ndarray]:
-    """Oriented photos whose frame shows a place (1, 2), with the pixel where they should."""
+    """Oriented photos whose frame shows a place (1, 2), with the pixel where they should.
+
+    Those that show it at the very edge only where no other does.
+    """
     position = np.column_stack([plane, dem.heights(plane)])
-    oriented, found = state.oriented, dict[str, np.ndarray]()
+    oriented, found, at_edge = state.oriented, dict[str, np.ndarray](), dict[str, np.ndarray]()
     if not np.isfinite(position).all():
         return found
     for name, photo in oriented.photos.items():
@@ -151,13 +154,11 @@ def photos_showing(
         pixel = photo.pixel_from_object(position, camera)
         if not photo.oriented or not np.isfinite(pixel).all():
             continue
-        inside = np.abs(photo.interior.film_from_pixel(pixel)[0]) < (
-            np.array(camera.frame_mm) / 2 - EDGE_MM
-        )
+        beyond = np.abs(photo.interior.film_from_pixel(pixel)[0]) - np.array(camera.frame_mm) / 2
         on_scan = np.all((pixel[0] > 0) & (pixel[0] < np.array(photo.size_px)))
-        if inside.all() and on_scan:
-            found[name] = pixel
-    return found
+        if on_scan and beyond.max() < 0:
+            (found if beyond.max() < -EDGE_MM else at_edge)[name] = pixel
+    return found or at_edge
 
 
 def measure_point(

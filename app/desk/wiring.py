@@ -226,10 +226,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "template": desk.template_m,
         "palette": page_palette(),
         "photos": list(desk.block.photos),
-        "lattice": {
-            "west": lattice.west, "north": lattice.north,
-            "pixel": lattice.pixel_m, "levels": lattice.levels,
-        },
+        "lattice": lattice.part(desk.ortho.bounds),
         "results": desk.results is not None,
         "free": desk.choose is not None,
         "ortho_pixel": desk.ortho.ground_sample_distance_m,

@@ -130,6 +130,12 @@ def test_a_digit_gives_the_reason_of_a_rejection__law(sit):
     point = current(page)
     page.keyboard.press("n")
     page.wait_for_selector("#reasons:not([hidden])")
+    for width, height in ((1366, 768), (1600, 1000)):
+        page.set_viewport_size({"width": width, "height": height})
+        panes, asked = (page.locator(name).bounding_box() for name in ("#panes", "#asked"))
+        assert asked["y"] >= panes["y"] + panes["height"] - 0.5
+        assert page.evaluate("(p => p.scrollWidth - p.clientWidth)"
+                             "(document.querySelector('#reasons p'))") <= 1  # fmt: skip
     page.keyboard.press("2")
     page.wait_for_selector("#reasons", state="hidden")
     look_at(page, point)
@@ -260,7 +266,9 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     page.keyboard.press("y")
     page.wait_for_selector("#asked.against")
     said = page.inner_text("#keep p")
-    assert re.fullmatch(r"[\d.]+ sigma .* Moves \S+ by up to [\d.]+ m\. Keep\?", said)
+    assert re.fullmatch(r"[\d.]+ sigma, moves \S+ by [\d.]+ m\. Keep\?", said)
+    assert page.evaluate("(p => p.scrollWidth - p.clientWidth)"
+                         "(document.querySelector('#keep p'))") <= 1  # fmt: skip
     with Session.open(tmp_path, "reader") as session:
         assert session.decisions() == ()
     page.click("#keep button")

@@ -225,6 +225,57 @@ def test_at_1366_by_768_nothing_is_cut_off__law(sit):
     assert box["y"] + box["height"] < 768
 
 
+def test_splitters_fit_every_window_and_go_back_by_a_double_click__law(sit):
+    page = sit(scene=False)
+    usual = page.locator("#compare").bounding_box()["width"]
+    box = page.locator(".split[data-side=right]").bounding_box()
+    page.mouse.move(box["x"] + 2, 500)
+    page.mouse.down()
+    page.mouse.move(300, 500, steps=4)
+    page.mouse.up()
+    assert page.locator("#compare").bounding_box()["width"] > usual + 100
+    for width, height in ((1366, 768), (1100, 768)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.reload()
+        page.wait_for_selector(".row.current")
+        assert page.evaluate(CUT_OFF) == []
+        box = page.locator("#compare").bounding_box()
+        assert box["x"] + box["width"] <= width + 0.5
+    page.set_viewport_size(SIZE)
+    page.locator(".split[data-side=right]").dblclick()
+    assert page.locator("#compare").bounding_box()["width"] == pytest.approx(usual, abs=1)
+
+
+def test_a_toggle_shows_that_it_is_on_under_the_pointer_too__law(sit):
+    page = sit(scene=False)
+    look = "b => getComputedStyle(b).backgroundColor"
+    for name in ('[data-act="wallis"]', '[data-layer="ties"]'):
+        button = page.locator(name)
+        assert button.get_attribute("aria-pressed") == "false"
+        button.hover()
+        off = button.evaluate(look)
+        button.click()
+        page.wait_for_function("n => document.querySelector(n).ariaPressed === 'true'", arg=name)
+        assert button.evaluate(look) != off
+
+
+def test_the_wipe_line_is_dragged_in_the_picture_and_places_nothing__law(sit):
+    page = sit(scene=False)
+    page.click('[data-mode="swipe"]')
+    before = page.evaluate("gruber.compareState().view")
+    box = page.locator('.pane[data-pane="left"]').bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 3
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + box["width"] / 4, y, steps=5)
+    page.mouse.up()
+    assert page.evaluate("gruber.compareState().share") == pytest.approx(0.75, abs=0.02)
+    assert float(page.input_value("#swipe")) == pytest.approx(75, abs=2)
+    page.wait_for_timeout(300)
+    assert page.evaluate("gruber.compareState().view") == before
+    assert page.evaluate("gruber.parts.point.draft") is None
+
+
 @pytest.mark.parametrize("size", [(1600, 1000), (1366, 768)])
 def test_a_czech_browser_reads_czech_and_nothing_is_cut_off__law(chromium, desk, size):
     width, height = size

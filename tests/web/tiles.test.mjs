@@ -60,9 +60,15 @@ globalThis.Image = class {
 const SIZE = [512, 256];
 const LAYER = { pixel: 1, levels: 4, address: (l, c, r) => `/tiles/scan/${l}/${c}/${r}` };
 
+/** Keeps what is drawn, and where it is cut off. */
+const contextFor = (pictures, cuts = []) => ({
+  save() {}, restore() {}, beginPath() {}, clip() {},
+  rect: (...box) => cuts.push(box), drawImage: (...values) => pictures.push(values),
+});
+
 function drawn(frame) {
   const pictures = [];
-  const whole = drawLayer({ drawImage: (...values) => pictures.push(values) }, LAYER, frame, SIZE);
+  const whole = drawLayer(contextFor(pictures), LAYER, frame, SIZE);
   return { pictures, whole };
 }
 
@@ -94,6 +100,31 @@ test("until a tile has come a part of a coarser one stands in its place__truth",
   const [picture, x, y, width, height, left, top] = pictures[0];
   assert.equal(picture, coarse);
   assert.deepEqual([x, y, width, height, left, top], [128, 0, 128, 128, 0, 0]);
+});
+
+test("a photo that moved is drawn where it was until its new tiles have come__law", () => {
+  asked.clear();
+  const frame = { x: 0, y: 0, scale: 2 };
+  const pictures = [];
+  const draw = (version) =>
+    drawLayer(contextFor(pictures), scanLayer("moved", version, false), frame, [100, 100]);
+  draw(1);
+  for (const picture of asked.values()) picture.onload();
+  assert.ok(draw(1));
+  const old = pictures.at(-1)[0];
+  asked.clear();
+  assert.equal(draw(3), false);
+  assert.equal(pictures.at(-1)[0], old);
+  for (const picture of asked.values()) picture.onload();
+  assert.ok(draw(3));
+  assert.notEqual(pictures.at(-1)[0], old);
+});
+
+test("beyond its extent a layer draws nothing__truth", () => {
+  const cuts = [];
+  const layer = { ...LAYER, extent: [300, 200] };
+  drawLayer(contextFor([], cuts), layer, { x: 100, y: 50, scale: 2 }, SIZE);
+  assert.deepEqual(cuts, [[-200, -100, 600, 400]]);
 });
 
 test("a tile of a scan that is not there is drawn no more, and the view is whole__law", () => {

@@ -110,6 +110,14 @@ class Lattice:
         levels = 1 + max(0, int(np.ceil(np.log2(max(extent / (2 * TILE), 1.0)))))
         return Lattice(float(np.floor(west)), float(np.ceil(north)), pixel_m, levels)
 
+    def part(self, bounds: tuple[float, float, float, float]) -> dict[str, float]:
+        """As the pages get it, with how far the ortho's bounds reach from its corner, metres."""
+        _, south, east, _ = bounds
+        return {
+            "west": self.west, "north": self.north, "pixel": self.pixel_m, "levels": self.levels,
+            "width": east - self.west, "height": self.north - south,
+        }  # fmt: skip
+
     def tile(self, level: int, column: int, row: int) -> Grid:
         """The grid of one tile."""
         pixel = self.pixel_m * 2**level

@@ -40,7 +40,7 @@ Serve = Callable[[web.Request], Awaitable[web.StreamResponse]]
 PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}")
 RESULT_CONTENT = {
     ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
-    ".gpkg": "application/geopackage+sqlite3",
+    ".gpkg": "application/geopackage+sqlite3", ".txt": "text/plain", ".xml": "application/xml",
 }  # fmt: skip
 LISTED_FIRST = {".html": 0, ".tif": 1}
 """What is looked for most stands first: the report, then the mosaic."""
@@ -275,13 +275,15 @@ def result_routes(folder: Path | None) -> list[web.RouteDef]:
 
     async def listed(request: web.Request) -> web.StreamResponse:
         found = sorted(
-            _results(folder), key=lambda path: LISTED_FIRST.get(path.suffix, len(LISTED_FIRST))
-        )
-        return web.json_response([[path.name, path.stat().st_size] for path in found])
+            _results(folder).items(),
+            key=lambda item: (
+                "/" in item[0], LISTED_FIRST.get(item[1].suffix, len(LISTED_FIRST)), item[0]
+            ),
+        )  # fmt: skip
+        return web.json_response([[name, path.stat().st_size] for name, path in found])
 
     async def one(request: web.Request) -> web.StreamResponse:
-        name = request.match_info["name"]
-        found = next((path for path in _results(folder) if path.name == name), None)
+        found = _results(folder).get(request.match_info["name"])
         if found is None:
             raise web.HTTPNotFound(text="There is no such result.")
         headers = {"Content-Type": RESULT_CONTENT[found.suffix], "Cache-Control": "no-cache"}
@@ -291,18 +293,21 @@ def result_routes(folder: Path | None) -> list[web.RouteDef]:
             headers["Content-Disposition"] = f'attachment; filename="{found.name}"'
         return web.FileResponse(found, headers=headers)
 
-    return [web.get("/results/", listed), web.get("/results/{name}", one)]
+    return [web.get("/results/", listed), web.get("/results/{name:.+}", one)]
 
 
-def _results(folder: Path) -> list[Path]:
-    """Plain files with a plain name directly in the folder, no links."""
+def _results(folder: Path) -> dict[str, Path]:
+    """Files with a plain name in the folder and in its folders, by name; no links."""
     if not folder.is_dir():
-        return []
-    return sorted(
-        path
-        for path in folder.iterdir()
+        return {}
+    plain = [path for path in folder.iterdir() if PLAIN_NAME.fullmatch(path.name)]
+    plain = [path for path in plain if not path.is_symlink()]
+    within = [path for one in plain if one.is_dir() for path in one.iterdir()]
+    return {
+        path.relative_to(folder).as_posix(): path
+        for path in (*plain, *within)
         if PLAIN_NAME.fullmatch(path.name)
         and path.suffix in RESULT_CONTENT
         and path.is_file()
         and not path.is_symlink()
-    )
+    }

@@ -23,7 +23,10 @@ interface Start {
   palette: Record<"current" | "check" | "predicted" | "peak", string>
     & { states: Record<State, { colour: string; glyph: string }> };
   photos: string[];
-  lattice: { west: number; north: number; pixel: number; levels: number };
+  /** Width and height are those of the ortho, metres from the lattice's corner. */
+  lattice: {
+    west: number; north: number; pixel: number; levels: number; width: number; height: number;
+  };
   ortho_pixel: number;
   /** Half the side of the compared patch, metres; 0 or nothing where none is known. */
   template: number | null;

@@ -1,5 +1,7 @@
 """New points by hand: found where they are, in every scan that shows them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,18 @@ def test_every_scan_that_shows_the_place_is_searched__truth(state):
     measured = {key[1] for key in state.block.measurements if key[0] == "J150"}
     assert measured <= set(shown)
     assert photos_showing(state, place[None] + 1e5, dem) == {}
+
+
+def test_at_the_edge_of_the_only_frame_a_point_is_still_found__law(state):
+    dem, name = tiny_block().land.dem, next(iter(state.oriented.photos))
+    photo, camera = state.oriented.photos[name], state.oriented.camera_of(name)
+    alone = replace(state, block=state.block.with_photos({name: photo}))
+    alone = replace(alone, report=replace(state.report, block=alone.block))
+    # A millimetre from the border: in sight, and refused before.
+    film = np.array([[camera.frame_mm[0] / 2 - 1.0, 0.0]])
+    pixel = photo.interior.pixel_from_film(film)
+    place = photo.object_from_pixel(pixel, np.array([280.0]), camera)[:, :2]
+    assert set(photos_showing(alone, place, dem)) == {name}
 
 
 def test_a_new_point_lies_on_the_peak_of_likeness__truth(state):

@@ -24,6 +24,10 @@ def inputs(tmp_path):
     (results / "report.html").write_text("<p>report</p>")
     (results / "control_points.csv").write_text("point_id")
     (results / "secret.key").write_text("k")
+    (results / "adjustment.txt").write_text("sigma nought")
+    (results / "ortho").mkdir()
+    (results / "ortho" / "a.tif").write_bytes(b"II")
+    (results / "linked").symlink_to(results / "ortho")
     (results / "link.csv").symlink_to("/etc/hostname")
     yield FrontInputs(Access("127.0.0.1", "t" * 32), None, tiles, None, {"name": "kobyli"}, results)
     tiles.close()
@@ -81,14 +85,17 @@ def test_pages_have_their_policy_and_nothing_else_is_served__law(inputs):
 def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs):
     with Visitor(inputs) as visitor:
         listed = json.loads(visitor.get("/results/")[1])
-        assert [name for name, _ in listed] == ["report.html", "control_points.csv"]
+        names = ["report.html", "adjustment.txt", "control_points.csv", "ortho/a.tif"]
+        assert [name for name, _ in listed] == names
+        ortho, _ = visitor.get("/results/ortho/a.tif")
+        assert ortho.headers["Content-Disposition"] == 'attachment; filename="a.tif"'
         report, _ = visitor.get("/results/report.html")
         assert "default-src 'none'" in report.headers["Content-Security-Policy"]
         table, body = visitor.get("/results/control_points.csv")
         assert (body, table.headers["Content-Disposition"].split(";")[0]) == (
             "point_id", "attachment",
         )  # fmt: skip
-        for name in ("secret.key", "link.csv", "..%2Fblock.toml"):
+        for name in ("secret.key", "link.csv", "..%2Fblock.toml", "linked/a.tif"):
             assert visitor.get(f"/results/{name}")[0].status == 404, name
 
 

@@ -65,20 +65,18 @@ function showReasons([name, photo]) {
 }
 
 /** @param {Point} point */
-function showDraft({ key, draft, figures, trial, role }) {
+function showDraft({ key, draft, figures, trial }) {
   const values = {
-    sigma: number(figures.ratio, 1), shift: trial && number(trial.shift, 2),
-    scan: trial && shortName(trial.photo),
+    sigma: number(figures.ratio, (figures.ratio ?? 0) < 10 ? 1 : 0),
+    shift: trial && number(trial.shift, 2), scan: trial && shortName(trial.photo),
   };
-  const asking = draft?.asking;
-  const said = [word(asking ? "draft.against" : "draft", values)];
-  if (trial) said.push(word("draft.moves", values));
-  else if (role === "check") said.push(word("draft.check"));
-  if (asking) said.push(word("draft.ask"));
+  const [plain, moved] = draft?.asking ? ["draft.against", "draft.against.moved"]
+    : ["draft", "draft.moved"];
+  const said = word(trial ? moved : plain, values);
   const act = (/** @type {string} */ name, /** @type {string} */ cap,
     /** @type {() => void} */ onclick) =>
     element("button", { class: "small", onclick }, word(name), element("kbd", {}, cap));
-  byId("keep").replaceChildren(element("p", { title: said.join(" ") }, said.join(" ")),
+  byId("keep").replaceChildren(element("p", { title: said }, said),
     act("draft.keep", "Y", () => send({ kind: "judge", key, verdict: "accept" })),
     act("draft.drop", "Esc", dropDraft));
 }

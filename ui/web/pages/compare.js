@@ -1,5 +1,5 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
-import { all, byId, number, shortName, start, word } from "./words.js";
+import { all, byId, number, shortName, start, turn, word } from "./words.js";
 import { drawLikeness } from "./likeness.js";
 import { cleared, crosshair, expectedMark, halo, line, measuredMark, text } from "./overlay.js";
 import {
@@ -16,6 +16,7 @@ import { send } from "./wire.js";
 
 /** @type {("mode" | "share" | "contrast" | "wallis" | "raw" | "marks")[]} */
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
+const WIPE_PX = 8; // design: wide enough for a hand, narrow beside what is looked at
 const state = {
   look: {
     mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false,
@@ -25,6 +26,8 @@ const state = {
   view: new View(),
   panes: /** @type {Pane[]} */ ([]),
   cursor: /** @type {Place | null} */ (null),
+  /** True while the line between two pictures is dragged. */
+  wiping: false,
   dragged: /** @type {Place | null} */ (null),
   /** Where the hand put the mark before the desk answers: raw pixels or ground, as is shown. */
   nudged: /** @type {Pair | null} */ (null),
@@ -156,7 +159,7 @@ function setMode(mode) {
   byId("panes").dataset.mode = mode;
   byId("swipe").hidden = mode === "side";
   for (const button of all("button", byId("modes"))) {
-    button.classList.toggle("on", button.dataset.mode === mode);
+    turn(button, button.dataset.mode === mode);
   }
   redraw();
 }
@@ -180,7 +183,7 @@ function drawAll() {
   const { look, point, panes } = state;
   for (const name of /** @type {Switch[]} */ (["wallis", "raw", "likeness", "marks", "adding"])) {
     const act = name === "adding" ? "add" : name;
-    for (const button of all(`[data-act=${act}]`)) button.classList.toggle("on", look[name]);
+    for (const button of all(`[data-act=${act}]`)) turn(button, look[name]);
   }
   byId("adding").hidden = !look.adding;
   byId("panes").classList.toggle("adding", look.adding);
@@ -304,7 +307,10 @@ function drawMarks(pane, point) {
   const kind = contentOf(pane);
   const [context, width, height] = cleared(pane.marks);
   const edge = width * look.share;
-  if (kind === "swipe") line(context, [edge, 0], [edge, height], "#ffffffa0", 1);
+  if (kind === "swipe") {
+    line(context, [edge, 0], [edge, height], "#ffffffa0", 1);
+    halo(context, "#ffffff", 2, () => context.roundRect(edge - 3, height / 2 - 14, 6, 28, 3));
+  }
   if (look.marks) {
     drawPatch(context, pane, point);
     if (kind !== "scan") surveyedMark(context, onScreen(pane, point, point.marks.surveyed), point);
@@ -391,7 +397,8 @@ function scaleBar(context, [width, height], pixel) {
     context.lineTo(right, bottom);
     context.lineTo(right, bottom - 4);
   });
-  const words = `${metres} m  \u00b7  ${number(scale * pixel, 1)}\u00d7`;
+  const times = scale * pixel;
+  const words = `${metres} m  \u00b7  ${number(times, times < 0.1 ? 3 : 1)}\u00d7`;
   context.font = "11px sans-serif";
   const from = Math.min(left, right - context.measureText(words).width);
   text(context, words, [from, bottom - 8], "#ffffff");
@@ -443,11 +450,15 @@ const HAND = {
   },
   grips: (pane, [x, y]) => {
     const { look, point } = state;
+    state.wiping = onWipe(pane, x);
+    if (state.wiping) return true;
     if (!point || !look.marks || look.adding || !takesPlace(pane, [x, y])) return false;
     const mark = draftOn(pane, point) ?? measuredOn(pane, point);
     return Math.hypot(mark[0] - x, mark[1] - y) < 8;
   },
   drag: (pane, screen) => {
+    if (state.wiping && screen) return wipe(screen[0] / pane.size[0]);
+    state.wiping = false;
     state.dragged = screen && placeAt(pane, screen);
   },
   drop: (pane) => {
@@ -459,6 +470,20 @@ const HAND = {
   },
   point: (pane, screen) => {
     state.cursor = screen && placeAt(pane, screen);
+    const wipes = state.wiping || (screen !== null && onWipe(pane, screen[0]));
+    pane.room.classList.toggle("wipes", wipes);
     redraw();
   },
 };
+
+/** True on the line between the two pictures. @param {Pane} pane @param {number} x */
+const onWipe = (pane, x) => contentOf(pane) === "swipe"
+  && Math.abs(x - pane.size[0] * state.look.share) < WIPE_PX;
+
+/** @param {number} share */
+function wipe(share) {
+  state.look.share = Math.min(Math.max(share, 0), 1);
+  byId("swipe").value = `${100 * state.look.share}`;
+  redraw();
+}
+

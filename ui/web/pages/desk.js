@@ -1,6 +1,7 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import {
-  all, byId, element, fillWords, first, focused, learnNames, number, start, stateGlyph, tip, word,
+  all, byId, element, fillWords, first, focused, learnNames, number, start, stateGlyph, tip, turn,
+  word,
 } from "./words.js";
 import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
@@ -227,9 +228,9 @@ const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
 function setUpScene() {
   for (const layer of LAYERS) {
     const name = word(`layer.${layer}`);
-    const turn = () => send({ kind: "layer", layer, shown: !state.parts.scene?.layers[layer] });
+    const onclick = () => send({ kind: "layer", layer, shown: !state.parts.scene?.layers[layer] });
     const title = word("layer.tip", { name });
-    byId("layers").append(element("button", { "data-layer": layer, title, onclick: turn }, name));
+    byId("layers").append(element("button", { "data-layer": layer, title, onclick }, name));
   }
   // Twice as far for every six steps: one slider serves both tenths of metres and of pixels.
   slider().addEventListener("input", () => {
@@ -253,7 +254,7 @@ function openScene(patience = 40) {
 /** @param {SceneSwitches} scene */
 function showScene({ layers, scale }) {
   for (const button of all("button", byId("layers"))) {
-    button.classList.toggle("on", layers[button.dataset.layer ?? ""]);
+    turn(button, layers[button.dataset.layer ?? ""]);
   }
   const steps = scale ? Math.round(6 * Math.log2(scale)) : 0;
   if (focused() !== slider()) slider().value = `${steps}`;
@@ -335,13 +336,16 @@ function tell({ text: name, values, grave }) {
   setTimeout(() => box.remove(), grave ? GRAVE_MS : NOTICE_MS);
 }
 
+/** Widths are shares of the window, so that they fit another one as well. */
 function setUpSplits() {
   const root = document.documentElement.style;
   for (const side of ["left", "right"]) {
-    const [name, variable] = [`gruber.${side}`, `--${side}`];
+    const [name, variable] = [`gruber.share.${side}`, `--${side}`];
+    const take = (/** @type {number} */ share) => root.setProperty(variable, `${share}vw`);
     const kept = Number(localStorage.getItem(name));
-    if (kept) root.setProperty(variable, `${kept}px`);
+    if (kept) take(kept);
     const split = first(`.split[data-side=${side}]`);
+    split.title = word("split.tip");
     split.addEventListener("pointerdown", (event) => {
       split.setPointerCapture(event.pointerId);
       split.classList.add("moving");
@@ -349,11 +353,10 @@ function setUpSplits() {
     });
     split.addEventListener("pointermove", (event) => {
       if (!split.hasPointerCapture(event.pointerId)) return;
-      const isLeft = side === "left";
-      const width = isLeft ? event.clientX : window.innerWidth - event.clientX;
-      const fits = Math.min(Math.max(width, isLeft ? 260 : 420), window.innerWidth * 0.6);
-      root.setProperty(variable, `${fits}px`);
-      localStorage.setItem(name, `${fits}`);
+      const at = (100 * event.clientX) / window.innerWidth;
+      const [least, share] = side === "left" ? [15, at] : [30, 100 - at];
+      take(Math.min(Math.max(share, least), 70));
+      localStorage.setItem(name, parseFloat(root.getPropertyValue(variable)).toFixed(2));
     });
     split.addEventListener("pointerup", () => {
       split.classList.remove("moving");

@@ -72,8 +72,8 @@ function choose(scan) {
     const { east, north, pixel } = scan.known;
     views.ortho.show(layerFromGround([east, north]), views.scan.scale / pixel / 1.5);
   } else if (!views.ortho.scale) {
-    const extent = 2 ** (start.lattice.levels - 1) * start.lattice.pixel * 512;
-    views.ortho.fit([0, 0], [extent, extent], panes.ortho.size);
+    const { width, height } = start.lattice;
+    views.ortho.fit([0, 0], [width, height], panes.ortho.size, 0.97);
   }
   judge();
   show();

@@ -1,6 +1,7 @@
 // The queue: a virtual table; only the rows in sight exist.
 import {
-  byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, word,
+  byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, turn,
+  word,
 } from "./words.js";
 import { send } from "./wire.js";
 
@@ -201,7 +202,7 @@ function showSieve({ counts, filter, sort: by }, kinds) {
   }
   for (const chip of /** @type {Iterable<HTMLElement>} */ (byId("chips").children)) {
     const name = chip.dataset.state ?? "";
-    chip.classList.toggle("on", name === filter.state);
+    turn(chip, name === filter.state);
     chip.lastElementChild?.replaceChildren(`${counts[name]}`);
   }
   byId("sieve-photo").value = filter.photo;

@@ -17,21 +17,35 @@ async function open() {
   const answer = await fetch("/results/");
   /** @type {[name: string, bytes: number][]} */
   const files = answer.ok ? await answer.json() : [];
-  const lines = files.map(([name, bytes]) => element("li", {}, link(name),
-    element("span", { class: "muted" }, size(bytes))));
+  const folders = [...new Set(files.map(([name]) => folderOf(name)))];
   byId("results").replaceChildren(
     element("h2", {}, word("results")), element("p", {}, word("results.long")),
-    files.length ? element("ul", {}, ...lines) : element("p", {}, word("results.none")),
+    ...folders.map((folder) => {
+      const lines = files.filter(([name]) => folderOf(name) === folder).map(line);
+      const list = element("ul", {}, ...lines);
+      const said = `${folder}/ (${lines.length})`;
+      return folder ? element("details", {}, element("summary", {}, said), list) : list;
+    }),
+    files.length ? "" : element("p", {}, word("results.none")),
     element("button", { onclick: () => byId("results").close() }, word("act.close")));
   byId("results").showModal();
 }
 
 /** @param {string} name */
+const folderOf = (name) => (name.includes("/") ? name.split("/")[0] : "");
+
+/** @param {[name: string, bytes: number]} file */
+const line = ([name, bytes]) => element("li", {}, link(name),
+  element("span", { class: "muted" }, size(bytes)));
+
+/** @param {string} name */
 function link(name) {
   const page = name.endsWith(".html");
-  const how = page ? { target: "_blank" } : { download: name };
-  const text = page ? word("results.report", { name }) : name;
-  return element("a", { href: `/results/${encodeURIComponent(name)}`, ...how }, text);
+  const plain = name.split("/").at(-1) ?? name;
+  const how = page ? { target: "_blank" } : { download: plain };
+  const text = page ? word("results.report", { name }) : plain;
+  const href = `/results/${name.split("/").map(encodeURIComponent).join("/")}`;
+  return element("a", { href, ...how }, text);
 }
 
 /** @param {number} bytes */

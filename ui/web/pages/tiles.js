@@ -7,12 +7,15 @@ import { start } from "./words.js";
  * @typedef {object} Layer
  * @property {(level: number, column: number, row: number) => string} address
  * @property {number} levels @property {number} pixel
+ * @property {Pair} [extent] beyond it there is nothing, in the layer's unit
+ * @property {Layer | null} [older] as the same was drawn before: better than nothing for a while
  */
 
 const SIDE = 256;
 const KEPT = 600; // design: pictures of a few screens, some 150 MB at most
 const TRIES = 40; // design: gives up after twenty seconds
 const AGAIN_MS = 500;
+const OLDER = 3; // design: moves of a photo within the second that its new tiles take
 const state = {
   images: /** @type {Map<string, Picture>} */ (new Map()),
   waiting: /** @type {Set<() => void>} */ (new Set()),
@@ -79,6 +82,14 @@ export function drawLayer(context, layer, frame, size) {
   const at = (/** @type {number} */ value, /** @type {number} */ corner) =>
     Math.round((value - corner) * frame.scale);
   let whole = true;
+  context.save();
+  if (layer.extent) {
+    const [right, bottom] = layer.extent;
+    context.beginPath();
+    context.rect(-frame.x * frame.scale, -frame.y * frame.scale,
+      right * frame.scale, bottom * frame.scale);
+    context.clip();
+  }
   // Tiles on whole pixels of the screen leave no seams. Where one measures, a tile lies exactly
   // where it belongs as well, over that.
   const exact = frame.scale * layer.pixel >= 3;
@@ -95,6 +106,7 @@ export function drawLayer(context, layer, frame, size) {
       }
     }
   }
+  context.restore();
   return whole;
 }
 
@@ -122,12 +134,25 @@ export function fetchAhead(layer, frame, size) {
   }
 }
 
+/**
+ * The tile as it was drawn before, where it is still there.
+ * @param {Layer} layer @param {number[]} tile
+ */
+function olderTile(layer, [level, column, row]) {
+  for (let { older } = layer; older; { older } = older) {
+    const known = state.images.get(older.address(level, column, row));
+    if (known?.ready) return known;
+  }
+  return null;
+}
+
 /** @param {Context} context @param {Layer} layer @param {number[]} tile @param {number[]} box */
 function drawTile(context, layer, [level, column, row], [left, top, width, height]) {
   const tile = image(layer.address(level, column, row));
-  if (tile.ready) {
-    context.drawImage(tile, left, top, width, height);
-    return true;
+  const there = tile.ready ? tile : olderTile(layer, [level, column, row]);
+  if (there) {
+    context.drawImage(there, left, top, width, height);
+    return there === tile;
   }
   for (let up = 1; up <= 4 && level + up < layer.levels; up += 1) {
     const part = 2 ** up;
@@ -155,15 +180,21 @@ const query = (/** @type {boolean} */ wallis) => `?e=${start.edition}${wallis ? 
 
 /** @param {boolean} wallis @returns {Layer} */
 export function orthoLayer(wallis) {
-  const { pixel, levels } = start.lattice;
-  return { pixel, levels, address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${query(wallis)}` };
+  const { pixel, levels, width, height } = start.lattice;
+  return { pixel, levels, extent: [width, height],
+    address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${query(wallis)}` };
 }
 
-/** @param {string} photo @param {number} version @param {boolean} wallis @returns {Layer} */
-export function scanLayer(photo, version, wallis) {
+/**
+ * A photo that moved is drawn where it was until it is drawn anew.
+ * @param {string} photo @param {number} version @param {boolean} wallis @returns {Layer}
+ */
+export function scanLayer(photo, version, wallis, back = OLDER) {
   const { pixel, levels } = start.lattice;
   const folder = `/tiles/scan/${encodeURIComponent(photo)}/${version}`;
-  return { pixel, levels, address: (l, c, r) => `${folder}/${l}/${c}/${r}${query(wallis)}` };
+  const older = version > 1 && back > 0 ? scanLayer(photo, version - 1, wallis, back - 1) : null;
+  return { pixel, levels, older,
+    address: (l, c, r) => `${folder}/${l}/${c}/${r}${query(wallis)}` };
 }
 
 /**

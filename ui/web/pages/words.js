@@ -75,6 +75,12 @@ export const first = (selector, within = document) =>
 export const all = (selector, within = document) => [...within.querySelectorAll(selector)]
   .map((found) => /** @type {HTMLElement} */ (found));
 
+/** A toggle shows, and says, whether it is on. @param {HTMLElement} button @param {boolean} on */
+export function turn(button, on) {
+  button.classList.toggle("on", on);
+  button.setAttribute("aria-pressed", `${on}`);
+}
+
 export const focused = () => /** @type {HTMLElement | null} */ (document.activeElement);
 
 const RING = '<circle cx="8" cy="8" fill="none" stroke="C"';

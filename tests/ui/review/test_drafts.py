@@ -1,0 +1,43 @@
+"""Drafts: what a place would be, how it lies to the block, and which are asked about."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sessions.decisions import ChoosePeak, Place
+from tests.ui.desk_block import tiny_block, tiny_snapshot
+from ui.review.drafts import ASKING_SIGMA, by_hand, draft_ratio, is_to_be_asked, with_drafted
+from ui.review.state import DeskState, Draft, Seat
+
+
+@pytest.fixture(scope="module")
+def state() -> DeskState:
+    return tiny_snapshot().state
+
+
+def test_the_further_from_its_expected_place_the_more_sigma__law(state):
+    key = next(k for k in state.block.measurements if k not in tiny_block().blunders)
+    pixel = state.block.measurements[key].pixel[0]
+    drafts = [Draft(key, Place(*key, *map(float, pixel + away))) for away in (0.0, 5.0, 20.0, 80.0)]
+    ratios = [draft_ratio(state, draft) for draft in drafts]
+    assert np.all(np.diff(ratios[1:]) > 0)
+    seat = Seat("seat-1", "anna")
+    asked = [is_to_be_asked(state, seat, draft) for draft in drafts]
+    assert asked == [ratio > ASKING_SIGMA for ratio in ratios]
+    assert asked[-1]
+    assert not is_to_be_asked(state, replace(seat, asking=drafts[-1]), drafts[-1])
+
+
+def test_a_place_by_hand_has_no_score_but_a_peak_and_a_refined_one_have__truth(state):
+    key, measured = next((k, m) for k, m in state.block.measurements.items() if len(m.peaks) > 1)
+    hand = Draft(key, Place(*key, measured.column, measured.row))
+    refined = Draft(key, Place(*key, measured.column + 0.1, measured.row, measured.sigma_px))
+    peak = Draft(key, ChoosePeak(*key, 1))
+    drafted = {
+        draft: with_drafted(state, draft).block.measurements[key] for draft in (hand, refined, peak)
+    }
+    assert [by_hand(one) for one in drafted.values()] == [True, False, False]
+    assert drafted[refined].sigma_px == measured.sigma_px
+    assert drafted[peak].column == measured.peaks[1].column
+    assert state.block.measurements[key] is measured
