@@ -82,9 +82,8 @@ def test_dark_housing_at_the_border_is_left_out__truth(tmp_path: Path) -> None:
     gray[row : row + 200, column : column + 250] = film.margin
     write_gray(tmp_path / "housing.tif", gray.clip(0, 255).astype(np.uint8))
     scan = open_scan(tmp_path / "housing.tif")
-    mask = usable_mask(
-        scan, detect_film_area(scan, CAMERA, film.pixel_mm), film.pixel_mm, reduction=8
-    )
+    area = detect_film_area(scan, CAMERA, film.pixel_mm)
+    mask = usable_mask(scan, area, film.pixel_mm, (), 8)
     inner = mask[(row + 20) // 8 : (row + 180) // 8, (column + 20) // 8 : (column + 230) // 8]
     assert inner.mean() < 0.02
     assert mask[100:, 100:-30].mean() > 0.8
@@ -103,7 +102,7 @@ def test_what_is_written_in_white_is_left_out_and_a_white_field_is_not__truth(
     write_gray(tmp_path / "note.tif", gray)
     scan = open_scan(tmp_path / "note.tif")
     area = detect_film_area(scan, CAMERA, film.pixel_mm)
-    mask = usable_mask(scan, area, film.pixel_mm, reduction=4)
+    mask = usable_mask(scan, area, film.pixel_mm, (), 4)
     written = gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == 250
     masked = ~mask[(note[1] - 90) // 4 : note[1] // 4, note[0] // 4 : (note[0] + 280) // 4]
     shown = written[::4, ::4][: masked.shape[0], : masked.shape[1]]
