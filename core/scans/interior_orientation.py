@@ -85,7 +85,7 @@ class ScanOrientation:
         return self.scan.size_px
 
     def usable(self, reduction: int = MOST_PIXELS) -> Mask:
-        """Which cells of the reduced scan are photograph; see `usable.usable_mask`."""
+        """Which cells of the reduced scan are photograph; see `usable_mask`."""
         marks = [mark.place for mark in self.fiducials]
         return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
 
@@ -110,7 +110,7 @@ def orient_scan(
     Args:
         path: The scan file.
         camera: Camera; its `fiducials_mm` may be empty: marks are then looked for where cameras
-            have them, and their places follow from all photos together (`family`).
+            have them, and their places follow from all photos together (`camera_group`).
         scan_pixel_um: Nominal size of a scan pixel, micrometres.
         by_hand: Fiducials that somebody measured (column, row); nothing is looked for then.
 
