@@ -54,8 +54,6 @@ class FoundRaster:
     """True with a world file or a georeference of its own."""
     north_up: bool
     """True when it is placed and not turned."""
-    pixel_size_m: float
-    """Size of a pixel on the ground, where it is placed."""
     scan_pixel_um: float | None
     """Size of a scan pixel on the film by the resolution the scanner wrote, micrometres."""
 
@@ -187,7 +185,6 @@ def _raster(path: Path) -> FoundRaster:
                 _map_part(raster.crs),
                 placed,
                 placed and not turned and transform.a > 0 > transform.e,
-                float(abs(transform.determinant)) ** 0.5 if placed else 0.0,
                 _scan_pixel_um(raster.tags(), max(raster.width, raster.height)),
             )
 

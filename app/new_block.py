@@ -15,7 +15,7 @@ from app.folder_scan import Findings, FoundLayer, FoundRaster, Kind, find
 from app.project import Georeference
 from core.errors import CrsError, ProjectError
 from core.geometry.crs import parse_crs, short_name
-from sessions.products import whole_file
+from sessions.atomic_write import whole_file
 
 FRAMES_MM = (90.0, 120.0, 180.0, 230.0, 300.0)
 """Sides of the picture of common film cameras."""

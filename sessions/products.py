@@ -16,8 +16,6 @@ from sessions.atomic_write import whole_file, whole_folder
 from sessions.codec import CodecError, canonical, decode, encode, path_to_json
 from sessions.disk import explain_disk_errors
 
-__all__ = ["Products", "digest_of", "whole_file", "whole_folder"]
-
 COMPANIONS = (".tfw", ".jgw", ".pgw", ".wld", ".j2w", ".tifw", ".prj", ".dbf", ".shx", ".points")
 """Suffixes of files beside a file that change what it means."""
 SAMPLE_BYTES = 1 << 16

@@ -68,10 +68,6 @@ class ScanPlaces:
     """Scan columns minus the origin; NaN where the DEM has no height."""
     rows: PixelMap
     """Scan rows minus the origin; NaN likewise."""
-    node_spacing: int
-    """Output pixels between the fine nodes that were used."""
-    error_px: float
-    """Largest difference from exact projection that was seen, scan pixels."""
 
 
 def locate_tile(
@@ -95,7 +91,7 @@ def locate_tile(
         )
         error = max(_largest_error(photo, camera, dem, tile, places), unevenness_px)
         if error <= LIMIT_PX or (spacing == 1 and coarse <= FINEST_COARSE):
-            return ScanPlaces(places.origin, places.columns, places.rows, spacing, error)
+            return places
         spacing, coarse = max(spacing // 2, 1), max(coarse // 2, FINEST_COARSE)
 
 
@@ -155,7 +151,7 @@ def _interpolate(
     lean = np.hypot(bent[1, ..., 0], bent[1, ..., 1]) * middle**2 / half
     steepest = float(np.max(lean, initial=0.0, where=np.isfinite(lean)))
     unevenness = _unevenness(heights) * steepest if spacing > 1 else 0.0
-    return ScanPlaces((int(origin[0]), int(origin[1])), maps[0], maps[1], spacing, 0.0), unevenness
+    return ScanPlaces((int(origin[0]), int(origin[1])), maps[0], maps[1]), unevenness
 
 
 def _project(
