@@ -45,7 +45,7 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.georeference.approximation import Approximation
 from core.georeference.stage import Georeferenced
-from core.localisation.joined_block import WeakControl
+from core.localisation.initial_orientation import WeakControl
 from core.localisation.stage import Localised
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.radiometry import Balance

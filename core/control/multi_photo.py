@@ -7,8 +7,12 @@ and what chance brings about in such means. Where that candidate lies in the pho
 says, so that the rays of a point stay measurements of their own.
 """
 
+import math
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
+from types import TracebackType
 from typing import Any
 
 import cv2
@@ -17,7 +21,6 @@ from jaxtyping import Float32, Float64
 
 from core.arrays import Mask, PixelPoints
 from core.block import Block, Peak
-from core.control.score_map_store import KeptSurfaces
 from core.control.search import (
     CANDIDATES,
     Chance,
@@ -26,6 +29,7 @@ from core.control.search import (
     planned,
     sigma_on_ground_m,
 )
+from core.errors import PhotogrammetryError
 from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.local_search import DULL, MATCH_FLOOR_PX, SEPARATION_PX, predict_pixels
@@ -47,6 +51,61 @@ Elsewhere = Float32[np.ndarray, "other_rows other_columns"]
 """A surface in the frame of another photo."""
 Covered = tuple[ScoreMap, Mask]
 """A surface, and where it is known."""
+
+
+class KeptSurfaces:
+    """The latest surface of every point in every photo; threads may share it.
+
+    Of many photos they are too much for memory: a temporary file holds them in half precision, a
+    hundredth of their spread, and is gone when the work is done or the program ends.
+    """
+
+    def __init__(self) -> None:
+        self.file = tempfile.TemporaryFile(prefix="gruber-surfaces-")  # noqa: SIM115
+        self.lock = Lock()
+        self.slots: dict[tuple[str, str], tuple[int, tuple[int, ...]]] = {}
+        self.end = 0
+
+    def __enter__(self) -> "KeptSurfaces":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.file.close()
+
+    def keep(self, point_id: str, photo_id: str, surface: ScoreMap) -> None:
+        """Lay a surface by; an earlier one of the same point and photo gives way.
+
+        Raises:
+            PhotogrammetryError: The file cannot be written.
+        """
+        content = surface.astype(np.float16).tobytes()
+        with self.lock:
+            start, shape = self.slots.get((point_id, photo_id), (self.end, ()))
+            if shape != surface.shape:
+                start, self.end = self.end, self.end + len(content)
+            self.slots[point_id, photo_id] = start, surface.shape
+            try:
+                self.file.seek(start)
+                self.file.write(content)
+            except OSError as error:
+                raise PhotogrammetryError(
+                    tempfile.gettempdir(),
+                    f"surfaces of likeness cannot be laid by ({error.strerror}).",
+                    "Free some space there, or set TMPDIR to a folder that has it.",
+                ) from error
+
+    def surface(self, point_id: str, photo_id: str) -> ScoreMap:
+        """A surface that was laid by."""
+        start, shape = self.slots[point_id, photo_id]
+        with self.lock:
+            self.file.seek(start)
+            content = self.file.read(2 * math.prod(shape))
+        return np.frombuffer(content, np.float16).reshape(shape).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,13 +18,11 @@ from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
 from core.control.common_shift import common_shift, weighed
 from core.control.datum import lay_on_reference
-from core.control.multi_photo import joint_searches
+from core.control.multi_photo import KeptSurfaces, joint_searches
 from core.control.proposals import borne_out, judged, with_proposals
-from core.control.score_map_store import KeptSurfaces
 from core.control.search import Search, search_points
 from core.doubts import Doubt, Failure
-from core.localisation.initial_orientation import Site
-from core.localisation.joined_block import join_photos
+from core.localisation.initial_orientation import Site, join_photos
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto

@@ -6,16 +6,18 @@ from itertools import combinations
 
 import numpy as np
 
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
 from core.arrays import Indices, ObjectPoints, PixelPoints, locked
-from core.block import Block, ExteriorPrior, Photo, Source
+from core.block import Block, ExteriorPrior, Measurement, Photo, Source, SurveyedPoint
 from core.doubts import Doubt, Failure
 from core.errors import OrientationError
 from core.geometry.consensus import Candidates, ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, resect_photo
 from core.geometry.transforms import fit_similarity, rotation_and_scale
+from core.localisation.block_placement import prior_covariance
 from core.localisation.photo_orientation import OrientedPhoto
-from core.localisation.photo_placement import prior_covariance
 from core.matching.patches import object_on_ground
 from core.matching.reference import Reference
 from core.raster.scan_file import ScanFile
@@ -33,6 +35,30 @@ TILT_SIGMA = float(np.radians(4.0))
 # design: two neighbours that stand by themselves are off by some pixels each.
 CARRIED_SIGMA_PX = 6.0
 """How well a tie point on the reference heights is known in the photo it carries, scan pixels."""
+
+
+# design: crowns lean and shadows turn together by this much, so that single photos may be wrong
+# together; they must not bend the block.
+WEAK_M = 6.0
+"""Standard deviation of what single photos agree on while ties bring them together, metres."""
+# design: peaks of a first pass are broader than those of control, and shared errors hide in them.
+WEAK_SCALE = 2.0
+"""Their measurements count with so many times the standard deviation that their peaks have."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeakControl:
+    """Points that single photos agreed on."""
+
+    surveyed: Mapping[str, SurveyedPoint]
+    """The points by name."""
+    measurements: tuple[Measurement, ...]
+    """Where the photos show them."""
+
+    @staticmethod
+    def none() -> "WeakControl":
+        """No such points."""
+        return WeakControl({}, ())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,3 +263,49 @@ def tie_candidates(pixels: PixelPoints, photo: Photo) -> Candidates:
         np.ones(count),
         np.full(count, 1.0 / area),
     )
+
+
+def weak_control(
+    block: Block,
+    oriented: Mapping[str, OrientedPhoto | Failure],
+    points: ReferencePoints,
+    sources: Mapping[str, Source],
+) -> WeakControl:
+    """What the photos that stand by themselves agreed on.
+
+    Args:
+        block: The block; photos that do not stand have no say.
+        oriented: What each photo found by itself.
+        points: The reference points, in the order in which `oriented` counts them.
+        sources: Where each comes from.
+    """
+    measurements = tuple(
+        Measurement(points.ids[point], photo_id, peak.column, peak.row, WEAK_SCALE * peak.sigma_px)
+        for photo_id, result in oriented.items()
+        if isinstance(result, OrientedPhoto) and block.photos[photo_id].oriented
+        for point, peak in zip(result.agreeing.tolist(), result.agreed, strict=True)
+    )
+    rows = {name: row for row, name in enumerate(points.ids)}
+    surveyed = {
+        name: SurveyedPoint(
+            name, points.positions[rows[name]], np.full(3, WEAK_M), "control", sources[name]
+        )
+        for name in sorted({value.point_id for value in measurements})
+    }
+    return WeakControl(surveyed, measurements)
+
+
+def join_photos(block: Block, weak: WeakControl, options: AdjustmentOptions) -> Block:
+    """Adjust by the ties with weak control.
+
+    Without ties, or where the adjustment does not converge, the photos stay as they are.
+    """
+    if block.ties.count < MIN_TIES:
+        return block
+    first = replace(
+        block,
+        surveyed=weak.surveyed,
+        measurements={value.key: value for value in weak.measurements},
+    )
+    report = adjust_block(first, replace(options, robust=False))
+    return block.with_photos(report.block.photos) if report.converged else block

@@ -11,8 +11,7 @@ from core.doubts import Failure
 from core.geometry.consensus import ConsensusOptions
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, Resection, resect_photo
-from core.localisation.block_placement import NARROW, WIDE, PlacementOptions, place_photo
-from core.localisation.photo_placement import Placement
+from core.localisation.block_placement import NARROW, WIDE, Placement, PlacementOptions, place_photo
 from core.matching.local_search import (
     MATCH_FLOOR_PX,
     Found,

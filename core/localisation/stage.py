@@ -13,10 +13,16 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.block import Block, Photo, position_sigma_m
 from core.doubts import Doubt, Failure
 from core.georeference.stage import Georeferenced
-from core.localisation.block_placement import PlacedBlock, PlacementOptions, place_block
+from core.localisation.block_placement import PlacedBlock, Placement, PlacementOptions, place_block
 from core.localisation.free_block import free_blocks
-from core.localisation.initial_orientation import Site, carry_the_rest, stand_up
-from core.localisation.joined_block import WeakControl, join_photos, weak_control
+from core.localisation.initial_orientation import (
+    Site,
+    WeakControl,
+    carry_the_rest,
+    join_photos,
+    stand_up,
+    weak_control,
+)
 from core.localisation.loose_prior import free_from_archive
 from core.localisation.photo_orientation import (
     OrientationOptions,
@@ -24,14 +30,13 @@ from core.localisation.photo_orientation import (
     orient_photo,
     orient_placed_photo,
 )
-from core.localisation.photo_placement import Placement
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferenceFeatures, ReferencePoints
 from core.ties.features import Features
-from core.ties.tie_points import TieOptions, detect_block_features, match_roughly
+from core.ties.stage import TieOptions, detect_block_features, match_roughly
 
 # design: only saves time; a hypothesis this sure is never beaten by another of the same photo.
 BEYOND_DOUBT = 25.0

@@ -18,7 +18,7 @@ from core.control.stage import ControlFound
 from core.doubts import Doubt
 from core.errors import Cancelled, OrientationError, StorageError
 from core.georeference.stage import Georeferenced
-from core.localisation.joined_block import WeakControl
+from core.localisation.initial_orientation import WeakControl
 from core.localisation.stage import Localised
 from core.pipeline import STAGES, Stage
 from core.progress import Progress, Silent

@@ -29,7 +29,7 @@ from core.raster.scan_file import open_scan
 from core.ties.features import FeatureOptions, detect_features
 from core.ties.matches import VerifiedMatches
 from core.ties.pair_search import match_pairs
-from core.ties.tie_points import TieOptions, detect_block_features, match_block_features
+from core.ties.stage import TieOptions, detect_block_features, match_block_features
 
 HOME = Path(__file__).resolve().parents[2]
 FASTER = 3.0

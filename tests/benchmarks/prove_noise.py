@@ -18,12 +18,12 @@ import numpy as np
 from core.control.proposals import judged
 from core.control.search import search_points
 from core.control.stage import ControlStageOptions
+from core.localisation.block_placement import Placement, prior_covariance
 from core.localisation.photo_orientation import (
     OrientationOptions,
     OrientedPhoto,
     orient_placed_photo,
 )
-from core.localisation.photo_placement import Placement, prior_covariance
 from core.matching.global_search import Turn
 from core.matching.patches import OpenPhoto
 from tests.benchmarks.control_blocks import Case, plans, prepared

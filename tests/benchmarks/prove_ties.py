@@ -21,7 +21,6 @@ from core.block import Block, TiePoints, ground_of
 from core.synthetic.options import Size, SyntheticOptions
 from core.ties.chains import rays_per_point, with_rays
 from core.ties.thinning import GRUBER_SIDE, frame_cells
-from core.ties.tie_points import match_ties
 from core.ties.tie_report import PairReport, connected_parts
 from tests.benchmarks.tie_blocks import (
     TieCase,
@@ -33,6 +32,7 @@ from tests.benchmarks.tie_blocks import (
     with_control,
     wrong_points,
 )
+from tests.core.ties.judging import match_ties
 
 MOST_WRONG = 0.01
 LEAST_AREAS = 6

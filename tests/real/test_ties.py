@@ -6,8 +6,7 @@ import pytest
 from core.block import ground_of
 from core.ties.chains import rays_per_point
 from core.ties.thinning import frame_cells
-from core.ties.tie_points import match_ties
-from tests.core.ties.judging import intersected, sigma_nought
+from tests.core.ties.judging import intersected, match_ties, sigma_nought
 from tests.core.ties.ngi import ngi_block
 from tests.core.ties.vovcha import true_block, vovcha_block
 

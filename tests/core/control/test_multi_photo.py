@@ -8,13 +8,13 @@ import pytest
 
 from core.control.multi_photo import (
     APART_PX,
+    KeptSurfaces,
     Sight,
     joint_searches,
     moves_of,
     resampled,
     seen_together,
 )
-from core.control.score_map_store import KeptSurfaces
 from core.control.search import Chance, Search, decoys_outside
 from core.control.stage import ControlStageOptions, search_photos
 from core.localisation.initial_orientation import Site

@@ -8,7 +8,7 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.control.score_map_store import KeptSurfaces
+from core.control.multi_photo import KeptSurfaces
 from core.control.stage import (
     ControlStageOptions,
     adjusted_without_gross,

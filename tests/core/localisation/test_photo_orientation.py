@@ -17,7 +17,7 @@ from core.localisation.photo_orientation import (
     widened,
 )
 from core.reference.stage import ReferencePoints
-from tests.core.localisation.test_photo_placement import astray_m, displaced
+from tests.core.localisation.test_block_placement import astray_m, displaced
 
 QUICK = OrientationOptions(placements=(NARROW,))
 

@@ -3,7 +3,19 @@
 import numpy as np
 
 from core.block import Block, TiePoints
+from core.progress import Silent
 from core.ties.matches import rays_of
+from core.ties.stage import TieOptions, detect_block_features, match_block_features
+
+
+def match_ties(block: Block, rng, options=None, usable=None):
+    """Tie points of all photos of a block where they lie, reports of its pairs, and doubts.
+
+    `usable` says by photo where features may lie; else the camera's picture area.
+    """
+    options = options or TieOptions()
+    features = detect_block_features(block, options, Silent(), usable or {})
+    return match_block_features(block, features, options, Silent(), rng)
 
 
 def intersected(block: Block, ties: TiePoints) -> tuple[np.ndarray, np.ndarray]:

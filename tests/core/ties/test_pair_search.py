@@ -10,7 +10,7 @@ from core.block import Block, ExteriorPrior, Photo, footprint, ground_of
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
-from core.ties.pairs import find_pairs, within
+from core.ties.pair_search import find_pairs, within
 
 NONE = np.zeros((0, 2))
 MATRIX = np.array([[0.1, 0.0, -100.0], [0.0, -0.1, 100.0]])

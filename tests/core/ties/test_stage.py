@@ -8,8 +8,8 @@ import pytest
 
 from core.ties.chains import common_rays, rays_per_point
 from core.ties.features import FeatureOptions
-from core.ties.tie_points import TieOptions, match_ties
-from tests.core.ties.judging import intersected, sigma_nought
+from core.ties.stage import TieOptions
+from tests.core.ties.judging import intersected, match_ties, sigma_nought
 from tests.core.ties.rendered import rendered_block, terrain, write
 
 rng = np.random.default_rng
