@@ -29,6 +29,7 @@ from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
+from core.quality.rules import human_findings
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput, StageResults
@@ -96,6 +97,10 @@ class Run:
         page = str(self.session.results / PAGE)
         for line in remarks(self.results.set_aside, self.results.doubts, page):
             self.voice.say(line)
+        report = self.results.adjustment
+        for finding in [] if report is None else human_findings(report):
+            if finding.grave:
+                self.voice.say(finding.sentence)
 
     def names_in_turn(self) -> Iterator[str]:
         """The stages in the order they are walked; the repeated ones until control is final."""

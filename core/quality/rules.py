@@ -136,7 +136,7 @@ SENTENCES = {
     "{value} m on the ground with the reference's own error: more than {limit} m.",
 }
 """What each finding says."""
-CLASSES = {
+CLASSES: Mapping[str, str] = {
     "tie": "tie points in the photos",
     "control_image": "control points in the photos",
     "control_plan": "control points in plan",
@@ -175,7 +175,7 @@ def judge_block(
         holes: Holes inside its mosaic, largest first; None where there is no mosaic yet.
     """
     findings = [
-        *_human_findings(report),
+        *human_findings(report),
         *_adjustment_findings(report),
         *_control_findings(found, report),
         *_tie_findings(found),
@@ -266,14 +266,12 @@ def check_release(
     return Release(relative, predicted, worst_m, worst, limit, tuple(reasons))
 
 
-def _limit_m(block: Block) -> float:
-    """Position error on the ground up to which this block is released, metres."""
-    pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
-    return max(LIMIT_M, LIMIT_PX * float(np.median(pixels))) if pixels else LIMIT_M
+def human_findings(report: AdjustmentReport) -> list[Finding]:
+    """Where a human and the block disagree, worst first.
 
-
-def _human_findings(report: AdjustmentReport) -> list[Finding]:
-    """Where a human and the block disagree, worst first."""
+    Args:
+        report: The adjustment.
+    """
     against, limit = report.contradictions, _limit_m(report.block)
     if not against:
         items = report.block.measurements.values()
@@ -287,6 +285,12 @@ def _human_findings(report: AdjustmentReport) -> list[Finding]:
         told = {"count": str(len(rest)), "metres": f"{max(rest):.1f}"}
         findings.append(Finding("contradicted-more", DOUBTFUL, told))
     return findings
+
+
+def _limit_m(block: Block) -> float:
+    """Position error on the ground up to which this block is released, metres."""
+    pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
+    return max(LIMIT_M, LIMIT_PX * float(np.median(pixels))) if pixels else LIMIT_M
 
 
 def _contradiction(one: Contradiction, block: Block, limit_m: float) -> Finding:
@@ -320,7 +324,8 @@ def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
         if redundancy < 3 or squares <= stats.chi2.ppf(0.999, redundancy):
             continue
         if figures.sigma_ratio >= LARGER:
-            told = {"worst": CLASSES[name], "ratio": f"{figures.sigma_ratio:.1f}"}
+            ratio = f"{figures.sigma_ratio:.1f}"
+            told = {"worst": CLASSES[name], "ratio": ratio, "class": name}
             findings.append(Finding("class-large", DOUBTFUL, told))
     return findings
 

@@ -142,6 +142,40 @@ def test_what_was_made_before_a_stop_is_kept__law(kitchen, monkeypatch, error):
     assert kitchen.walk() == ["georeference"]
 
 
+def test_a_report_without_a_walk_tells_digests_and_times_of_the_last_one__truth(
+    kitchen, monkeypatch
+):
+    """After orthos were made again at the desk the report had lost them."""
+    monkeypatch.setattr(app.run, "write_all", lambda *_: None)
+    monkeypatch.setattr(Run, "content", lambda walk: None)
+    monkeypatch.setattr(Run, "dem", lambda walk: None)
+    kitchen.walk()
+    with Session.open(kitchen.folder, "cook") as session:
+        walk = Run(kitchen.project, session, Listener(), RunOptions())
+        walk.seconds, walk.digests = {"scans": 3.0, "ties": 8.5}, {"scans": "3f9a"}
+        walk.report(Silent())
+        later = Run(kitchen.project, session, Listener(), RunOptions())
+        report = adjust_block(fly(FlightPlan(ties=40, control=6), np.random.default_rng(0)).block)
+        later.stand_in(report, None, {})
+        assert later.seconds == walk.seconds
+        assert later.digests == walk.digests
+        walk.threads.close()
+        later.threads.close()
+
+
+def test_a_run_ends_with_what_the_block_contradicts__truth(kitchen):
+    block = fly(FlightPlan(ties=200, control=20), np.random.default_rng(1)).block
+    key = next(key for key in block.measurements if block.surveyed[key[0]].role == "control")
+    item = block.measurements[key]
+    wrong = replace(item, column=item.column + 60, sigma_px=0.5, status="accepted")
+    listener = Listener()
+    with Session.open(kitchen.folder, "cook") as session:
+        walk = Run(kitchen.project, session, listener, RunOptions(None, "georeference"))
+        walk.results = StageResults(adjustment=adjust_block(block.with_measurement(wrong)))
+        walk.walk()
+    assert listener.lines[-1].startswith(f"{key[0]} in {key[1]} was accepted by hand")
+
+
 def test_only_one_walks_at_a_time__law(kitchen):
     with (
         Session.open(kitchen.folder, "first") as session,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from core.quality.rules import SENTENCES
+from core.quality.rules import CLASSES, SENTENCES
 
 FOLDER = Path(__file__).parent
 LANGUAGES: tuple[str, ...] = ("en", "cs")
@@ -27,7 +27,8 @@ def words(language: str = LANGUAGES[0]) -> Mapping[str, str]:
     table = tomllib.loads((FOLDER / f"{language}.toml").read_text(encoding="utf-8"))
     # The English sentences of a verdict belong to the rules: the report prints them too.
     verdict = {f"verdict.{kind}": text for kind, text in SENTENCES.items()}
-    return {**verdict, **table}
+    classes = {f"class.{name}": text for name, text in CLASSES.items()}
+    return {**verdict, **classes, **table}
 
 
 def preferred_language(accepted: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.run import STAGE_NAMES
-from core.quality.rules import SENTENCES
+from core.quality.rules import CLASSES, SENTENCES
 from ui.words.catalogue import KEYS, LANGUAGES, preferred_language, words
 
 HOME = Path(__file__).resolve().parents[3]
@@ -52,9 +52,10 @@ def sentences() -> Iterator[tuple[str, str, str]]:
 @pytest.mark.parametrize("language", LANGUAGES[1:])
 def test_every_language_has_the_same_keys__law(language: str) -> None:
     # A sentence without a translation would be English in a Czech page: words() adds it.
-    table = set(words(language)) - {f"verdict.{kind}" for kind in SENTENCES}
-    assert table == set(words()) - {f"verdict.{kind}" for kind in SENTENCES}
-    assert all(words(language)[f"verdict.{kind}"] != text for kind, text in SENTENCES.items())
+    ours = {f"verdict.{kind}": text for kind, text in SENTENCES.items()}
+    ours |= {f"class.{name}": text for name, text in CLASSES.items()}
+    assert set(words(language)) - set(ours) == set(words()) - set(ours)
+    assert all(words(language)[key] != text for key, text in ours.items())
 
 
 @pytest.mark.parametrize("language", LANGUAGES[1:])

@@ -77,8 +77,9 @@ function lookAt(key) {
 /** @param {Quality} found */
 function verdict({ verdict: gravest, findings }) {
   const lines = findings.map(([text, grave, values]) => {
-    const { worst, photo } = values;
-    const shown = { ...values, ...(worst ? { worst: shortName(worst) } : {}),
+    const { worst, photo, class: of } = values;
+    const name = of ? word(`class.${of}`) : worst ? shortName(worst) : "";
+    const shown = { ...values, ...(name ? { worst: name } : {}),
       ...(photo ? { photo: shortName(photo) } : {}) };
     const look = worst && photo ? [element("button", { onclick: () => lookAt([worst, photo]) },
       word("quality.look"))] : [];
