@@ -42,6 +42,7 @@ TEXT = {
         "{predicted_m:.2f} m on the ground with the reference's own error, at worst "
         "{worst_m:.2f} m ({worst_photo}); up to {limit_m:.2f} m a block is certified."
     ),
+    "against_more": "Others like it are in the verdict: {count}.",
     "not_certified": "This block is not certified. {sentences}",
     "not_certified_nothing": "No photo took part in an adjustment.",
     "sigma_of_reference": " (sigma {ortho:g} m, DEM {dem:g} m)",
@@ -312,7 +313,8 @@ def _certificate(certificate: Figures | None, verdict: list[Figures]) -> str:
     if certificate["predicted_m"] is None:
         return tell("not_certified", sentences=tell("not_certified_nothing"))
     if not certificate["reasons"]:
-        return " ".join([tell("certified", **certificate), *against])
+        more = [tell("against_more", count=len(against) - 1)] if len(against) > 1 else []
+        return " ".join([tell("certified", **certificate), *against[:1], *more])
     return tell("not_certified", sentences=" ".join(certificate["sentences"]))
 
 
