@@ -244,7 +244,7 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     page = sit(scene=False)
     first = current(page)
     # A hand that holds the picture still and other buttons place nothing.
-    click_beside(page, delay=700)
+    click_beside(page, delay=1500)
     click_beside(page, button="middle")
     click_beside(page, button="right")
     page.wait_for_timeout(400)

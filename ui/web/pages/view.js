@@ -4,7 +4,7 @@ import { byId, element, first } from "./words.js";
 // design: pixels a hand moves by itself while it clicks.
 const STILL_PX = 4;
 // design: a hand that holds the picture longer wants to move it, and has not.
-const CLICK_MS = 400;
+const CLICK_MS = 1000;
 // design: longer than between two presses of a key, shorter than a thought.
 const PAUSE_MS = 400;
 
