@@ -170,12 +170,21 @@ def kept(hand: Hand, yes: Hand) -> Hand:
     def keeping(page: Page) -> None:
         hand(page)
         page.wait_for_function("gruber.parts.point.draft")
+        page.evaluate("window.aimed = gruber.parts.point.key")
         yes(page)
         page.wait_for_function("!gruber.parts.point.draft || gruber.parts.point.draft.asking")
         if page.evaluate("gruber.parts.point.draft"):
             yes(page)
 
     return keeping
+
+
+def withdraw_accepted(page: Page) -> None:
+    """The newest decision of an accepted measurement withdrawn in its history."""
+    page.click('.chip[data-state="accepted"]')
+    page.click("#history button")
+    page.evaluate("window.aimed = gruber.parts.point.key")
+    page.click('.chip[data-state="open"]')
 
 
 def click_large(page: Page) -> None:
@@ -272,7 +281,7 @@ DECISIONS = (
     Decides("Shift+arrow, keep button", kept(key("Shift+ArrowUp"), click("#keep button")), PLACED),
     Decides("Enter, Y", kept(refined(key("Enter")), key("y")), PLACED),
     Decides("refine button, Y", kept(refined(button("refine")), key("y")), PLACED),
-    Decides("history button", click("#history button"), BACK),
+    Decides("history button", withdraw_accepted, BACK),
     Decides("other peak, Y", kept(walked_until(TWO_PEAKS, click(".peak:not(.on)")), key("y")),
             ("ChoosePeak",)),
     Decides("P, click in the ortho", new_point(key("p")), ("AddPoint",)),

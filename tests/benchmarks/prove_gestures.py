@@ -52,7 +52,7 @@ def stands(page: Page, folder: Path, gesture: Decides, on_board: bool) -> bool:
     with suppress(PlaywrightError):
         page.wait_for_selector(".notice", state="detached", timeout=8000)
     fresh = decided(page, folder, gesture)
-    aimed = {*before, *(page.evaluate(shown) or [])}
+    aimed = {*before, *(page.evaluate(shown) or []), *(page.evaluate("window.aimed") or [])}
     found = tuple(type(item.decision).__name__ for item in fresh)
     about = {getattr(item.decision, "photo_id" if on_board else "point_id", before[0])
              for item in fresh}  # fmt: skip

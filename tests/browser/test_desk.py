@@ -240,6 +240,20 @@ def click_beside(page, right=140, down=-100, **how):
     page.mouse.click(*place, **how)
 
 
+def test_yes_right_after_an_arrow_keeps_the_place_it_nudged_to__law(sit, tmp_path):
+    page = sit(scene=False)
+    page.evaluate(
+        "() => ['ArrowRight', 'ArrowRight', 'y'].forEach(key => "
+        "window.dispatchEvent(new KeyboardEvent('keydown', { key, view: window })))"
+    )
+    page.wait_for_function("gruber.parts.status.decided === 1 || gruber.parts.point.draft?.asking")
+    if page.evaluate("gruber.parts.point.draft"):
+        page.keyboard.press("y")
+        page.wait_for_function("gruber.parts.status.decided === 1")
+    with Session.open(tmp_path, "reader") as session:
+        assert [type(item.decision).__name__ for item in session.decisions()] == ["Place"]
+
+
 def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     page = sit(scene=False)
     first = current(page)

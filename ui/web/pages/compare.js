@@ -77,10 +77,15 @@ function remember() {
   });
 }
 
-/** @param {Point | null} fresh */
-export function comparePoint(fresh) {
+const placeOf = (/** @type {Point | null} */ point) =>
+  JSON.stringify([point?.key, point?.draft?.raw, point?.raw.measured]);
+
+/** @param {Point | null} fresh @param {boolean} refused true when the hand's last place was */
+export function comparePoint(fresh, refused = false) {
   const before = state.point?.key.join("|");
-  Object.assign(state, { point: fresh, nudged: null });
+  // Other figures may come while the hand nudges on: only a new place is the answer to it.
+  const answered = refused || placeOf(fresh) !== placeOf(state.point);
+  Object.assign(state, { point: fresh, nudged: answered ? null : state.nudged });
   if (fresh && before !== fresh.key.join("|")) {
     showPoint(fresh, state.view.scale || state.look.scale || defaultScale());
     lookAhead();
@@ -152,6 +157,9 @@ export function nudge(right, down) {
 
 const sendNudge = afterPause((/** @type {Key} */ key, /** @type {Pair} */ place,
   /** @type {string} */ frame) => send({ kind: "place", key, frame, place }));
+
+/** A verdict is about the place the hand has nudged to, though it has not paused yet. */
+export const finishNudge = () => sendNudge.now();
 
 /** @param {string} mode */
 function setMode(mode) {

@@ -7,7 +7,8 @@ import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./q
 import { showPoint } from "./point.js";
 import { askAbout, askWhy, dropDraft, explain } from "./asked.js";
 import {
-  blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
+  blink, comparePoint, compareState, finishNudge, fitCompare, nudge,
+  setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
 import { showStatus } from "./status.js";
 import { setUpPeople, showPeople } from "./people.js";
@@ -47,6 +48,7 @@ function shownNow() {
  * @param {string} verdict
  */
 function judge(verdict) {
+  finishNudge();
   const many = markedKeys();
   if (many.length) {
     send({ kind: "judge", keys: many, verdict });
@@ -291,7 +293,7 @@ function receive(message) {
   notices.forEach(tell);
   if (notices.some((notice) => notice.grave)) {
     judged.shown = "";
-    comparePoint(point);
+    comparePoint(point, true);
   }
   if (wanted) comeBack(wanted);
   state.wanted = null;

@@ -101,16 +101,26 @@ export function oncePerFrame(draw) {
 }
 
 /**
- * Done once the hand has paused: arrows held down or pressed in a row are one decision.
+ * Done once the hand has paused, or at once when it is asked for by `now`: arrows held down or
+ * pressed in a row are one place.
  * @template {unknown[]} T
  * @param {(...values: T) => void} act
  */
 export function afterPause(act, ms = PAUSE_MS) {
   let timer = 0;
-  return (/** @type {T} */ ...values) => {
+  let waiting = /** @type {T | null} */ (null);
+  const now = () => {
     clearTimeout(timer);
-    timer = setTimeout(() => act(...values), ms);
+    const values = waiting;
+    waiting = null;
+    if (values) act(...values);
   };
+  const later = (/** @type {T} */ ...values) => {
+    clearTimeout(timer);
+    waiting = values;
+    timer = setTimeout(now, ms);
+  };
+  return Object.assign(later, { now });
 }
 
 /** Steps of the arrow keys: right and down. @type {Record<string, Pair>} */
