@@ -15,7 +15,7 @@ good measurement in eight thousand lies so far off in both directions together."
 
 def with_drafted(state: DeskState, draft: Draft) -> DeskState:
     """The desk as it would be with a draft kept, before the block is adjusted to it."""
-    block = replay(state.block, (Recorded(0, "", "", draft.decision),))
+    block = replay(state.block, (Recorded(0, "", "", draft.decision),)).block
     return replace(state, block=block)
 
 
