@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyogrio.raw
 import rasterio.features
 import shapely
 from affine import Affine
@@ -120,6 +121,16 @@ def write_seams(seams: Iterable[Seam], path: Path, crs: str) -> None:
         "date": np.array([seam.date for seam in seams], dtype=object),
     }
     write_polygons(path, "seams", areas, fields, crs=crs)
+
+
+def read_seams(path: Path) -> tuple[Seam, ...]:
+    """Seams that were written, or edited since in a GIS."""
+    meta, _, geometry, fields = pyogrio.raw.read(path, columns=["scan", "date"])
+    named = dict(zip(meta["fields"].tolist(), fields, strict=True))
+    return tuple(
+        Seam(str(scan), str(date or ""), _only_polygons(shapely.from_wkb(wkb)))
+        for scan, date, wkb in zip(named["scan"], named["date"], geometry, strict=True)
+    )
 
 
 def _outline(mask: Mask, grid: Grid) -> Area:

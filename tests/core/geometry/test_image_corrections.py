@@ -17,8 +17,22 @@ from core.geometry.collinearity import (
     refraction_constant,
 )
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.image_corrections import (
+    curvature_um,
+    image_motion_mm,
+    isocentre_on_film,
+    nadir_on_film,
+    photo_scale,
+    radial_from_table_um,
+    refraction_um,
+    relief_displacement_mm,
+    shrinkage_factor,
+    tangential_mm,
+)
 
 RADIUS_MM, GROUND_M = 130.0, 500.0
+R_MM = np.array([129.0])
+"""The tables do not name their radius; all their rows fit one between 129.0 and 129.6 mm."""
 TABLE_4_1 = [
     (5_000, 2.0, 300, 3), (5_000, 1.3, 150, 3), (5_000, 0.9, 85, 3),
     (10_000, 3.5, 300, 5), (10_000, 2.0, 150, 4), (10_000, 1.3, 85, 5),
@@ -80,6 +94,65 @@ def test_on_the_ground_light_is_not_bent__law():
     assert refraction_constant(400.0, 400.0) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize(("scale", "height_km", "principal_mm", "told_um"), TABLE_4_1)
+def test_every_row_of_table_4_1_within_2_um__paper(scale, height_km, principal_mm, told_um):
+    height = 1000.0 * height_km
+    ground = max(0.0, height - scale * principal_mm / 1000)
+    k = refraction_constant(height, ground)
+    assert refraction_um(R_MM, float(principal_mm), k)[0] == pytest.approx(told_um, abs=2.0)
+
+
+@pytest.mark.parametrize(("principal_mm", "height_km", "told_um"), TABLE_4_2)
+def test_every_row_of_table_4_2_within_2_um__paper(principal_mm, height_km, told_um):
+    found = curvature_um(R_MM, float(principal_mm), 1000 * height_km)[0]
+    assert found == pytest.approx(told_um, abs=2.0)
+
+
+def test_image_motion_of_the_example__paper():
+    """180 km/h, 1/200 s, 1:10 000: 25 micrometres."""
+    assert 1000 * image_motion_mm(180.0, 1 / 200, 150.0, 1500.0) == pytest.approx(25.0, abs=0.01)
+
+
+def test_scale_is_that_of_similar_triangles__paper():
+    assert photo_scale(150.0, 1800.0, 300.0) == pytest.approx(1e-4)
+
+
+def test_relief_displacement_is_what_collinearity_gives__law():
+    camera = Camera("wide", 152.0, (230.0, 230.0))
+    exterior = ExteriorOrientation(np.array([0.0, 0.0, 3000.0]), 0.0, 0.0, 0.4)
+    foot, top = np.array([[1500.0, 800.0, 0.0]]), np.array([[1500.0, 800.0, 50.0]])
+    r_foot, r_top = (
+        np.linalg.norm(film_from_object(p, exterior, camera), axis=1) for p in (foot, top)
+    )
+    leaning = relief_displacement_mm(r_top, np.array([50.0]), 3000.0)
+    assert r_top - r_foot == pytest.approx(leaning, rel=1e-9)
+
+
+def test_vertical_edges_meet_in_the_nadir__law():
+    camera = Camera("wide", 152.0, (230.0, 230.0))
+    exterior = ExteriorOrientation(np.array([10.0, -5.0, 2000.0]), 0.04, -0.03, 1.1)
+    nadir = nadir_on_film(exterior, 152.0)
+    below = film_from_object(np.array([[10.0, -5.0, 0.0]]), exterior, camera)
+    assert nadir == pytest.approx(below, abs=1e-9)
+    middle = isocentre_on_film(exterior, 152.0)
+    assert np.linalg.norm(middle) == pytest.approx(np.linalg.norm(nadir) / 2, rel=2e-3)
+    assert isocentre_on_film(
+        ExteriorOrientation(np.zeros(3), 0.0, 0.0, 1.0), 152.0
+    ) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_shrinkage_factor_undoes_shrinkage__law():
+    certified = np.array([[-106.0, 106.0], [106.0, 106.0], [106.0, -106.0], [-106.0, -106.0]])
+    assert shrinkage_factor(certified, certified * 0.9993 + 3.0) == pytest.approx(1 / 0.9993)
+
+
+def test_tangential_distortion_has_the_symmetry_of_its_formula__law():
+    points = np.array([[50.0, 20.0], [-50.0, -20.0]])
+    moved = tangential_mm(points, 1e-7, -2e-7)
+    assert moved[0] == pytest.approx(moved[1])
+    assert moved[0, 0] == pytest.approx(1e-7 * (2900 + 5000) - 4e-7 * 1000)
+
+
 def test_a_certificates_table_becomes_a_polynomial__truth():
     radii = np.arange(10.0, 151.0, 10.0)
     k = (-3e-8, 2e-12, 0.0)
@@ -89,4 +162,5 @@ def test_a_certificates_table_becomes_a_polynomial__truth():
     assert not isinstance(fitted, Failure)
     assert fitted[0] == pytest.approx(k, rel=1e-6, abs=1e-20)
     assert fitted[1] < 1e-6
+    assert radial_from_table_um(np.array([15.0]), table)[0] == pytest.approx(shifts[:2].mean())
     assert isinstance(polynomial_from_table(table[:2]), Failure)

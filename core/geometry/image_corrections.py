@@ -1,0 +1,121 @@
+"""What moves an image point and which points of a photo matter: plain figures with their sources.
+
+The notes on image coordinates (chapter 4, cited by section) give them for near-vertical photos.
+What the bundle itself uses of them stands in `collinearity` and `camera`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from core.arrays import FilmPoints, Scalars, locked
+from core.geometry.collinearity import EARTH_RADIUS_M
+from core.geometry.exterior import ExteriorOrientation
+
+KM_H = 0.2778  # source: 1 / 3.6, as the notes round it.
+"""Metres a second of one kilometre an hour."""
+
+
+def photo_scale(principal_distance_mm: float, flying_height_m: float, ground_m: float) -> float:
+    """S = f / (H - h): 1e-4 is 1:10 000 ("Princip perspektivního zobrazení").
+
+    Args:
+        principal_distance_mm: f, millimetres.
+        flying_height_m: H above the datum, metres.
+        ground_m: h of the ground above the same datum, metres.
+    """
+    return principal_distance_mm / 1000.0 / (flying_height_m - ground_m)
+
+
+def relief_displacement_mm(radius_mm: Scalars, height_m: Scalars, above_ground_m: float) -> Scalars:
+    """Dr = r h / H: how far the top of an object leans away from the nadir on a vertical photo.
+
+    Args:
+        radius_mm: Distance of its image from the nadir point, millimetres.
+        height_m: Height of the object over the reference plane, metres.
+        above_ground_m: Flying height over the same plane, metres.
+    """
+    return radius_mm * height_m / above_ground_m
+
+
+def image_motion_mm(
+    speed_km_h: float, exposure_s: float, principal_distance_mm: float, above_ground_m: float
+) -> float:
+    """M = 0.2778 n t f / H: how long a still point is drawn on the film ("smaz").
+
+    Args:
+        speed_km_h: n, speed of the aircraft over ground.
+        exposure_s: t, time of exposure, seconds.
+        principal_distance_mm: f, millimetres.
+        above_ground_m: H, flying height over the reference plane, metres.
+    """
+    return KM_H * speed_km_h * exposure_s * principal_distance_mm / above_ground_m
+
+
+def refraction_um(radius_mm: Scalars, principal_distance_mm: float, refraction: float) -> Scalars:
+    """Dr = K (r + r^3 / c^2), outwards, micrometres (table 4.1); K of `refraction_constant`."""
+    return 1000 * refraction * (radius_mm + radius_mm**3 / principal_distance_mm**2)
+
+
+def curvature_um(
+    radius_mm: Scalars, principal_distance_mm: float, above_ground_m: float
+) -> Scalars:
+    """Dr = H r^3 / (2 R c^2), inwards, micrometres (table 4.2)."""
+    return 1000 * above_ground_m * radius_mm**3 / (2 * EARTH_RADIUS_M * principal_distance_mm**2)
+
+
+def shrinkage_factor(certified_mm: FilmPoints, measured_mm: FilmPoints) -> float:
+    """Certified over measured distances of all pairs of marks: what image coordinates are times.
+
+    Section "Vlivy srážky fotografického materiálu": the mean over opposite marks; here over all
+    pairs, weighted by their length.
+    """
+    pairs = np.triu_indices(len(certified_mm), 1)
+    true = np.linalg.norm(certified_mm[pairs[0]] - certified_mm[pairs[1]], axis=1)
+    seen = np.linalg.norm(measured_mm[pairs[0]] - measured_mm[pairs[1]], axis=1)
+    return float(np.sum(true * seen) / np.sum(seen * seen))
+
+
+def nadir_on_film(exterior: ExteriorOrientation, principal_distance_mm: float) -> FilmPoints:
+    """Where the plumb line through the perspective centre meets the film, (1, 2) mm.
+
+    From the principal point; all vertical edges lean away from it. In the direction of the nadir
+    (0, 0, -1) of object space, divided down to z = -c of image space.
+    """
+    down = exterior.object_from_image.T @ np.array([0.0, 0.0, -1.0])
+    return (down[:2] * (-principal_distance_mm / down[2]))[None, :]
+
+
+def isocentre_on_film(exterior: ExteriorOrientation, principal_distance_mm: float) -> FilmPoints:
+    """The focal point of a tilted photo, on the bisector of principal point and nadir, (1, 2) mm.
+
+    At c tan(tilt / 2) from the principal point: the notes' "half way" holds for small tilts.
+    """
+    nadir = nadir_on_film(exterior, principal_distance_mm)
+    away = float(np.linalg.norm(nadir))
+    if away == 0.0:
+        return nadir
+    tilt = np.arctan2(away, principal_distance_mm)
+    return nadir * (principal_distance_mm * np.tan(tilt / 2) / away)
+
+
+def tangential_mm(film_mm: FilmPoints, p1: float, p2: float) -> FilmPoints:
+    """Tangential distortion of a lens out of centre (Brown 1966), millimetres to be added.
+
+    Args:
+        film_mm: Ideal image points from the principal point.
+        p1: Coefficient of dx = p1 (r^2 + 2 x^2) + 2 p2 x y, per millimetre.
+        p2: Coefficient of dy = p2 (r^2 + 2 y^2) + 2 p1 x y, per millimetre.
+    """
+    x, y = film_mm.T
+    r2 = x * x + y * y
+    return np.column_stack(
+        [p1 * (r2 + 2 * x * x) + 2 * p2 * x * y, p2 * (r2 + 2 * y * y) + 2 * p1 * x * y]
+    )
+
+
+def radial_from_table_um(radius_mm: Scalars, table: Sequence[tuple[float, float]]) -> Scalars:
+    """Radial distortion at radii from a certificate's table (mm, um), straight lines between."""
+    radii, shifts = locked(table).T
+    order = np.argsort(radii)
+    return np.interp(radius_mm, radii[order], shifts[order])
