@@ -84,12 +84,15 @@ def read_kept(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
         return read_onto(sheets, grid, options)
     values = np.empty((BANDS[options.content], grid.rows, grid.columns), dtype=np.float32)
     coverage = np.empty((grid.rows, grid.columns), dtype=np.float32)
-    first, above = -(origin[0] % TILE_CELLS), -(origin[1] % TILE_CELLS)
-    for top in range(above, grid.rows, TILE_CELLS):
-        for left in range(first, grid.columns, TILE_CELLS):
-            place = grid.window(left, top, TILE_CELLS, TILE_CELLS)
-            key = (*sheets.key, options, grid.ground_sample_distance_m, place.on_multiples)
+    gsd = grid.ground_sample_distance_m
+    for row in range(origin[1] // TILE_CELLS, -(-(origin[1] + grid.rows) // TILE_CELLS)):
+        for column in range(origin[0] // TILE_CELLS, -(-(origin[0] + grid.columns) // TILE_CELLS)):
+            # Placed by its own number, so that no rounding hangs on who asks first.
+            left, top = column * TILE_CELLS, row * TILE_CELLS
+            place = Grid(left * gsd, -top * gsd, gsd, TILE_CELLS, TILE_CELLS)
+            key = (*sheets.key, options, gsd, column, row)
             piece = TILES.get(key, partial(read_onto, sheets, place, options))
+            left, top = left - origin[0], top - origin[1]
             across = slice(max(left, 0), min(left + TILE_CELLS, grid.columns))
             down = slice(max(top, 0), min(top + TILE_CELLS, grid.rows))
             own = np.s_[
