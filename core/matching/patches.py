@@ -96,10 +96,11 @@ class Templates:
         """Rows and columns of the 2 n + 1 pixels about the middle of a cell."""
         row, column = divmod(number, self.across)
         first = (self.side - 2 * half_px - 1) // 2
-        return tuple(
+        rows, columns = (
             slice(place * self.side + first, place * self.side + first + 2 * half_px + 1)
             for place in (row, column)
-        )  # pyright: ignore[reportReturnType]
+        )
+        return rows, columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
