@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float, Float64
 
 from core.geometry.robust import TINY
 
-Coordinates = Float64[np.ndarray, "rows columns"]
+Coordinates = Float[np.ndarray, "rows columns"]
 Inside = Bool[np.ndarray, "rows columns"]
 SUPERSAMPLED = 800  # design: memory; edges of large marks are then right to a tenth of a pixel
 """Samples along a side of a drawn template that suffice: small templates get eight a pixel."""
@@ -141,11 +141,11 @@ def _drawn_figure(
     """A figure by samples within every pixel."""
     side = 2 * half + 1
     fine = int(np.clip(SUPERSAMPLED // side, 2, 8))  # design: shares of a 64th of a pixel
-    axis = ((np.arange(side * fine) + 0.5) / fine - half - 0.5) * pixel_mm
-    right, down = np.meshgrid(axis, axis)
-    cosine, sine = np.cos(turn), np.sin(turn)
-    inside = SHAPES[mark.shape](mark, right * cosine + down * sine, down * cosine - right * sine)
-    return inside.reshape(side, fine, side, fine).mean(axis=(1, 3))
+    axis = (((np.arange(side * fine) + 0.5) / fine - half - 0.5) * pixel_mm).astype(np.float32)
+    across, along = axis * np.float32(np.cos(turn)), axis * np.float32(np.sin(turn))
+    inside = SHAPES[mark.shape](mark, across + along[:, None], across[:, None] - along)
+    shares = cv2.resize(inside.astype(np.float32), (side, side), interpolation=cv2.INTER_AREA)
+    return shares.astype(np.float64)
 
 
 def _drawn_notch(

@@ -207,6 +207,8 @@ def _sized(
     """Radius, stroke and blur that make it most like the scan's, and the spots started there."""
     best, blur = fitted, 0.0
     likeness, small = _likeness(spots, best, cell_mm)
+    # Size and blur move the middle of one-sided marks only: the others are matched once a step.
+    compare = partial(_likeness, matched=not best.mark.symmetric)
     finer = () if best.mark.symmetric else FINE_STEPS
     for step in (*SIZE_STEPS, *finer):
         for _ in range(3):
@@ -216,12 +218,12 @@ def _sized(
             marks = [resized(best.mark, *pair, blur) for pair in factors]
             marks += [resized(best.mark, 1.0, 1.0, other) for other in near]
             trials = [replace(best, mark=mark) for mark in marks]
-            found = [_likeness(small, trial, cell_mm) for trial in trials]
+            found = [compare(small, trial, cell_mm) for trial in trials]
             winner = int(np.argmax([value for value, _ in found]))
             if found[winner][0] <= likeness + (GAIN if step in SIZE_STEPS else FINE_GAIN):
                 break
             best = trials[winner]
-            likeness, small = found[winner]
+            likeness, small = _likeness(found[winner][1], best, cell_mm)
             blur = best.mark.blur_px
     return best, small
 
@@ -373,7 +375,12 @@ def _reduced(spot: Spot, reduction: int) -> Spot:
 
 
 def _likeness(
-    spots: Sequence[Spot], fitted: FittedMark, cell_mm: float, reach_mm: float = 0.0
+    spots: Sequence[Spot],
+    fitted: FittedMark,
+    cell_mm: float,
+    reach_mm: float = 0.0,
+    *,
+    matched: bool = True,
 ) -> tuple[float, list[Spot]]:
     """Mean correlation with the drawn mark where it matches best, and the spots started there.
 
@@ -382,6 +389,7 @@ def _likeness(
         fitted: The mark to draw.
         cell_mm: Pixel of the spots.
         reach_mm: Look at as much as a mark of this reach covers, if that is more.
+        matched: False to compare where the spots start.
     """
     values: list[float] = []
     placed: list[Spot] = []
@@ -391,15 +399,17 @@ def _likeness(
         if outward not in drawn:
             drawn[outward] = fitted.drawn(outward, cell_mm, reach_mm)
         template = drawn[outward]
-        match = match_mark(spot.gray, spot.start, NEAR_MM / cell_mm + 1, template, False)
-        if isinstance(match, Failure):
-            values.append(-1.0)
-            placed.append(spot)
-            continue
-        patch = sample_about(spot.gray, np.array([match.column, match.row]), template.shape[0])
+        if matched:
+            match = match_mark(spot.gray, spot.start, NEAR_MM / cell_mm + 1, template, False)
+            if isinstance(match, Failure):
+                values.append(-1.0)
+                placed.append(spot)
+                continue
+            spot = replace(spot, start=(match.column, match.row))
+        patch = sample_about(spot.gray, np.array(spot.start), template.shape[0])
         values.append(
             correlation(patch, softened(template), disc_in(template)) * (1 if fitted.bright else -1)
         )
-        placed.append(replace(spot, start=(match.column, match.row)))
+        placed.append(spot)
     # The drawn mark's own size is its window: likeness of a larger one is worth more.
     return float(np.mean(np.sort(values)[len(values) // 4 :])), placed

@@ -29,7 +29,7 @@ WHOLE_OVERLAP = 0.1
 where the photos should be."""
 RESCUE_PARTNERS = 30  # design: time; two photos either way along five strips, and as many more
 """A photo that nothing ties is tried against so many of the nearest photos."""
-THREADS = 2  # design: memory; a table of distances takes 64 MB
+THREADS = 2  # design: memory; a table of distances takes 16 MB
 """Pairs at work at the same time."""
 # design: neighbouring strips overlap by 20 to 35 %; heights and tilts may leave a quarter of that
 LEAST_OVERLAP = 0.05
