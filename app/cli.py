@@ -51,17 +51,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = top.parse_args(arguments)
     if wrong := wrong_order(given):
         top.error(wrong)
-    voice: Voice = JsonLines() if given.log_json else Terminal()
+    voice: Voice = (
+        JsonLines() if given.log_json else Terminal(language=given.language or LANGUAGES[0])
+    )
     verb: Callable[[argparse.Namespace, Voice], None] = given.verb
     try:
         verb(given, voice)
     except PhotogrammetryError as error:
         voice.failed(error)
-        print(f"gruber: {error}", file=sys.stderr)
+        print(f"gruber: {voice.tell.again(error.told)}", file=sys.stderr)
         return UNUSABLE
     except (KeyboardInterrupt, Cancelled):
         voice.close()
-        print("gruber: cancelled; the next start goes on from here.", file=sys.stderr)
+        print(f"gruber: {voice.tell('terminal.cancelled')}", file=sys.stderr)
         return CANCELLED
     finally:
         voice.close()
@@ -78,6 +80,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"gruber {version('gruber')}")
     add_log(top, default=False)
+    add_language(top, default="")
     added = top.add_subparsers(title="verbs", required=True, metavar="VERB")
     for build in (add_new, add_run, add_review, add_report, add_demo, add_doctor):
         build(added)
@@ -99,6 +102,7 @@ def add_verb(
     )
     # Understood before the verb and after it; left out here, what stood before it holds.
     add_log(verb, default=argparse.SUPPRESS)
+    add_language(verb, default=argparse.SUPPRESS)
     verb.set_defaults(verb=getattr(verbs, name))
     return verb
 
@@ -151,7 +155,15 @@ def add_review(added: Verbs) -> None:
 def add_report(added: Verbs) -> None:
     """`report`."""
     summary = "write results/report.html and report.json; what is not fresh is computed first"
-    verb = add_verb(added, "report", summary, {"gruber report kobyli-1938": "prints where it is"})
+    verb = add_verb(
+        added,
+        "report",
+        summary,
+        {
+            "gruber report kobyli-1938": "prints where it is",
+            "gruber report kobyli-1938 --language cs": "in Czech",
+        },
+    )
     add_block(verb)
     verb.set_defaults(workers=Settings().workers)
 
@@ -233,11 +245,15 @@ def add_desk(verb: argparse.ArgumentParser) -> None:
         "--operator", default=settings.operator, metavar="NAME",
         help="name under which decisions are recorded (%(default)s)",
     )  # fmt: skip
-    verb.add_argument(
-        "--language", choices=LANGUAGES, default="",
-        help="language of the desk (that of each browser)",
-    )  # fmt: skip
     verb.add_argument("--no-browser", action="store_true", help="print the address only")
+
+
+def add_language(parsed: argparse.ArgumentParser, default: str) -> None:
+    """In which language it is told."""
+    parsed.add_argument(
+        "--language", choices=LANGUAGES, default=default,
+        help="language of messages and report (English), and of the desk (that of each browser)",
+    )  # fmt: skip
 
 
 def add_log(parsed: argparse.ArgumentParser, default: object) -> None:

@@ -12,8 +12,9 @@ from app.report.model import ReportContent, Written
 from app.report.page import write_report
 from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results
-from app.report.wording import counted, remarks
+from app.report.wording import remarks
 from app.settings import Threads
+from app.stage_lines import STAGE_LINES, adjusted_line
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -33,10 +34,12 @@ from core.quality.rules import human_findings
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput, StageResults
+from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
 from sessions.replay import Films, judged_scans, mark_changes, with_effect
 from sessions.session import Session
+from ui.words.catalogue import LANGUAGES
 
 LAST_STAGES = {
     "adjustment": "Adjustment with your decisions",
@@ -46,6 +49,8 @@ LAST_STAGES = {
 }
 PAGE = "report.html"
 CHANGE = "change.gpkg"
+LANGUAGE = "report-language"
+"""Product that keeps the language of the last report."""
 WALKED = "walked"
 """Product that keeps what the last walk took, for a report written without one."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
@@ -61,6 +66,8 @@ class RunOptions:
     """Stop after this stage."""
     workers: int = 2
     """Pieces of a stage that run side by side."""
+    language: str = ""
+    """Of the report; that of the last one when left out."""
 
 
 class Run:
@@ -121,7 +128,7 @@ class Run:
         stage = next((stage for stage in STAGES if stage.name == name), None)
         title = LAST_STAGES[name] if stage is None else stage.title
         if stage is not None and stage.repeated and self.passes > 1:
-            title = f"{title} (pass {self.passes})"
+            title = say("{title} (pass {number})", title=title, number=self.passes)
         started = time.monotonic()
         self.interruption.check()
         progress = self.interruption.watching(self.voice.stage(name, title))
@@ -162,7 +169,8 @@ class Run:
         elif isinstance(value, Localised) and fresh and self.results.localisation is not None:
             value = replace(value, features=self.results.localisation.features)
         self.results = replace(self.results, **{stage.name: value})
-        return SUMMARIES[stage.name](self.results) + (" (as before)" if fresh else "")
+        told = STAGE_LINES[stage.name](self.results)
+        return say("{told} (as before)", told=told) if fresh else told
 
     def corrected(self, found: ScanSet) -> ScanSet:
         """The scans with the fiducials that operators corrected: what follows depends on them."""
@@ -219,7 +227,8 @@ class Run:
             self.anew("orthos"),
         )
         self.results = replace(self.results, orthos=tuple(orthos))
-        return f"{counted(len(orthos), 'ortho')} at {orthos[0].grid.ground_sample_distance_m:g} m"
+        gsd = orthos[0].grid.ground_sample_distance_m
+        return say("{count:# ortho|# orthos} at {gsd:g} m", count=len(orthos), gsd=gsd)
 
     def compose(self, progress: Progress) -> str:
         """The mosaic and its seams."""
@@ -259,6 +268,15 @@ class Run:
         write_all(self.session, self.content(), self.dem())
         return str(self.session.results / PAGE)
 
+    @property
+    def language(self) -> str:
+        """The one that was asked for, else that of the last report."""
+        products = self.session.products
+        if self.options.language:
+            asked = self.options.language
+            products.save_value(LANGUAGE, self.digest_of(LANGUAGE, asked), asked)
+        return products.latest_value(LANGUAGE) or LANGUAGES[0]
+
     def content(self) -> ReportContent:
         """What the report tells."""
         mosaic, files = made(self.results.mosaic), self.given.reference
@@ -279,7 +297,11 @@ class Run:
             timings_s=self.seconds,
             written=Written(now_utc(), self.session.operator, version("gruber")),
             decisions=self.session.decisions(),
-            provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
+            language=self.language,
+            provenance={
+                say("digest of {stage}", stage=name): text[:16]
+                for name, text in self.digests.items()
+            },
         )
 
 
@@ -389,58 +411,6 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
     session.write_layers(block, content.report, outlines)
     write_report(session.results, replace(content, footprints=outlines, influence=ahead))
-
-
-def scans_line(results: StageResults) -> str:
-    """How many scans, and how well their fiducials fit."""
-    scans = made(results.scans)
-    rms = [scan.interior.rms_um for scan in scans.oriented.values() if scan.interior.names]
-    fiducials = f"fiducials {sum(rms) / len(rms):.1f} um rms" if rms else "no fiducials"
-    return f"{counted(len(scans.oriented), 'scan')}{_aside(scans.set_aside)}, {fiducials}"
-
-
-def georeference_line(results: StageResults) -> str:
-    """How many photos have a place."""
-    placed = made(results.georeference)
-    return f"{counted(len(placed.block.photos), 'photo')} placed{_aside(placed.set_aside)}"
-
-
-def _aside(set_aside: Mapping[str, str]) -> str:
-    return f", {len(set_aside)} set aside" if set_aside else ""
-
-
-def localisation_line(results: StageResults) -> str:
-    """How many photos stand on the reference."""
-    photos = made(results.localisation).block.photos.values()
-    return f"{sum(photo.oriented for photo in photos)} of {counted(len(photos), 'photo')} found"
-
-
-def ties_line(results: StageResults) -> str:
-    """How many tie points."""
-    ties = made(results.ties).ties
-    return f"{ties.count} tie points, {len(ties.point)} rays"
-
-
-def adjusted_line(report: AdjustmentReport) -> str:
-    """What became of an adjustment."""
-    photos = report.block.photos.values()
-    used = sum(item.used for item in report.block.measurements.values())
-    standing = sum(photo.oriented for photo in photos)
-    return (
-        f"{standing} of {len(photos)} photos oriented, {used} control measurements, "
-        f"sigma nought {report.sigma_nought:.2f}"
-    )
-
-
-SUMMARIES: Mapping[str, Callable[[StageResults], str]] = {
-    "scans": scans_line,
-    "georeference": georeference_line,
-    "reference": lambda results: f"{len(made(results.reference).sources)} points",
-    "localisation": localisation_line,
-    "ties": ties_line,
-    "control": lambda results: adjusted_line(made(results.control).report),
-}
-"""One line about what each stage of the engine made."""
 
 
 def make_change(

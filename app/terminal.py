@@ -22,6 +22,7 @@ from rich.progress import Progress as ProgressBar
 
 from core.errors import Cancelled, PhotogrammetryError
 from core.progress import Progress
+from ui.words.catalogue import LANGUAGES, Teller
 
 
 class LastingConsole(Console):
@@ -47,7 +48,8 @@ class StageProgress:
 class Terminal:
     """Bars with time left on a terminal, one plain line a stage elsewhere."""
 
-    def __init__(self, console: Console | None = None) -> None:
+    def __init__(self, console: Console | None = None, language: str = LANGUAGES[0]) -> None:
+        self.tell = Teller(language)
         self.console = console or LastingConsole(highlight=False, soft_wrap=True)
         self.bars: ProgressBar | None = None
 
@@ -57,7 +59,7 @@ class Terminal:
             TextColumn("{task.description:<34}"),
             BarColumn(bar_width=24),
             TimeElapsedColumn(),
-            TextColumn("left"),
+            TextColumn(self.tell("terminal.left")),
             TimeRemainingColumn(compact=True),
             TextColumn("{task.fields[what]}", style="dim"),
             console=self.console,
@@ -65,18 +67,22 @@ class Terminal:
             disable=not self.console.is_terminal,
         )
         self.bars.start()
-        return StageProgress(self.bars, self.bars.add_task(title, total=None, what=""))
+        return StageProgress(
+            self.bars, self.bars.add_task(self.tell.again(title), total=None, what="")
+        )
 
     def ended(self, name: str, title: str, seconds: float, said: str) -> None:
         """End a stage with one line."""
         if self.bars is not None:
             self.bars.stop()
             self.bars = None
-        self.console.print(f"{title:<34}{seconds:7.1f} s  {said}", markup=False)
+        title, said = self.tell.again(title), self.tell.again(said)
+        took = self.tell.number(seconds, "7.1f")
+        self.console.print(f"{title:<34}{took} s  {said}", markup=False)
 
     def say(self, text: str) -> None:
         """A sentence for the operator."""
-        self.console.print(text, markup=False)
+        self.console.print(self.tell.again(text), markup=False)
 
     def failed(self, error: PhotogrammetryError) -> None:
         """The work cannot go on; the message itself goes to the standard error output."""
@@ -89,9 +95,13 @@ class Terminal:
 
 
 class JsonLines:
-    """One JSON object a line: stage begun, progress (at most one a second), stage ended, text."""
+    """One JSON object a line: stage begun, progress (at most one a second), stage ended, text.
+
+    Machines are told everything in English.
+    """
 
     def __init__(self, stream: TextIO | None = None) -> None:
+        self.tell = Teller()
         self.stream = stream or sys.stdout
         self.current, self.last = "", 0.0
 

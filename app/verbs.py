@@ -27,6 +27,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.errors import StorageError
 from core.matching.reference import open_reference
 from core.mosaic.comparison import compare_orthos
+from core.said import say
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import judge_control, judge_orientations, read_truth
@@ -49,7 +50,12 @@ def stage_names() -> tuple[str, ...]:
 
 def run(given: argparse.Namespace, voice: Voice) -> None:
     """The automatic stages."""
-    walked(given.block, voice, RunOptions(given.first, given.last, given.workers))
+    walked(given.block, voice, RunOptions(given.first, given.last, given.workers, given.language))
+
+
+def run_options(given: argparse.Namespace) -> RunOptions:
+    """All stages, as a verb asks that is no run."""
+    return RunOptions(workers=given.workers, language=given.language)
 
 
 def walked(block: Path, voice: Voice, options: RunOptions) -> Run:
@@ -77,8 +83,9 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
         port, opened = placed_by_hand(project, session, given, voice)
         inputs = desk_inputs(project, session, given.operator, given.host, port)
         with open_desk(replace(inputs, language=given.language)) as desk:
-            voice.say(f"The desk is open at {desk.url}  (Ctrl-C closes it; nothing is lost)")
-            voice.say(f"Guests, who look and decide nothing: {desk.guest_url}")
+            opened_at = "The desk is open at {url}  (Ctrl-C closes it; nothing is lost)"
+            voice.say(say(opened_at, url=desk.url))
+            voice.say(say("Guests, who look and decide nothing: {url}", url=desk.guest_url))
             if not given.no_browser and not opened:
                 webbrowser.open(desk.url)
             desk.wait()
@@ -96,10 +103,11 @@ def placed_by_hand(
     if found is None:
         return given.port, False
     with open_placing(project, found, given.host, given.port, given.language) as placing:
-        voice.say(
-            "No photo of this block is placed on the reference yet. Two points clicked in one"
+        voice.say("No photo of this block is placed on the reference yet.")
+        clicked = (
+            "Two points clicked in one photo place it: {url}  (Ctrl-C closes; what was saved stays)"
         )
-        voice.say(f"photo place it: {placing.url}  (Ctrl-C closes; what was saved stays)")
+        voice.say(say(clicked, url=placing.url))
         if not given.no_browser:
             webbrowser.open(placing.url)
         placing.wait()
@@ -109,7 +117,7 @@ def placed_by_hand(
 
 def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first."""
-    walk = walked(given.block, voice, RunOptions(workers=given.workers))
+    walk = walked(given.block, voice, run_options(given))
     voice.say(str(walk.session.results / "report.html"))
 
 
@@ -117,11 +125,11 @@ def demo(given: argparse.Namespace, voice: Voice) -> None:
     """A synthetic block: made, run, compared with its truth, opened."""
     options = SyntheticOptions(given.size, given.epoch, float(given.relief), given.seed)
     make_demo(given.out, options, voice)
-    walk = walked(given.out, voice, RunOptions(workers=given.workers))
+    walk = walked(given.out, voice, run_options(given))
     tell_truth(given.out, walk.adjusted, voice)
     if given.headless:
-        voice.say(f"Results: {walk.session.results}")
-        voice.say(f"Review:  gruber review {given.out}")
+        voice.say(say("Results: {folder}", folder=str(walk.session.results)))
+        voice.say(say("Review:  gruber review {folder}", folder=str(given.out)))
         return
     given.block = given.out
     review(given, voice)

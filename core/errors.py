@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from core.said import say
+
 
 class PhotogrammetryError(Exception):
     """Data we cannot use, told in one sentence each: where, why, and what to do.
@@ -10,13 +12,15 @@ class PhotogrammetryError(Exception):
         file: The file (or file and key) at fault.
         cause: What is wrong with it.
         remedy: What the operator can do about it.
+        told: All of it.
     """
 
     def __init__(self, file: str | Path, cause: str, remedy: str) -> None:
         self.file = str(file)
         self.cause = cause
         self.remedy = remedy
-        super().__init__(f"{self.file}: {cause} {remedy}")
+        self.told = say("{file}: {cause} {remedy}", file=self.file, cause=cause, remedy=remedy)
+        super().__init__(self.told)
 
 
 class ProjectError(PhotogrammetryError):

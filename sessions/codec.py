@@ -2,8 +2,8 @@
 
 JSON objects that are not plain mappings carry their kind under a key that begins with `@`:
 `{"@": "Peak", ...}` a dataclass, `@array`, `@tuple`, `@map` (keys that are not words), `@float`
-(NaN and infinities), `@path`, `@here` (a path inside the block's folder), `@wkb` (a shapely
-geometry).
+(NaN and infinities), `@path`, `@here` (a path inside the block's folder), `@said` (a
+sentence with its figures), `@wkb` (a shapely geometry).
 """
 
 import base64
@@ -55,6 +55,7 @@ from core.raster.grid import Grid
 from core.raster.holes import Hole
 from core.raster.scan_file import ScanFile, Scratch, UsableArea
 from core.reference.stage import ReferenceFeatures, ReferencePoints
+from core.said import Said
 from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
@@ -236,7 +237,11 @@ def _to_json(value: Any, form: _Form) -> Any:
     match value:
         case np.generic():
             return _to_json(value.item(), form)
-        case None | bool() | int() | str():
+        case Said() if form.in_order:
+            return {"@said": value.template, "values": _to_json(value.values, form)}
+        case str():
+            return str(value)
+        case None | bool() | int():
             return value
         case float():
             return value if math.isfinite(value) else {"@float": repr(value)}
@@ -337,6 +342,7 @@ _READERS: dict[str, Callable[[dict[str, Any], _Read], Any]] = {
     "@float": lambda data, _: float(data["@float"]),
     "@map": _map_from_json,
     "@path": lambda data, _: Path(data["@path"]),
+    "@said": lambda data, read: Said(data["@said"], read(data["values"])),
     "@tuple": lambda data, read: tuple(read(item) for item in data["@tuple"]),
     "@wkb": lambda data, _: _wkb_from_json(data),
 }

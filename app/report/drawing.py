@@ -8,6 +8,8 @@ from typing import Any
 from markupsafe import Markup
 from shapely.geometry import Polygon
 
+from ui.words.catalogue import Teller
+
 Figures = dict[str, Any]
 WIDTH = 1000.0
 """Width of the block figure in its own units."""
@@ -37,11 +39,11 @@ class _Sheet:
         )
 
 
-def draw_map(figures: Figures) -> tuple[Markup, float | None]:
+def draw_map(figures: Figures, tell: Teller) -> tuple[Markup, float | None]:
     """The block figure, and how many times its vectors are enlarged (None without vectors)."""
     sheet = _sheet(figures)
     enlarged = _enlargement(figures, sheet)
-    parts = [_frame(sheet)]
+    parts = [_frame(sheet, tell)]
     parts += [_ring(sheet, ring, "footprint") for ring in figures["footprints"].values()]
     parts += [_dot(sheet.at(place), "tie", 1.4) for place in figures["ties"]]
     parts += [_cross(sheet.at(place)) for place in figures["left_out"]]
@@ -50,9 +52,9 @@ def draw_map(figures: Figures) -> tuple[Markup, float | None]:
     names = short_names(list(figures["centres"]))
     for name, centre in figures["centres"].items():
         parts += _centre(sheet, centre, names[name])
-    parts.append(_scale_bar(sheet))
+    parts.append(_scale_bar(sheet, tell))
     if enlarged is not None:
-        parts.append(_vector_bar(sheet, enlarged))
+        parts.append(_vector_bar(sheet, enlarged, tell))
     box = f"0 0 {WIDTH:.0f} {sheet.height:.0f}"
     scale = None if enlarged is None else enlarged / sheet.per_metre
     drawn = tag("g", Markup("").join(parts), id=MAP)
@@ -65,15 +67,15 @@ def draw_map_again(figures: Figures) -> Markup:
     return tag("svg", tag("use", href=f"#{MAP}"), viewBox=box, class_="map", role="img")
 
 
-def draw_symbols() -> dict[str, Markup]:
+def draw_symbols(tell: Teller) -> dict[str, Markup]:
     """What the block figure draws at a place, each by itself for the legend."""
     middle = (9.0, 9.0)
     drawn = {
-        "photo centre": _triangle(middle, "centre"),
-        "control point": _dot(middle, "control", 3.4),
-        "check point": _dot(middle, "check", 3.4),
-        "control left out": _cross(middle),
-        "tie point": _dot(middle, "tie", 1.4),
+        tell("report.symbol.centre"): _triangle(middle, "centre"),
+        tell("report.symbol.control"): _dot(middle, "control", 3.4),
+        tell("report.symbol.check"): _dot(middle, "check", 3.4),
+        tell("report.symbol.left-out"): _cross(middle),
+        tell("report.symbol.tie"): _dot(middle, "tie", 1.4),
     }
     return {
         name: tag("svg", part, viewBox="0 0 18 18", class_="symbol") for name, part in drawn.items()
@@ -130,7 +132,7 @@ def draw_mosaic_again(mosaic: Figures) -> Markup:
     return tag("svg", tag("use", href=f"#{MOSAIC}"), viewBox=box, class_="map", role="img")
 
 
-def draw_bars(counts: dict[str, int], unit: str) -> Markup:
+def draw_bars(counts: dict[str, int], tell: Teller) -> Markup:
     """A bar for every number of rays."""
     if not counts:
         return Markup("")
@@ -143,7 +145,7 @@ def draw_bars(counts: dict[str, int], unit: str) -> Markup:
             tag("rect", x=x, y=base - tall, width=step - 22, height=max(tall, 0.8), class_="bar"),
             tag(
                 "text",
-                f"{counts[key]:,}",
+                tell.number(counts[key], ","),
                 x=x + (step - 22) / 2,
                 y=base - tall - 6,
                 class_="barcount",
@@ -152,7 +154,7 @@ def draw_bars(counts: dict[str, int], unit: str) -> Markup:
         ]
     width = 20 + len(keys) * step + 60
     parts.append(tag("line", x1=10, y1=base, x2=width - 60, y2=base, class_="axis"))
-    parts.append(tag("text", unit, x=width - 54, y=base + 17, class_="unit"))
+    parts.append(tag("text", tell("report.rays"), x=width - 54, y=base + 17, class_="unit"))
     return chart(parts, width, 176)
 
 
@@ -167,7 +169,7 @@ def chart(parts: Sequence[Markup], width: float, height: float, top: float = 0.0
     )
 
 
-def draw_reliability(bins: Sequence[Figures]) -> Markup:
+def draw_reliability(bins: Sequence[Figures], tell: Teller) -> Markup:
     """Probability as stated (across) and as borne out (up); a dot's area is its proposals."""
     if not bins:
         return Markup("")
@@ -177,7 +179,14 @@ def draw_reliability(bins: Sequence[Figures]) -> Markup:
         tag("line", x1=edge, y1=side, x2=edge + side, y2=side, class_="axis"),
         tag("line", x1=edge, y1=0, x2=edge, y2=side, class_="axis"),
         tag("line", x1=edge, y1=side, x2=edge + side, y2=0, class_="axis"),
-        tag("text", "stated 1", x=edge + side, y=side + 17, class_="barname"),
+        tag("text", "1", x=edge + side, y=side + 17, class_="barname"),
+        tag(
+            "text",
+            tell("report.reliability.stated"),
+            x=edge + side / 2,
+            y=side + 17,
+            class_="barname",
+        ),
         tag("text", "0", x=edge, y=side + 17, class_="barname"),
         tag("text", "1", x=edge - 10, y=10, class_="barname"),
     ]
@@ -239,7 +248,7 @@ def _enlargement(figures: Figures, sheet: _Sheet) -> float | None:
     return _round_down(VECTOR_SHARE * WIDTH / large / sheet.per_metre) * sheet.per_metre
 
 
-def _frame(sheet: _Sheet) -> Markup:
+def _frame(sheet: _Sheet, tell: Teller) -> Markup:
     """Neat line with coordinates at round distances, and grid north."""
     right, bottom = WIDTH - MARGIN, sheet.height - MARGIN - 34 + 0.0
     parts = [
@@ -258,9 +267,7 @@ def _frame(sheet: _Sheet) -> Markup:
         x = MARGIN + (easting - sheet.west) * sheet.per_metre
         parts.append(tag("line", x1=x, y1=MARGIN - 14, x2=x, y2=MARGIN - 20, class_="axis"))
         parts.append(
-            tag(
-                "text", f"{easting:,.0f}".replace(",", " "), x=x, y=MARGIN - 25, class_="coordinate"
-            )
+            tag("text", tell.number(easting, ",.0f"), x=x, y=MARGIN - 25, class_="coordinate")
         )
         easting += step
     northing = floor(sheet.north / step) * step
@@ -270,7 +277,7 @@ def _frame(sheet: _Sheet) -> Markup:
         parts.append(
             tag(
                 "text",
-                f"{northing:,.0f}".replace(",", " "),
+                tell.number(northing, ",.0f"),
                 x=MARGIN - 25,
                 y=y,
                 class_="coordinate",
@@ -280,7 +287,7 @@ def _frame(sheet: _Sheet) -> Markup:
         northing -= step
     x = right - 6
     parts.append(tag("path", d=f"M{x} {MARGIN - 4} l6 20 l-6 -5 l-6 5 z", class_="north"))
-    parts.append(tag("text", "N", x=x, y=MARGIN + 30, class_="northname"))
+    parts.append(tag("text", tell("report.map.north"), x=x, y=MARGIN + 30, class_="northname"))
     return Markup("").join(parts)
 
 
@@ -321,10 +328,11 @@ def _ring(sheet: _Sheet, ring: Sequence[Sequence[float]], style: str) -> Markup:
     return tag("polygon", points=_points([sheet.at(place) for place in ring]), class_=style)
 
 
-def _scale_bar(sheet: _Sheet) -> Markup:
+def _scale_bar(sheet: _Sheet, tell: Teller) -> Markup:
     metres = _round_down(WIDTH / 5 / sheet.per_metre)
     x, y = MARGIN, sheet.height - 22
-    name = f"{metres / 1000:g} km" if metres >= 1000 else f"{metres:g} m"
+    far = metres >= 1000
+    name = tell("report.map.km" if far else "report.map.m", value=metres / (1000 if far else 1))
     return Markup("").join(
         [
             tag("path", d=f"M{x} {y - 5} v5 h{metres * sheet.per_metre:.1f} v-5", class_="scale"),
@@ -333,7 +341,7 @@ def _scale_bar(sheet: _Sheet) -> Markup:
     )
 
 
-def _vector_bar(sheet: _Sheet, enlarged: float) -> Markup:
+def _vector_bar(sheet: _Sheet, enlarged: float, tell: Teller) -> Markup:
     metres = _round_down(VECTOR_SHARE * 1.6 * WIDTH / enlarged)
     x, y = WIDTH - MARGIN - metres * enlarged, sheet.height - 22
     return Markup("").join(
@@ -345,7 +353,7 @@ def _vector_bar(sheet: _Sheet, enlarged: float) -> Markup:
             ),
             tag(
                 "text",
-                f"residual of {metres:g} m",
+                tell("report.map.residual", value=metres),
                 x=WIDTH - MARGIN,
                 y=y - 9,
                 class_="scalename right",

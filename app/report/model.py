@@ -32,6 +32,7 @@ from core.quality.displacement import displacement
 from core.quality.rules import Finding, check_release, judge_block
 from core.raster.holes import Hole
 from sessions.decisions import Recorded
+from ui.words.catalogue import LANGUAGES
 
 CELLS = 3
 """Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
@@ -95,6 +96,8 @@ class ReportContent:
     """Date, operator and version."""
     decisions: Sequence[Recorded] = ()
     """Every decision of the session."""
+    language: str = LANGUAGES[0]
+    """Of the page; the JSON is for programs and knows one language."""
 
 
 def gather(content: ReportContent) -> dict[str, Any]:

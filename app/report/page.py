@@ -3,12 +3,13 @@
 import base64
 import io
 import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import rasterio
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from PIL import Image
 from rasterio.enums import Resampling
 
@@ -26,16 +27,28 @@ from app.report.drawing import (
 from app.report.model import ReportContent, gather
 from app.report.plots import draw_film, draw_histogram, longest_mean
 from app.report.summary import requirements
-from app.report.wording import WORST, film_places, findings, fine, tell
+from app.report.wording import (
+    WORST,
+    certificate,
+    checks_told,
+    comparison_told,
+    film_places,
+    findings,
+    fine,
+    refused_told,
+    status_counts,
+)
+from core.said import Said
 from sessions.atomic_write import whole_file
+from ui.words.catalogue import Teller
 
 THUMBNAIL_PX = 1400
 LONGEST_TABLE = 300
 """Rows of a table on the page; the rest is in the JSON, and the page says so."""
 CHAPTERS = (
-    "Verdict", "Doubts", "Block", "Accuracy", "Residuals", "Control in use",
-    "Distribution of control", "Tie points", "Exterior orientation", "Georeference",
-    "Interior orientation", "Cameras", "Mosaic", "Scans", "Decisions", "Provenance",
+    "verdict", "doubts", "block", "accuracy", "residuals", "control", "distribution", "ties",
+    "exterior", "georeference", "interior", "cameras", "mosaic", "scans", "decisions",
+    "provenance",
 )  # fmt: skip
 """In the order of the page; that of the mosaic only where there is one."""
 
@@ -50,59 +63,86 @@ def write_report(folder: Path, content: ReportContent) -> tuple[Path, Path]:
     Returns:
         The page and the JSON; the page shows nothing that is not in the JSON but the mosaic.
     """
-    text = json.dumps(gather(content), indent=1, ensure_ascii=False, allow_nan=False)
+    figures = gather(content)
+    text = json.dumps(figures, indent=1, ensure_ascii=False, allow_nan=False)
     json_path, html_path = folder / "report.json", folder / "report.html"
     with whole_file(json_path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     picture = "" if content.mosaic is None else thumbnail(content.mosaic)
-    page = render(json.loads(text), picture)
+    known = {str(one): one for one in said_in(figures)}
+    page = render(json.loads(text), picture, Teller(content.language), known)
     with whole_file(html_path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return html_path, json_path
 
 
-def render(figures: dict[str, Any], mosaic_jpeg: str = "") -> str:
+def said_in(value: Any) -> Iterator[Said]:
+    """Every sentence of the engine in nested figures."""
+    match value:
+        case Said():
+            yield value
+        case Mapping():
+            for key, inside in cast("Mapping[Any, Any]", value).items():
+                yield from said_in(key)
+                yield from said_in(inside)
+        case list() | tuple():
+            for inside in cast("Sequence[Any]", value):
+                yield from said_in(inside)
+        case _:
+            return
+
+
+def render(
+    figures: dict[str, Any],
+    mosaic_jpeg: str = "",
+    tell: Teller | None = None,
+    said: Mapping[str, Said] | None = None,
+) -> str:
     """The page for the figures of `report.json`.
 
     Args:
         figures: What `gather` made.
         mosaic_jpeg: The mosaic as a data URI, empty without one.
+        tell: The language; English when left out.
+        said: What the engine said, by the English sentence that stands in the figures.
 
     Returns:
         One HTML document with everything inline.
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["figure"] = _figure
-    environment.filters["signed"] = _signed
-    environment.filters["fine"] = fine
-    environment.filters["fine_signed"] = _fine_signed
-    block_map, enlarged = draw_map(figures["map"])
-    caption = tell("map_caption_plain") if enlarged is None else tell("map_caption", scale=enlarged)
+    tell, known = tell or Teller(), said or {}
+
+    def again(text: str) -> str:
+        return tell.again(known.get(text, text))
+
+    block_map, enlarged = draw_map(figures["map"], tell)
+    caption = "report.map.caption.plain" if enlarged is None else "report.map.caption"
     mosaic, films = figures["mosaic"], figures["residuals"]["films"]
-    return environment.get_template("page.html").render(
+    return _page(tell).render(
         f=figures,
-        found=findings(figures),
+        found=findings(figures, tell),
+        certificate=certificate(figures, tell),
         tell=tell,
-        requirements=requirements(figures),
-        chapters=[name for name in CHAPTERS if mosaic or name != "Mosaic"],
+        again=again,
+        requirements=requirements(figures, tell),
+        chapters=[name for name in CHAPTERS if mosaic or name != "mosaic"],
         short=short_names([row["scan"] for row in figures["exterior"]]),
         block_map=block_map,
         small_map=draw_map_again(figures["map"]),
-        symbols=draw_symbols(),
-        draw_histogram=draw_histogram,
+        symbols=draw_symbols(tell),
+        statuses=status_counts(figures["control"]["by_status"], tell),
+        checks_told=checks_told,
+        comparison_told=comparison_told,
+        refused_told=refused_told,
+        decided_kind=lambda kind: tell(f"report.decided.{kind.replace(' ', '-')}"),
+        stage_name=lambda name: tell(f"stage.{name}"),
+        draw_histogram=lambda bars: draw_histogram(bars, tell),
         draw_film=draw_film,
         longest_px=longest_mean(films),
         film_places=film_places(figures["interior"]),
         worst=WORST,
-        map_caption=caption,
-        rays=draw_bars(figures["ties"]["points_by_rays"], "rays"),
-        reliability=draw_reliability(figures["reliability"]["bins"]),
+        map_caption=tell(caption, scale=enlarged),
+        rays=draw_bars(figures["ties"]["points_by_rays"], tell),
+        reliability=draw_reliability(figures["reliability"]["bins"], tell),
         draw_coverage=draw_coverage,
         mosaic=draw_mosaic(mosaic, mosaic_jpeg) if mosaic else "",
         small_mosaic=draw_mosaic_again(mosaic) if mosaic else "",
@@ -125,14 +165,25 @@ def thumbnail(path: Path) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-def _figure(value: float | None, places: int = 2) -> str:
-    """A number with fixed places; a dash where there is none."""
-    return "–" if value is None else f"{value:,.{places}f}".replace(",", "\u202f").replace("-", "−")
+def _page(tell: Teller) -> Template:
+    """The page's template; a figure that is not there is an error."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= _filters(tell)
+    return environment.get_template("page.html")
 
 
-def _fine_signed(value: float | None, places: int = 2) -> str:
-    return fine(value, places, sign="+")
-
-
-def _signed(value: float | None, places: int = 2) -> str:
-    return "–" if value is None else f"{value:+.{places}f}".replace("-", "−")
+def _filters(tell: Teller) -> dict[str, Callable[..., str]]:
+    """How the page writes numbers; a dash where there is none."""
+    return {
+        "figure": lambda value, places=2: tell.number(value, f",.{places}f"),
+        "signed": lambda value, places=2: tell.number(value, f"+.{places}f"),
+        "scientific": lambda value: tell.number(value, ".3e"),
+        "fine": lambda value, places: fine(value, tell, places),
+        "fine_signed": lambda value, places: fine(value, tell, places, sign="+"),
+    }

@@ -7,6 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from app.report.drawing import chart, tag
+from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
 WIDE, TALL, EDGE = 380.0, 150.0, 26.0
@@ -17,7 +18,7 @@ LONGEST = 0.45
 """The longest arrow of all photos, as a share of a cell's side times two."""
 
 
-def draw_histogram(figures: Figures) -> Markup:
+def draw_histogram(figures: Figures, tell: Teller) -> Markup:
     """Residuals by size, and the normal curve of the same RMS."""
     counts, reach = figures["counts"], figures["reach_px"]
     expected = [_expected(figures, number) for number in range(len(counts))]
@@ -38,7 +39,7 @@ def draw_histogram(figures: Figures) -> Markup:
         tag("polyline", points=curve, class_="curve"),
         tag("line", x1=EDGE, y1=10 + TALL, x2=EDGE + WIDE, y2=10 + TALL, class_="axis"),
         *(
-            tag("text", f"{share * reach:+.2g}".replace("-", "\u2212"), class_="barname",
+            tag("text", tell.number(share * reach, "+.2g"), class_="barname",
                 x=EDGE + WIDE * (1 + share) / 2, y=10 + TALL + 17)
             for share in (-1.0, -0.5, 0.5, 1.0)
         ),

@@ -434,7 +434,11 @@ def _want(want: Want, scale: float) -> dict[str, Any]:
 def json_value(value: Any) -> Any:
     """The same value in JSON's own types; what is no number becomes null."""
     if isinstance(value, Mapping):
-        return {str(key): json_value(part) for key, part in value.items()}
+        # A sentence as a key stays one.
+        return {
+            key if isinstance(key, str) else str(key): json_value(part)
+            for key, part in value.items()
+        }
     if isinstance(value, (list, tuple)):
         return [json_value(part) for part in value]
     if isinstance(value, np.ndarray):

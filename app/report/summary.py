@@ -7,123 +7,123 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ui.words.catalogue import Teller
+
 Figures = dict[str, Any]
-RESULTS = ("passed", "doubtful", "not passed")
-"""By how grave a finding is."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Requirement:
-    """One row: findings that tell of it, and how value and limit are told."""
+    """One row: findings that tell of it, and the texts of name, limit and value."""
 
     name: str
     limit: str
     values: Mapping[str, str]
-    """Value as told, by kind of finding."""
+    """Text of the value, by kind of finding."""
 
 
 def _either(value: str, *kinds: str) -> dict[str, str]:
     return dict.fromkeys(kinds, value)
 
 
+NONE, PLAIN, COUNT = "report.value.none", "report.value.plain", "report.value.count"
 REQUIREMENTS = (
     _Requirement(
-        "Measurements accepted by hand, contradicted by the block",
-        "none",
+        "report.want.against", "report.limit.none",
         {
-            **_either("{metres} m: {worst}", "contradicted", "contradicted-far"),
-            **_either("{metres} m: {worst}", "contradicted-check"),
-            "agreed": "none of {count}",
+            **_either("report.value.against", "contradicted", "contradicted-far"),
+            "contradicted-check": "report.value.against", "agreed": "report.value.agreed",
         },
     ),
     _Requirement(
-        "Sigma nought", "{low} to {high}", _either("{value}", "sigma", "sigma-off", "sigma-far")
+        "report.want.sigma", "report.limit.range",
+        _either(PLAIN, "sigma", "sigma-off", "sigma-far"),
     ),
-    _Requirement("Photos that are not oriented", "none", {"oriented": "none", "loose": "{count}"}),
+    _Requirement("report.want.oriented", "report.limit.none", {"oriented": NONE, "loose": COUNT}),
     _Requirement(
-        "Control points",
-        "at least {least}, in {parts} of nine parts of the block",
-        _either("{count} in {cells} parts", "control", "control-gaps", "control-few"),
-    ),
-    _Requirement(
-        "Gap of control along the edge, plan",
-        "{most} bases",
-        _either("{bases} bases", "edge-plan", "edge-gap-plan"),
+        "report.want.control", "report.limit.control",
+        _either("report.value.control", "control", "control-gaps", "control-few"),
     ),
     _Requirement(
-        "Gap of known heights along the edge",
-        "{most} bases",
-        _either("{bases} bases", "edge-heights", "edge-gap-heights"),
+        "report.want.edge-plan", "report.limit.bases",
+        _either("report.value.bases", "edge-plan", "edge-gap-plan"),
     ),
     _Requirement(
-        "Check points",
-        "at least {least}",
+        "report.want.edge-heights", "report.limit.bases",
+        _either("report.value.bases", "edge-heights", "edge-gap-heights"),
+    ),
+    _Requirement(
+        "report.want.checks", "report.limit.least",
         {
-            "no-checks": "none", "one-check": "1 ({value} m off)",
-            **_either("{count} (m_p {value} m)", "checks-few", "checks"),
+            "no-checks": NONE, "one-check": "report.value.one-check",
+            **_either("report.value.checks", "checks-few", "checks"),
         },
     ),
     _Requirement(
-        "Tie points in three photos or more", "at least {least} %",
-        _either("{share} %", "rays", "rays-few"),
+        "report.want.rays", "report.limit.least-percent",
+        _either("report.value.percent", "rays", "rays-few"),
     ),
     _Requirement(
-        "Systematic residuals on the film", "none that stand out",
-        _either("at most {value} px", "no-pattern", "systematic"),
-    ),
-    _Requirement("Tilt", "{limit}°", _either("{value}°", "tilt", "tilt-over")),
-    _Requirement("Crab", "{limit}°", _either("{value}°", "crab", "crab-over")),
-    _Requirement(
-        "Overlap along the strips", "at least {least} %",
-        _either("{low} to {high} %", "along", "along-small"),
+        "report.want.pattern", "report.limit.stand-out",
+        _either("report.value.pattern", "no-pattern", "systematic"),
     ),
     _Requirement(
-        "Overlap between strips", "at least {least} %",
-        _either("{low} to {high} %", "across", "across-small"),
+        "report.want.tilt", "report.limit.degrees",
+        _either("report.value.degrees", "tilt", "tilt-over"),
     ),
     _Requirement(
-        "Holes inside the mosaic", "none",
-        {"no-holes": "none", "holes": "{count} ({area} m²)"},
+        "report.want.crab", "report.limit.degrees",
+        _either("report.value.degrees", "crab", "crab-over"),
+    ),
+    _Requirement(
+        "report.want.along", "report.limit.least-percent",
+        _either("report.value.range", "along", "along-small"),
+    ),
+    _Requirement(
+        "report.want.across", "report.limit.least-percent",
+        _either("report.value.range", "across", "across-small"),
+    ),
+    _Requirement(
+        "report.want.holes", "report.limit.none",
+        {"no-holes": NONE, "holes": "report.value.holes"},
     ),
 )  # fmt: skip
 
 
-def requirements(figures: Figures) -> list[Figures]:
+def requirements(figures: Figures, tell: Teller) -> list[Figures]:
     """Rows of the table: requirement, value, limit, result and how grave it is.
 
     Args:
         figures: Those of the report, with `verdict` and `certificate`.
+        tell: The language.
     """
-    rows = [*_position(figures["certificate"])]
+    rows = [*_position(figures["certificate"], tell)]
     for wanted in REQUIREMENTS:
         told = [one for one in figures["verdict"] if one["kind"] in wanted.values]
         if not told:
             continue
         first = told[0]
-        more = f" and {len(told) - 1} more" if len(told) > 1 else ""
-        value = wanted.values[first["kind"]].format(**first) + more
-        rows.append(_row(wanted.name, value, wanted.limit.format(**first), first["grave"]))
+        value = tell(wanted.values[first["kind"]], **first)
+        if len(told) > 1:
+            value = tell("report.value.more", value=value, more=len(told) - 1)
+        limit = tell(wanted.limit, **first)
+        rows.append(_row(tell, wanted.name, value, limit, first["grave"]))
     return rows
 
 
-def remaining(figures: Figures) -> list[Figures]:
-    """Findings to be read in full: what is not sound, gravest first."""
-    return [one for one in figures["verdict"] if one["grave"]]
-
-
-def _position(certificate: Figures | None) -> Sequence[Figures]:
+def _position(certificate: Figures | None, tell: Teller) -> Sequence[Figures]:
     """What is predicted of the ground; nothing where that was not asked."""
     if certificate is None:
         return ()
     predicted, limit = certificate["predicted_m"], certificate["limit_m"]
     known = predicted is not None
     good = known and "predicted" not in certificate["reasons"]
-    value = f"{predicted:.2f} m" if known else "not known"
-    name = "Position on the ground, predicted standard deviation"
-    return [_row(name, value, f"{limit:.2f} m", 0 if good else 2)]
+    metres = "report.value.metres"
+    value = tell(metres, value=predicted) if known else tell("report.value.unknown")
+    limit = tell(metres, value=limit)
+    return [_row(tell, "report.want.position", value, limit, 0 if good else 2)]
 
 
-def _row(name: str, value: str, limit: str, grave: int) -> Figures:
-    return {
-        "name": name, "value": value, "limit": limit, "grave": grave, "result": RESULTS[grave]
-    }  # fmt: skip
+def _row(tell: Teller, name: str, value: str, limit: str, grave: int) -> Figures:
+    result = tell(f"report.result.{grave}")
+    return {"name": tell(name), "value": value, "limit": limit, "grave": grave, "result": result}

@@ -1,4 +1,4 @@
-"""Every sentence of the accuracy report, in one place, so that it can be told in Czech as well.
+"""Which sentences of the catalogue the accuracy report tells, and with which figures.
 
 What is told after a run stands here too: scans set aside, and the gravest doubts, in a few lines.
 """
@@ -10,6 +10,8 @@ from typing import Any
 
 from core.doubts import Doubt
 from core.quality.rules import SIGMA_NOUGHT
+from core.said import say
+from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
 WORST = 40
@@ -21,403 +23,247 @@ GRAVE = 0.5
 SET_ASIDE = "scan-set-aside"
 """The doubts that repeat why a scan was set aside."""
 
-TEXT = {
-    "title": "{name}: {oriented} of {photos} photos oriented",
-    "subtitle": "Accuracy report of the block · {crs}{heights}",
-    "written": "Written {at} by {operator} with Gruber {version}.",
-    "headline_few": (
-        "{points} in plan: m_p = {m_p:.2f} m, too few to judge. What follows says how well the "
-        "block fits the reference ortho{sigma}."
-    ),
-    "headline_checks": (
-        "m_p = {m_p:.2f} m in plan at {count} check points "
-        "(95 % interval {low:.2f} to {high:.2f} m)."
-    ),
-    "headline_relative": (
-        "There are no check points: what follows says how well the block fits the reference "
-        "ortho{sigma}, not how well the mosaic lies on the ground."
-    ),
-    "certified": (
-        "Position is predicted to {relative_m:.2f} m relative to the reference ortho, and to "
-        "{predicted_m:.2f} m on the ground with the reference's own error, at worst "
-        "{worst_m:.2f} m ({worst_photo}); up to {limit_m:.2f} m a block is certified."
-    ),
-    "against_more": "Others like it are in the verdict: {count}.",
-    "not_certified": "This block is not certified. {sentences}",
-    "not_certified_nothing": "No photo took part in an adjustment.",
-    "sigma_of_reference": " (sigma {ortho:g} m, DEM {dem:g} m)",
-    "sigma_fits": (
-        "Sigma nought {value:.2f}: residuals are as large as the a-priori standard deviations say."
-    ),
-    "sigma_large": (
-        "Sigma nought {value:.2f}: residuals are larger than expected. Measurements are worse than "
-        "stated, or something systematic is left (film, DEM, a false control point)."
-    ),
-    "sigma_small": (
-        "Sigma nought {value:.2f}: residuals are smaller than expected. The a-priori standard "
-        "deviations are too cautious; all sigmas below are scaled with sigma nought."
-    ),
-    "sigma_none": "Sigma nought cannot be stated: there are no redundant measurements.",
-    "converged": "The adjustment settled after {iterations} steps with {redundancy} redundant "
-    "observations.",
-    "not_converged": "The adjustment did not settle: orientations are the last sound ones. Do not "
-    "use the mosaic before the doubts are decided.",
-    "doubts_none": "No doubts are open",
-    "doubts_one": "One doubt is open: {subject}",
-    "doubts_many": "{count} doubts are open, the gravest about {subject}",
-    "map": "Where the photos, the control and the ties lie",
-    "map_caption": (
-        "Residual vectors of control (adjusted minus known) and of check points (computed minus "
-        "known), enlarged {scale:,.0f} times. Grey dots are tie points."
-    ),
-    "map_caption_plain": "Footprints, photo centres, control points; grey dots are tie points.",
-    "checks": "Check points: m_p {m_p:.2f} m, {bias}",
-    "checks_one": "One check point, {m_p:.2f} m off: too few to judge",
-    "checks_few": "{points}, m_p {m_p:.2f} m: too few to judge",
-    "bias_none": "no systematic shift",
-    "bias_some": "shifted by {east:+.2f} m east, {north:+.2f} m north",
-    "checks_none": "No check points: accuracy is relative to the reference ortho",
-    "checks_none_text": (
-        "The figures of this report say how well the block fits what it was fitted to. For a "
-        "statement of accuracy, measure at least {least} independent points with role = check."
-    ),
-    "asprs_enough": (
-        "{count} check points allow a statement by ASPRS Ed. 2 (2023): RMSE_H = {total:.2f} m, the "
-        "error of the check points themselves ({survey:.2f} m) included."
-    ),
-    "asprs_few": (
-        "ASPRS Ed. 2 (2023) asks for {least} check points; {points} allow no statement by that "
-        "standard."
-    ),
-    "asprs_one": (
-        "ASPRS Ed. 2 (2023) asks for {least} check points; one allows no statement by that "
-        "standard."
-    ),
-    "comparison": "Against {name}: m_p {m_p:.2f} m at {count} places",
-    "map_small": "Photos, control and check points with their residuals.",
-    "mosaic_small": "The mosaic, its seams and its holes.",
-    "mosaic_caption": (
-        "{file} with its seams (each place is shown by the photo whose nadir is nearest) and, "
-        "ringed, its holes."
-    ),
-    "no_holes": "There are no holes inside the mosaic.",
-    "holes": (
-        "{holes} inside the mosaic, {area} m² together: no photo shows the ground there. Take in a "
-        "photo that does, or fill the place from another source."
-    ),
-    "verdict_0": "The block is good",
-    "verdict_1": "The block can be used; {doubtful} to be looked at",
-    "verdict_2": "The block is not good enough",
-    "residuals": "Residuals: ties {tie} px, control {control} px",
-    "histogram_tie": "Tie points: {count:,} residual coordinates, RMS {rms_px:.2f} px; the curve "
-    "is the normal distribution of that RMS.",
-    "histogram_control": "Control points: {count:,} residual coordinates, RMS {rms_px:.2f} px.",
-    "films": "Residuals of each photo by parts of its film",
-    "films_text": (
-        "Mean residual (computed minus measured) of ties and control in each of 36 parts, three "
-        "residuals at least; the longest arrow of all is {longest:.2f} px. What is alike in many "
-        "photos belongs to lens or film."
-    ),
-    "parameters": "What was estimated with the photos, and what each is mixed up with",
-    "control": "{used} at {points} {steer} the block; {left} left out",
-    "in_use": "Measurements in use, worst first: {shown} of {all}",
-    "in_use_text": (
-        "dX, dY, dZ: adjusted minus known coordinates of the point. Without it: how far the "
-        "measurement lies from where all others put it, in standard deviations. Redundancy: the "
-        "share of an error in it that others would show. All of them are in control_points.csv."
-    ),
-    "left_out": (
-        "Measurements left out: {count} ({by_status}). control_points.csv has each of them with "
-        "its residual and the reason."
-    ),
-    "left_out_none": "No measurement was left out.",
-    "decisions": "Decisions: {count}, by {operators}, {first} to {last} UTC; taken back: {back}",
-    "decisions_none": "No decision was made at the desk",
-    "control_none": "No control steers the block: it lies where its approximate orientation put it",
-    "unchecked": (
-        "Control measurements with a redundancy number below 0.1, which no other would show "
-        "wrong: {count}."
-    ),
-    "reliability": (
-        "How far the heights of peaks can be believed, without a label: across, the probability "
-        "that their height alone states for the highest peak of each of {count} searches; up, the "
-        "share that lies where the block expects it, less what chance brings there. Dots below the "
-        "line: heights promise too much, and the place must decide, as it does before a proposal "
-        "is used. Mean difference {error:.3f}."
-    ),
-    "coverage": "{good} of {photos} photos have control in at least five of nine cells",
-    "coverage_text": (
-        "Each square is the picture area of a photo, divided as the Gruber points lie; figures are "
-        "used control measurements, bars below them tie points. Empty cells are marked."
-    ),
-    "spread": (
-        "Along the block's edge known points are at most {rules[plan][edge_gap_bases]:.1f} bases "
-        "apart in plan and {rules[heights][edge_gap_bases]:.1f} in height (rule: "
-        "{rules[plan][edge_gap_most]:g} and {rules[heights][edge_gap_most]:g}); "
-        "inside lie {rules[plan][per_model]:.1f} and "
-        "{rules[heights][per_model]:.1f} for each stereo model (rule: "
-        "{rules[plan][per_model_least]:g} and {rules[heights][per_model_least]:g})."
-    ),
-    "wanted": "Where one more control point would help most",
-    "wanted_text": (
-        "Standard deviation of position on the ground now, and with this point and those above it "
-        "measured in all photos that show it."
-    ),
-    "ties": "{points} tie points, {share:.0f} % of them in three photos or more",
-    "ties_none": "No tie points: every photo stands on its control alone",
-    "overlaps": "Overlapping pairs of photos: {pairs}; without a common tie point: {untied}",
-    "overlaps_all": "Overlapping pairs of photos: {pairs}, all of them tied",
-    "exterior": (
-        "Perspective centres are known to {median:.2f} m, the worst ({scan}) to {worst:.2f} m"
-    ),
-    "exterior_plain": "Exterior orientation",
-    "georeference": (
-        "Georeferences were off by {median:.0f} m, half of them by less, the worst ({scan}) by "
-        "{worst:.0f} m"
-    ),
-    "georeference_plain": "Georeference",
-    "interior": "Fiducials fit to {median} µm, the worst scan ({scan}) to {worst} µm",
-    "interior_none": "No fiducials: interior orientation is nominal, from the middle of the scans",
-    "cameras": "Cameras: principal distance changed by at most {change} mm",
-    "cameras_plain": "Cameras",
-    "set_aside": "{count} scans were set aside",
-    "set_aside_one": "One scan was set aside",
-    "set_aside_none": "No scan was set aside",
-    "change": (
-        "{same:.0f} % of the ground is recognised in the ortho of today, {different:.0f} % shows "
-        "another; of the rest nobody can tell (change.gpkg, layers same and different)."
-    ),
-    "mosaic": "The mosaic: {columns} × {rows} pixels of {gsd:g} m from {photos} photos",
-    "provenance": "How this was made",
-}
 
-
-def counted(number: int, thing: str) -> str:
-    """`1 scan`, `2 scans`."""
-    return f"{number:,} {thing}{'' if number == 1 else 's'}".replace(",", "\u202f")
-
-
-def tell(key: str, **values: Any) -> str:
-    """One sentence with its figures filled in."""
-    return TEXT[key].format(**values)
-
-
-def findings(figures: Figures) -> dict[str, str]:
+def findings(figures: Figures, tell: Teller) -> dict[str, str]:
     """Headings that say what was found, by section."""
-    block = figures["block"]
-    heights = f" · {block['heights']}" if block["heights"] else ""
+    block, adjustment, control = figures["block"], figures["adjustment"], figures["control"]
+    settled = "report.converged" if adjustment["converged"] else "report.not-converged"
     return {
-        "title": tell("title", **block),
-        "subtitle": tell("subtitle", crs=block["crs"], heights=heights),
-        "headline": _headline(figures),
-        "certificate": _certificate(figures["certificate"], figures["verdict"]),
-        "sigma": _sigma(figures["adjustment"]),
-        "settled": tell(
-            "converged" if figures["adjustment"]["converged"] else "not_converged",
-            **figures["adjustment"],
-        ),
-        "doubts": _doubts(figures["doubts"]),
-        "checks": _checks(figures["checks"]),
-        "asprs": _asprs(figures["checks"]),
-        "verdict": _verdict(figures["verdict"]),
-        "decisions": _decisions(figures["decisions"]),
-        "control": _control(figures["control"]),
-        "in_use": tell(
-            "in_use",
-            shown=min(len(figures["control"]["in_use"]), WORST),
-            all=len(figures["control"]["in_use"]),
-        ),
-        "left_out": _left_out(figures["control"]),
-        "residuals": tell(
-            "residuals",
-            **{
-                name: "–" if rms is None else f"{rms:.2f}"
-                for name in ("tie", "control")
-                for rms in [figures["adjustment"]["rms_px"].get(name)]
-            },
-        ),
-        "holes": _holes(figures["mosaic"]),
+        "title": tell("report.title", **block),
+        "subtitle": tell("report.subtitle.heights" if block["heights"] else "report.subtitle",
+                         crs=block["crs"], heights=block["heights"]),
+        "headline": _headline(figures, tell),
+        "sigma": _sigma(adjustment, tell),
+        "settled": tell(settled, **adjustment),
+        "doubts": _doubts(figures["doubts"], tell),
+        "checks": _checks(figures["checks"], tell),
+        "asprs": _asprs(figures["checks"], tell),
+        "verdict": _verdict(figures["verdict"], tell),
+        "decisions": _decisions(figures["decisions"], tell),
+        "control": _control(control, tell),
+        "in_use": tell("report.in-use", shown=min(len(control["in_use"]), WORST),
+                       all=len(control["in_use"])),
+        "left_out": _left_out(control, tell),
+        "residuals": _residuals(adjustment["rms_px"], tell),
+        "holes": _holes(figures["mosaic"], tell),
         "coverage": tell(
-            "coverage",
+            "report.coverage",
             good=sum(photo["control_cells"] >= 5 for photo in figures["coverage"]),
             photos=len(figures["coverage"]),
         ),
-        "ties": _ties(figures["ties"]),
-        "overlaps": _overlaps(figures["overlaps"]),
-        "exterior": _exterior(figures["exterior"]),
-        "georeference": _georeference(figures["exterior"]),
-        "interior": _interior(figures["interior"]),
-        "cameras": _cameras(figures["cameras"]),
-        "set_aside": _set_aside(len(figures["set_aside"])),
-    }
+        "ties": _ties(figures["ties"], tell),
+        "overlaps": _overlaps(figures["overlaps"], tell),
+        "exterior": _exterior(figures["exterior"], tell),
+        "georeference": _georeference(figures["exterior"], tell),
+        "interior": _interior(figures["interior"], tell),
+        "cameras": _cameras(figures["cameras"], tell),
+        "set_aside": _set_aside(len(figures["set_aside"]), tell),
+    }  # fmt: skip
 
 
-def _set_aside(count: int) -> str:
-    key = {0: "set_aside_none", 1: "set_aside_one"}.get(count, "set_aside")
-    return tell(key, count=count)
+def certificate(figures: Figures, tell: Teller) -> list[str]:
+    """What is predicted of the ground, or why the block is not released; sentences.
+
+    Those of the findings are the engine's: in English, to be told again.
+    """
+    found = figures["certificate"]
+    if found is None:
+        return []
+    if found["predicted_m"] is None:
+        return [tell("report.not-certified"), tell("report.not-certified.nothing")]
+    if found["reasons"]:
+        return [tell("report.not-certified"), *found["sentences"]]
+    verdict = figures["verdict"]
+    against = [one["sentence"] for one in verdict if one["kind"].startswith("contradicted")]
+    more = [tell("report.against-more", count=len(against) - 1)] if len(against) > 1 else []
+    return [tell("report.certified", **found), *against[:1], *more]
 
 
-def _headline(figures: Figures) -> str:
+def _set_aside(count: int, tell: Teller) -> str:
+    return tell("report.set-aside" if count else "report.set-aside.none", count=count)
+
+
+def _residuals(rms_px: Figures, tell: Teller) -> str:
+    told = {name: tell.number(rms_px.get(name), ".2f") for name in ("tie", "control")}
+    return tell("report.residuals", **told)
+
+
+def _headline(figures: Figures, tell: Teller) -> str:
     checks, block = figures["checks"], figures["block"]
     if checks["count"] and checks["enough"]:
         low, high = checks["m_p_interval"]
-        return tell("headline_checks", m_p=checks["m_p"], count=checks["count"], low=low, high=high)
+        told = {"m_p": checks["m_p"], "count": checks["count"]}
+        return tell("report.headline.checks", low=low, high=high, **told)
     ortho, dem = block["reference_ortho_sigma_m"], block["reference_dem_sigma_m"]
     known = ortho is not None and dem is not None
-    sigma = tell("sigma_of_reference", ortho=ortho, dem=dem) if known else ""
+    told = {"count": checks["count"], "m_p": checks.get("m_p"), "ortho": ortho, "dem": dem}
     if checks["count"]:
-        points = counted(checks["count"], "check point")
-        return tell("headline_few", points=points, m_p=checks["m_p"], sigma=sigma)
-    return tell("headline_relative", sigma=sigma)
+        return tell("report.headline.few.sigma" if known else "report.headline.few", **told)
+    return tell("report.headline.relative.sigma" if known else "report.headline.relative", **told)
 
 
-def _verdict(verdict: list[Figures]) -> str:
-    doubtful = counted(sum(one["grave"] > 0 for one in verdict), "finding")
-    return tell(f"verdict_{max((one['grave'] for one in verdict), default=0)}", doubtful=doubtful)
+def _verdict(verdict: list[Figures], tell: Teller) -> str:
+    worst = max((one["grave"] for one in verdict), default=0)
+    return tell(f"report.verdict.{worst}", count=sum(one["grave"] > 0 for one in verdict))
 
 
-def _decisions(decisions: Figures) -> str:
+def _decisions(decisions: Figures, tell: Teller) -> str:
     people = decisions["operators"]
     if not people:
-        return tell("decisions_none")
+        return tell("report.decisions.none")
     first, last = min(one["first"] for one in people), max(one["last"] for one in people)
     return tell(
-        "decisions",
+        "report.decisions",
         count=decisions["count"],
-        operators=", ".join(one["who"] for one in people),
+        operators=[one["who"] for one in people],
         first=first[:16].replace("T", " "),
         last=last[:16].replace("T", " "),
         back=decisions["taken_back"],
     )
 
 
-def _left_out(control: Figures) -> str:
+def _left_out(control: Figures, tell: Teller) -> str:
     if not control["left_out"]:
-        return tell("left_out_none")
+        return tell("report.left-out.none")
     statuses = [one["status"] for one in control["left_out"]]
-    by_status = ", ".join(f"{name} {statuses.count(name)}" for name in sorted(set(statuses)))
-    return tell("left_out", count=len(statuses), by_status=by_status)
+    counts = {name: statuses.count(name) for name in sorted(set(statuses))}
+    by_status = status_counts(counts, tell)
+    return tell("report.left-out", count=len(statuses), by_status=by_status)
 
 
-def _holes(mosaic: Figures | None) -> str:
+def status_counts(counts: Mapping[str, int], tell: Teller) -> list[str]:
+    """How many measurements have each status."""
+    names = {name: tell(f"report.status.{name}") for name in counts}
+    return [tell("report.status", status=names[name], count=n) for name, n in counts.items()]
+
+
+def _holes(mosaic: Figures | None, tell: Teller) -> str:
     if mosaic is None or not mosaic["holes"]:
-        return tell("no_holes")
+        return tell("report.holes.none")
     area = sum(hole["area_m2"] for hole in mosaic["holes"])
-    return tell("holes", holes=counted(len(mosaic["holes"]), "hole"), area=f"{area:.0f}")
+    return tell("report.holes", count=len(mosaic["holes"]), area=area)
 
 
-def _certificate(certificate: Figures | None, verdict: list[Figures]) -> str:
-    if certificate is None:
-        return ""
-    against = [one["sentence"] for one in verdict if one["kind"].startswith("contradicted")]
-    if certificate["predicted_m"] is None:
-        return tell("not_certified", sentences=tell("not_certified_nothing"))
-    if not certificate["reasons"]:
-        more = [tell("against_more", count=len(against) - 1)] if len(against) > 1 else []
-        return " ".join([tell("certified", **certificate), *against[:1], *more])
-    return tell("not_certified", sentences=" ".join(certificate["sentences"]))
-
-
-def _sigma(adjustment: Figures) -> str:
+def _sigma(adjustment: Figures, tell: Teller) -> str:
     value = adjustment["sigma_nought"]
     if value is None or adjustment["redundancy"] <= 0:
-        return tell("sigma_none")
+        return tell("report.sigma.none")
     low, high = SIGMA_NOUGHT
     if value > high:
-        return tell("sigma_large", value=value)
-    return tell("sigma_small" if value < low else "sigma_fits", value=value)
+        return tell("report.sigma.large", value=value)
+    return tell("report.sigma.small" if value < low else "report.sigma.fits", value=value)
 
 
-def _doubts(doubts: list[Figures]) -> str:
+def _doubts(doubts: list[Figures], tell: Teller) -> str:
     if not doubts:
-        return tell("doubts_none")
-    key = "doubts_one" if len(doubts) == 1 else "doubts_many"
+        return tell("report.doubts.none")
+    key = "report.doubts.one" if len(doubts) == 1 else "report.doubts.many"
     return tell(key, count=len(doubts), subject=doubts[0]["subject"])
 
 
-def _checks(checks: Figures) -> str:
+def _checks(checks: Figures, tell: Teller) -> str:
     if not checks["count"]:
-        return tell("checks_none")
+        return tell("report.checks.none")
     if not checks["enough"]:
-        points = counted(checks["count"], "check point")
-        key = "checks_one" if checks["count"] == 1 else "checks_few"
-        return tell(key, m_p=checks["m_p"], points=points)
+        key = "report.checks.one" if checks["count"] == 1 else "report.checks.few"
+        return tell(key, m_p=checks["m_p"], count=checks["count"])
     east, north = checks["mean_shift"]
-    shifted = any(checks["mean_significant"])
-    bias = tell("bias_some", east=east, north=north) if shifted else tell("bias_none")
-    return tell("checks", m_p=checks["m_p"], bias=bias)
+    key = "report.checks.shifted" if any(checks["mean_significant"]) else "report.checks.level"
+    return tell(key, m_p=checks["m_p"], east=east, north=north)
 
 
-def _asprs(checks: Figures) -> str:
+def checks_told(checks: Figures, tell: Teller) -> str:
+    """The figures of all check points together."""
+    low, high = checks["m_p_interval"]
+    return tell(
+        "report.checks.told.heights" if checks["heights"] else "report.checks.told",
+        m_p=checks["m_p"], low=low, high=high, mean=checks["mean_length"],
+        largest=checks["largest"], ce90=checks["circular_error_90"],
+        le95=checks["linear_error_95"],
+    )  # fmt: skip
+
+
+def comparison_told(one: Figures, tell: Teller) -> str:
+    """The figures of a mosaic against another ortho."""
+    low, high = one["m_p_interval"]
+    return tell(
+        "report.comparison.told", m_p=one["m_p"], low=low, high=high,
+        all=one["m_p_with_mismatches"], largest=one["largest"],
+        ce90=one["circular_error_90"], gsd=one["ground_sample_distance_m"],
+    )  # fmt: skip
+
+
+def refused_told(refused: Mapping[str, int], tell: Teller) -> str:
+    """Why how many places were not counted."""
+    told = [
+        tell("report.comparison.refused.count", count=count, reason=tell.again(reason))
+        for reason, count in refused.items()
+    ]
+    return tell("report.comparison.refused", reasons=told)
+
+
+def _asprs(checks: Figures, tell: Teller) -> str:
     if not checks["count"]:
         return ""
     survey = checks["survey_rms_horizontal"]
     total = (checks["m_p"] ** 2 + survey**2) ** 0.5
-    key = "asprs_one" if checks["count"] == 1 else "asprs_few"
     return tell(
-        "asprs_enough" if checks["asprs_enough"] else key,
-        count=checks["count"],
-        points=counted(checks["count"], "check point"),
-        least=checks["asprs_least"],
-        total=total,
-        survey=survey,
-    )
+        "report.asprs.enough" if checks["asprs_enough"] else "report.asprs.few",
+        count=checks["count"], least=checks["asprs_least"], total=total, survey=survey,
+    )  # fmt: skip
 
 
-def _control(control: Figures) -> str:
+def _control(control: Figures, tell: Teller) -> str:
     used = sum(control["by_status"].get(status, 0) for status in ("auto", "accepted"))
     if not used:
-        return tell("control_none")
-    return tell(
-        "control",
-        used=counted(used, "measurement"),
-        points=counted(control["points_used"], "control point"),
-        steer="steers" if used == 1 else "steer",
-        left=len(control["left_out"]),
-    )
+        return tell("report.control.none")
+    points, left = control["points_used"], len(control["left_out"])
+    return tell("report.control", used=used, points=points, left=left)
 
 
-def _ties(ties: Figures) -> str:
+def _ties(ties: Figures, tell: Teller) -> str:
     if not ties["points"]:
-        return tell("ties_none")
+        return tell("report.ties.none")
     several = sum(count for rays, count in ties["points_by_rays"].items() if int(rays) >= 3)
-    return tell("ties", points=ties["points"], share=100 * several / ties["points"])
+    return tell("report.ties", points=ties["points"], share=100 * several / ties["points"])
 
 
-def _overlaps(overlaps: list[Figures]) -> str:
+def _overlaps(overlaps: list[Figures], tell: Teller) -> str:
     untied = sum(pair["common_ties"] == 0 for pair in overlaps)
-    key = "overlaps" if untied else "overlaps_all"
+    key = "report.overlaps" if untied else "report.overlaps.all"
     return tell(key, pairs=len(overlaps), untied=untied)
 
 
-def _georeference(rows: list[Figures]) -> str:
+def _georeference(rows: list[Figures], tell: Teller) -> str:
     off = {row["scan"]: row["georeference_off"]["rms_m"] for row in rows if row["oriented"]}
     if not off:
-        return tell("georeference_plain")
+        return tell("report.georeference.plain")
     worst = max(off, key=lambda scan: off[scan])
-    return tell("georeference", median=median(off.values()), scan=worst, worst=off[worst])
+    middle = median(off.values())
+    return tell("report.georeference", median=middle, scan=worst, worst=off[worst])
 
 
-def _exterior(rows: list[Figures]) -> str:
+def _exterior(rows: list[Figures], tell: Teller) -> str:
     known = [
         (max(row["sigma_centre_m"]), row["scan"])
         for row in rows
         if row["sigma_centre_m"] is not None and None not in row["sigma_centre_m"]
     ]
     if not known:
-        return tell("exterior_plain")
+        return tell("report.exterior.plain")
     worst, scan = max(known)
     middle = median(value for value, _ in known)
-    return tell("exterior", median=middle, worst=worst, scan=scan)
+    return tell("report.exterior", median=middle, worst=worst, scan=scan)
 
 
-def _interior(rows: list[Figures]) -> str:
+def _interior(rows: list[Figures], tell: Teller) -> str:
     fitted = [(row["rms_um"], row["scan"]) for row in rows if row["residuals_um"]]
     if not fitted:
-        return tell("interior_none")
+        return tell("report.interior.none")
     worst, scan = max(fitted)
-    middle, places = median(value for value, _ in fitted), film_places(rows)
-    return tell("interior", median=fine(middle, places), worst=fine(worst, places), scan=scan)
+    places = film_places(rows)
+    middle = fine(median(value for value, _ in fitted), tell, places)
+    return tell("report.interior", median=middle, worst=fine(worst, tell, places), scan=scan)
 
 
 def film_places(rows: list[Figures]) -> int:
@@ -426,23 +272,23 @@ def film_places(rows: list[Figures]) -> int:
     return 0 if worst >= 10 else 1 if worst >= 1 else 2
 
 
-def fine(value: float | None, places: int = 2, sign: str = "") -> str:
+def fine(value: float | None, tell: Teller, places: int = 2, sign: str = "") -> str:
     """A number with fixed places; what is not nought is never told as nought."""
-    if value is None:
-        return "–"
     smallest = 10.0**-places
     if value and abs(value) < smallest / 2:
-        return f"<\u202f{smallest:.{places}f}"
-    return f"{value:{sign}.{places}f}".replace("-", "−")
+        return f"<\u202f{tell.number(smallest, f'.{places}f')}"
+    return tell.number(value, f"{sign}.{places}f")
 
 
-def _cameras(cameras: list[Figures]) -> str:
+def _cameras(cameras: list[Figures], tell: Teller) -> str:
     changes = [
         abs(row["adjusted"]["principal_distance_mm"] - row["before"]["principal_distance_mm"])
         for row in cameras
         if "before" in row
     ]
-    return tell("cameras", change=fine(max(changes), 3)) if changes else tell("cameras_plain")
+    if not changes:
+        return tell("report.cameras.plain")
+    return tell("report.cameras", change=fine(max(changes), tell, 3))
 
 
 def remarks(set_aside: Mapping[str, str], doubts: Sequence[Doubt], where: str) -> list[str]:
@@ -453,10 +299,12 @@ def remarks(set_aside: Mapping[str, str], doubts: Sequence[Doubt], where: str) -
         doubts: Gravest first.
         where: The file that has all of it, for what there is no room for.
     """
-    lines = [f"Set aside: {reason}" for reason in set_aside.values()]
+    lines: list[str] = [say("Set aside: {reason}", reason=reason) for reason in set_aside.values()]
     lines += list(_of_kinds([doubt for doubt in doubts if doubt.gravity >= GRAVE]))
     hidden = len(lines) - LINES
-    return lines if hidden <= 0 else [*islice(lines, LINES), f"... {hidden} more in {where}"]
+    if hidden <= 0:
+        return lines
+    return [*islice(lines, LINES), say("... {count} more in {file}", count=hidden, file=where)]
 
 
 def _of_kinds(doubts: Sequence[Doubt]) -> Iterator[str]:
@@ -466,6 +314,8 @@ def _of_kinds(doubts: Sequence[Doubt]) -> Iterator[str]:
         if doubt.kind != SET_ASIDE:
             kinds.setdefault(doubt.kind, []).append(doubt)
     for first, *others in kinds.values():
-        named = "" if first.subject in first.message else f"{first.subject}: "
-        like = f" ({len(others)} more like this)" if others else ""
-        yield f"Doubt: {named}{first.message}{like}"
+        named = first.subject in first.message
+        doubt = "Doubt: {message}" if named else "Doubt: {subject}: {message}"
+        told = say(doubt, subject=first.subject, message=first.message)
+        alike = "{told} ({count} more like this)"
+        yield say(alike, told=told, count=len(others)) if others else told

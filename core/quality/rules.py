@@ -18,6 +18,7 @@ from core.doubts import Doubt
 from core.quality.assessment import BlockQuality, Overlap, assess_block
 from core.quality.control_count import ControlCount
 from core.raster.holes import Hole
+from core.said import Said, say
 
 # design: a fifth off is what weights of a sound block are; a half off, nothing that is predicted
 # with them can be believed.
@@ -102,7 +103,8 @@ SENTENCES = {
     "the rule.",
     "inside-few-heights": "Inside the block {value} known heights for each stereo model; {least} "
     "are the rule.",
-    "unchecked": "Control measurements that no other could find wrong: {count} ({worst}).",
+    "unchecked": "Control measurements that no other could find wrong: {count} ({worst} in "
+    "{photo}).",
     "no-checks": "No check points: the accuracy is not independently known.",
     "one-check": "One check point, {value} m off: too few to judge.",
     "checks-few": "{count} check points, m_p {value} m: too few to judge.",
@@ -159,9 +161,9 @@ class Finding:
     """What stands in its places."""
 
     @property
-    def sentence(self) -> str:
+    def sentence(self) -> Said:
         """What it says."""
-        return SENTENCES[self.kind].format(**self.values)
+        return Said(SENTENCES[self.kind], self.values)
 
 
 def judge_block(
@@ -325,7 +327,7 @@ def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
             continue
         if figures.sigma_ratio >= LARGER:
             ratio = f"{figures.sigma_ratio:.1f}"
-            told = {"worst": CLASSES[name], "ratio": ratio, "class": name}
+            told = {"worst": say(CLASSES[name]), "ratio": ratio, "class": name}
             findings.append(Finding("class-large", DOUBTFUL, told))
     return findings
 
@@ -336,7 +338,7 @@ def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Fin
         return findings
     weak = [key for key, number in report.redundancy_numbers.items() if number < UNCHECKED]
     if weak:
-        told = {"count": str(len(weak)), "worst": " in ".join(weak[0])}
+        told = {"count": str(len(weak)), "worst": weak[0][0], "photo": weak[0][1]}
         findings.append(Finding("unchecked", DOUBTFUL, told))
     return [*findings, _check_finding(report)]
 

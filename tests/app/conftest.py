@@ -102,7 +102,7 @@ def content(flown, report, mosaic):
         holes=(Hole(900.0, west + 500.0, south + 700.0), Hole(400.0, west + 900.0, south + 200.0)),
         written=Written("2025-11-21 01:02 UTC", "anna", "0.1.0"),
         decisions=decided(list(report.residuals_px)[:3]),
-        timings_s={"read scans": 3.2, "tie points": 41.75, "adjustment": 0.4, "mosaic": 12.0},
+        timings_s={"scans": 3.2, "ties": 41.75, "adjustment": 0.4, "mosaic": 12.0},
         provenance={
             "options": "default",
             "block.toml": "sha256 3f9a…",

@@ -10,7 +10,7 @@ import pytest
 
 import app.run
 from app.project import read_project
-from app.run import STAGE_NAMES, SUMMARIES, Run, RunOptions, counted, default_gsd_m
+from app.run import STAGE_NAMES, Run, RunOptions, default_gsd_m
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.block import TiePoints
@@ -69,7 +69,7 @@ class Kitchen:
         self.folder = folder
         stages = tuple(self.stage(stage) for stage in STAGES[:2])
         monkeypatch.setattr(app.run, "STAGES", stages)
-        monkeypatch.setattr(app.run, "SUMMARIES", defaultdict(lambda: str))
+        monkeypatch.setattr(app.run, "STAGE_LINES", defaultdict(lambda: str))
         monkeypatch.setattr(Run, "corrected", lambda walk, scans: scans)
         self.stages = stages
 
@@ -190,21 +190,6 @@ def test_the_engine_s_stages_come_before_what_needs_decisions__law():
         *("scans", "georeference", "reference", "localisation", "ties", "control"),
         *("adjustment", "orthos", "mosaic", "report"),
     ) == STAGE_NAMES
-
-
-def test_each_value_is_told_in_one_line__truth():
-    flight = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0))
-    block = flight.block
-    doubts: tuple[Doubt, ...] = ()
-    results = StageResults(
-        scans=ScanSet({}, {}, doubts),
-        georeference=Georeferenced(block, {}, {"x": "why"}, doubts),
-        ties=Tied(block.ties, doubts, {}),
-    )
-    assert SUMMARIES["georeference"](results) == "6 photos placed, 1 set aside"
-    assert SUMMARIES["scans"](results) == "0 scans, no fiducials"
-    assert SUMMARIES["ties"](results).startswith("40 tie points")
-    assert (counted(1, "scan"), counted(0, "scan")) == ("1 scan", "0 scans")
 
 
 def test_orthos_are_as_fine_as_the_scans__truth():

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  learnNames, learnPoints, number, shortName, shortPoint, start, tip, word,
+  learnNames, learnPoints, number, numbers, again, shortName, shortPoint, start, tip, word,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -18,6 +18,28 @@ test("numbers have a real minus, a narrow space before the unit, a dash for none
   assert.equal(number(0, 1), "0.0");
   assert.equal(number(null, 1, "m"), "\u2013");
   assert.equal(number(undefined, 1), "\u2013");
+});
+
+test("a count names its form, and Czech has three, with a comma in numbers__truth", () => {
+  start.words = { ties: "{count:# tie|# ties}" };
+  assert.equal(word("ties", { count: 1 }), "1 tie");
+  assert.equal(word("ties", { count: 2300 }), "2\u202f300 ties");
+  start.language = "cs";
+  start.words = { ties: "{count:# bod|# body|# bodů}", far: "{m:.1f} m ({share:.0%})" };
+  assert.deepEqual([1, 3, 5].map((count) => word("ties", { count })),
+    ["1 bod", "3 body", "5 bodů"]);
+  assert.equal(word("far", { m: -2.26, share: 0.3 }), "\u22122,3 m (30%)");
+  assert.equal(number(1.5, 2), "1,50");
+  assert.equal(numbers([1.5, 2], 1), "1,5; 2,0");
+  start.language = "en";
+});
+
+test("what the engine said is told in the language of the page__truth", () => {
+  start.messages = { "{n} marks: {why}": "Značky: {n}. {why}", "Lost.": "Ztraceno." };
+  const why = { said: "Lost.", values: {} };
+  assert.equal(again({ said: "{n} marks: {why}", values: { n: 2, why } }), "Značky: 2. Ztraceno.");
+  assert.equal(again("An older sentence."), "An older sentence.");
+  start.messages = {};
 });
 
 test("scan names lose what all begin with, never in the middle of a number__truth", () => {

@@ -5,18 +5,19 @@ import json
 import re
 import secrets
 import threading
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import aiohttp
 from aiohttp import WSMsgType, web
 
+from core.said import Said
 from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
 from ui.web.tiles import TileStore, tile_routes
-from ui.words.catalogue import KEYS, preferred_language, words
+from ui.words.catalogue import KEYS, messages, preferred_language, words
 
 PAGES = Path(__file__).parent / "pages"
 SCENE_PATH = "/scene"
@@ -183,7 +184,8 @@ class Front:
         seat = wanted if SEAT_NAME.fullmatch(wanted) and own else secrets.token_urlsafe(9)
         language = self._inputs.language
         language = language or preferred_language(request.headers.get("Accept-Language", ""))
-        texts = {"words": words(language), "language": language, "keys": KEYS}
+        texts = {"words": words(language), "language": language, "keys": KEYS,
+                 "messages": messages(language)}  # fmt: skip
         told = {**texts, **self._inputs.start, **self._inputs.told()}
         return web.json_response({**told, "seat": seat, "guest": is_guest(request)})
 
@@ -265,7 +267,22 @@ async def _pass(
 
 def as_json(value: Any) -> str:
     """JSON text as the wire carries it."""
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    whole = _with_sentences(value)
+    return json.dumps(whole, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
+def _with_sentences(value: Any) -> Any:
+    """The same with each sentence of the engine as template and figures, for any language."""
+    match value:
+        case Said():
+            return {"said": value.template, "values": _with_sentences(value.values)}
+        case dict():
+            inside = cast("dict[str, Any]", value)
+            return {key: _with_sentences(part) for key, part in inside.items()}
+        case list() | tuple():
+            return [_with_sentences(part) for part in cast("Sequence[Any]", value)]
+        case _:
+            return value
 
 
 def result_routes(folder: Path | None) -> list[web.RouteDef]:

@@ -11,6 +11,9 @@ type Context = CanvasRenderingContext2D;
 type Affine = number[][];
 type Send = (message: Record<string, unknown>) => boolean;
 
+/** What the engine said: finished, or a sentence with its figures. */
+type Told = string | { said: string; values: Record<string, unknown> };
+
 interface Start {
   name: string;
   version: string;
@@ -19,6 +22,8 @@ interface Start {
   guest: boolean;
   language: string;
   words: Record<string, string>;
+  /** What the engine says, by the English sentence; empty in English. */
+  messages: Record<string, string>;
   keys: [key: string, word: string][];
   palette: Record<"current" | "check" | "predicted" | "peak", string>
     & { states: Record<State, { colour: string; glyph: string }> };
@@ -173,7 +178,7 @@ interface Fiducial {
   apart: number | null;
   sigma: number | null;
   doubt: number;
-  why: string[];
+  why: Told[];
   said: { id: string; who: string; when: string } | null;
 }
 interface ScanRow {
@@ -185,7 +190,7 @@ interface ScanRow {
   model: string;
   rms: number | null;
   doubt: number;
-  why: string[];
+  why: Told[];
   cells: Fiducial[];
 }
 /** name, x and y mm on the film, dx and dy um after the orientation, after a similarity alone */
@@ -216,11 +221,11 @@ interface PlacedPhoto {
   turn: number | null;
   scale: number | null;
   rms: number | null;
-  why: string[];
+  why: Told[];
 }
 interface Placement {
   photos: PlacedPhoto[];
-  set_aside: [photo: string, why: string][];
+  set_aside: [photo: string, why: Told][];
   median: number | null;
   worst: number | null;
 }
@@ -249,7 +254,7 @@ interface ScanToPlace {
   version: number;
   /** Column, row, easting, northing. */
   pairs: number[][];
-  why: string;
+  why: Told;
   known: { east: number; north: number; pixel: number } | null;
 }
 interface PairFit {
@@ -260,7 +265,7 @@ interface PairFit {
   pixel_m?: number;
   scale?: number;
   turn_deg?: number;
-  why?: string;
+  why?: Told;
 }
 interface Run {
   state: "idle" | "running" | "failed" | "cancelled" | "done";
@@ -271,7 +276,7 @@ interface Run {
   stages?: number | string;
   stage?: string;
   what?: string;
-  why?: string;
+  why?: Told;
 }
 
 /** Elements that are more than an HTMLElement, by their id. */

@@ -1,15 +1,25 @@
-"""The texts of the desk in every language: read once, found by key, filled with values."""
+"""The texts of Gruber in every language: read once, found by key, filled with values."""
 
 import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from core.quality.rules import CLASSES, SENTENCES
+from core.said import ENGLISH_SIGNS, Said, Signs, Wording, english_form
 
 FOLDER = Path(__file__).parent
 LANGUAGES: tuple[str, ...] = ("en", "cs")
 """Languages with a table `LANGUAGE.toml`; the first is used where nothing else is asked for."""
+SIGNS: Mapping[str, Signs] = {
+    "en": ENGLISH_SIGNS,
+    "cs": str.maketrans({".": ",", ",": "\u202f", "-": "\u2212"}),
+}
+"""How each language writes numbers."""
+MESSAGES = "messages"
+"""Other languages than the first have a table `messages.LANGUAGE.toml` as well: what the engine
+says, by the English sentence."""
 KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
@@ -24,11 +34,58 @@ KEYS: tuple[tuple[str, str], ...] = (
 def words(language: str = LANGUAGES[0]) -> Mapping[str, str]:
     """All texts of a language by key, with `{places}` for values."""
     assert language in LANGUAGES, f"no texts in {language}"
-    table = tomllib.loads((FOLDER / f"{language}.toml").read_text(encoding="utf-8"))
     # The English sentences of a verdict belong to the rules: the report prints them too.
     verdict = {f"verdict.{kind}": text for kind, text in SENTENCES.items()}
     classes = {f"class.{name}": text for name, text in CLASSES.items()}
-    return {**verdict, **classes, **table}
+    return {**verdict, **classes, **_table(f"{language}.toml")}
+
+
+@cache
+def messages(language: str) -> Mapping[str, str]:
+    """What the engine says, in a language, by the English sentence; none for English itself."""
+    if language == LANGUAGES[0]:
+        return {}
+    ours = words(language)
+    verdict = {text: ours[f"verdict.{kind}"] for kind, text in SENTENCES.items()}
+    classes = {text: ours[f"class.{name}"] for name, text in CLASSES.items()}
+    return {**verdict, **classes, **_table(f"{MESSAGES}.{language}.toml")}
+
+
+def _table(name: str) -> Mapping[str, str]:
+    return tomllib.loads((FOLDER / name).read_text(encoding="utf-8"))
+
+
+class Teller:
+    """Tells every text in one language."""
+
+    def __init__(self, language: str = LANGUAGES[0]) -> None:
+        self.language = language
+        self._words, self._messages = words(language), messages(language)
+        self._wording = Wording(FORMS[language], SIGNS[language], self.again)
+
+    def __call__(self, key: str, /, **values: Any) -> str:
+        """A text of the catalogue with its places filled."""
+        return self._wording.told(self._words[key], values)
+
+    def again(self, message: str) -> str:
+        """What the engine said; in English where it was kept by an earlier version."""
+        if not isinstance(message, Said):
+            return self._messages.get(message, message)
+        template = self._messages.get(message.template, message.template)
+        return self._wording.told(template, message.values)
+
+    def number(self, value: float | None, spec: str = "") -> str:
+        """A number as the language writes it; a dash where there is none."""
+        return "\u2013" if value is None else self._wording.number(value, spec)
+
+
+def czech_form(number: int) -> int:
+    """One; two, three and four; all others."""
+    return 0 if number == 1 else 1 if 2 <= number <= 4 else 2
+
+
+FORMS = {"en": english_form, "cs": czech_form}
+"""Which of a noun's forms goes with a whole number, by language."""
 
 
 def preferred_language(accepted: str) -> str:

@@ -12,6 +12,9 @@ from app.report.drawing import (
     draw_symbols,
 )
 from app.report.plots import draw_film, draw_histogram, longest_mean
+from ui.words.catalogue import Teller
+
+TELL = Teller()
 
 
 def parts_of(svg):
@@ -19,13 +22,13 @@ def parts_of(svg):
 
 
 def test_the_map_is_one_drawing__law(written):
-    drawing, enlarged = draw_map(written[1]["map"])
+    drawing, enlarged = draw_map(written[1]["map"], TELL)
     assert parts_of(drawing)[0] == "svg"
     assert enlarged is None or enlarged > 0
 
 
 def test_bars_are_as_high_as_their_numbers__truth():
-    drawing = str(draw_bars({"2": 10, "3": 30}, "rays"))
+    drawing = str(draw_bars({"2": 10, "3": 30}, TELL))
     bars = [part for part in ElementTree.fromstring(drawing).iter() if part.tag.endswith("rect")]
     heights = [float(bar.get("height")) for bar in bars]
     assert heights[-1] == pytest.approx(3 * heights[-2], rel=0.02)
@@ -42,9 +45,9 @@ def test_coverage_and_seams_are_drawn__law(written):
 
 def test_the_legend_shows_what_the_map_draws__truth(written):
     """The legend showed dots where the map has crosses and triangles."""
-    drawing = ElementTree.fromstring(str(draw_map(written[1]["map"])[0]))
+    drawing = ElementTree.fromstring(str(draw_map(written[1]["map"], TELL)[0]))
     on_map = {part.get("class"): part.tag for part in drawing.iter() if part.get("class")}
-    symbols = draw_symbols()
+    symbols = draw_symbols(TELL)
     assert len(symbols) == 5
     for symbol in symbols.values():
         (shape,) = ElementTree.fromstring(str(symbol))
@@ -56,7 +59,7 @@ def test_a_histogram_is_as_high_as_its_counts__truth():
     told = {"counts": counts, "count": 32, "rms_px": 0.5, "reach_px": 2.0}
     bars = [
         float(part.get("height"))
-        for part in ElementTree.fromstring(str(draw_histogram(told))).iter()
+        for part in ElementTree.fromstring(str(draw_histogram(told, TELL))).iter()
         if part.tag == "rect"
     ]
     assert [bar / max(bars) for bar in bars] == pytest.approx([n / 20 for n in counts], abs=0.01)

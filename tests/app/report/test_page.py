@@ -16,6 +16,10 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
+from core.quality.rules import doubts_of
+from ui.words.catalogue import LANGUAGES, Teller, messages, words
+
+TELL = Teller()
 
 
 class Texts(HTMLParser):
@@ -94,10 +98,10 @@ def test_every_chapter_has_a_name_of_its_own_and_stands_in_the_contents__law(wri
 def test_the_first_page_has_every_requirement_who_and_when__truth(written):
     page, figures = written
     front = page[page.index('<section class="front">') : page.index("</section>")]
-    for row in requirements(figures):
+    for row in requirements(figures, TELL):
         assert row["name"] in front
         assert row["limit"].replace(">", "&gt;") in front
-    assert front.count('class="t result') == len(requirements(figures)) >= 10
+    assert front.count('class="t result') == len(requirements(figures, TELL)) >= 10
     assert all(f'href="#{name}"' in front for name in ("blockmap", "mosaicmap"))
     assert "Signature" in front
     text = text_of(page)
@@ -107,7 +111,7 @@ def test_the_first_page_has_every_requirement_who_and_when__truth(written):
 
 def test_what_stands_in_the_table_is_what_the_verdict_says__law(written):
     figures = written[1]
-    doubtful = {row["name"] for row in requirements(figures) if row["grave"]}
+    doubtful = {row["name"] for row in requirements(figures, TELL) if row["grave"]}
     told = {one["kind"]: one["grave"] for one in figures["verdict"]}
     assert ("Check points" in doubtful) == bool(told.get("checks", 1))
     assert ("Tilt" in doubtful) == ("tilt-over" in told)
@@ -166,8 +170,8 @@ def test_small_residuals_are_not_told_as_nought__truth(written):
     assert re.search(r"Fiducials fit to 0\.[1-9]\d µm, the worst scan \(\S+\) to 0\.[1-9]", text)
     table = text[text.index("residuals of fiducials") :][:900]
     assert not re.search(r"[+−]0(?:\.0+)?[,\s]", table)
-    assert fine(0.001, 2) == "<\u202f0.01"
-    assert fine(0.0, 2) == "0.00"
+    assert fine(0.001, TELL, 2) == "<\u202f0.01"
+    assert fine(0.0, TELL, 2) == "0.00"
 
 
 def test_a_blunder_accepted_by_hand_is_named_where_the_block_is_certified__truth(
@@ -228,10 +232,10 @@ def test_barest_block_still_makes_a_report__law(content, tmp_path):
     assert told["adjustment"]["sigma_nought"] is None
 
 
-def test_comparison_with_truth_is_told__law(content, tmp_path):
+def a_comparison():
     verdicts = ("used", "used", "low")
     places = ComparedPlaces(np.zeros((3, 2)), np.full((3, 2), 0.1), np.ones(3), verdicts)
-    accuracy = MosaicAccuracy(
+    return MosaicAccuracy(
         n=2,
         m_x=0.1,
         m_y=0.1,
@@ -247,7 +251,10 @@ def test_comparison_with_truth_is_told__law(content, tmp_path):
         ground_sample_distance_m=0.5,
         places=places,
     )
-    html, figures = write_report(tmp_path, replace(content, comparisons={"truth": accuracy}))
+
+
+def test_comparison_with_truth_is_told__law(content, tmp_path):
+    html, figures = write_report(tmp_path, replace(content, comparisons={"truth": a_comparison()}))
     text = text_of(html.read_text(encoding="utf-8"))
     assert "Against truth: m_p 0.14 m at 2 places" in text
     told = json.loads(figures.read_text(encoding="utf-8"))
@@ -263,3 +270,36 @@ def test_it_says_where_more_control_would_help__law(content, tmp_path):
     assert ("This block is not certified" in told) != ("a block is certified" in told)
     assert "Where one more control point would help most" in told
     assert f"{wanted[0]['sigma_then_m']:.2f}" in told
+
+
+def english_pieces():
+    """Stretches of the English catalogue that are longer than two words and not Czech as well."""
+    czech = " ".join(words("cs").values())
+    for text in (*words().values(), *messages("cs")):
+        for piece in re.split(r"\{[^{}]*\}", text):
+            if len(piece.split()) > 2 and piece.strip() not in czech:
+                yield piece.strip()
+
+
+def test_a_czech_report_holds_no_english_sentence__law(content, tmp_path):
+    told = replace(
+        content,
+        doubts=doubts_of(content.report),
+        influence=influence_of(content.report, content.adjustment),
+        comparisons={"truth": a_comparison()},
+    )
+    text = text_of(
+        write_report(tmp_path, replace(told, language="cs"))[0].read_text(encoding="utf-8")
+    )
+    english = text_of(write_report(tmp_path, told)[0].read_text(encoding="utf-8"))
+    assert sum(piece in english for piece in english_pieces()) > 60
+    assert [piece for piece in english_pieces() if piece in text] == []
+    assert "Jednotková směrodatná odchylka" in text
+    # A figure has a comma; names of files and coordinates of nought keep what they are.
+    assert not re.search(r"\d\.\d+ (?:m|px|µm)\b", text)
+
+
+def test_figures_for_programs_are_the_same_in_every_language__law(content, tmp_path):
+    both = [replace(content, language=language) for language in LANGUAGES]
+    told = [write_report(tmp_path, one)[1].read_bytes() for one in both]
+    assert told[0] == told[1]

@@ -6,6 +6,7 @@ import pytest
 
 from app.report.wording import LINES, findings, remarks
 from core.doubts import Doubt
+from ui.words.catalogue import Teller
 
 
 def doubt(kind: str, subject: str, gravity: float) -> Doubt:
@@ -47,4 +48,4 @@ def test_nothing_to_tell_is_not_told__law():
 def test_sigma_nought_is_put_into_words__law(written, value, said):
     figures = json.loads(json.dumps(written[1]))
     figures["adjustment"]["sigma_nought"] = value
-    assert said in findings(figures)["sigma"]
+    assert said in findings(figures, Teller())["sigma"]

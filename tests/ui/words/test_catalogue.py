@@ -1,5 +1,6 @@
 """The catalogue: both languages say the same, everything that is said is there, nothing more."""
 
+import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +9,7 @@ import pytest
 
 from app.run import STAGE_NAMES
 from core.quality.rules import CLASSES, SENTENCES
-from ui.words.catalogue import KEYS, LANGUAGES, preferred_language, words
+from ui.words.catalogue import KEYS, LANGUAGES, messages, preferred_language, words
 
 HOME = Path(__file__).resolve().parents[3]
 
@@ -20,13 +21,18 @@ def sources_of(*rooms: str) -> str:
 
 
 SOURCES = sources_of("app", "ui", "sessions")
-PLACE = re.compile(r"\{(\w+)\}")
+PLACE = re.compile(r"\{([\w\[\]]+)[^{}]*\}")
 LITERALS = set(re.findall(r"""["'`]([\w.-]+)["'`]""", SOURCES + sources_of("core")))
+SPACED = set(re.findall(r'"([a-z]+ [a-z]+)"', SOURCES))
 TOKENS = set(re.findall(r"\w+", SOURCES))
 TEMPLATES = {
     # `quality.${name}` in JavaScript, f"notice.{act}.{name}" in Python.
     "(.+)".join(re.escape(part) for part in re.split(r"\$?\{[^}]*\}", text))
     for text in re.findall(r"""["`]([a-z][\w-]*\.[\w.{}$ ()-]*\{[^"`]*)["`]""", SOURCES)
+} | {
+    # `"report.chapter." ~ name` in the page of the report.
+    f"{re.escape(text)}(.+)"
+    for text in re.findall(r'"([a-z][\w.-]*\.)" ~', SOURCES)
 }
 
 
@@ -37,10 +43,14 @@ def is_said(key: str) -> bool:
     for template in TEMPLATES:
         found = re.fullmatch(template, key)
         pieces = [piece for part in (found.groups() if found else ()) for piece in part.split(".")]
-        if pieces and all(piece.replace("-", "_") in TOKENS or piece in LITERALS
-                          for piece in pieces):  # fmt: skip
+        if pieces and all(_is_written(piece) for piece in pieces):
             return True
     return False
+
+
+def _is_written(piece: str) -> bool:
+    whole = piece.replace("-", "_") in TOKENS or piece in LITERALS
+    return whole or piece.replace("-", " ") in SPACED
 
 
 def sentences() -> Iterator[tuple[str, str, str]]:
@@ -118,3 +128,70 @@ def test_words_of_another_language_are_refused__truth() -> None:
 )
 def test_the_language_is_what_the_browser_likes_best__truth(accepted: str, language: str) -> None:
     assert preferred_language(accepted) == language
+
+
+def templates_said() -> dict[str, str]:
+    """Every sentence that `say` is given, with the file; a name stands for what it was set to."""
+    found: dict[str, str] = {}
+    for path in code_of("app", "core", "sessions", "ui"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        named: dict[str, list[ast.expr]] = {}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                named.setdefault(node.targets[0].id, []).append(node.value)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "say":
+                found |= dict.fromkeys(texts_in(node.args[0], named), path.name)
+    return found
+
+
+def texts_in(node: ast.expr, named: dict[str, list[ast.expr]]) -> Iterator[str]:
+    """The plain texts an expression may be; nothing that is built of pieces is one."""
+    match node:
+        case ast.Constant(value=str() as text):
+            yield text
+        case ast.IfExp():
+            yield from texts_in(node.body, named)
+            yield from texts_in(node.orelse, named)
+        case ast.Name() if node.id in named:
+            for value in named[node.id]:
+                yield from texts_in(value, named)
+        case ast.Subscript():  # a table of the rules, told by key
+            return
+        case _:
+            raise AssertionError(f"a sentence is built of pieces: {ast.unparse(node)}")
+
+
+def code_of(*rooms: str) -> Iterator[Path]:
+    for room in rooms:
+        yield from sorted((HOME / room).rglob("*.py"))
+
+
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_what_the_engine_says_is_known_in_every_language__law(language: str) -> None:
+    told, known = templates_said(), messages(language)
+    assert len(told) > 20
+    assert not {text: file for text, file in told.items() if text not in known}
+    # Titles, rules and verdicts are told as they stand.
+    written = {
+        node.value
+        for path in code_of("app", "core", "sessions", "ui")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant)
+    }
+    assert not [text for text in known if text not in written | set(told)]
+    places = {text: (PLACE.findall(text), PLACE.findall(known[text])) for text in told}
+    assert not [text for text, (ours, theirs) in places.items() if set(ours) != set(theirs)]
+
+
+def test_no_sentence_of_the_catalogue_is_built_of_pieces__law() -> None:
+    """Neither `tell(...) + tell(...)` nor a text of the catalogue inside an f-string."""
+    built = [
+        f"{path.name}:{node.lineno}"
+        for path in code_of("app", "ui")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.BinOp | ast.JoinedStr)
+        for inside in ast.walk(node)
+        if isinstance(inside, ast.Call) and getattr(inside.func, "id", "") in ("tell", "say")
+    ]
+    assert not built

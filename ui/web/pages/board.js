@@ -1,6 +1,7 @@
 // The fiducial board: every photo by every fiducial, worst first; one large, to be corrected.
 import {
-  all, byId, element, first, focused, number, shortName, start, stateGlyph, svg, tip, word,
+  again, all, byId, element, first, focused, number, numbers, shortName, start, stateGlyph, svg,
+  tip, word,
 } from "./words.js";
 import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
@@ -137,7 +138,8 @@ const modelOf = (row) => start.words[`board.model.${row.model}`] ?? row.model;
 /** @param {ScanRow} row */
 function freshLine(row) {
   const rms = row.rms === null ? "" : `, RMS ${number(row.rms, 1)}\u2009\u00b5m`;
-  const doubts = row.why.length ? element("span", { class: "warned", title: row.why.join("\n\n") },
+  const remarks = row.why.map(again).join("\n\n");
+  const doubts = remarks ? element("span", { class: "warned", title: remarks },
     word("board.scan-doubt", { count: row.why.length })) : null;
   const name = element("div", {}, element("b", { title: row.photo }, shortName(row.photo)),
     element("span", { class: "muted" }, `${modelOf(row)}${rms}`), doubts);
@@ -164,7 +166,7 @@ function thumb(row, cell) {
   doubt.style.width = `${100 * cell.doubt}%`;
   return element("button", {
     class: `mark ${cell.state}`, "data-mark": `${row.photo}|${cell.name}`, tabindex: -1,
-    title: [word(`board.state.${cell.state}`), ...cell.why].join("\n"),
+    title: [word(`board.state.${cell.state}`), ...cell.why.map(again)].join("\n"),
     onclick: () => choose(row.photo, cell.name),
   }, room, element("span", { class: "said" }, stateGlyph(LOOKS[cell.state], 11), words),
   element("span", { class: "doubt" }, doubt));
@@ -213,7 +215,7 @@ function choose(photo, name, moving = true) {
 /** @param {ScanRow} row @param {Fiducial} cell */
 function figures(row, cell) {
   const pair = (/** @type {Pair | null} */ values, /** @type {number} */ digits) =>
-    values && values.map((value) => number(value, digits)).join(", ");
+    values && numbers(values, digits);
   const [residual, place] = [pair(cell.residual, 1), pair(cell.place, 2)];
   const rms = row.rms === null ? "\u2013" : `${number(row.rms, 1)}\u2009\u00b5m (${modelOf(row)})`;
   const lines = [
@@ -249,7 +251,7 @@ function showLarge() {
   };
   const large = /** @type {HTMLElement | null} */ (room.querySelector(".magnified"))
     ?? paneElement("magnified");
-  const doubts = cell.why.length ? cell.why : row.why.slice(0, 2);
+  const doubts = (cell.why.length ? cell.why : row.why.slice(0, 2)).map(again);
   room.replaceChildren(
     element("h3", {}, stateGlyph(LOOKS[cell.state], 14), element("b", {}, cell.name),
       element("span", { class: "muted" }, shortName(row.photo)),

@@ -1,5 +1,5 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
-import { all, byId, number, shortName, start, turn, word } from "./words.js";
+import { all, byId, number, numbers, shortName, start, turn, word } from "./words.js";
 import { drawLikeness } from "./likeness.js";
 import { cleared, crosshair, expectedMark, halo, line, measuredMark, text } from "./overlay.js";
 import {
@@ -416,7 +416,7 @@ function scaleBar(context, [width, height], pixel) {
 function describe(pane, point, { ground, raw }) {
   if (!showsRaw(pane)) return ground.map((value) => number(value, 2)).join("  ");
   const pixel = raw ?? mapped(rawFromGround(point), ground);
-  return `${pixel.map((value) => number(value, 1)).join(", ")} px`;
+  return `${numbers(pixel, 1)} px`;
 }
 
 /** @param {Pane} pane @param {Place} at */

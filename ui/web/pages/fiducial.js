@@ -1,5 +1,5 @@
 // One fiducial large: windows of the raw scan in their own contrast; click places, drag moves.
-import { focused, number, start } from "./words.js";
+import { focused, numbers, start } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
 import { Pane, View, afterPause, oncePerFrame } from "./view.js";
 import { image, levelFor, onTile } from "./tiles.js";
@@ -132,5 +132,5 @@ function draw() {
   const measured = state.nudged ?? cell.place;
   if (measured) measuredMark(over, pane.screenFromLayer(measured), state.colour);
   if (cursor) crosshair(over, pane.screenFromLayer(cursor), width, height);
-  pane.where.textContent = cursor ? `${cursor.map((value) => number(value, 1)).join(", ")} px` : "";
+  pane.where.textContent = cursor ? `${numbers(cursor, 1)} px` : "";
 }

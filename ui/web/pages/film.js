@@ -1,5 +1,5 @@
 // The deformation of the films: vectors of the marks of one photo, and the mean over the roll.
-import { element, number, shortName, svg, tip, word } from "./words.js";
+import { element, number, numbers, shortName, svg, tip, word } from "./words.js";
 import { roundLength } from "./view.js";
 
 const COLUMNS = [
@@ -85,7 +85,7 @@ function vector(mark, longer, unit) {
     const head = { ...ink, class: "vector control tip" };
     parts.push(svg("path", { d: `M${one}L${ex} ${ey}L${other}`, ...head }));
   }
-  const words = vectorOf(mark).map((value) => number(value, 1)).join(", ");
+  const words = numbers(vectorOf(mark), 1);
   // Inside the frame, where no line runs.
   const label = {
     x: x + (x > unit ? -3 : 3) * unit, y: y + (y > 0 ? -4 : 6.5) * unit, "font-size": 3.4 * unit,

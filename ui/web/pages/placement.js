@@ -1,5 +1,5 @@
 // Placement on the map: footprints by the given georeference and as placed, over the ortho.
-import { byId, element, first, number, shortName, start, tip, word } from "./words.js";
+import { again, byId, element, first, number, shortName, start, tip, word } from "./words.js";
 import { cleared, halo, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
 import { Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
@@ -116,10 +116,10 @@ function side({ photos, set_aside }) {
   const about = one ? [
     element("h3", {}, shortName(one.photo)),
     element("p", {}, source && word("placement.source", { source })),
-    ...one.why.map((why) => element("p", { class: "doubted" }, why)),
+    ...one.why.map((why) => element("p", { class: "doubted" }, again(why))),
   ] : [];
   const aside = set_aside.map(([name, why]) =>
-    element("p", { class: "doubted" }, element("b", {}, shortName(name)), ` ${why}`));
+    element("p", { class: "doubted" }, element("b", {}, shortName(name)), ` ${again(why)}`));
   if (aside.length) aside.unshift(element("h3", {}, word("placement.aside")));
   const table = element("table", {}, element("tr", {}, ...heads), ...photos.map(line));
   return element("aside", {}, element("div", { class: "shifts" }, table), ...about, ...aside,

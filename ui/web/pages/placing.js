@@ -1,6 +1,6 @@
 // The placing page: the same places clicked in one photo and in the ortho, saved beside the scan.
 import {
-  byId, element, fillWords, first, learnNames, number, shortName, start, word,
+  again, byId, element, fillWords, first, learnNames, number, shortName, start, word,
 } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark, text } from "./overlay.js";
 import {
@@ -279,7 +279,7 @@ function showPairs(scan) {
     element("h3", {}, word("placing.pairs", { scan: shortName(scan.photo) })),
     element("p", { class: "next" }, word(`placing.now.${next}`)),
     element("table", {}, ...lines), ...figures(count),
-    ...doubts.map((why) => element("p", { class: "doubted" }, why)),
+    ...doubts.map((why) => element("p", { class: "doubted" }, again(why ?? ""))),
     element("div", { class: "acts" },
       act("placing.save", "S", {
         id: "placing-save", class: count > 1 && !saved ? "on" : "",
@@ -326,13 +326,13 @@ function switchWallis() {
 function showRun() {
   const { run, saved, scans } = state;
   const ready = scans.some((one) => one.pairs.length > 1) && saved;
-  const again = {
+  const rerun = {
     id: "placing-start", disabled: start.guest || run.state === "done",
     class: ready ? "on" : "", onclick: begin,
   };
   const button = run.state === "running"
     ? element("button", { disabled: start.guest, onclick: cancel }, word("remake.cancel"))
-    : element("button", again, word("placing.run"));
+    : element("button", rerun, word("placing.run"));
   byId("placing-run").replaceChildren(
     element("h3", {}, word("placing.run.title")), ...runLines(run),
     element("div", { class: "acts" }, button),
@@ -341,7 +341,7 @@ function showRun() {
 
 /** @param {Run} run */
 function runLines({ state: now, place = 1, stages = "", stage = "", share = 0, what = "", why }) {
-  if (now === "failed") return [element("p", { class: "doubted" }, why)];
+  if (now === "failed") return [element("p", { class: "doubted" }, again(why ?? ""))];
   if (now === "cancelled") return [element("p", {}, word("placing.cancelled"))];
   if (now === "done") return [element("p", {}, word("placing.done"))];
   if (now !== "running") return [];

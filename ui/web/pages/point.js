@@ -1,7 +1,7 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
-  all, byId, element, first, number, roleGlyph, shortName, shortPoint, start, stateGlyph, tip,
-  word,
+  all, between, byId, element, first, number, numbers, roleGlyph, shortName, shortPoint, start,
+  stateGlyph, tip, word,
 } from "./words.js";
 import { send } from "./wire.js";
 
@@ -79,7 +79,7 @@ function showFigures(figures) {
   put("score", [figures.hand ? word("peak.hand") : number(figures.score, 2)]);
   put("redundancy", [redundancy === null ? "\u2013"
     : span(number(redundancy, 2), unchecked ? "worse" : "")], unchecked ? word("unchecked") : "");
-  put("place", [`${figures.place.map((value) => number(value, 1)).join(", ")} px`]);
+  put("place", [`${numbers(figures.place, 1)} px`]);
   put("surveyed", [`${surveyed.map((value) => number(value, 1)).join("  ")} m`]);
   put("source", [word(`source.${figures.source}`),
     span(` \u00b1${number(sigma[0], 2)} \u00b1${number(sigma[2], 2)} m`, "faint")]);
@@ -87,7 +87,7 @@ function showFigures(figures) {
 
 /** @param {Pair} pair @param {string} one @param {string} other names of its two parts */
 const parted = ([x, y], one, other) =>
-  span(` (${one}${number(x, 2)}, ${other}${number(y, 2)})`, "faint");
+  span(` (${one}${number(x, 2)}${between()}${other}${number(y, 2)})`, "faint");
 
 /** @param {string} name @param {(string | Node)[]} content */
 function put(name, content, warning = "") {

@@ -2,15 +2,66 @@
 
 /** @type {Start} */
 export const start = /** @type {any} */ ({
-  words: {}, keys: [], palette: { states: {} }, photos: [],
+  words: {}, messages: {}, keys: [], palette: { states: {} }, photos: [],
 });
 const state = { prefix: "", halves: /** @type {number[] | null} */ (null) };
+const NUMERAL = /^[+\-\u2212]?\d+(?:\.\d+)?$/;
+const PLACE = /\{(\w+)(?::([^{}]*))?\}/g;
 const COORDINATES = /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/;
 
-/** @param {string} key @param {Record<string, unknown>} values */
-export function word(key, values = {}) {
-  const text = start.words[key] ?? key;
-  return text.replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
+/** @param {string} key @param {Record<string, unknown>} values @returns {string} */
+export const word = (key, values = {}) => filled(start.words[key] ?? key, values);
+
+/** What the engine said, in the language of the page. @param {Told} told @returns {string} */
+export const again = (told) => (typeof told === "string" ? start.messages[told] ?? told
+  : filled(start.messages[told.said] ?? told.said, told.values));
+
+/**
+ * A sentence with its places filled.
+ * @param {string} text @param {Record<string, unknown>} values @returns {string}
+ */
+const filled = (text, values) => text.replace(PLACE, (whole, name, format = "") =>
+  ((values[name] ?? null) === null ? whole : placed(values[name], format)));
+
+/**
+ * One place of a sentence.
+ * @param {any} value @param {string} format as `core/said.py` has it @returns {string}
+ */
+function placed(value, format) {
+  if (format.includes("|")) {
+    const forms = format.split("|");
+    const form = forms[Math.min(nounForm(Number(value)), forms.length - 1)];
+    return form.replaceAll("#", placed(value, typeof value === "number" ? "," : ""));
+  }
+  if (Array.isArray(value)) return value.map((one) => placed(one, format)).join(", ");
+  if (typeof value === "number") return signed(formatted(value, format));
+  if (typeof value === "string" && NUMERAL.test(value)) return signed(value);
+  return typeof value === "string" || value.said ? again(value) : String(value);
+}
+
+/** Which form of a noun goes with a number. @param {number} count */
+function nounForm(count) {
+  if (count === 1) return 0;
+  if (start.language !== "cs") return 1;
+  return Number.isInteger(count) ? (count >= 2 && count <= 4 ? 1 : 2) : 3;
+}
+
+/** @param {number} value @param {string} format `.2f`, `+.1f`, `.0%`, `.1e`, `,` or `g` */
+function formatted(value, format) {
+  const [, plus = "", comma = "", places, kind = ""] =
+    /^(\+?)(,?)(?:\.(\d+))?([fe%g]?)$/.exec(format) ?? [];
+  const digits = Number(places ?? 0);
+  const text = kind === "f" ? value.toFixed(digits) : kind === "e" ? value.toExponential(digits)
+    : kind === "%" ? `${(100 * value).toFixed(digits)}%`
+      : kind === "g" ? String(Number(value.toPrecision(6))) : String(value);
+  const parted = comma ? text.replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f") : text;
+  return plus && value >= 0 ? `+${parted}` : parted;
+}
+
+/** A number as the language writes it. @param {string} text */
+function signed(text) {
+  const real = text.replace("-", "\u2212");
+  return start.language === "cs" ? real.replace(".", ",") : real;
 }
 
 /** The longer text of a key; null where it has none. @param {string} key */
@@ -171,5 +222,12 @@ export function shortPoint(name) {
 /** @param {number | null | undefined} value @param {number} digits */
 export function number(value, digits, unit = "") {
   if (value === null || value === undefined) return "\u2013";
-  return value.toFixed(digits).replace("-", "\u2212") + (unit ? `\u2009${unit}` : "");
+  return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
+
+/** Several numbers in a row. @param {(number | null)[]} values @param {number} digits */
+export const numbers = (values, digits) => values.map((value) => number(value, digits))
+  .join(between());
+
+/** What parts numbers, where the comma may be in them. */
+export const between = () => (start.language === "cs" ? "; " : ", ");

@@ -1,0 +1,102 @@
+"""A sentence with its figures: told in English, and kept so that any language can tell it.
+
+A place is written `{name}` or, with a format, `{name:.2f}`. A place that is counted names its
+forms, with `#` for the number: `{count:# scan|# scans}`.
+"""
+
+import re
+import string
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
+
+NUMERAL = re.compile(r"[+-]?\d+(?:\.\d+)?")
+Signs = Mapping[int, str]
+"""How a language writes point, comma and minus of a number, as `str.maketrans` makes it."""
+ENGLISH_SIGNS: Signs = str.maketrans({",": "\u202f", "-": "\u2212"})
+
+
+class Said(str):
+    """A finished English sentence that still knows its template and its figures."""
+
+    __slots__ = ("template", "values")
+    template: str
+    """The sentence with its places; by it other languages know it."""
+    values: Mapping[str, Any]
+    """What stands in its places: numbers, names, other sentences."""
+
+    def __new__(cls, template: str, values: Mapping[str, Any]) -> "Said":
+        """The sentence, told in English."""
+        made = super().__new__(cls, ENGLISH.told(template, values))
+        made.template, made.values = template, values
+        return made
+
+    def __reduce__(self) -> tuple[type["Said"], tuple[str, Mapping[str, Any]]]:
+        """Copied and pickled as it was made."""
+        return type(self), (self.template, self.values)
+
+
+def say(template: str, /, **values: Any) -> Said:
+    """A sentence with its figures.
+
+    Args:
+        template: The English sentence, written out in one piece.
+        values: What stands in its places.
+    """
+    return Said(template, values)
+
+
+class Wording(string.Formatter):
+    """How a language fills the places of a sentence."""
+
+    def __init__(
+        self,
+        form: Callable[[int], int],
+        signs: Signs = ENGLISH_SIGNS,
+        again: Callable[[str], str] = str,
+    ) -> None:
+        """A language.
+
+        Args:
+            form: Which of a noun's forms goes with a whole number.
+            signs: How it writes numbers.
+            again: Tells a sentence that stands in another one.
+        """
+        self._form, self._signs, self._again = form, signs, again
+
+    def told(self, template: str, values: Mapping[str, Any]) -> str:
+        """A template with its places filled."""
+        return self.vformat(template, (), values)
+
+    def number(self, value: float, spec: str = "") -> str:
+        """A number as the language writes it."""
+        return format(value, spec).translate(self._signs)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """One place."""
+        if "|" in format_spec:
+            return self._counted(value, format_spec.split("|"))
+        if isinstance(value, str):
+            plain = NUMERAL.fullmatch(value) is not None and not format_spec
+            return (
+                value.translate(self._signs) if plain else format(self._again(value), format_spec)
+            )
+        if isinstance(value, list | tuple):
+            several = cast("Sequence[Any]", value)
+            return ", ".join(self.format_field(one, format_spec) for one in several)
+        return self.number(value, format_spec)
+
+    def _counted(self, value: Any, forms: Sequence[str]) -> str:
+        number = self.format_field(value, "," if isinstance(value, int) else "")
+        try:
+            place = self._form(int(value))
+        except ValueError:  # a fraction is counted as many
+            place = len(forms) - 1
+        return forms[min(place, len(forms) - 1)].replace("#", number)
+
+
+def english_form(number: int) -> int:
+    """One, and all others."""
+    return int(number != 1)
+
+
+ENGLISH = Wording(english_form)
