@@ -183,6 +183,7 @@ def ties(folder: Path) -> bool:
         page = sit_down(chromium, url, size())
         scene = scene_of(page)
         page.wait_for_timeout(8000)
+        page.click('[data-grow="block"]')
         begun = time.perf_counter()
         page.click('[data-layer="ties"]')
         page.click('[data-layer="tie_vectors"]')

@@ -179,10 +179,21 @@ def kept(hand: Hand, yes: Hand) -> Hand:
     return keeping
 
 
+def unfolded(hand: Hand) -> Hand:
+    """With everything shown that is folded away at first."""
+
+    def shown(page: Page) -> None:
+        if not page.locator("#details").is_visible():
+            page.keyboard.press(".")
+        hand(page)
+
+    return shown
+
+
 def withdraw_accepted(page: Page) -> None:
     """The newest decision of an accepted measurement withdrawn in its history."""
     page.click('.chip[data-state="accepted"]')
-    page.click("#history button")
+    unfolded(click("#history button"))(page)
     page.evaluate("window.aimed = gruber.parts.point.key")
     page.click('.chip[data-state="open"]')
 
@@ -254,6 +265,7 @@ TWO_OPEN = """(() => {
   return rows.find((row, at) => open(row) && open(rows[at + 1])).dataset.key;
 })()"""
 OTHERS = "document.querySelectorAll('.other:not(.on)').length > 0"
+GROWN = "document.getElementById('desk').dataset.grown"
 TWO_PEAKS = "document.querySelectorAll('.peak:not(.on)').length > 0"
 PLACED, MARKED, BACK = ("Place",), ("PlaceFiducial",), ("Withdraw",)
 AMENDED = ("Reject", "Withdraw", "Reject")
@@ -282,7 +294,8 @@ DECISIONS = (
     Decides("Enter, Y", kept(refined(key("Enter")), key("y")), PLACED),
     Decides("refine button, Y", kept(refined(button("refine")), key("y")), PLACED),
     Decides("history button", withdraw_accepted, BACK),
-    Decides("other peak, Y", kept(walked_until(TWO_PEAKS, click(".peak:not(.on)")), key("y")),
+    Decides("other peak, Y",
+            kept(walked_until(TWO_PEAKS, unfolded(click(".peak:not(.on)"))), key("y")),
             ("ChoosePeak",)),
     Decides("P, click in the ortho", new_point(key("p")), ("AddPoint",)),
     Decides("add button, click", new_point(button("add")), ("AddPoint",)),
@@ -320,7 +333,7 @@ LOOKING = (
     Looks("next button", button("next"), PLACE),
     Looks("previous button", button("previous"), PLACE),
     Looks("row clicked", click(".row:not(.current)"), PLACE),
-    Looks("other scan clicked", walked_until(OTHERS, click(".other:not(.on)")), PLACE),
+    Looks("other scan clicked", walked_until(OTHERS, unfolded(click(".other:not(.on)"))), PLACE),
     Looks("arrow in the queue", arrow_in_queue, PLACE),
     Looks("chip clicked", click('.chip[data-state="all"]'), FILTER),
     Looks("scan chosen", choose("#sieve-photo", 3), FILTER),
@@ -349,9 +362,11 @@ LOOKING = (
     Looks("Space held", held(lambda p: p.keyboard.down(" "), BLINK, lambda p: p.keyboard.up(" ")),
           SEEN),
     Looks("blink button held", held(hold_blink, BLINK, lambda p: p.mouse.up()), SEEN),
+    Looks("scene maximised", click('[data-grow="block"]'), GROWN),
     Looks("layer switched", click('[data-layer="ties"]'), "gruber.parts.scene.layers.ties"),
     Looks("vectors longer", slide("#vectors input", 80), "gruber.parts.scene.scale"),
     Looks("photo clicked in 3D", click_frustum, PLACE),
+    Looks("X", key("x"), GROWN),
     Looks("theme button", button("theme"), "document.documentElement.dataset.theme"),
     Looks("theme again", button("theme"), "document.documentElement.dataset.theme"),
     Looks("H", key("h"), OPEN), Looks("H again", key("h"), OPEN),

@@ -33,6 +33,19 @@ def look_at(page, key: str) -> None:
     page.click(f'.row[data-key="{key}"]')
 
 
+def unfold(page) -> None:
+    """Show what is folded away at first: all figures, other scans, history."""
+    if not page.locator("#details").is_visible():
+        page.keyboard.press(".")
+    page.wait_for_selector("#details:not([hidden])")
+
+
+def grow(page, part: str) -> None:
+    """Give one part of the desk the whole window."""
+    page.click(f'[data-grow="{part}"]')
+    page.wait_for_selector(f'#desk[data-grown="{part}"]')
+
+
 def press(page, key: str) -> tuple[str, float, float]:
     """Press a key on the current point: its name, sigma nought before, seconds until it changed."""
     point, before = current(page), page.get_attribute("#sigma", "data-value")

@@ -25,7 +25,8 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
     ("R", "raw"), ("L", "likeness"), ("P", "act.add"), ("B", "quality"),
-    ("I", "board"), ("G", "placement"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
+    ("I", "board"), ("G", "placement"), ("X", "grow"),
+    (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the text of what it does."""
 

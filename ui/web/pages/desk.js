@@ -1,7 +1,6 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import {
-  all, byId, element, fillWords, first, focused, learnNames, number, start, stateGlyph, tip, turn,
-  word,
+  all, byId, element, fillWords, focused, glyph, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
 import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
@@ -22,6 +21,8 @@ import { nextTheme, setUpTheme } from "./theme.js";
 import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
 import { listenToKeys } from "./keys.js";
+import { openScene, setUpScene, showScene } from "./block.js";
+import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import { connect, mergeRows, send, takeSeat } from "./wire.js";
 
@@ -94,6 +95,8 @@ const ACTS = {
   cancel: () => send({ kind: "cancel" }),
   help: toggleHelp,
   add: () => switchCompare("adding"),
+  grow: () => grow(),
+  details: toggleDetails,
   quality: () => openQuality(state.parts.quality),
   board: () => openBoard(state.parts.board),
   placement: () => openPlacement(state.parts.placement),
@@ -105,20 +108,17 @@ const KEYS = {
   KeyY: "accept", KeyN: "reject", KeyM: "dubious", KeyV: "invisible", KeyC: "role", KeyU: "undo",
   KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness",
   KeyP: "add", KeyB: "quality", KeyI: "board", KeyG: "placement", Enter: "refine",
-  NumpadEnter: "refine",
+  NumpadEnter: "refine", KeyX: "grow", Period: "details",
 };
 /** Words of buttons that are not `act.` with their name. @type {Record<string, string>} */
 const TEXTS = {
   wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink",
   remake: "remake", cancel: "remake.cancel", quality: "quality", board: "board",
   placement: "placement", theme: "theme", tour: "tour", "fit-whole": "fit.whole",
-  "fit-current": "fit.current",
+  "fit-current": "fit.current", details: "details",
 };
 /** @type {Record<string, State>} */
 const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };
-const LAYERS = [
-  "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels",
-];
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
 const CLOSED_BY = { quality: "KeyB", help: "KeyH" };
@@ -210,7 +210,7 @@ function setUpButtons() {
     const key = keyOf.get(name);
     const long = tip(name) ?? word(name);
     button.title = key ? `${long} (${key})` : long;
-    button.replaceChildren(...(GLYPHS[act] ? [stateGlyph(GLYPHS[act], 14)] : []), word(name));
+    label(button, word(name), GLYPHS[act] ? stateGlyph(GLYPHS[act], 14) : null);
     if (key && !button.classList.contains("toggle")) button.append(element("kbd", {}, key));
     if (act === "blink") {
       button.addEventListener("pointerdown", () => blink(true));
@@ -225,42 +225,16 @@ function setUpButtons() {
   }
 }
 
-const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
-
-function setUpScene() {
-  for (const layer of LAYERS) {
-    const name = word(`layer.${layer}`);
-    const onclick = () => send({ kind: "layer", layer, shown: !state.parts.scene?.layers[layer] });
-    const title = word("layer.tip", { name });
-    byId("layers").append(element("button", { "data-layer": layer, title, onclick }, name));
-  }
-  // Twice as far for every six steps: one slider serves both tenths of metres and of pixels.
-  slider().addEventListener("input", () => {
-    const { valueAsNumber: steps } = slider();
-    send({ kind: "vectors", scale: steps === 0 ? 0 : Math.round(2 ** (steps / 6)) });
-  });
-  byId("vectors").title = word("vectors.tip");
-}
-
 /**
- * The scene is the heaviest to load: first comes the point that is to be looked at; where it is
- * not shown it waits.
+ * An icon, if the button has one, and its words; those are only heard where there is no room.
+ * @param {HTMLElement} button @param {string} text @param {Node | null} mark
  */
-function openScene(patience = 40) {
-  const seen = byId("scene").offsetParent !== null;
-  if (!seen || (patience > 0 && !compareState().drawn.whole)) {
-    setTimeout(() => openScene(patience - 1), seen ? 50 : 500);
-  } else byId("scene").src = `/scene/${start.seat}/`;
-}
-
-/** @param {SceneSwitches} scene */
-function showScene({ layers, scale }) {
-  for (const button of all("button", byId("layers"))) {
-    turn(button, layers[button.dataset.layer ?? ""]);
-  }
-  const steps = scale ? Math.round(6 * Math.log2(scale)) : 0;
-  if (focused() !== slider()) slider().value = `${steps}`;
-  first("#vectors output").textContent = number(scale, 0);
+function label(button, text, mark) {
+  const { icon } = button.dataset;
+  const drawn = icon ? glyph(icon, "currentColor", 15) : mark;
+  const silent = button.classList.contains("icon");
+  if (silent) button.setAttribute("aria-label", text);
+  button.replaceChildren(...(drawn ? [drawn] : []), ...(silent ? [] : [element("span", {}, text)]));
 }
 
 /** @param {Message} message */
@@ -338,47 +312,14 @@ function tell({ text: name, values, grave }) {
   setTimeout(() => box.remove(), grave ? GRAVE_MS : NOTICE_MS);
 }
 
-/** Widths are shares of the window, so that they fit another one as well. */
-function setUpSplits() {
-  const root = document.documentElement.style;
-  for (const side of ["left", "right"]) {
-    const [name, variable] = [`gruber.share.${side}`, `--${side}`];
-    const take = (/** @type {number} */ share) => root.setProperty(variable, `${share}vw`);
-    const kept = Number(localStorage.getItem(name));
-    if (kept) take(kept);
-    const split = first(`.split[data-side=${side}]`);
-    split.title = word("split.tip");
-    split.addEventListener("pointerdown", (event) => {
-      split.setPointerCapture(event.pointerId);
-      split.classList.add("moving");
-      byId("scene").style.pointerEvents = "none";
-    });
-    split.addEventListener("pointermove", (event) => {
-      if (!split.hasPointerCapture(event.pointerId)) return;
-      const at = (100 * event.clientX) / window.innerWidth;
-      const [least, share] = side === "left" ? [15, at] : [30, 100 - at];
-      take(Math.min(Math.max(share, least), 70));
-      localStorage.setItem(name, parseFloat(root.getPropertyValue(variable)).toFixed(2));
-    });
-    split.addEventListener("pointerup", () => {
-      split.classList.remove("moving");
-      byId("scene").style.pointerEvents = "";
-    });
-    split.addEventListener("dblclick", () => {
-      root.removeProperty(variable);
-      localStorage.removeItem(name);
-    });
-  }
-}
-
 async function open() {
   await takeSeat();
   document.title = `${start.name} \u00b7 ${word("title")}`;
   fillWords();
   byId("name").textContent = start.name;
   learnNames(start.photos);
-  setUpSplits();
   setUpButtons();
+  setUpLayout();
   setUpQueue();
   setUpCompare();
   setUpScene();

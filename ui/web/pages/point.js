@@ -8,7 +8,11 @@ import { send } from "./wire.js";
 const UNCHECKED = 0.1; // design: less than a tenth of an error would show in the residual
 /** @type {Partial<Record<State, string>>} */
 const STATE_ACTS = { accepted: "accept", rejected: "reject", dubious: "dubious" };
-const PARTS = ["figures", "why", "trial", "peaks", "point-name", "history"];
+const PARTS = [
+  "figures", "off", "why", "trial", "doubts", "neighbours", "peaks", "point-name", "history",
+];
+const LINES = 2; // design: what fits in sight, the rest is folded
+const MARKED_SIGMA = 3; // as the desk asks about a draft
 
 /** @param {Point | null} point */
 export function showPoint(point) {
@@ -29,6 +33,7 @@ export function showPoint(point) {
     element("span", badge, stateGlyph(state, 13), word(`state.${state}`)));
   const act = STATE_ACTS[state];
   if (act) first(`#acts [data-act=${act}]`).classList.add("stands");
+  showOff(point);
   showFigures(point.figures);
   showWhy(point);
   showTrial(point);
@@ -59,6 +64,18 @@ const length = (pair) => (pair && pair[0] !== null ? Math.hypot(pair[0], pair[1]
 
 /** @param {string} text @param {string} kind */
 const span = (text, kind) => element("span", { class: kind }, text);
+
+/** How far the measurement is off: metres, sigma, pixels. @param {Point} point */
+function showOff({ figures: { ground, misfit, ratio } }) {
+  const [metres, pixels] = [length(ground), length(misfit)];
+  const far = ratio !== null && ratio > MARKED_SIGMA;
+  byId("off").title = tip("figure.misfit") ?? "";
+  byId("off").append(element("h3", {}, word("figure.misfit")),
+    element("div", { class: "large" },
+      metres === null ? null : span(`${number(metres, 2)} m`, ""),
+      ratio === null ? null : span(`${number(ratio, 1)} \u03c3`, far ? "warned" : ""),
+      pixels === null ? span("\u2013", "") : element("small", {}, `${number(pixels, 2)} px`)));
+}
 
 /** @param {Figures} figures */
 function showFigures(figures) {
@@ -98,12 +115,20 @@ function put(name, content, warning = "") {
 
 /** @param {Point} point */
 function showWhy({ figures: { remark }, state, why }) {
-  const list = element("ul");
   const kind = state === "unused" || state === "rejected" ? state : "other";
-  if (remark) list.append(element("li", { class: "remark" }, word(`remark.${kind}`, { remark })));
-  for (const [text, value] of why) list.append(element("li", {}, word(text, { value })));
-  if (!why.length && !remark) list.append(element("li", { class: "fine" }, word("why.not")));
-  byId("why").append(element("h3", {}, word("why")), list);
+  const lines = /** @type {[string, string][]} */ (
+    why.map(([text, value]) => [word(text, { value }), ""]));
+  if (remark) lines.unshift([word(`remark.${kind}`, { remark }), "remark"]);
+  if (!lines.length) lines.push([word("why.not"), "fine"]);
+  const items = lines.map(([line, look]) => element("li", { class: look, title: line }, line));
+  const more = items.length > LINES
+    ? span(` \u00b7 ${word("why.more", { count: items.length - LINES })}`, "") : null;
+  byId("why").title = lines.map(([line]) => line).join("\n");
+  byId("why").append(element("h3", {}, word("why"), more),
+    element("ul", {}, ...items.slice(0, LINES)));
+  if (!more) return;
+  byId("doubts").append(element("h3", {}, word("why")),
+    element("ul", {}, ...items.slice(LINES)));
 }
 
 /**
@@ -121,16 +146,15 @@ function showTrial({ draft, role, trial }) {
     const values = { now, sigma, shift: number(trial.shift, 2), photo: shortName(trial.photo) };
     lines.push(word("trial.sigma", values), word("trial.shift", values));
   }
+  byId("trial").replaceChildren(element("h3", {}, word(title)),
+    ...lines.map((line) => element("div", { class: "figure", title: line }, line)));
   const beside = (trial?.neighbours ?? []).map(([name, , now, then]) => {
-    const kind = then > now + 0.02 ? "worse" : then < now - 0.02 ? "better" : "faint";
+    const kind = then > now + 0.02 ? "worse" : then < now - 0.02 ? "better" : "muted";
     return element("div", { class: "figure neighbour" }, span(shortPoint(name), ""),
       span(`${number(now, 2)} \u2192 ${number(then, 2)} px`, kind));
   });
-  if (beside.length) {
-    beside.unshift(element("div", { class: "figure faint" }, word("trial.neighbours")));
-  }
-  byId("trial").replaceChildren(element("h3", {}, word(title)),
-    ...lines.map((line) => element("div", { class: "figure" }, line)), ...beside);
+  byId("neighbours").replaceChildren(...(beside.length
+    ? [element("h3", {}, word("trial.neighbours")), ...beside] : []));
 }
 
 /** @param {Point} point */

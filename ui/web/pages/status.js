@@ -56,7 +56,7 @@ function showMaking({ remaking, stale, written }) {
   byId("stale").classList.toggle("some", old || !written);
   byId("remake-start").hidden = remaking !== null;
   byId("remake-start").disabled = !old && written;
-  byId("remake-start").textContent = word(old || written ? "remake" : "remake.write");
+  byId("remake-start").replaceChildren(word(old || written ? "remake" : "remake.write"));
   byId("remake-cancel").hidden = remaking === null;
   byId("making").hidden = remaking === null;
   if (!remaking) return;

@@ -2,7 +2,7 @@
 import { byId, element, word } from "./words.js";
 
 const STEPS = [
-  ["queue", "right"], ["panes", "left"], ["acts", "left"], ["aside", "left"], ["status", "above"],
+  ["queue", "right"], ["panes", "left"], ["acts", "above"], ["facts", "above"], ["status", "above"],
 ];
 const GAP = 14;
 const EDGE = 8;

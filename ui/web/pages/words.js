@@ -1,4 +1,5 @@
 // What the page was told at the start: words, palette, lattice; and how to write with them.
+import { SHAPES } from "./icons.js";
 
 /** @type {Start} */
 export const start = /** @type {any} */ ({
@@ -133,25 +134,6 @@ export function turn(button, on) {
 }
 
 export const focused = () => /** @type {HTMLElement | null} */ (document.activeElement);
-
-const RING = '<circle cx="8" cy="8" fill="none" stroke="C"';
-/** @type {Record<string, string>} */
-const SHAPES = {
-  circle: `${RING} r="4.6" stroke-width="2"/>`,
-  disc: '<circle cx="8" cy="8" r="5.6" fill="C"/>'
-    + '<path d="M5.2 8.2l2 2 3.6-4.2" fill="none" stroke="#0b0d10" stroke-width="1.6"/>',
-  cross: '<path d="M4 4l8 8M12 4l-8 8" stroke="C" stroke-width="2.4" stroke-linecap="round"/>',
-  diamond: '<path d="M8 2l6 6-6 6-6-6z" fill="C"/>',
-  square: '<rect x="4.5" y="4.5" width="7" height="7" fill="none" stroke="C" stroke-width="1.6"/>',
-  control: '<path d="M8 3l5.5 10h-11z" fill="none" stroke="C" stroke-width="1.5"/>',
-  tie: '<path d="M8 3v10M3 8h10M4.5 4.5l7 7M11.5 4.5l-7 7" stroke="C" stroke-width="1.3"/>',
-  photo: '<path d="M2.5 4h11v8.5h-11zM2.5 12.5l5.5-4 5.5 4" fill="none" stroke="C"'
-    + ' stroke-width="1.3"/>',
-  fiducial: `${RING} r="4.5" stroke-width="1.3"/>`
-    + '<path d="M8 1.5v13M1.5 8h13" stroke="C" stroke-width="1.1"/>',
-  check: '<rect x="3.2" y="3.2" width="9.6" height="9.6" fill="none" stroke="C"'
-    + ' stroke-width="1.5"/><circle cx="8" cy="8" r="1.3" fill="C"/>',
-};
 
 /** @param {string} shape @param {string} colour @returns {Node} */
 export function glyph(shape, colour, size = 14) {

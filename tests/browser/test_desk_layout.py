@@ -1,0 +1,171 @@
+"""Where things lie on the desk: nothing cut off at any width, large pictures, one part for all."""
+
+import pytest
+
+from tests.browser.conftest import PATIENCE_MS, SIZE, toured
+from tests.browser.hands import becomes, current, grow
+from ui.words.catalogue import words
+
+pytestmark = pytest.mark.browser
+SIZES = ((1366, 768), (1440, 900), (1600, 1000), (1920, 1080), (2560, 1440), (3840, 2160))
+CUT_OFF = """() => {
+  const controls = "button, select, input, h2, h3, label, .item, .badge, .large, #facts li, "
+    + "#trial .figure, #asked p:not([hidden])";
+  const wide = e => e.tagName === "SELECT" ? textOf(e) > e.clientWidth - 18
+    : getComputedStyle(e).display !== "inline" && e.scrollWidth > e.clientWidth + 1;
+  const pen = document.createElement("canvas").getContext("2d");
+  function textOf(select) {
+    pen.font = getComputedStyle(select).font;
+    return pen.measureText(select.selectedOptions[0]?.textContent ?? "").width;
+  }
+  function clipped(e) {
+    const box = e.getBoundingClientRect();
+    for (let up = e.parentElement; up && up !== document.body; up = up.parentElement) {
+      const { overflowX, overflowY } = getComputedStyle(up);
+      if (overflowX === "visible" && overflowY === "visible") continue;
+      if (overflowX === "auto" || overflowY === "auto" || overflowY === "scroll") return false;
+      const room = up.getBoundingClientRect();
+      if (box.left < room.left - 1 || box.right > room.right + 1 || box.top < room.top - 1
+        || box.bottom > room.bottom + 1) return true;
+    }
+    return box.left < -0.5 || box.right > innerWidth + 0.5 || box.top < -0.5
+      || box.bottom > innerHeight + 0.5;
+  }
+  return [...document.querySelectorAll("#desk *")].filter(e => e.matches(controls))
+    .filter(e => e.checkVisibility({ visibilityProperty: true }))
+    .filter(e => wide(e) || clipped(e)).map(e => e.outerHTML.slice(0, 160));
+}"""
+"""Controls and figures in sight that are wider than their place, or lie beyond their room."""
+IN_SIGHT = """names => names.every(name => {
+  const box = document.querySelector(name).getBoundingClientRect();
+  return box.width > 0 && box.top >= 0 && box.left >= 0 && box.bottom <= innerHeight
+    && box.right <= innerWidth;
+})"""
+SCROLLED = """[...document.querySelectorAll("body, body *")]
+  .filter(e => e.id !== "table" && (e.scrollTop > 0 || e.scrollLeft > 0)).map(e => e.id)"""
+DECIDES = ["#panes", "#off", "#why", "#trial", "#asked", "#acts"]
+
+
+@pytest.fixture
+def sit_small(chromium, desk):
+    """The desk in a language, at 1366 by 768."""
+    contexts = []
+
+    def sit_down(language: str):
+        context = chromium.new_context(
+            locale="cs-CZ" if language == "cs" else "en-GB", bypass_csp=True,
+            viewport={"width": 1366, "height": 768}, storage_state=toured(desk.url),
+        )  # fmt: skip
+        context.set_default_timeout(PATIENCE_MS)
+        contexts.append(context)
+        page = context.new_page()
+        page.goto(desk.url)
+        page.wait_for_selector(".row.current")
+        return page
+
+    yield sit_down
+    for context in contexts:
+        context.close()
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_nothing_is_cut_off_at_any_width__law(sit_small, language):
+    page = sit_small(language)
+    assert page.evaluate("document.documentElement.lang") == language
+    assert page.text_content("#queue h2") == words(language)["queue"]
+    wait = words(language)["trial.wait"]
+    page.wait_for_function("w => !document.querySelector('#trial .figure').textContent.includes(w)",
+                           arg=wait)  # fmt: skip
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        for mode in ("side", "swipe", "blend"):
+            page.click(f'[data-mode="{mode}"]')
+            page.wait_for_timeout(80)
+            assert page.evaluate(CUT_OFF) == [], (width, mode)
+            assert page.locator("#tools").bounding_box()["height"] < 50, (width, mode)
+        page.keyboard.press(".")
+        page.wait_for_timeout(80)
+        assert page.evaluate(CUT_OFF) == [], (width, "details")
+        page.keyboard.press(".")
+        for part in ("queue", "block", "compare"):
+            grow(page, part)
+            page.wait_for_timeout(80)
+            assert page.evaluate(CUT_OFF) == [], (width, part)
+            page.keyboard.press("x")
+
+
+def test_pictures_have_more_than_half_of_the_window__law(sit):
+    page = sit(scene=False)
+    for width, height in SIZES[:3]:
+        page.set_viewport_size({"width": width, "height": height})
+        if page.locator("#details").is_visible():
+            page.keyboard.press(".")
+        room = page.locator("#panes").bounding_box()
+        assert room["width"] * room["height"] > width * height / 2 * 0.94
+        both = page.locator("#compare").bounding_box()
+        assert both["width"] * both["height"] > 0.6 * width * height
+
+
+def test_twenty_points_are_judged_and_nothing_is_scrolled__law(sit):
+    """All that decides is in sight at 1366 by 768, from the first point to the twentieth."""
+    page = sit(scene=False)
+    page.set_viewport_size({"width": 1366, "height": 768})
+    for number in range(20):
+        point = current(page)
+        page.wait_for_function("gruber.compareState().drawn.whole")
+        page.wait_for_function("gruber.parts.point.trial || gruber.parts.point.role === 'check'")
+        assert page.evaluate(IN_SIGHT, DECIDES)
+        assert page.evaluate(CUT_OFF) == []
+        assert page.text_content("#off").strip()
+        assert page.locator("#why li").count() > 0
+        # An operator who sees what stands beside "sigma" rejects what is far off.
+        far = page.evaluate("gruber.parts.point.figures.ratio > 3")
+        page.keyboard.press("n" if far else "y")
+        becomes(page, point, "rejected" if far else "accepted")
+        page.wait_for_function("n => gruber.parts.status.decided === n", arg=number + 1)
+        assert page.evaluate(SCROLLED) == []
+    assert page.evaluate("gruber.parts.status.decided") == 20
+
+
+def test_x_gives_a_part_the_window_and_brings_all_back__law(sit):
+    page = sit()
+    before = {part: page.locator(f"#{part}").bounding_box() for part in ("queue", "block")}
+    for part in ("queue", "block", "panes"):
+        box = page.locator(f"#{part}").bounding_box()
+        page.mouse.move(box["x"] + 30, box["y"] + 14)
+        page.keyboard.press("x")
+        named = "compare" if part == "panes" else part
+        page.wait_for_selector(f'#desk[data-grown="{named}"]')
+        assert page.locator(f"#{named}").bounding_box()["width"] == SIZE["width"]
+        assert page.get_attribute(f'[data-grow="{named}"]', "aria-pressed") == "true"
+        page.keyboard.press("x")
+        page.wait_for_selector("#desk:not([data-grown])")
+    for part, box in before.items():
+        assert page.locator(f"#{part}").bounding_box() == box
+    assert page.evaluate(
+        "!!document.getElementById('scene').contentWindow"
+        ".__viserMutable.nodeRefFromName['/terrain']"
+    )
+    assert "X" in [key for key, _ in page.evaluate("fetch('/start').then(a => a.json())")["keys"]]
+
+
+@pytest.mark.parametrize("side", ["left", "low"])
+def test_splitters_fit_every_window_and_go_back_by_a_double_click__law(sit, side):
+    page = sit(scene=False)
+    usual = page.locator("#block").bounding_box()
+    box = page.locator(f".split[data-side={side}]").bounding_box()
+    page.mouse.move(box["x"] + 2, box["y"] + 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 900, box["y"] - 900, steps=4)
+    page.mouse.up()
+    larger = page.locator("#block").bounding_box()
+    assert larger["width"] * larger["height"] > 1.3 * usual["width"] * usual["height"]
+    page.set_viewport_size({"width": 1366, "height": 768})
+    page.reload()
+    page.wait_for_selector(".row.current")
+    assert page.evaluate(CUT_OFF) == []
+    box = page.locator("#compare").bounding_box()
+    assert box["x"] + box["width"] <= 1366.5
+    page.set_viewport_size(SIZE)
+    page.locator(f".split[data-side={side}]").dblclick()
+    assert page.locator("#block").bounding_box() == usual

@@ -1,0 +1,53 @@
+// The room of the 3D scene: its layers, the length of vectors, and when it is loaded.
+import { compareState } from "./compare.js";
+import { all, byId, element, first, focused, number, start, turn, word } from "./words.js";
+import { send } from "./wire.js";
+
+const LAYERS = [
+  "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels",
+];
+const state = { layers: /** @type {Record<string, boolean>} */ ({}) };
+
+const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
+
+export function setUpScene() {
+  for (const layer of LAYERS) {
+    const name = word(`layer.${layer}`);
+    const onclick = () => send({ kind: "layer", layer, shown: !state.layers[layer] });
+    const title = word("layer.tip", { name });
+    byId("layers").append(element("button", { "data-layer": layer, title, onclick }, name));
+  }
+  // Twice as far for every six steps: one slider serves both tenths of metres and of pixels.
+  slider().addEventListener("input", () => {
+    const { valueAsNumber: steps } = slider();
+    send({ kind: "vectors", scale: steps === 0 ? 0 : Math.round(2 ** (steps / 6)) });
+  });
+  byId("vectors").title = word("vectors.tip");
+  awaitScene();
+}
+
+/** The scene is the heaviest to load: first comes the point that is to be looked at. */
+export function openScene(patience = 40) {
+  if (patience > 0 && !compareState().drawn.whole) {
+    setTimeout(() => openScene(patience - 1), 50);
+  } else byId("scene").src = `/scene/${start.seat}/`;
+}
+
+/** The scene is covered until there is something to see in it, at first and when it comes back. */
+function awaitScene() {
+  const inside = /** @type {any} */ (byId("scene").contentWindow);
+  const there = Boolean(inside?.__viserMutable?.nodeRefFromName["/terrain"]);
+  byId("scene-wait").hidden = there;
+  setTimeout(awaitScene, there ? 2000 : 200);
+}
+
+/** @param {SceneSwitches} scene */
+export function showScene({ layers, scale }) {
+  state.layers = layers;
+  for (const button of all("button", byId("layers"))) {
+    turn(button, layers[button.dataset.layer ?? ""]);
+  }
+  const steps = scale ? Math.round(6 * Math.log2(scale)) : 0;
+  if (focused() !== slider()) slider().value = `${steps}`;
+  first("#vectors output").textContent = number(scale, 0);
+}

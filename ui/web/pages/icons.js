@@ -1,0 +1,35 @@
+// Shapes of icons and states, drawn in a box of 16 by 16; C stands for the colour.
+const RING = '<circle cx="8" cy="8" fill="none" stroke="C"';
+const LINE = 'fill="none" stroke="C" stroke-width="1.5" stroke-linecap="round"'
+  + ' stroke-linejoin="round"';
+
+/** @param {string} path */
+const drawn = (path) => `<path d="${path}" ${LINE}/>`;
+
+/** @type {Record<string, string>} */
+export const SHAPES = {
+  circle: `${RING} r="4.6" stroke-width="2"/>`,
+  disc: '<circle cx="8" cy="8" r="5.6" fill="C"/>'
+    + '<path d="M5.2 8.2l2 2 3.6-4.2" fill="none" stroke="#0b0d10" stroke-width="1.6"/>',
+  cross: '<path d="M4 4l8 8M12 4l-8 8" stroke="C" stroke-width="2.4" stroke-linecap="round"/>',
+  diamond: '<path d="M8 2l6 6-6 6-6-6z" fill="C"/>',
+  square: '<rect x="4.5" y="4.5" width="7" height="7" fill="none" stroke="C" stroke-width="1.6"/>',
+  control: '<path d="M8 3l5.5 10h-11z" fill="none" stroke="C" stroke-width="1.5"/>',
+  tie: '<path d="M8 3v10M3 8h10M4.5 4.5l7 7M11.5 4.5l-7 7" stroke="C" stroke-width="1.3"/>',
+  photo: '<path d="M2.5 4h11v8.5h-11zM2.5 12.5l5.5-4 5.5 4" fill="none" stroke="C"'
+    + ' stroke-width="1.3"/>',
+  fiducial: `${RING} r="4.5" stroke-width="1.3"/>`
+    + '<path d="M8 1.5v13M1.5 8h13" stroke="C" stroke-width="1.1"/>',
+  check: '<rect x="3.2" y="3.2" width="9.6" height="9.6" fill="none" stroke="C"'
+    + ' stroke-width="1.5"/><circle cx="8" cy="8" r="1.3" fill="C"/>',
+  up: drawn("M3.5 10.5L8 6l4.5 4.5"),
+  down: drawn("M3.5 5.5L8 10l4.5-4.5"),
+  undo: drawn("M5.5 3L2.5 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6"),
+  redo: drawn("M10.5 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10"),
+  grow: drawn("M9.5 2.5h4v4M6.5 13.5h-4v-4M13.5 2.5l-5 5M2.5 13.5l5-5"),
+  whole: drawn("M2.5 5.5v-3h3M10.5 2.5h3v3M13.5 10.5v3h-3M5.5 13.5h-3v-3"),
+  fit: `${RING} r="4.3" stroke-width="1.5"/>${drawn("M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4")}`,
+  add: drawn("M8 3v10M3 8h10"),
+  swap: drawn("M2.5 5.5h10l-3-3M13.5 10.5h-10l3 3"),
+  details: drawn("M2.5 4h11M2.5 8h11M2.5 12h7"),
+};
