@@ -43,7 +43,7 @@ $(TOOLS)/.installed: $(VENV)/.installed ui/web/package-lock.json
 demo: install  ## make a synthetic block, run every stage, open the desk (HEADLESS=1: end instead)
 	$(BIN)/gruber demo --size $(SIZE) --out $(OUT) $(if $(HEADLESS),--headless)
 
-test: install  ## run all tests, in a real browser too
+test: install $(TOOLS)/.installed  ## run all tests, in a real browser too
 	tests/browser/provide_chromium.sh
 	$(UNSEEN)
 	$(BIN)/python -m pytest -m browser
@@ -59,7 +59,7 @@ lint: install $(TOOLS)/.installed  ## format, style, types, import contracts; of
 check: lint  ## everything that needs no browser
 	$(UNSEEN)
 
-browser: install  ## only the tests in a real browser
+browser: install $(TOOLS)/.installed  ## only the tests in a real browser
 	tests/browser/provide_chromium.sh
 	$(BIN)/python -m pytest -m browser
 

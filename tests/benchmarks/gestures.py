@@ -221,7 +221,7 @@ def click_frustum(page: Page) -> None:
     )  # fmt: skip
     room = page.locator("#scene").bounding_box()
     assert room is not None
-    page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 8)
+    page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 40)
 
 
 def mark_three(page: Page) -> None:

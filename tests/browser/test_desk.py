@@ -156,7 +156,10 @@ def test_a_click_on_a_frustum_shows_its_photo__truth(sit):
     page = sit()
     scene = scene_of(page)
     grow(page, "block")
-    scene.wait_for_function("innerWidth > 1000")
+    scene.wait_for_function(
+        "innerWidth > 1000 && "
+        "Math.abs(__viserMutable.camera.aspect - innerWidth / innerHeight) < 0.01"
+    )
     page.wait_for_timeout(1000)
     place = scene.evaluate(
         """name => {
@@ -168,7 +171,7 @@ def test_a_click_on_a_frustum_shows_its_photo__truth(sit):
         names.photo_node("1938_02_014"),
     )
     room = page.locator("#scene").bounding_box()
-    page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 12)
+    page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 40)
     page.wait_for_function("gruber.parts.point.key[1] === '1938_02_014'")
 
 

@@ -28,6 +28,7 @@ SEAT_NAME = re.compile(r"[A-Za-z0-9_-]{6,40}")
 SEAT = f"{{seat:{SEAT_NAME.pattern}}}"
 CONTENT = {
     ".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
+    ".woff2": "font/woff2",
 }  # fmt: skip
 PAGE_POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
@@ -245,10 +246,10 @@ def _own_file(name: str) -> web.Response:
     path = PAGES / name
     if "/" in name or "\\" in name or path.suffix not in CONTENT or not path.is_file():
         raise web.HTTPNotFound
-    response = web.Response(
-        text=path.read_text(encoding="utf-8"), content_type=CONTENT[path.suffix]
-    )
-    response.headers["Cache-Control"] = "no-cache"
+    kind = CONTENT[path.suffix]
+    charset = None if kind.startswith("font/") else "utf-8"
+    response = web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
+    response.headers["Cache-Control"] = "no-cache" if charset else "max-age=86400"
     if path.suffix == ".html":
         response.headers["Content-Security-Policy"] = PAGE_POLICY
     return response

@@ -52,7 +52,7 @@ class Visitor:
         given = {name.replace("_", "-"): value for name, value in headers.items()}
         connection.request("GET", path, headers={"Cookie": self.cookie, **given})
         answer = connection.getresponse()
-        body = answer.read().decode()
+        body = answer.read().decode(errors="replace")
         connection.close()
         return answer, body
 
@@ -78,6 +78,8 @@ def test_pages_have_their_policy_and_nothing_else_is_served__law(inputs):
         assert "default-src 'self'" in page.headers["Content-Security-Policy"]
         assert "desk.js" in body
         assert visitor.get("/pages/desk.css")[0].headers["Content-Type"].startswith("text/css")
+        font, _ = visitor.get("/pages/inter-latin.woff2")
+        assert font.headers["Content-Type"] == "font/woff2"
         for path in ("/pages/none.js", "/pages/..%2Ffront.py", "/pages/front.py", "/scene/x/"):
             assert visitor.get(path)[0].status == 404, path
 

@@ -1,7 +1,7 @@
 // The fiducial board: every photo by every fiducial, worst first; one large, to be corrected.
 import {
   again, all, byId, element, first, focused, number, numbers, shortName, start, stateGlyph, svg,
-  tip, word,
+  tip, turn, word,
 } from "./words.js";
 import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
@@ -87,6 +87,7 @@ function head(found) {
   const doubtful = byDoubt().filter(({ doubt }) => doubt >= DOUBTFUL).length;
   const tab = (/** @type {string} */ name) => element("button", {
     "data-tab": name, class: state.tab === name ? "on" : "",
+    "aria-pressed": `${state.tab === name}`,
     onclick: () => {
       state.tab = name;
       showBoard(found);
@@ -205,7 +206,7 @@ function choose(photo, name, moving = true) {
   state.current = [photo, name];
   for (const button of all(".mark", byId("board"))) {
     const chosen = button.dataset.mark === key;
-    button.classList.toggle("on", chosen);
+    turn(button, chosen);
     button.tabIndex = chosen ? 0 : -1;
     if (chosen && moving) button.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
@@ -244,7 +245,7 @@ function showLarge() {
     "data-board": name, title: word(`board.${name}.tip`), disabled: start.guest,
     onclick: does,
   }, word(`board.${name}`), element("kbd", {}, key));
-  const turn = (/** @type {"previous" | "next"} */ name, /** @type {number} */ by) => {
+  const stepTo = (/** @type {"previous" | "next"} */ name, /** @type {number} */ by) => {
     const title = word(`board.${name}`);
     const arrow = by < 0 ? "\u2039" : "\u203a";
     return element("button", { class: "small", title, onclick: () => step(by) }, arrow);
@@ -256,7 +257,7 @@ function showLarge() {
     element("h3", {}, stateGlyph(LOOKS[cell.state], 14), element("b", {}, cell.name),
       element("span", { class: "muted" }, shortName(row.photo)),
       element("span", { class: "stretch" }),
-      turn("previous", -1), turn("next", 1)),
+      stepTo("previous", -1), stepTo("next", 1)),
     large,
     element("div", { class: "board-acts" }, act("keep", "Y", () => use(true)),
       act("hide", "V", () => use(false)), act("snap", "Enter", snap),

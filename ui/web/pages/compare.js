@@ -407,7 +407,7 @@ function scaleBar(context, [width, height], pixel) {
   });
   const times = scale * pixel;
   const words = `${metres} m  \u00b7  ${number(times, times < 0.1 ? 3 : 1)}\u00d7`;
-  context.font = "11px sans-serif";
+  context.font = "12px Inter, sans-serif";
   const from = Math.min(left, right - context.measureText(words).width);
   text(context, words, [from, bottom - 8], "#ffffff");
 }

@@ -226,7 +226,7 @@ function setUpButtons() {
 }
 
 /**
- * An icon, if the button has one, and its words; those are only heard where there is no room.
+ * An icon, if the button has one, and its words.
  * @param {HTMLElement} button @param {string} text @param {Node | null} mark
  */
 function label(button, text, mark) {

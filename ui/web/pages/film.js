@@ -22,7 +22,8 @@ export function filmPart({ films, rolls, frames }, again) {
   state.current = one.photo;
   const roll = rolls[one.camera];
   const kinds = ["left", "plain"].map((name) => element("button", {
-    class: state.kind === name ? "on" : "", "data-kind": name, title: word(`film.${name}.tip`),
+    class: state.kind === name ? "on" : "", "aria-pressed": `${state.kind === name}`,
+    "data-kind": name, title: word(`film.${name}.tip`),
     onclick: () => {
       state.kind = name;
       again();

@@ -31,5 +31,9 @@ export const SHAPES = {
   fit: `${RING} r="4.3" stroke-width="1.5"/>${drawn("M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4")}`,
   add: drawn("M8 3v10M3 8h10"),
   swap: drawn("M2.5 5.5h10l-3-3M13.5 10.5h-10l3 3"),
+  theme: `${RING} r="5.5" stroke-width="1.5"/><path d="M8 2.5a5.5 5.5 0 0 1 0 11z" fill="C"/>`,
+  keys: drawn("M1.5 4.5h13v7h-13zM4 7h.1M6.7 7h.1M9.3 7h.1M12 7h.1M5 9.5h6"),
+  quality: drawn("M2.5 13.5h11M4 11V7.5M8 11V3M12 11V5.5"),
+  map: drawn("M2 4l4-1.5 4 1.5 4-1.5v9.5l-4 1.5-4-1.5-4 1.5zM6 2.5v9.5M10 4v9.5"),
   details: drawn("M2.5 4h11M2.5 8h11M2.5 12h7"),
 };

@@ -34,6 +34,9 @@ export function grow(part = state.under) {
   const desk = byId("desk");
   if (desk.dataset.grown) delete desk.dataset.grown;
   else desk.dataset.grown = part;
+  for (const room of PARTS) {
+    byId(room).setAttribute("role", room === (desk.dataset.grown ?? "compare") ? "main" : "region");
+  }
   for (const button of all("[data-grow]", desk)) {
     turn(button, desk.dataset.grown === button.dataset.grow);
   }

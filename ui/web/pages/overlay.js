@@ -80,7 +80,7 @@ export function line(context, from, to, colour, width) {
 
 /** @param {Context} context @param {string} words @param {Pair} place @param {string} colour */
 export function text(context, words, [x, y], colour) {
-  context.font = "11px sans-serif";
+  context.font = "12px Inter, sans-serif";
   context.lineWidth = 3;
   context.strokeStyle = "#000000c0";
   context.strokeText(words, x, y);

@@ -85,7 +85,8 @@ const middleOf = (ring) =>
 function head(found) {
   const { mode } = state;
   const button = (/** @type {string} */ name) => element("button", {
-    class: mode === name ? "on" : "", "data-mode": name, onclick: () => setMode(name),
+    class: mode === name ? "on" : "", "aria-pressed": `${mode === name}`, "data-mode": name,
+    onclick: () => setMode(name),
   }, word(`placement.${name}`));
   const { median, worst, photos } = found;
   const none = photos.some((one) => one.oriented) ? "placement.none-given" : "placement.nothing";

@@ -287,7 +287,8 @@ function showPairs(scan) {
       }),
       act("act.undo", "U", { disabled: start.guest, onclick: takeBack }),
       act("wallis", "W",
-        { class: wallis ? "on" : "", title: word("wallis.tip"), onclick: switchWallis }),
+        { class: wallis ? "on" : "", "aria-pressed": `${wallis}`, title: word("wallis.tip"),
+          onclick: switchWallis }),
       act("act.fit", "F", { onclick: () => choose(scan) })),
     element("p", { class: "muted" }, saved || word("placing.hint")));
 }

@@ -168,7 +168,7 @@ function showPeaks({ key, peaks }) {
     const title = `${operator} \u00b7 ${word("peak.tip")}`;
     const choose = () => send({ kind: "peak", key, index });
     byId("peaks").append(element("button",
-      { class: `peak${here ? " on" : ""}`, title, onclick: choose },
+      { class: `peak${here ? " on" : ""}`, "aria-pressed": `${here}`, title, onclick: choose },
       element("span", {}, `${index + 1}`),
       element("b", {}, operator === "operator" ? word("peak.hand") : number(score, 1)),
       element("span", {}, place)));
@@ -191,7 +191,10 @@ function showOthers(point) {
     const src = `/tiles/point/${encodeURIComponent(photo)}/${version}/${place}`;
     const select = () => send({ kind: "select", key: [name, photo] });
     const button = element("button",
-      { class: `other${here ? " on" : ""}`, title: photo, onclick: select },
+      {
+        class: `other${here ? " on" : ""}`, "aria-pressed": `${here}`, title: photo,
+        onclick: select,
+      },
       element("img", { src, alt: "", draggable: "false" }),
       element("span", {}, stateGlyph(state, 11), element("em", {}, shortName(photo)),
         number(misfit, 1)));

@@ -255,7 +255,8 @@ function choice(milestones, chosen, place) {
   const options = milestones.map(({ number: value, decided }) => element("option",
     { value, selected: value === chosen },
     word("quality.adjustment", { number: value, decided })));
-  const select = element("select", { "data-pair": place }, ...options);
+  const select = element("select",
+    { "aria-label": word("quality.compared"), "data-pair": place }, ...options);
   select.addEventListener("change", () => {
     const selects = /** @type {HTMLSelectElement[]} */ (all("[data-pair]", byId("quality")));
     send({ kind: "quality", shown: true, pair: selects.map((item) => Number(item.value)) });

@@ -260,7 +260,7 @@ function draw() {
   for (let place = first; place < last; place += 1) {
     let line = drawn.get(place);
     if (!line) {
-      line = element("div", { class: "row" });
+      line = element("div", { class: "row", role: "option", id: `row-${place}` });
       line.style.top = `${place * ROW}px`;
       drawn.set(place, line);
       byId("rows").append(line);
@@ -290,6 +290,8 @@ function write(line, index, { current, drafted, isTaken }) {
   if (draft) said.push(word("draft.row"));
   if (taken) said.push(word("people.here", { names: taken }));
   line.title = said.join(" \u00b7 ");
+  line.setAttribute("aria-selected", `${index === current || chosen}`);
+  if (index === current) byId("table").setAttribute("aria-activedescendant", line.id);
   line.onclick = (event) => pointAt(event, index);
   const bar = element("i");
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;

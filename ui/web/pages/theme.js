@@ -1,5 +1,5 @@
 // Dark, light, or as the machine likes it.
-import { byId, first, word } from "./words.js";
+import { byId, first, glyph, word } from "./words.js";
 
 const THEMES = ["dark", "light"];
 
@@ -22,6 +22,8 @@ export function nextTheme() {
 /** @param {string} theme */
 function show(theme) {
   document.documentElement.dataset.theme = theme;
-  first("[data-act=theme]").textContent = word(theme === "dark" ? "theme.light" : "theme.dark");
+  const button = first("[data-act=theme]");
+  button.replaceChildren(glyph("theme", "currentColor", 15),
+    word(theme === "dark" ? "theme.light" : "theme.dark"));
   byId("scene").contentDocument?.documentElement?.setAttribute("data-theme", theme);
 }

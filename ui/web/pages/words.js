@@ -147,12 +147,12 @@ export function glyph(shape, colour, size = 14) {
 /** @param {State} name */
 export function stateGlyph(name, size = 14) {
   const look = start.palette.states[name];
-  return glyph(look.glyph, look.colour, size);
+  return glyph(look.glyph, `var(--state-${name}, ${look.colour})`, size);
 }
 
 /** @param {string} role */
 export const roleGlyph = (role, size = 13) =>
-  glyph(role, role === "check" ? start.palette.check : "#8d97a6", size);
+  glyph(role, role === "check" ? `var(--check, ${start.palette.check})` : "var(--muted)", size);
 
 /**
  * Scan names share a long beginning as a rule: it is left out in narrow places.

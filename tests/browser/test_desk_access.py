@@ -1,0 +1,137 @@
+"""Looks and access: no violation that axe-core knows, and a keyboard that decides nothing."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS, toured
+from tests.browser.hands import grow, unfold
+
+pytestmark = pytest.mark.browser
+TOOLS = Path(os.environ.get("GRUBER_PAGE_TOOLS", Path(sys.prefix) / "pages"))
+AXE = TOOLS / "node_modules" / "axe-core" / "axe.min.js"
+INSTALL = "no axe-core: `make test` and `make check` install it"
+VIOLATIONS = """async () => {
+  // The frame of the scene is viser's own page.
+  const found = await axe.run({ exclude: [["#scene"]] }, { iframes: false });
+  return found.violations.map(({ id, nodes }) => `${id}, ${nodes.length} times: `
+    + `${nodes[0].html.slice(0, 140)} ${nodes[0].any[0]?.message ?? ""}`);
+}"""
+
+
+@pytest.fixture
+def axe():
+    """Text of axe-core; without it the tests fail where `CI` is set and are skipped elsewhere."""
+    if not AXE.exists():
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(INSTALL)
+    return AXE.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def sit_with(chromium, desk):
+    """The desk in a language and a theme."""
+    contexts = []
+
+    def sit_down(language: str, theme: str):
+        context = chromium.new_context(
+            locale="cs-CZ" if language == "cs" else "en-GB", bypass_csp=True,
+            viewport={"width": 1600, "height": 1000}, storage_state=toured(desk.url),
+        )  # fmt: skip
+        context.set_default_timeout(PATIENCE_MS)
+        context.add_init_script(f"localStorage.setItem('gruber.theme', '{theme}')")
+        contexts.append(context)
+        page = context.new_page()
+        page.goto(desk.url)
+        page.wait_for_selector(".row.current")
+        return page
+
+    yield sit_down
+    for context in contexts:
+        context.close()
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_axe_finds_nothing_on_any_page__oracle(sit_with, axe, language, theme):
+    page = sit_with(language, theme)
+    page.evaluate(axe)
+    found = {}
+
+    def look(name: str) -> None:
+        page.wait_for_timeout(100)
+        found[name] = page.evaluate(VIOLATIONS)
+
+    page.wait_for_function("gruber.parts.point.trial")
+    unfold(page)
+    look("desk")
+    grow(page, "block")
+    look("scene")
+    page.keyboard.press("x")
+    for key, name in (("h", "help"), ("b", "quality"), ("i", "board"), ("g", "placement")):
+        page.keyboard.press(key)
+        page.wait_for_selector(f"#{name}[open]")
+        look(name)
+        page.keyboard.press("Escape")
+        page.wait_for_selector(f"#{name}", state="hidden")
+    page.click("#who")
+    look("name")
+    page.keyboard.press("Escape")
+    page.evaluate("document.querySelector('[data-act=tour]').click()")
+    look("tour")
+    page.keyboard.press("Escape")
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_function("gruber.parts.point.draft")
+    look("draft")
+    page.keyboard.press("Escape")
+    page.keyboard.press("n")
+    page.wait_for_selector("#reasons:not([hidden])")
+    look("reasons")
+    page.click('.chip[data-state="rejected"]')
+    page.wait_for_function("gruber.parts.point.state === 'rejected'")
+    look("rejected")
+    assert {name: lines for name, lines in found.items() if lines} == {}
+
+
+def test_tab_reaches_every_control_and_pressing_them_decides_nothing__law(sit, tmp_path):
+    """Enter and Space on whatever has the focus; a control that decides says so by its name."""
+    page = sit(scene=False)
+    page.evaluate("document.body.focus()")
+    deciding = {"accept", "reject", "dubious", "invisible", "role"}
+    seen: list[str] = []
+    for _ in range(120):
+        page.keyboard.press("Tab")
+        name = page.evaluate(
+            """() => {
+              const { activeElement: e } = document;
+              if (!e || e === document.body) return "";
+              const look = getComputedStyle(e);
+              const shown = e.matches("section, iframe") || look.outlineStyle !== "none";
+              return (shown ? "" : "unseen ") + (e.id || e.dataset.act || e.dataset.layer
+                || e.dataset.grow || e.dataset.mode || e.dataset.state || e.className || e.tagName);
+            }"""
+        )
+        if name == "scene":
+            page.evaluate("document.querySelector('#compare').focus()")
+            continue
+        if seen and name == seen[0]:
+            break
+        seen.append(name)
+        listed = page.evaluate("document.activeElement.tagName === 'SELECT'")
+        if not name or name in deciding or listed:
+            continue
+        for key in ("Enter", " "):
+            page.keyboard.press(key)
+            page.wait_for_timeout(60)
+            page.evaluate("document.querySelectorAll('dialog[open]').forEach(d => d.close())")
+    assert [name for name in seen if name.startswith("unseen")] == []
+    controls = page.evaluate(
+        """[...document.querySelectorAll("#desk button, #desk select, #desk input")]
+             .filter(e => e.checkVisibility({ visibilityProperty: true }) && !e.disabled).length"""
+    )
+    assert len(seen) > 0.8 * controls
+    page.wait_for_timeout(600)
+    with Session.open(tmp_path, "reader") as session:
+        assert session.decisions() == ()
