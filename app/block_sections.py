@@ -2,56 +2,13 @@
 
 from typing import Any, Literal, cast
 
-from app.block_toml import MILLIMETRES, Document, Table, Unit
+from app.block_toml import Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.formats.micmac_measures import read_camera_measures
 from core.geometry.camera import SETS, Camera, polynomial_from_table
 
-CAMERA_KEYS = (
-    "principal_distance_mm",
-    "frame_mm",
-    "principal_point_mm",
-    "radial_distortion",
-    "distortion_table_um",
-    "fiducials_mm",
-    "fiducials_file",
-    "fiducial_marks",
-    "data_strip",
-)
-SIDES = ("", "left", "right", "top", "bottom")
 MARKS = (0, 4, 8)
-DEFAULT = AdjustmentOptions()
-SHIFTS = ("none", "block", "strip")
-OWNERS = ("camera", "photo")
-NETWORKS = ("control", "free")
-TESTS = ("w", "tau", "none")
-SMALL_MM = Unit("millimetres", 0.0001, 10, (("micrometres", 0.001),))
-"""Priors of camera constants."""
-SMALL_UM = Unit("micrometres", 0.1, 10_000, (("millimetres", 1000),))
-"""Priors of distortion."""
-DEM_M = Unit("metres", 0.0, 1000)
-"""Nought leaves the terrain out."""
-RISK = Unit("a probability", 1e-6, 0.1)
-ADJUSTMENT_KEYS = (
-    "cameras",
-    "sigma_principal_distance_mm",
-    "sigma_principal_point_mm",
-    "sigma_distortion_um",
-    "self_calibration",
-    "self_calibration_per",
-    "sigma_additional_um",
-    "only_significant",
-    "gnss_shift",
-    "gnss_drift",
-    "imu_misalignment",
-    "dem_sigma_m",
-    "network",
-    "variance_components",
-    "gross_errors",
-    "risk",
-    "compare_methods",
-)
 
 
 def read_camera(document: Document, name: str) -> Camera:
@@ -61,10 +18,10 @@ def read_camera(document: Document, name: str) -> Camera:
         ProjectError: Something in its table cannot be used.
         ScanError: `fiducials_file` holds no marks.
     """
-    table = document.table("camera", name, keys=CAMERA_KEYS)
-    principal_distance_mm = table.number("principal_distance_mm", MILLIMETRES)
-    width, height = table.measures("frame_mm", 2, MILLIMETRES)
-    east, north = table.numbers("principal_point_mm", 2, (0.0, 0.0))
+    table = document.table("camera", name)
+    principal_distance_mm = table.number("principal_distance_mm")
+    width, height = table.measures("frame_mm")
+    east, north = table.numbers("principal_point_mm")
     if abs(east) > width / 2 or abs(north) > height / 2:
         remedy = "Write millimetres, counted from the fiducial centre (x right, y up)."
         raise table.error("principal_point_mm", "lies outside the picture.", remedy)
@@ -75,16 +32,15 @@ def read_camera(document: Document, name: str) -> Camera:
         (east, north),
         _radial_distortion(table),
         _fiducials(table, max(width, height)),
-        table.choice("data_strip", SIDES, ""),
+        table.choice("data_strip"),
         _marks(table),
     )
 
 
 def _radial_distortion(table: Table) -> tuple[float, float, float]:
     """k1, k2, k3; those left out are nought, or fitted to the certificate's table."""
-    given = table.values.get("radial_distortion", [])
-    count = min(len(given), 3) if isinstance(given, list) else 3
-    k1, k2, k3, *_ = (*table.numbers("radial_distortion", count, ()), 0.0, 0.0, 0.0)
+    given = table.numbers("radial_distortion")
+    k1, k2, k3, *_ = (*given, 0.0, 0.0, 0.0)
     if not table.has("distortion_table_um"):
         return k1, k2, k3
     key = "distortion_table_um"
@@ -137,37 +93,27 @@ def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
 
 def adjustment_options(document: Document) -> AdjustmentOptions:
     """The options of `[adjustment]`, every key with its default."""
-    table = document.table("adjustment", keys=ADJUSTMENT_KEYS)
-    test = table.choice("gross_errors", TESTS, "w")
+    table = document.table("adjustment")
+    test = table.choice("gross_errors")
     return AdjustmentOptions(
-        estimate_cameras=table.flag("cameras", True),
-        sigma_principal_distance_mm=table.number(
-            "sigma_principal_distance_mm", SMALL_MM, DEFAULT.sigma_principal_distance_mm
-        ),
-        sigma_principal_point_mm=table.number(
-            "sigma_principal_point_mm", SMALL_MM, DEFAULT.sigma_principal_point_mm
-        ),
-        sigma_distortion_um=table.number(
-            "sigma_distortion_um", SMALL_UM, DEFAULT.sigma_distortion_um
-        ),
+        estimate_cameras=table.flag("cameras"),
+        sigma_principal_distance_mm=table.number("sigma_principal_distance_mm"),
+        sigma_principal_point_mm=table.number("sigma_principal_point_mm"),
+        sigma_distortion_um=table.number("sigma_distortion_um"),
         robust=test != "none",
         self_calibration=_sets(table),
-        per_photo=table.choice("self_calibration_per", OWNERS, "camera") == "photo",
-        sigma_additional_um=table.number(
-            "sigma_additional_um", SMALL_UM, DEFAULT.sigma_additional_um
-        ),
-        only_significant=table.flag("only_significant", True),
-        gnss_shift=cast(
-            "Literal['none', 'block', 'strip']", table.choice("gnss_shift", SHIFTS, "none")
-        ),
-        gnss_drift=table.flag("gnss_drift", False),
-        misalignment=table.flag("imu_misalignment", False),
-        dem_sigma_m=table.number("dem_sigma_m", DEM_M, 0.0),
-        free_network=table.choice("network", NETWORKS, "control") == "free",
-        variance_components=table.flag("variance_components", False),
+        per_photo=table.choice("self_calibration_per") == "photo",
+        sigma_additional_um=table.number("sigma_additional_um"),
+        only_significant=table.flag("only_significant"),
+        gnss_shift=cast("Literal['none', 'block', 'strip']", table.choice("gnss_shift")),
+        gnss_drift=table.flag("gnss_drift"),
+        misalignment=table.flag("imu_misalignment"),
+        dem_sigma_m=table.number("dem_sigma_m"),
+        free_network=table.choice("network") == "free",
+        variance_components=table.flag("variance_components"),
         test="tau" if test == "tau" else "w",
-        risk=table.number("risk", RISK, DEFAULT.risk),
-        compare_methods=table.flag("compare_methods", False),
+        risk=table.number("risk"),
+        compare_methods=table.flag("compare_methods"),
     )
 
 

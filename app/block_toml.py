@@ -7,11 +7,11 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from app.block_schema import SECTIONS, Key, Kind, keys_of
 from core.errors import ProjectError
 from core.formats.vectors import LAYER_MARK
 
@@ -22,46 +22,27 @@ RASTERS = frozenset({".tif", ".tiff", ".jp2", ".j2k", ".jpg", ".jpeg", ".png", "
 _HEADER = re.compile(r"^\s*(?P<open>\[\[?)\s*(?P<name>[^\]]+?)\s*\]")
 
 
-@dataclass(frozen=True, slots=True)
-class Unit:
-    """The range a number must lie in, and the mistakes that leave it."""
+class FieldError(ProjectError):
+    """One key of `block.toml` that cannot be used.
 
-    name: str
-    """Unit in words."""
-    low: float
-    """Smallest value that makes sense."""
-    high: float
-    """Largest value that makes sense."""
-    taken_for: Sequence[tuple[str, float]] = ()
-    """Units that are often mistaken for it, with the factor to this one; a factor of 0 stands for
-    dots per inch."""
+    Attributes:
+        table: Name of its table, such as `camera.wide`.
+        key: The key.
+    """
 
-    def advice(self, value: float) -> str:
-        """What the value probably was meant to be."""
-        for other, factor in self.taken_for:
-            meant = value * factor if factor else 25_400.0 / value if value else 0.0
-            if self.low <= meant <= self.high:
-                return f"{value:g} looks like {other}: write {meant:.6g}."
-        return f"Write it in {self.name}, from {self.low:g} to {self.high:g}."
-
-
-MILLIMETRES = Unit("millimetres", 10, 2000, (("metres", 1000), ("micrometres", 0.001)))
-"""Principal distances and sides of a picture."""
-MICROMETRES = Unit("micrometres", 3, 500, (("millimetres", 1000), ("dots per inch", 0)))
-"""Scan pixels."""
-SCALE_NUMBERS = Unit("ones (15000 for 1 : 15 000)", 500, 500_000)
-"""Scales of photos."""
-METRES = Unit("metres", 0.001, 1000, (("millimetres", 0.001),))
-"""Standard deviations and ground sample distances."""
+    def __init__(self, table: str, key: str, place: str, cause: str, remedy: str) -> None:
+        super().__init__(place, cause, remedy)
+        self.table, self.key = table, key
 
 
 class Document:
     """The text of a `block.toml` and what it says."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, text: str | None = None) -> None:
+        """Read a file, or text that is to become one."""
         self.path = path
         try:
-            self.text = path.read_text(encoding="utf-8-sig")
+            self.text = path.read_text(encoding="utf-8-sig") if text is None else text
             self.values: dict[str, Any] = tomllib.loads(self.text)
         except FileNotFoundError as error:
             remedy = "Name the block's folder, or its block.toml."
@@ -81,20 +62,23 @@ class Document:
         where = f"{self.path}:{line}" if line else str(self.path)
         return f"{where} [{table}] {key}".rstrip() if table else f"{where} {key}"
 
-    def table(self, *path: str, keys: Sequence[str], required: bool = False) -> "Table":
+    def table(self, *path: str, required: bool = False) -> "Table":
         """A table by its names from the top; empty when it is left out and not required."""
         name, values = ".".join(path), cast("Any", self.values)
         for part in path:
             values = values.get(part, {}) if isinstance(values, dict) else values
         if required and not values:
             raise ProjectError(self.path, f"has no [{name}].", f"Add it; see {MANUAL}.")
-        return Table(self, name, values, keys)
+        return Table(self, name, values, keys_of(name))
 
-    def root(self, keys: Sequence[str]) -> "Table":
-        """The file itself as a table of tables."""
-        return Table(self, "", self.values, keys)
+    def check_sections(self) -> None:
+        """Refuse a misspelt table as a misspelt key is."""
+        for name in self.values:
+            if name not in SECTIONS:
+                cause, remedy = "is no key of this table.", _nearest(name, SECTIONS)
+                raise ProjectError(self.place("", name), cause, remedy)
 
-    def tables(self, name: str, keys: Sequence[str]) -> "list[Table]":
+    def tables(self, name: str) -> "list[Table]":
         """The `[[...]]` tables of a dotted name, in order."""
         outer, _, inner = name.rpartition(".")
         parent: Any = self.values.get(outer, {})
@@ -102,7 +86,7 @@ class Document:
         if not isinstance(found, list):
             remedy = f"Write [[{name}]], with two brackets on each side."
             raise ProjectError(self.place(name), "is a list of tables.", remedy)
-        return [Table(self, name, item, keys, nth) for nth, item in enumerate(found)]
+        return [Table(self, name, item, keys_of(name), nth) for nth, item in enumerate(found)]
 
     def _line(self, table: str, key: str, nth: int) -> int | None:
         """Line of a key, else of its table, counted from 1; None when neither is found."""
@@ -120,6 +104,8 @@ class Document:
         return begun
 
 
+MOST_NUMBERS = 3
+"""Terms of a radial distortion."""
 MANUAL = "docs/block-toml.md"
 """The manual page of the file."""
 
@@ -128,20 +114,21 @@ class Table:
     """One table: every reader names the line and the remedy when the value cannot be used."""
 
     def __init__(
-        self, document: Document, name: str, values: Any, keys: Sequence[str], nth: int = 0
+        self, document: Document, name: str, values: Any, keys: Mapping[str, Key], nth: int = 0
     ) -> None:
-        self.document, self.name, self.nth = document, name, nth
+        self.document, self.name, self.keys, self.nth = document, name, keys, nth
         if not isinstance(values, dict):
             remedy = f"Write [{name}] on a line of its own and its keys below."
             raise ProjectError(document.place(name), "is not a table.", remedy)
         self.values = cast("dict[str, Any]", values)
         for key in self.values:
             if key not in keys:
-                raise self.error(key, "is no key of this table.", _nearest(key, keys))
+                raise self.error(key, "is no key of this table.", _nearest(key, tuple(keys)))
 
-    def error(self, key: str, cause: str, remedy: str) -> ProjectError:
+    def error(self, key: str, cause: str, remedy: str) -> FieldError:
         """An error about one key."""
-        return ProjectError(self.document.place(self.name, key, self.nth), cause, remedy)
+        place = self.document.place(self.name, key, self.nth)
+        return FieldError(self.name, key, place, cause, remedy)
 
     def has(self, key: str) -> bool:
         """True when the key is given."""
@@ -154,23 +141,22 @@ class Table:
             raise self.error(key, f"must be text, not {value!r}.", "Write it in double quotes.")
         return value
 
-    def flag(self, key: str, default: bool) -> bool:
+    def flag(self, key: str) -> bool:
         """True or false."""
-        value = self._value(key, default)
+        value = self._value(key)
         if not isinstance(value, bool):
             raise self.error(key, f"must be true or false, not {value!r}.", "Without quotes.")
         return value
 
-    def number(self, key: str, unit: Unit, default: float | None = None) -> float:
+    def number(self, key: str, default: float | None = None) -> float:
         """A number within the range of its unit; required when there is no default."""
-        return self._checked(key, self._value(key, default), unit)
+        return self._checked(key, self._value(key, default))
 
-    def numbers(
-        self, key: str, count: int, default: tuple[float, ...] | None = None
-    ) -> tuple[float, ...]:
-        """As many finite numbers as asked for; fewer only where the default says so."""
-        value = self._value(key, list(default) if default is not None else None)
-        return self.sequence(key, value, count)
+    def numbers(self, key: str) -> tuple[float, ...]:
+        """Finite numbers, as many as the key has; up to three where it does not say."""
+        value = self._value(key)
+        given = len(cast("list[Any]", value)) if isinstance(value, list) else MOST_NUMBERS
+        return self.sequence(key, value, self.keys[key].count or min(given, MOST_NUMBERS))
 
     def sequence(self, key: str, value: Any, count: int) -> tuple[float, ...]:
         """A list of numbers that stands somewhere under a key."""
@@ -180,13 +166,13 @@ class Table:
             raise self.error(key, f"must be {count} numbers, not {value!r}.", f"Write [{example}].")
         return tuple(float(item) for item in cast("list[Any]", value))
 
-    def measures(self, key: str, count: int, unit: Unit) -> tuple[float, ...]:
-        """As many required numbers as asked for, each within the range of its unit."""
-        return tuple(self._checked(key, item, unit) for item in self.numbers(key, count))
+    def measures(self, key: str) -> tuple[float, ...]:
+        """As many numbers as the key has, each within the range of its unit."""
+        return tuple(self._checked(key, item) for item in self.numbers(key))
 
-    def choice(self, key: str, choices: Sequence[str], default: str | None = None) -> str:
-        """One of several words; required when there is no default."""
-        value = self.text(key, default)
+    def choice(self, key: str, choices: Sequence[str] = (), default: str | None = None) -> str:
+        """One of the words of the key, or of some others; required when there is no default."""
+        value, choices = self.text(key, default), choices or self.keys[key].choices
         if value not in choices:
             raise self.error(key, f'"{value}" is not known.', _nearest(value, choices))
         return value
@@ -201,15 +187,10 @@ class Table:
             raise self.error(key, f"must be one file but matches {len(found)}: {names}.", _ONE_FILE)
         return found[0]
 
-    def files(self, key: str, rasters: bool = False, required: bool = False) -> tuple[Path, ...]:
-        """Files of one path or glob or a list of them, in the order given.
-
-        Args:
-            key: The key.
-            rasters: Whether globs keep only rasters.
-            required: Whether the key may not be left out.
-        """
-        value = self._value(key, None if required else [])
+    def files(self, key: str) -> tuple[Path, ...]:
+        """Files of one path or glob or a list of them, in the order given."""
+        known = self.keys[key]
+        value, rasters = self._value(key, None if known.required else []), known.kind == "rasters"
         patterns = [value] if isinstance(value, str) else value
         if not isinstance(patterns, list) or not all(isinstance(item, str) for item in patterns):
             raise self.error(key, f"must be a path or a list of paths, not {value!r}.", _IN_QUOTES)
@@ -234,13 +215,33 @@ class Table:
             raise self.error(key, f'"{pattern}" {verb}', _what_is_there(folder, pattern))
         return [Path(f"{path}{mark}{layer}") for path in kept]
 
-    def _value(self, key: str, default: Any) -> Any:
+    def checked(self, key: str) -> None:
+        """Read a key as its kind says, for the error it may hold; tables are read elsewhere.
+
+        Raises:
+            FieldError: It cannot be used.
+        """
+        known = self.keys[key]
+        if not self.has(key) and not known.required:
+            return
+        readers: dict[Kind, Callable[[str], object]] = {
+            "text": self.text, "number": self.number, "numbers": self.numbers,
+            "measures": self.measures, "choice": self.choice, "flag": self.flag,
+            "file": self.file, "files": self.files, "rasters": self.files,
+        }  # fmt: skip
+        if known.kind in readers:
+            readers[known.kind](key)
+
+    def _value(self, key: str, default: Any = None) -> Any:
+        default = self.keys[key].default if default is None else default
         value = self.values.get(key, default)
         if value is None:
             raise self.error(key, "is missing.", f"Add it; {MANUAL} says what it means.")
         return value
 
-    def _checked(self, key: str, value: Any, unit: Unit) -> float:
+    def _checked(self, key: str, value: Any) -> float:
+        unit = self.keys[key].unit
+        assert unit is not None, f"{key} has no unit"
         if not _is_number(value):
             remedy = "Write it without quotes, with a point."
             raise self.error(key, f"must be a number, not {value!r}.", remedy)

@@ -21,6 +21,8 @@ from core.geometry.crs import horizontal
 
 Kind = Literal["scan", "ortho", "dem", "other"]
 """What a raster probably is."""
+Corners = tuple[tuple[float, float], ...]
+"""Places in a CRS, x and y."""
 VECTORS = frozenset({".shp", ".gpkg", ".geojson", ".fgb", ".gml", ".tab", ".dxf"})
 """Suffixes of vector files that are looked into."""
 OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg"})
@@ -56,6 +58,8 @@ class FoundRaster:
     """True when it is placed and not turned."""
     scan_pixel_um: float | None
     """Size of a scan pixel on the film by the resolution the scanner wrote, micrometres."""
+    corners: Corners = ()
+    """Where its four corners lie, in its CRS; empty where it is not placed."""
 
     @property
     def kind(self) -> Kind:
@@ -95,6 +99,8 @@ class FoundLayer:
     """CRS, where the file tells it."""
     fields: tuple[str, ...]
     """Attributes."""
+    corners: Corners = ()
+    """Corners of the box around its features, in its CRS."""
 
     def named(self, *words: str) -> bool:
         """True when the file or layer is called by one of the words."""
@@ -125,7 +131,11 @@ class Findings:
 
 def find(folder: Path) -> Findings:
     """Look through a folder; what Gruber itself wrote there is passed over."""
-    files = list(_files(folder))
+    return look_at(list(_files(folder)))
+
+
+def look_at(files: list[Path]) -> Findings:
+    """Look into files."""
     unreadable: list[Path] = []
     rasters = _each(files, RASTERS, _raster, unreadable)
     layers = _each(files, VECTORS, _layers, unreadable)
@@ -186,7 +196,14 @@ def _raster(path: Path) -> FoundRaster:
                 placed,
                 placed and not turned and transform.a > 0 > transform.e,
                 _scan_pixel_um(raster.tags(), max(raster.width, raster.height)),
+                _corners(transform, raster.width, raster.height) if placed else (),
             )
+
+
+def _corners(transform: Any, width: int, height: int) -> Corners:
+    pixels = ((0, 0), (width, 0), (width, height), (0, height))
+    places = [transform @ pixel for pixel in pixels]
+    return tuple((float(x), float(y)) for x, y in places)
 
 
 def _scan_pixel_um(tags: dict[str, str], side_px: int) -> float | None:
@@ -216,7 +233,12 @@ def _layer(path: Path, name: str) -> FoundLayer:
     kinds = {"line": "line", "polygon": "polygon", "point": "point"}
     kind = next((kind for word, kind in kinds.items() if word in geometry), "other")
     fields = tuple(str(field) for field in info["fields"])
-    return FoundLayer(path, name, cast("Any", kind), _map_part(info["crs"]), fields)
+    box = [] if info["total_bounds"] is None else [float(value) for value in info["total_bounds"]]
+    corners: Corners = ()
+    if len(box) == 4 and np.isfinite(box).all():
+        west, south, east, north = box
+        corners = ((west, north), (east, north), (east, south), (west, south))
+    return FoundLayer(path, name, cast("Any", kind), _map_part(info["crs"]), fields, corners)
 
 
 def _header(path: Path) -> tuple[Path, tuple[str, ...]]:

@@ -1,8 +1,7 @@
 """`gruber new`: a `block.toml` from what a folder holds, and plain words on what it lacks."""
 
-import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -11,10 +10,11 @@ import numpy as np
 from pyproj import CRS
 
 from app.block_toml import FILE
+from app.block_writing import toml_value
 from app.folder_scan import Findings, FoundLayer, FoundRaster, Kind, find
-from app.project import Georeference
 from core.errors import CrsError, ProjectError
 from core.geometry.crs import parse_crs, short_name
+from core.georeference.archive import GeoreferenceKind
 from sessions.atomic_write import whole_file
 
 FRAMES_MM = (90.0, 120.0, 180.0, 230.0, 300.0)
@@ -30,12 +30,24 @@ _NOT_ROADS = ("contour", "vrstev", "rail", "zelez", "river", "stream", "vodn", "
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Something that was not found."""
+    """Something that was not found; its texts are `gap.NAME` and `gap.out.OUT`."""
 
-    what: str
-    """What is missing and how to supply it."""
-    leaves_out: str
-    """What cannot be done without it."""
+    name: str
+    """What is missing."""
+    out: str
+    """What that leaves out."""
+    keys: tuple[str, ...]
+    """Keys of `block.toml`, each of which supplies it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A remark about a file; its text is `found.note.NAME`."""
+
+    name: str
+    """What is to be said."""
+    values: Mapping[str, str]
+    """Names of files and CRS in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +66,7 @@ class Recognition:
     """Scan pixel by the scans' own resolution tag, micrometres."""
     frame_mm: float | None
     """Side of the picture that fits the scans, millimetres; a guess."""
-    georeference: Georeference
+    georeference: GeoreferenceKind
     """What the scans can begin from."""
     footprints: tuple[str, str] | None
     """Footprint file and the attribute that holds the scans' names."""
@@ -74,54 +86,47 @@ class Recognition:
     """List of surveyed points."""
     sheets: str | None
     """Map sheets to cut."""
-    notes: tuple[str, ...]
-    """What else the operator should know, one sentence each."""
+    notes: tuple[Note, ...]
+    """What else the operator should know."""
 
     @property
-    def found(self) -> tuple[str, ...]:
-        """What was recognised, one line each."""
+    def found(self) -> tuple[tuple[str, str], ...]:
+        """What was recognised: its text is `found.NAME`, and a value."""
         lines = (
-            ("scans", f"{self.scan_count} in {', '.join(self.scans)}" if self.scans else ""),
-            ("begin from", "" if self.georeference == "none" else self.georeference),
+            ("scans", f"{self.scan_count}: {', '.join(self.scans)}" if self.scans else ""),
+            ("begin", "" if self.georeference == "none" else self.georeference),
             ("footprints", self.footprints[0] if self.footprints else ""),
-            ("exterior orientations", self.exterior or ""),
+            ("exterior", self.exterior or ""),
             ("ortho", ", ".join(self.ortho)),
-            ("terrain", ", ".join(self.dem)),
+            ("dem", ", ".join(self.dem)),
             ("roads", ", ".join(self.roads)),
             ("buildings", self.buildings or ""),
             ("bridges", self.bridges or ""),
-            ("surveyed points", self.control or ""),
-            ("map sheets", self.sheets or ""),
-            ("CRS", self.crs or ""),
+            ("control", self.control or ""),
+            ("sheets", self.sheets or ""),
+            ("crs", self.crs or ""),
         )
-        return tuple(f"{what}: {value}" for what, value in lines if value)
+        return tuple((name, value) for name, value in lines if value)
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
         """What was not found, and what that leaves out; the gravest first."""
         begin = self.georeference != "none" or self.exterior is not None
-        placed = f"a place for the scans ({BEGIN_FROM})"
         missing = (
-            (True, "the principal distance: it stands in the camera certificate", NOTHING),
-            (not self.scans, "scans: put them into a folder `scans`", NOTHING),
-            (not self.ortho, "an orthophoto with its CRS: put its sheets into `ortho`", NOTHING),
-            (not self.dem, "a terrain model: rasters of heights", NOTHING),
-            (self.crs is None, "the CRS: no file tells it", NOTHING),
-            (self.scan_pixel_um is None, "the scan pixel: the scans do not tell it", NOTHING),
-            (self.frame_mm is None, "the picture area of the camera", NOTHING),
-            (not begin, placed, "control and resection; tie points can still join the scans"),
-            (True, "fiducials: certified places of the marks", SHRINKAGE),
-            (not self.roads, "road layers", "junctions; salient points of the ortho stand in"),
-            (self.control is None, "surveyed points of your own", CHECKS),
-            (self.buildings is None, "buildings", "seams that keep away from houses"),
+            (True, "distance", "nothing", ("camera.principal_distance_mm",)),
+            (not self.scans, "scans", "nothing", ("scans.files",)),
+            (not self.ortho, "ortho", "nothing", ("reference.ortho",)),
+            (not self.dem, "dem", "nothing", ("reference.dem",)),
+            (self.crs is None, "crs", "nothing", ("block.crs",)),
+            (self.scan_pixel_um is None, "pixel", "nothing", ("scans.scan_pixel_um",)),
+            (self.frame_mm is None, "frame", "nothing", ("camera.frame_mm",)),
+            (not begin, "place", "place", ("scans.scale_number", "scans.exterior")),
+            (True, "fiducials", "shrinkage", ("camera.fiducials_mm", "camera.fiducials_file")),
+            (not self.roads, "roads", "roads", ("reference.roads",)),
+            (self.control is None, "control", "checks", ("control.points",)),
+            (self.buildings is None, "buildings", "buildings", ("reference.buildings",)),
         )
-        return tuple(Gap(what, leaves_out) for lacks, what, leaves_out in missing if lacks)
-
-
-NOTHING = "everything: without it no stage can run"
-BEGIN_FROM = "world files, QGIS .points, footprints or a list of exterior orientations"
-SHRINKAGE = "film shrinkage and turn in the scanner; the middle of the scan stands in for the marks"
-CHECKS = "check points that are independent of the orthophoto"
+        return tuple(Gap(name, out, keys) for lacks, name, out, keys in missing if lacks)
 
 
 def recognise(folder: Path) -> Recognition:
@@ -129,7 +134,11 @@ def recognise(folder: Path) -> Recognition:
     folder = folder.resolve()
     if not folder.is_dir():
         raise ProjectError(folder, "is no folder.", "Name the folder that holds the scans.")
-    findings = find(folder)
+    return recognised(folder, find(folder))
+
+
+def recognised(folder: Path, findings: Findings) -> Recognition:
+    """What the files of a folder are."""
     scans, orthos, dems = (_of_kind(findings, kind) for kind in ("scan", "ortho", "dem"))
     crs = _crs_of(orthos, dems, findings.layers)
     footprints = _footprints(findings.layers, scans)
@@ -205,9 +214,8 @@ def toml_of(found: Recognition) -> str:
 
 
 def _line(key: str, value: Any) -> str:
-    # JSON strings, numbers and lists are TOML as well.
     single = isinstance(value, tuple) and len(cast("tuple[Any, ...]", value)) == 1
-    return f"{key} = {json.dumps(value[0] if single else value, ensure_ascii=False)}"
+    return f"{key} = {toml_value(value[0] if single else value)}"
 
 
 def _lines(**values: object) -> Iterable[str]:
@@ -293,7 +301,7 @@ def _frame(scans: Sequence[FoundRaster], pixel_um: float | None) -> float | None
 
 def _georeference(
     scans: Sequence[FoundRaster], points: Sequence[Path], footprints: bool
-) -> Georeference:
+) -> GeoreferenceKind:
     """What most scans can begin from."""
     named = {path.name.removesuffix(path.suffix) for path in points}
     with_points = [scan for scan in scans if {scan.path.name, scan.path.stem} & named]
@@ -333,23 +341,23 @@ def _table(folder: Path, findings: Findings, header: tuple[str, ...]) -> str | N
     return next((_relative(folder, path) for path in found), None)
 
 
-def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[str]:
+def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[Note]:
     for path in findings.unreadable:
-        yield f"{_relative(folder, path)} cannot be opened and is left out."
+        yield Note("unreadable", {"file": _relative(folder, path)})
     try:
         if crs is not None:
             parse_crs(crs.to_wkt(), "The CRS of the reference")
     except CrsError as error:
-        yield str(error)
+        yield Note("error", {"text": error.told})
     for item in (*findings.rasters, *findings.layers):
         if isinstance(item, FoundRaster) and item.kind in ("scan", "other"):
             continue
         name = _relative(folder, item.path)
         if item.crs is None:
-            yield f"{name} tells no CRS and is taken to lie in the block's where its numbers fit."
+            yield Note("bare", {"file": name})
         elif crs is not None and not _is_same_map(item.crs, crs):
-            known = f"{short_name(item.crs)}, not in {short_name(crs)}"
-            yield f"{name} is in {known}, and is transformed while it is read."
+            other = {"own": short_name(item.crs), "other": short_name(crs)}
+            yield Note("transformed", {"file": name, **other})
     for layer in findings.layers:
         if layer.geometry == "line" and not _is_road(layer):
-            yield f"{_relative(folder, layer.path)} holds lines that are probably no roads."
+            yield Note("lines", {"file": _relative(folder, layer.path)})

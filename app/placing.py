@@ -2,23 +2,19 @@
 
 import secrets
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 
-from app.desk.background import survived
 from app.desk.inputs import lasting_token
-from app.project import Project, described, read_project
-from app.run import STAGE_NAMES, Run, RunOptions
-from app.settings import Settings
-from app.terminal import JsonLines
+from app.project import Project, described
+from app.running import Running
 from core.block import Block, ExteriorPrior, Photo, footprint
 from core.doubts import Failure
-from core.errors import Cancelled, PhotogrammetryError, ProjectError, ScanError
+from core.errors import PhotogrammetryError, ProjectError, ScanError
 from core.formats.qgis_points import (
     QgisPoints,
     find_qgis_points,
@@ -28,6 +24,7 @@ from core.formats.qgis_points import (
 from core.geometry.camera import Camera
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import InteriorOrientation
 from core.geometry.transforms import fit_similarity, rotation_and_scale
 from core.georeference.stage import Georeferenced
 from core.matching.reference import Reference, open_reference
@@ -42,13 +39,13 @@ from ui.review.looks import page_palette
 from ui.review.placement import NOWHERE
 from ui.review.tiles import Lattice, OrthoSource
 from ui.web.access import Access
-from ui.web.front import Front, FrontInputs
+from ui.web.front import Front, FrontInputs, Opened
 from ui.web.placing import Pair, placing_routes
+from ui.web.running import leaving_route
 from ui.web.tiles import Sources, TileStore
 
 FINEST_SHARE = 0.5
 """Finest tiles of the ortho, as a share of its own pixel."""
-State = Literal["idle", "running", "cancelled", "failed", "done"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,141 +89,34 @@ def placeable(project: Project, session: Session) -> Placeable | None:
     )
 
 
-class Running:
-    """One run at a time; asked from any thread."""
-
-    def __init__(self, block: Path) -> None:
-        self._block = block
-        self._lock = threading.Lock()
-        self._state: State = "idle"
-        self._said: dict[str, Any] = {}
-        self._walk: Run | None = None
-        self._thread: threading.Thread | None = None
-        self.gone_through = threading.Event()
-
-    def start(self) -> None:
-        """Begin, unless a run is under way."""
-        with self._lock:
-            if self._state == "running":
-                return
-            self._state, self._said = "running", {"begun": time.monotonic()}
-            self._thread = threading.Thread(target=self._go, name="run", daemon=True)
-            self._thread.start()
-
-    def cancel(self) -> None:
-        """Ask it to stop at its next report; nothing finished is lost."""
-        if self._walk is not None:
-            self._walk.interruption.asked.set()
-
-    def close(self) -> None:
-        """Stop and wait."""
-        self.cancel()
-        if self._thread is not None:
-            self._thread.join(timeout=30)
-
-    def status(self) -> dict[str, Any]:
-        """State, stage, its place among all, share of it that is done, and the error if any."""
-        with self._lock:
-            said = {key: value for key, value in self._said.items() if key != "begun"}
-            seconds = time.monotonic() - self._said.get("begun", time.monotonic())
-            return {"state": self._state, "seconds": round(seconds), **said}
-
-    def _go(self) -> None:
-        why = survived(lambda _: self._run(), self)
-        with self._lock:
-            if why:
-                self._state, self._said["why"] = "failed", why
-            elif self._state == "running":
-                self._state = "done"
-            through = self._state == "done"
-        if through:
-            self.gone_through.set()
-
-    def _run(self) -> None:
-        project = read_project(self._block)
-        options = RunOptions(workers=Settings().workers)
-        with Session.open(project.folder, "gruber") as session:
-            self._walk = Run(project, session, Telling(self.tell), options)
-            try:
-                self._walk.walk()
-            except (Cancelled, KeyboardInterrupt):
-                with self._lock:
-                    self._state = "cancelled"
-            finally:
-                self._walk = None
-
-    def tell(self, message: dict[str, Any]) -> None:
-        """Take a line of the run."""
-        stage = str(message.get("stage", ""))
-        with self._lock:
-            match message["event"]:
-                case "stage":
-                    place = STAGE_NAMES.index(stage)
-                    self._said |= {
-                        "stage": stage, "share": 0.0, "what": "",
-                        "place": place + 1, "stages": len(STAGE_NAMES),
-                    }  # fmt: skip
-                case "progress":
-                    share = message["done"] / message["total"] if message["total"] else 0.0
-                    self._said |= {"share": round(share, 3), "what": message["what"]}
-                case _:
-                    pass
-
-
-class Telling(JsonLines):
-    """The voice of a run whose lines go to a function instead of a terminal."""
-
-    def __init__(self, tell: Any) -> None:
-        super().__init__()
-        self._tell = tell
-
-    def write(self, message: dict[str, object]) -> None:
-        """Hand one line on."""
-        self._tell(message)
-
-
-class Placing:
+class Placing(Opened):
     """An open placing page."""
 
-    def __init__(self, front: Front, access: Access, running: Running, tiles: TileStore) -> None:
-        self._front, self._access = front, access
-        self._running, self._tiles = running, tiles
+    def __init__(
+        self, front: Front, running: Running, tiles: TileStore, settings: threading.Event
+    ) -> None:
+        super().__init__(front)
+        self._running, self._tiles, self._settings = running, tiles, settings
 
-    @property
-    def url(self) -> str:
-        """The address to open, with the token."""
-        return self._access.url(self.port)
+    def wait(self) -> bool:
+        """True when a run from the page has gone through, False when settings are asked for.
 
-    @property
-    def guest_url(self) -> str:
-        """The address for those who only look."""
-        return self._access.guest_url(self.port)
-
-    @property
-    def port(self) -> int:
-        """The port it listens on."""
-        return self._front.port
-
-    def wait(self) -> None:
-        """Return when a run from the page has gone through; Ctrl-C passes through."""
-        while not self._running.gone_through.wait(timeout=0.5):
-            pass
+        Ctrl-C passes through.
+        """
+        while not self._running.gone_through.wait(timeout=0.3):
+            if self._settings.is_set():
+                return False
+        return True
 
     def close(self) -> None:
         """Close the port and stop the run."""
         self._running.close()
-        self._front.close()
+        super().close()
         self._tiles.close()
-
-    def __enter__(self) -> "Placing":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def open_placing(
-    project: Project, found: Placeable, host: str, port: int, language: str = ""
+    project: Project, found: Placeable, host: str, port: int, language: str = "", token: str = ""
 ) -> Placing:
     """Open the placing page of a block.
 
@@ -236,31 +126,26 @@ def open_placing(
     ortho, dem = found.reference.ortho, found.reference.dem
     lattice = Lattice.over(ortho.bounds, FINEST_SHARE * ortho.ground_sample_distance_m)
     tiles = TileStore(Sources(ortho, dem, ScanFiles(project.folder), lattice))
-    cameras = {scan.path.stem: scan.camera for scan in found.given.scans}
     drawn = {
-        name: drawn_unplaced(scan, found.given.cameras[cameras[name]], ortho.bounds)
-        for name, scan in found.scans.oriented.items()
+        name: drawn_raw(scan.scan.path, scan.size_px) for name, scan in found.scans.oriented.items()
     }
     tiles.publish(drawn)
-    access = Access(host, lasting_token(project.folder / HIDDEN))
+    access = Access(host, token or lasting_token(project.folder / HIDDEN))
     running = Running(project.file)
     clicking = Clicking(found, running)
     start = _start(project, lattice, ortho)
+    settings = threading.Event()
     doors = FrontInputs(
         access, None, tiles, None, start, page="placing.html", told=clicking.photos,
-        routes=placing_routes(clicking), language=language,
+        routes=(*placing_routes(clicking), leaving_route(settings.set)), language=language,
     )  # fmt: skip
     front = Front(doors, host, port)
-    opened = Placing(front, access, running, tiles)
+    opened = Placing(front, running, tiles, settings)
     try:
         front.start()
-    except OSError as error:
+    except PhotogrammetryError:
         opened.close()
-        raise PhotogrammetryError(
-            f"{host}:{port}",
-            f"cannot be listened on ({error.strerror or error}).",
-            "Choose another port with --port, or close the desk that is open there.",
-        ) from error
+        raise
     return opened
 
 
@@ -399,17 +284,14 @@ def in_crs(points: QgisPoints, crs: str) -> QgisPoints:
     return replace(points, crs=crs, plane=operation.forward(points.plane))
 
 
-def drawn_unplaced(
-    scan: ScanOrientation, camera: Camera, bounds: tuple[float, float, float, float]
-) -> DrawnPhoto:
-    """A scan as its raw tiles are drawn; its place is that of nobody knows where."""
-    middle = np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 1e3])
-    exterior = ExteriorOrientation(middle, 0.0, 0.0, 0.0)
+def drawn_raw(path: Path, size_px: tuple[int, int]) -> DrawnPhoto:
+    """A scan as its raw tiles are drawn: camera, orientations and place stand for unknown ones."""
+    camera = Camera("unknown", 1.0, (1.0, 1.0), (0.0, 0.0), (0.0, 0.0, 0.0), {})
+    none = np.zeros((0, 2))
+    interior = InteriorOrientation("affine", np.eye(2, 3), (), none, none, float("nan"))
+    exterior = ExteriorOrientation(np.zeros(3), 0.0, 0.0, 0.0)
     prior = ExteriorPrior(np.full(3, 1e5), np.full(3, np.pi))
-    photo = Photo(
-        scan.photo_id, scan.scan.path, scan.size_px, camera.name, scan.interior, exterior,
-        exterior, prior, 0.0,
-    )  # fmt: skip
+    photo = Photo(path.stem, path, size_px, camera.name, interior, exterior, exterior, prior, 0.0)
     return DrawnPhoto(photo, camera, 1)
 
 

@@ -5,14 +5,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import cast
 
 import numpy as np
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from app.block_schema import OPERATOR_NAMES, USUAL_NAMES
 from app.block_sections import adjustment_options, read_camera
-from app.block_toml import FILE, METRES, MICROMETRES, SCALE_NUMBERS, Document, Table
+from app.block_toml import FILE, Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import UNKNOWN_M, SurveyedPoint
 from core.control.stage import ControlStageOptions
@@ -22,21 +23,15 @@ from core.formats.micmac_measures import read_image_measures
 from core.geometry.camera import Camera
 from core.geometry.crs import check_range, parse_crs, read_crs
 from core.georeference import archive
-from core.literature.baselines import OPERATORS, operator_named
+from core.literature.baselines import operator_named
 from core.literature.dense_descriptors import has_akaze
 from core.literature.published_chains import Preset
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import LocalisationOptions
 from core.matching.learned import LEARNED, check_network
-from core.matching.operators import USUAL
 from core.matching.reference import ReferenceFiles
 from core.results import BlockInput
 from core.scans.stage import ScanInput
-
-USUAL_NAMES = tuple(operator.name for operator in USUAL)
-"""The operators that compare where `block.toml` names none."""
-Georeference = Literal["world-file", "points", "footprints", "none"]
-"""What the approximate exterior orientation begins from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +72,7 @@ class ScansSection:
     """Attribute of the footprints that holds the scan's file name."""
     exterior: Path | None = None
     """List of known exterior orientations; goes before `georeference` where it names a scan."""
-    georeference: Georeference = "world-file"
+    georeference: archive.GeoreferenceKind = "world-file"
     """What to begin from."""
     fiducial_measures: tuple[Path, ...] = ()
     """MicMac's MeasuresIm-*.xml: fiducials measured by hand, which go before found ones."""
@@ -158,20 +153,6 @@ class Project:
         return self.file.parent
 
 
-SECTIONS = ("block", "camera", "scans", "reference", "control", "adjustment", "ortho")
-"""Tables of the file."""
-SCANS_KEYS = (
-    "files",
-    "camera",
-    "scan_pixel_um",
-    "footprints",
-    "footprint_name",
-    "exterior",
-    "fiducial_measures",
-)
-"""Keys of `[scans]`, with `georeference` and `override`."""
-
-
 def read_project(path: Path) -> Project:
     """Read a block's `block.toml`.
 
@@ -182,8 +163,12 @@ def read_project(path: Path) -> Project:
         ProjectError: Something in it cannot be used; says in which line and what to do.
         CrsError: The same, for the CRS.
     """
-    document = Document((path / FILE if path.is_dir() else path).resolve())
-    document.root(SECTIONS)  # a misspelt table is told like a misspelt key
+    return project_of(Document((path / FILE if path.is_dir() else path).resolve()))
+
+
+def project_of(document: Document) -> Project:
+    """What a `block.toml` says; raises as `read_project` does."""
+    document.check_sections()
     cameras = _cameras(document)
     return Project(
         document.path,
@@ -198,8 +183,8 @@ def read_project(path: Path) -> Project:
 
 
 def _block(document: Document) -> BlockSection:
-    table = document.table("block", keys=("name", "crs", "heights"), required=True)
-    crs, heights = table.text("crs"), table.text("heights", "")
+    table = document.table("block", required=True)
+    crs, heights = table.text("crs"), table.text("heights")
     parse_crs(crs, document.place("block", "crs"))
     if heights.upper().startswith("EPSG:"):
         place = document.place("block", "heights")
@@ -219,12 +204,11 @@ def _cameras(document: Document) -> dict[str, Camera]:
 
 
 def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
-    keys = (*SCANS_KEYS, "georeference", "scale_number", "override")
-    table = document.table("scans", keys=keys, required=True)
-    footprints, named = table.file("footprints"), table.text("footprint_name", "LMS_TIF_UP")
+    table = document.table("scans", required=True)
+    footprints, named = table.file("footprints"), table.text("footprint_name")
     if footprints is not None:
         _check_attribute(table, "footprints", footprints, "footprint_name", named)
-    georeference = table.choice("georeference", get_args(Georeference), "world-file")
+    georeference = table.choice("georeference")
     if georeference == "footprints" and footprints is None:
         remedy = 'Add footprints = "footprints.gpkg", or another georeference.'
         raise table.error("georeference", "there are no footprints.", remedy)
@@ -233,9 +217,9 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
         footprints,
         named,
         table.file("exterior"),
-        cast("Georeference", georeference),
+        cast("archive.GeoreferenceKind", georeference),
         table.files("fiducial_measures"),
-        table.number("scale_number", SCALE_NUMBERS) if table.has("scale_number") else None,
+        table.number("scale_number") if table.has("scale_number") else None,
     )
 
 
@@ -245,17 +229,15 @@ def _listed(
     """The scans with the overrides applied, in the order of their names."""
     camera, pixel_um = (
         table.choice("camera", tuple(cameras)),
-        table.number("scan_pixel_um", MICROMETRES),
+        table.number("scan_pixel_um"),
     )
     listed: dict[str, ListedScan] = {}
-    for path in table.files("files", rasters=True, required=True):
+    for path in table.files("files"):
         if path.stem in listed:
             cause = f"two scans are called {path.stem}: {listed[path.stem].path} and {path}."
             raise table.error("files", cause, "Rename one; the name tells the photo.")
         listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um)
-    for override in document.tables(
-        "scans.override", ("file", "camera", "scan_pixel_um", "exclude")
-    ):
+    for override in document.tables("scans.override"):
         _apply(override, listed, cameras)
     if not listed:
         raise table.error("files", "all scans are excluded.", "Leave at least one.")
@@ -270,14 +252,14 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
         remedy = f"Correct it; the scans are {names}, ..." if names else "All are excluded already."
         raise override.error("file", f'"{pattern}" matches none of the scans.', remedy)
     for scan in meant:
-        if override.flag("exclude", False):
+        if override.flag("exclude"):
             del listed[scan.photo_id]
             continue
         listed[scan.photo_id] = ListedScan(
             scan.photo_id,
             scan.path,
             override.choice("camera", tuple(cameras), scan.camera),
-            override.number("scan_pixel_um", MICROMETRES, scan.scan_pixel_um),
+            override.number("scan_pixel_um", scan.scan_pixel_um),
         )
 
 
@@ -288,14 +270,13 @@ def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
 
 
 def _reference(document: Document) -> ReferenceSection:
-    keys = ("ortho", "dem", "roads", "ortho_sigma_m", "dem_sigma_m", "buildings", "bridges", "mask")
-    table = document.table("reference", keys=keys, required=True)
+    table = document.table("reference", required=True)
     return ReferenceSection(
-        table.files("ortho", rasters=True, required=True),
-        table.files("dem", rasters=True, required=True),
+        table.files("ortho"),
+        table.files("dem"),
         table.files("roads"),
-        table.number("ortho_sigma_m", METRES, 0.25),
-        table.number("dem_sigma_m", METRES, 0.5),
+        table.number("ortho_sigma_m"),
+        table.number("dem_sigma_m"),
         table.file("buildings"),
         table.file("bridges"),
         table.file("mask"),
@@ -303,15 +284,15 @@ def _reference(document: Document) -> ReferenceSection:
 
 
 def _control(document: Document) -> ControlSection:
-    table = document.table("control", keys=("points", "operators", "learned", "preset"))
-    preset = cast("Preset", table.choice("preset", get_args(Preset), "gruber"))
+    table = document.table("control")
+    preset = cast("Preset", table.choice("preset"))
     operators = _operators(table)
     return ControlSection(table.file("points"), operators, _network(table, operators), preset)
 
 
 def _operators(table: Table) -> tuple[str, ...]:
     """Names of operators, each once."""
-    key, every = "operators", (*OPERATORS, LEARNED)
+    key, every = "operators", OPERATOR_NAMES
     given: object = table.values.get(key, list(USUAL_NAMES))
     names = cast("list[object]", [given] if isinstance(given, str) else given)
     known = f"Write a list of {', '.join(every)}; without the key it is {list(USUAL_NAMES)}."
@@ -338,11 +319,11 @@ def _network(table: Table, operators: tuple[str, ...]) -> Path | None:
 
 
 def _ortho(document: Document) -> OrthoSection:
-    table = document.table("ortho", keys=("gsd_m", "sheets"))
+    table = document.table("ortho")
     sheets = table.file("sheets")
     if sheets is not None:
         _check_attribute(table, "sheets", sheets, "sheets", "name")
-    return OrthoSection(table.number("gsd_m", METRES) if table.has("gsd_m") else None, sheets)
+    return OrthoSection(table.number("gsd_m") if table.has("gsd_m") else None, sheets)
 
 
 def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribute: str) -> None:

@@ -22,6 +22,7 @@ from app.new_block import recognise, write_block_toml
 from app.placing import open_placing, placeable
 from app.project import Project, described, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
+from app.start import open_start, wants_start
 from app.terminal import Voice
 from core.adjustment.adjusted import AdjustmentReport
 from core.errors import StorageError
@@ -35,6 +36,7 @@ from sessions.atomic_write import whole_file
 from sessions.disk import explain_disk_errors
 from sessions.products import digest_of
 from sessions.session import Session
+from ui.web.front import Opened
 
 STAMP = ".demo"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
@@ -71,48 +73,87 @@ def new(given: argparse.Namespace, voice: Voice) -> None:
     """Write the `block.toml` of a folder, and say what was recognised and what was not."""
     found = recognise(given.folder)
     path = write_block_toml(found)
-    gaps = [f"! Missing: {gap.what}\n  leaves out {gap.leaves_out}" for gap in found.gaps]
-    for sentence in (f"{path} written.", "", *found.found, "", *gaps, *found.notes):
-        voice.say(sentence)
+    tell = voice.tell
+    voice.say(tell("new.written", file=path))
+    for name, value in found.found:
+        voice.say(tell("new.found", what=tell(f"found.{name}"), value=value))
+    for gap in found.gaps:
+        values = {"what": tell(f"gap.{gap.name}"), "out": tell(f"gap.out.{gap.out}")}
+        voice.say(tell("new.missing", **values))
+    for note in found.notes:
+        voice.say(tell(f"found.note.{note.name}", **note.values))
 
 
 def review(given: argparse.Namespace, voice: Voice) -> None:
-    """The review desk, until Ctrl-C."""
-    project = read_project(given.block)
-    with Session.open(project.folder, given.operator) as session:
-        port, opened = placed_by_hand(project, session, given, voice)
-        inputs = desk_inputs(project, session, given.operator, given.host, port)
-        with open_desk(replace(inputs, language=given.language)) as desk:
-            opened_at = "The desk is open at {url}  (Ctrl-C closes it; nothing is lost)"
-            voice.say(say(opened_at, url=desk.url))
-            voice.say(say("Guests, who look and decide nothing: {url}", url=desk.guest_url))
-            if not given.no_browser and not opened:
-                webbrowser.open(desk.url)
-            desk.wait()
+    """The review desk, until Ctrl-C; what it still lacks is given on pages before it."""
+    visit = Visit(given, voice)
+    if wants_start(given.block):
+        visit.through_start(given.block)
+    while visit.through_desk():
+        visit.through_start(visit.block)
 
 
-def placed_by_hand(
-    project: Project, session: Session, given: argparse.Namespace, voice: Voice
-) -> tuple[int, bool]:
-    """Let a block that does not stand be placed by clicks first.
+class Visit:
+    """One `gruber review`: pages that follow one another at one address."""
 
-    Returns:
-        The port of the desk, and whether a page is open there already.
-    """
-    found = placeable(project, session)
-    if found is None:
-        return given.port, False
-    with open_placing(project, found, given.host, given.port, given.language) as placing:
-        voice.say("No photo of this block is placed on the reference yet.")
-        clicked = (
-            "Two points clicked in one photo place it: {url}  (Ctrl-C closes; what was saved stays)"
-        )
-        voice.say(say(clicked, url=placing.url))
-        if not given.no_browser:
-            webbrowser.open(placing.url)
-        placing.wait()
-        # The page is still open there, and comes to the desk by itself.
-        return placing.port, True
+    def __init__(self, given: argparse.Namespace, voice: Voice) -> None:
+        self.given, self.voice = given, voice
+        self.block: Path = given.block
+        self.port: int = given.port
+        self.token = ""
+        self._opened = bool(given.no_browser)
+
+    def shown(self, page: Opened, said: str) -> None:
+        """Say where a page is, and open it in the browser unless one is open there already."""
+        self.port, self.token = page.port, page.token
+        self.voice.say(said)
+        if not self._opened:
+            webbrowser.open(page.url)
+        self._opened = True
+
+    def through_start(self, folder: Path) -> None:
+        """The start page, of one folder after another, until a block has something to review."""
+        given = self.given
+        while True:
+            with open_start(folder, given.host, self.port, given.language, self.token) as page:
+                where = "Files, settings and the run: {url}  (Ctrl-C closes)"
+                self.shown(page, say(where, url=page.url))
+                folder = page.wait()
+            if not wants_start(folder):
+                self.block = folder
+                return
+
+    def through_desk(self) -> bool:
+        """The desk, or the placing page before it; True when settings are asked for there."""
+        given, project = self.given, read_project(self.block)
+        with Session.open(project.folder, given.operator) as session:
+            if not self.through_placing(project, session):
+                return True
+            inputs = desk_inputs(project, session, given.operator, given.host, self.port)
+            token = self.token or inputs.token
+            with open_desk(replace(inputs, language=given.language, token=token)) as desk:
+                opened_at = "The desk is open at {url}  (Ctrl-C closes it; nothing is lost)"
+                self.shown(desk, say(opened_at, url=desk.url))
+                self.voice.say(
+                    say("Guests, who look and decide nothing: {url}", url=desk.guest_url)
+                )
+                return desk.wait()
+
+    def through_placing(self, project: Project, session: Session) -> bool:
+        """Let a block that does not stand be placed by clicks; False when settings come first."""
+        found, given = placeable(project, session), self.given
+        if found is None:
+            return True
+        with open_placing(
+            project, found, given.host, self.port, given.language, self.token
+        ) as placing:
+            self.voice.say("No photo of this block is placed on the reference yet.")
+            clicked = (
+                "Two points clicked in one photo place it: {url}"
+                "  (Ctrl-C closes; what was saved stays)"
+            )
+            self.shown(placing, say(clicked, url=placing.url))
+            return placing.wait()
 
 
 def report(given: argparse.Namespace, voice: Voice) -> None:

@@ -248,7 +248,7 @@ def survived(function: Callable[[Any], None], argument: Any) -> str:
         function(argument)
     except PhotogrammetryError as error:
         logger.warning("%s", error)
-        return str(error)
+        return error.told
     except Exception as error:
         logger.exception("%s could not be handled.", type(argument).__name__)
         return f"{type(error).__name__}: {error}"

@@ -33,7 +33,8 @@ from ui.views.meshes import terrain_glb
 from ui.views.server import SECRET_HEADER, SceneServer, Shown
 from ui.web.access import Access
 from ui.web.channel import Channel, Lines
-from ui.web.front import SEAT_HEADER, Front, FrontInputs, Upstream, as_json
+from ui.web.front import SEAT_HEADER, Front, FrontInputs, Opened, Upstream, as_json
+from ui.web.running import leaving_route
 from ui.web.tiles import Sources, TileStore
 
 logger = logging.getLogger(__name__)
@@ -41,28 +42,13 @@ SWITCH_S = 0.001
 """Seconds after which a computing thread gives way to those that answer."""
 
 
-class OpenDesk:
+class OpenDesk(Opened):
     """An open review desk."""
 
-    def __init__(self, front: Front, access: Access, parts: list[Any]) -> None:
-        self._front, self._access = front, access
-        self._parts = parts
+    def __init__(self, front: Front, parts: list[Any], settings: threading.Event) -> None:
+        super().__init__(front)
+        self._parts, self._settings = parts, settings
         self._over = threading.Event()
-
-    @property
-    def url(self) -> str:
-        """The address to open, with the token."""
-        return self._access.url(self.port)
-
-    @property
-    def guest_url(self) -> str:
-        """The address for those who may look and decide nothing."""
-        return self._access.guest_url(self.port)
-
-    @property
-    def port(self) -> int:
-        """The port it listens on."""
-        return self._front.port
 
     @property
     def loop(self) -> ReviewLoop:
@@ -74,10 +60,15 @@ class OpenDesk:
         """The 3D scene."""
         return next(part for part in self._parts if isinstance(part, SceneServer))
 
-    def wait(self) -> None:
-        """Return when the desk is closed; Ctrl-C passes through."""
-        while not self._over.wait(timeout=0.5):
-            pass
+    def wait(self) -> bool:
+        """Whether an operator wants to see files and settings; False when the desk was closed.
+
+        Ctrl-C passes through.
+        """
+        while not self._over.wait(timeout=0.3):
+            if self._settings.is_set():
+                return True
+        return False
 
     def close(self) -> None:
         """Close the port and end every thread; decisions are on disk already."""
@@ -86,12 +77,6 @@ class OpenDesk:
         for part in self._parts:
             part.close()
         self._over.set()
-
-    def __enter__(self) -> "OpenDesk":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def open_desk(desk: DeskInputs) -> OpenDesk:
@@ -120,9 +105,11 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     )
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
+    settings = threading.Event()
     doors = FrontInputs(
-        access, channel, tiles, upstream, start, desk.results, language=desk.language
-    )
+        access, channel, tiles, upstream, start, desk.results, language=desk.language,
+        routes=(leaving_route(settings.set),),
+    )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
     loop = ReviewLoop(desk, _screen(front, channel, scene, tiles), inbox)
     loop.start()
@@ -130,16 +117,12 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     drawn = drawn_from_block(state.oriented)
     illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
     parts = [front, illustrator, loop, scene, tiles]
-    opened = OpenDesk(front, access, parts)
+    opened = OpenDesk(front, parts, settings)
     try:
         front.start()
-    except OSError as error:
+    except PhotogrammetryError:
         opened.close()
-        raise PhotogrammetryError(
-            f"{desk.host}:{desk.port}",
-            f"cannot be listened on ({error.strerror or error}).",
-            "Choose another port with --port, or close the desk that is open there.",
-        ) from error
+        raise
     illustrator.start(tiles, scene)
     return opened
 

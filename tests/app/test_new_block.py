@@ -14,6 +14,7 @@ from rasterio.errors import NotGeoreferencedWarning
 from app.new_block import Recognition, recognise, write_block_toml
 from app.project import read_project
 from core.errors import ProjectError
+from ui.words.catalogue import Teller
 
 CRS = "EPSG:5514"
 NORTH_UP = rasterio.Affine(2.0, 0.0, -743000.0, 0.0, -2.0, -1043000.0)
@@ -39,6 +40,7 @@ def vector(path: Path, shape: shapely.Geometry, kind: str, crs: str = CRS, **fie
     pyogrio.raw.write(path, geometry, columns, list(fields), geometry_type=kind, crs=crs)
 
 
+tell = Teller()
 LINE, BOX = shapely.LineString([(0, 0), (1, 1)]), shapely.box(0, 0, 1, 1)
 
 
@@ -57,8 +59,12 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def noted(found: Recognition) -> str:
+    return " ".join(tell(f"found.note.{note.name}", **note.values) for note in found.notes)
+
+
 def missing(found: Recognition) -> str:
-    return " ".join(gap.what for gap in found.gaps)
+    return " ".join(tell(f"gap.{gap.name}") for gap in found.gaps)
 
 
 def test_a_usual_folder_is_recognised__truth(folder: Path) -> None:
@@ -101,7 +107,7 @@ def test_what_is_missing_is_said_with_what_it_leaves_out__truth(tmp_path: Path) 
     found = recognise(tmp_path)
     for word in ("principal distance", "scans:", "orthophoto", "terrain", "CRS", "road layers"):
         assert word in missing(found)
-    assert all(gap.leaves_out for gap in found.gaps)
+    assert all(tell(f"gap.out.{gap.out}") for gap in found.gaps)
     text = write_block_toml(found).read_text()
     for key in ("files", "ortho", "dem", "crs", "scan_pixel_um", "frame_mm"):
         assert f"\n# {key} =" in text
@@ -120,7 +126,10 @@ def test_nothing_is_missed_that_is_there__truth(folder: Path) -> None:
         "sm5.gpkg",
     )
     assert (found.exterior, found.control) == ("eo.csv", "points.csv")
-    assert [gap.what.split(":")[0] for gap in found.gaps] == ["the principal distance", "fiducials"]
+    assert [tell(f"gap.{gap.name}").split(":")[0] for gap in found.gaps] == [
+        "the principal distance",
+        "fiducials",
+    ]
 
 
 @pytest.mark.parametrize("name", ["dpi_150.points", "dpi_150.tif.points"])
@@ -139,7 +148,9 @@ def test_lines_that_are_no_roads_and_other_systems_are_noted__truth(folder: Path
     vector(folder / "vrstevnice.gpkg", LINE, "LineString", elev="250")
     vector(folder / "roads" / "gps.gpkg", LINE, "LineString", crs="EPSG:4326", id="1")
     (folder / "scans" / "broken.tif").write_bytes(b"II*\0 not a raster")
-    notes = " ".join(recognise(folder).notes)
+    notes = " ".join(
+        tell(f"found.note.{note.name}", **note.values) for note in recognise(folder).notes
+    )
     assert "vrstevnice.gpkg holds lines that are probably no roads" in notes
     assert "roads/gps.gpkg is in EPSG:4326, not in EPSG:5514" in notes
     assert "scans/broken.tif cannot be opened" in notes
@@ -161,7 +172,9 @@ def test_turned_georeference_with_crs_is_a_scan_and_a_named_sheet_without_is_non
     found = recognise(tmp_path)
     assert found.scans == ("frame.tif",)
     assert found.ortho == ("ortofoto/PRAH71.tif",)
-    assert "PRAH71.tif tells no CRS" in " ".join(found.notes)
+    assert "PRAH71.tif tells no CRS" in " ".join(
+        tell(f"found.note.{note.name}", **note.values) for note in found.notes
+    )
 
 
 def test_a_missing_folder_is_told__truth(tmp_path: Path) -> None:

@@ -5,8 +5,9 @@ import shutil
 import numpy as np
 import pytest
 
-from app.placing import Clicking, Placeable, Running, in_crs
+from app.placing import Clicking, Placeable, in_crs
 from app.project import described, read_project
+from app.running import Running
 from core.errors import ScanError
 from core.formats.qgis_points import QgisPoints, read_qgis_points, write_qgis_points
 from core.georeference.approximation import Ground, approximate_from_points

@@ -264,21 +264,6 @@ def test_a_glob_character_in_the_folder_is_no_glob__truth(folder: Path) -> None:
     assert len(read(odd).scans.listed) == 2
 
 
-def test_manual_describes_every_key_and_no_other__law(folder: Path) -> None:
-    """The keys a table admits are told when one is misspelt beyond recognition."""
-    manual = (Path(__file__).resolve().parents[2] / "docs" / "block-toml.md").read_text()
-    pages = re.split(r"(?m)^##+ \[+([a-zA-Z.]+)\]+$", manual)[1:]
-    described = dict(zip(pages[::2], pages[1::2], strict=True))
-    headers = {"camera.NAME": "[camera.wide]", "scans.override": "[[scans.override]]"}
-    for section, page in described.items():
-        header = headers.get(section, f"[{section}]")
-        text = TOML if header in TOML else f"{TOML}{header}\n"
-        with pytest.raises(ProjectError) as caught:
-            read(folder, text.replace(f"{header}\n", f"{header}\nqqqq = 1\n"))
-        admitted = caught.value.remedy.removeprefix("Use one of ").removesuffix(".").split(", ")
-        assert set(re.findall(r"(?m)^\| `(\w+)` \|", page)) == set(admitted) - {"override"}
-
-
 # ------------------------------------------------------------------ [adjustment]
 
 

@@ -54,19 +54,13 @@ def test_folders_without_a_block_are_told__truth(tmp_path: Path, capsys: Capsys)
         "nowhere", "is no folder", "Name the folder"
     )
     gruber(capsys, "report", tmp_path).refuses("block.toml", "is not there")
-    gruber(capsys, "review", tmp_path).refuses("block.toml", "is not there")
+    gruber(capsys, "review", tmp_path / "nowhere").refuses("nowhere", "is not there")
 
 
 def test_a_demo_that_cannot_be_written_is_told__truth(tmp_path: Path, capsys: Capsys) -> None:
     (tmp_path / "file").write_text("here")
     told = gruber(capsys, "demo", "--size", "tiny", "--headless", "--out", tmp_path / "file")
     told.refuses(tmp_path / "file", "a file stands where a folder is needed", "Rename or remove")
-
-
-def test_a_desk_before_the_first_run_is_told__truth(copy_of: CopyOf, capsys: Capsys) -> None:
-    copy = copy_of(1)
-    told = gruber(capsys, "review", copy.folder)
-    told.refuses("block.toml", "no control points to review yet", "Run it first")
 
 
 @pytest.mark.parametrize(

@@ -8,15 +8,16 @@ import threading
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import aiohttp
 from aiohttp import WSMsgType, web
 
+from core.errors import PhotogrammetryError
 from core.said import Said
 from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
-from ui.web.tiles import TileStore, tile_routes
+from ui.web.tiles import ScanTiles, tile_routes
 from ui.words.catalogue import KEYS, messages, preferred_language, words
 
 PAGES = Path(__file__).parent / "pages"
@@ -72,7 +73,7 @@ class FrontInputs:
     """The lock."""
     channel: Channel | None
     """The wire to the loop; None for a page that works without one."""
-    tiles: TileStore
+    tiles: ScanTiles
     """Pictures."""
     upstream: Upstream | None
     """Viser; None without a 3D scene."""
@@ -105,12 +106,25 @@ class Front:
         self.port = 0
         self._thread = threading.Thread(target=self._run, name="front", daemon=True)
 
+    @property
+    def access(self) -> Access:
+        """The lock on the door."""
+        return self._inputs.access
+
     def start(self) -> None:
-        """Begin to listen; raises OSError when the port cannot be had."""
+        """Begin to listen.
+
+        Raises:
+            PhotogrammetryError: The port cannot be had.
+        """
         self._thread.start()
         self._ready.wait()
         if self._failure is not None:
-            raise self._failure
+            raise PhotogrammetryError(
+                f"{self._host}:{self._wanted_port}",
+                f"cannot be listened on ({self._failure.strerror or self._failure}).",
+                "Choose another port with --port, or close the desk that is open there.",
+            ) from self._failure
 
     def call(self, function: Callable[..., None], *arguments: Any) -> None:
         """Run a function on the front's event loop, from any thread."""
@@ -239,6 +253,43 @@ class Front:
         if self._client is None:
             self._client = aiohttp.ClientSession(auto_decompress=True)
         return self._client
+
+
+class Opened:
+    """What is open in the browser: its addresses; closed at the end of a `with`."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token."""
+        return self._front.access.url(self.port)
+
+    @property
+    def guest_url(self) -> str:
+        """The address for those who look and decide nothing."""
+        return self._front.access.guest_url(self.port)
+
+    @property
+    def token(self) -> str:
+        """The operator's secret; what follows at this address takes it over."""
+        return self._front.access.token
+
+    @property
+    def port(self) -> int:
+        """The port it listens on."""
+        return self._front.port
+
+    def close(self) -> None:
+        """Close the port."""
+        self._front.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def _own_file(name: str) -> web.Response:

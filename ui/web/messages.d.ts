@@ -267,17 +267,75 @@ interface PairFit {
   turn_deg?: number;
   why?: Told;
 }
+interface RunLine {
+  stage: string;
+  /** How often it was walked, this time included. */
+  pass: number;
+  share: number;
+  what: string;
+  /** Of a stage that has ended. */
+  seconds?: number;
+  said?: Told;
+  /** Seconds, of the one at work. */
+  taken?: number;
+  left?: number | null;
+}
 interface Run {
   state: "idle" | "running" | "failed" | "cancelled" | "done";
-  ok?: boolean;
-  error?: string;
-  share?: number;
-  place?: number;
-  stages?: number | string;
-  stage?: string;
-  what?: string;
+  lines: RunLine[];
+  stages: string[];
+  log: Told[];
   why?: Told;
+  seconds?: number;
 }
+
+interface FoundScan {
+  photo: string;
+  file: string;
+  bytes?: number;
+  size?: Pair;
+  why: Told;
+}
+interface FormField {
+  key: string;
+  kind: string;
+  value: any;
+  /** True when the file says it, false when it is proposed. */
+  known: boolean;
+  default: any;
+  required: boolean;
+  range: number[];
+  choices: string[];
+  more: boolean;
+}
+interface Judged {
+  /** By field; under no name what concerns the whole file. */
+  errors: Record<string, Told>;
+  missing: string[];
+  ready: boolean;
+}
+interface Form extends Judged {
+  sections: { table: string; kind: string; fields: FormField[] }[];
+}
+interface Found {
+  folder: string;
+  written: boolean;
+  found: [name: string, value: string][];
+  gaps: [name: string, out: string][];
+  notes: [name: string, values: Record<string, string>][];
+  scans: FoundScan[];
+  crs: string;
+  outlines: { kind: string; name: string; crs: string; corners: Pair[] }[];
+  form: Form;
+  blocks: { path: string; run: boolean }[];
+  links: string[];
+  checks: [grave: boolean, name: string, values: Record<string, unknown>][];
+  /** Stages that a run would make again. */
+  ahead: string[];
+  made: boolean;
+  placeable: boolean;
+}
+interface Upload { name: string; file: File; share: number; why: string }
 
 /** Elements that are more than an HTMLElement, by their id. */
 interface Ids {

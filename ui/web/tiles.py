@@ -68,11 +68,11 @@ class Sources:
     """False while a tile of the ortho would have to wait for its files to be read whole."""
 
 
-class TileStore:
-    """Draws tiles on request and keeps the encoded ones; asked from any thread."""
+class ScanTiles:
+    """Draws tiles of raw scans on request and keeps the encoded ones; asked from any thread."""
 
-    def __init__(self, sources: Sources) -> None:
-        self.sources = sources
+    def __init__(self, read: ScanWindow) -> None:
+        self.read = read
         self._drawn: dict[tuple[str, int], DrawnPhoto] = {}
         self._stretches: dict[Path, Stretch] = {}
         self._kept: OrderedDict[str, bytes] = OrderedDict()
@@ -105,6 +105,41 @@ class TileStore:
                 self._bytes -= len(self._kept.popitem(last=False)[1])
         return encoded
 
+    def raw(self, photo: DrawnPhoto, place: tuple[int, int, int], wallis: bool) -> Grey:
+        """A tile of a scan as it is."""
+        stretch = self._stretch(photo)
+        if not wallis:
+            return raw_tile(photo, self.read, stretch, place)
+        return _inner(local_contrast(raw_tile(photo, self.read, stretch, place, WALLIS_RADIUS)))
+
+    def near(self, photo: DrawnPhoto, window: tuple[int, int, int, int]) -> Grey:
+        """A window of a scan as it is, in contrast of its own: marks lie in black margins."""
+        return window_picture(photo, self.read, *window)
+
+    def photo(self, photo_id: str, version: int) -> DrawnPhoto:
+        """The orientation a tile's address means."""
+        found = self._drawn.get((photo_id, version))
+        if found is None:
+            raise web.HTTPNotFound(text="No such photo or version.")
+        return found
+
+    def _stretch(self, photo: DrawnPhoto) -> Stretch:
+        if photo.photo.scan not in self._stretches and max(photo.photo.size_px) > LARGE_PX:
+            sample = sparse_sample(photo, self.read)
+            self._stretches[photo.photo.scan] = fit_stretch(sample, margin=0)
+        if photo.photo.scan not in self._stretches:
+            overview = overview_of(photo, self.read)
+            self._stretches[photo.photo.scan] = fit_stretch(overview.values)
+        return self._stretches[photo.photo.scan]
+
+
+class TileStore(ScanTiles):
+    """The same with the reference beside the scans."""
+
+    def __init__(self, sources: Sources) -> None:
+        super().__init__(sources.read)
+        self.sources = sources
+
     def ortho(self, place: tuple[int, int, int], wallis: bool) -> Colour:
         """A tile of the reference ortho."""
         grid = self.sources.lattice.tile(*place)
@@ -116,20 +151,9 @@ class TileStore:
         """A part of a scan warped to a ground grid."""
         stretch, sources = self._stretch(photo), self.sources
         if not wallis:
-            return warped_tile(photo, sources.dem, sources.read, stretch, grid)
-        wider = warped_tile(photo, sources.dem, sources.read, stretch, _wider(grid))
+            return warped_tile(photo, sources.dem, self.read, stretch, grid)
+        wider = warped_tile(photo, sources.dem, self.read, stretch, _wider(grid))
         return _inner(local_contrast(wider))
-
-    def raw(self, photo: DrawnPhoto, place: tuple[int, int, int], wallis: bool) -> Grey:
-        """A tile of a scan as it is."""
-        read, stretch = self.sources.read, self._stretch(photo)
-        if not wallis:
-            return raw_tile(photo, read, stretch, place)
-        return _inner(local_contrast(raw_tile(photo, read, stretch, place, WALLIS_RADIUS)))
-
-    def near(self, photo: DrawnPhoto, window: tuple[int, int, int, int]) -> Grey:
-        """A window of a scan as it is, in contrast of its own: marks lie in black margins."""
-        return window_picture(photo, self.sources.read, *window)
 
     async def likeness(self, photo: DrawnPhoto, position: ObjectPoints) -> Likeness | Failure:
         """How alike reference and scan are about a position."""
@@ -140,32 +164,39 @@ class TileStore:
         ask = lambda: source(photo.photo, photo.camera, position)  # noqa: E731
         return await loop.run_in_executor(self._pool, ask)
 
-    def photo(self, photo_id: str, version: int) -> DrawnPhoto:
-        """The orientation a tile's address means."""
-        found = self._drawn.get((photo_id, version))
-        if found is None:
-            raise web.HTTPNotFound(text="No such photo or version.")
-        return found
-
     def thumbnail(self, photo: DrawnPhoto) -> Colour:
         """A photo's picture area, small; its grey range is known from then on."""
-        overview = overview_of(photo, self.sources.read)
+        overview = overview_of(photo, self.read)
         # Tiles that are shown already keep their greys.
         stretch = self._stretches.setdefault(photo.photo.scan, fit_stretch(overview.values))
         return frame_picture(photo, overview, stretch)
 
-    def _stretch(self, photo: DrawnPhoto) -> Stretch:
-        if photo.photo.scan not in self._stretches and max(photo.photo.size_px) > LARGE_PX:
-            sample = sparse_sample(photo, self.sources.read)
-            self._stretches[photo.photo.scan] = fit_stretch(sample, margin=0)
-        if photo.photo.scan not in self._stretches:
-            overview = overview_of(photo, self.sources.read)
-            self._stretches[photo.photo.scan] = fit_stretch(overview.values)
-        return self._stretches[photo.photo.scan]
+
+TILE = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
+PHOTO = r"/{photo}/{version:\d+}"
+"""A version in the address lets the browser keep tiles for good."""
 
 
-def tile_routes(store: TileStore) -> list[web.RouteDef]:
-    """Addresses of tiles; a version in the address lets the browser keep them for good."""
+def tile_routes(store: ScanTiles) -> list[web.RouteDef]:
+    """Addresses of tiles; those of the ground where there is a reference."""
+
+    async def raw(request: web.Request) -> web.StreamResponse:
+        place, wallis, photo = _place(request), _wallis(request), _photo(store, request)
+        return await _answer(store, request, lambda: store.raw(photo, place, wallis))
+
+    async def near(request: web.Request) -> web.StreamResponse:
+        photo, window = _photo(store, request), _window(request)
+        return await _answer(store, request, lambda: store.near(photo, window))
+
+    window = r"/{column:-?\d+}/{row:-?\d+}/{side:\d+}/{reduction:\d+}"
+    return [
+        web.get("/tiles/raw" + PHOTO + TILE, raw),
+        web.get("/tiles/near" + PHOTO + window, near),
+        *(_ground_routes(store) if isinstance(store, TileStore) else ()),
+    ]
+
+
+def _ground_routes(store: TileStore) -> list[web.RouteDef]:
 
     async def ortho(request: web.Request) -> web.StreamResponse:
         place, wallis = _place(request), _wallis(request)
@@ -179,17 +210,9 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
         grid = store.sources.lattice.tile(*place)
         return await _answer(store, request, lambda: store.scan(photo, grid, wallis))
 
-    async def raw(request: web.Request) -> web.StreamResponse:
-        place, wallis, photo = _place(request), _wallis(request), _photo(store, request)
-        return await _answer(store, request, lambda: store.raw(photo, place, wallis))
-
     async def thumbnail(request: web.Request) -> web.StreamResponse:
         photo, grid = _photo(store, request), _grid_about(request)
         return await _answer(store, request, lambda: store.scan(photo, grid, False))
-
-    async def near(request: web.Request) -> web.StreamResponse:
-        photo, window = _photo(store, request), _window(request)
-        return await _answer(store, request, lambda: store.near(photo, window))
 
     async def likeness(request: web.Request) -> web.StreamResponse:
         photo = _photo(store, request)
@@ -201,17 +224,12 @@ def tile_routes(store: TileStore) -> list[web.RouteDef]:
         headers = {"X-Place": place, "Cache-Control": "private, max-age=3600"}
         return web.Response(body=as_veil(found.values), content_type="image/png", headers=headers)
 
-    place = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
-    photo = r"/{photo}/{version:\d+}"
-    window = r"/{column:-?\d+}/{row:-?\d+}/{side:\d+}/{reduction:\d+}"
     position = "".join(f"/{{{name}:-?[0-9.]+}}" for name in ("east", "north", "height"))
     return [
-        web.get("/tiles/ortho" + place, ortho),
-        web.get("/tiles/scan" + photo + place, scan),
-        web.get("/tiles/raw" + photo + place, raw),
-        web.get("/tiles/near" + photo + window, near),
-        web.get("/tiles/likeness" + photo + position, likeness),
-        web.get("/tiles/point" + photo + "/{east}/{north}/{pixel}", thumbnail),
+        web.get("/tiles/ortho" + TILE, ortho),
+        web.get("/tiles/scan" + PHOTO + TILE, scan),
+        web.get("/tiles/likeness" + PHOTO + position, likeness),
+        web.get("/tiles/point" + PHOTO + "/{east}/{north}/{pixel}", thumbnail),
     ]
 
 
@@ -236,7 +254,7 @@ def as_veil(values: np.ndarray) -> bytes:
 
 
 async def _answer(
-    store: TileStore, request: web.Request, draw: Callable[[], Grey | Colour]
+    store: ScanTiles, request: web.Request, draw: Callable[[], Grey | Colour]
 ) -> web.StreamResponse:
     try:
         data = await store.tile(request.path_qs, draw)
@@ -263,7 +281,7 @@ def _window(request: web.Request) -> tuple[int, int, int, int]:
     return column, row, side, reduction
 
 
-def _photo(store: TileStore, request: web.Request) -> DrawnPhoto:
+def _photo(store: ScanTiles, request: web.Request) -> DrawnPhoto:
     return store.photo(request.match_info["photo"], int(request.match_info["version"]))
 
 

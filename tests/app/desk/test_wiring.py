@@ -30,7 +30,7 @@ def told(port: int, path: str, cookie: str) -> dict:
 
 def test_a_page_is_told_what_it_needs_once__law(inputs):
     with open_desk(inputs) as desk:
-        cookie = f"{desk._access.cookie}={'t' * 32}"
+        cookie = f"{desk._front.access.cookie}={'t' * 32}"
         start = told(desk.port, "/start", cookie)
         assert desk.url.endswith("t" * 32)
         assert desk.guest_url != desk.url

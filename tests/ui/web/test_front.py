@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from core.errors import PhotogrammetryError
 from tests.ui.desk_block import tiny_block
 from ui.review.tiles import Lattice
 from ui.web.access import Access
@@ -113,7 +114,7 @@ def test_a_seat_is_given_and_an_own_one_is_kept__law(inputs):
 def test_a_port_that_is_taken_is_an_error__law(inputs):
     with Visitor(inputs) as visitor:
         other = Front(inputs, "127.0.0.1", visitor.front.port)
-        with pytest.raises(OSError, match="in use"):
+        with pytest.raises(PhotogrammetryError, match=r"in use.*--port"):
             other.start()
 
 

@@ -96,4 +96,4 @@ def test_what_are_no_pairs_is_refused__truth(body):
 def test_an_error_comes_with_its_words__law():
     ((status, answer),), _ = answers(("/points/broken", {"pairs": []}))
     assert status == 409
-    assert "cannot be read" in answer["error"]
+    assert answer["error"]["values"]["cause"] == "cannot be read."

@@ -17,6 +17,7 @@ import {
   openPlacement, placementKey, placementState, setUpPlacement, showPlacement,
 } from "./placement.js";
 import { setUpResults } from "./results.js";
+import { setUpSettings } from "./run.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
@@ -328,6 +329,7 @@ async function open() {
   setUpBoard();
   setUpPlacement();
   setUpResults();
+  setUpSettings();
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);
   watchHand();

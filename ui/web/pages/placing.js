@@ -9,13 +9,14 @@ import {
 import { ARROWS, Pane, View, inverse, mapped, oncePerFrame } from "./view.js";
 import { listenToKeys } from "./keys.js";
 import { nextTheme, setUpTheme } from "./theme.js";
+import {
+  beginRun, cancelRun, post, runLines, runNow, setUpSettings, tell, watchRun,
+} from "./run.js";
 
 /** @typedef {"scan" | "ortho"} Side */
 
 const COLOUR = "#56b4e9";
 const NUDGED_MS = 400; // design: arrows held down or pressed in a row are one change
-const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
-const IDLE_MS = 4000;
 const state = {
   panes: /** @type {Record<string, Pane>} */ ({}),
   views: { scan: new View(), ortho: new View() },
@@ -30,22 +31,11 @@ const state = {
   grip: /** @type {{ index: number, moved: boolean } | null} */ (null),
   wallis: false,
   saved: "",
-  run: /** @type {Run} */ ({ state: "idle" }),
   /** Pairs as they were before each change, as JSON. */
   history: /** @type {string[]} */ ([]),
-  timers: { nudge: 0, watch: 0 },
+  timers: { nudge: 0 },
 };
 const redraw = oncePerFrame(draw);
-
-/** @param {string} address */
-async function post(address, body = {}) {
-  const headers = { "content-type": "application/json" };
-  const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
-  const isJson = answer.headers.get("content-type")?.includes("json");
-  if (isJson) return { ok: answer.ok, ...(await answer.json()) };
-  const error = answer.status === 403 ? word("notice.guest") : await answer.text();
-  return { ok: answer.ok, error };
-}
 
 /** @param {Side} side @param {Pair} place */
 const layerFrom = (side, place) => (side === "scan" ? place : layerFromGround(place));
@@ -325,67 +315,20 @@ function switchWallis() {
 }
 
 function showRun() {
-  const { run, saved, scans } = state;
+  const { saved, scans } = state;
+  const { state: now } = runNow();
   const ready = scans.some((one) => one.pairs.length > 1) && saved;
   const rerun = {
-    id: "placing-start", disabled: start.guest || run.state === "done",
-    class: ready ? "on" : "", onclick: begin,
+    id: "placing-start", disabled: start.guest || now === "done",
+    class: ready ? "on" : "", onclick: beginRun,
   };
-  const button = run.state === "running"
-    ? element("button", { disabled: start.guest, onclick: cancel }, word("remake.cancel"))
+  const button = now === "running"
+    ? element("button", { disabled: start.guest, onclick: cancelRun }, word("remake.cancel"))
     : element("button", rerun, word("placing.run"));
   byId("placing-run").replaceChildren(
-    element("h3", {}, word("placing.run.title")), ...runLines(run),
+    element("h3", {}, word("placing.run.title")), ...runLines("placing.done"),
     element("div", { class: "acts" }, button),
     element("p", { class: "muted" }, word("placing.run.hint", { command: start.command })));
-}
-
-/** @param {Run} run */
-function runLines({ state: now, place = 1, stages = "", stage = "", share = 0, what = "", why }) {
-  if (now === "failed") return [element("p", { class: "doubted" }, again(why ?? ""))];
-  if (now === "cancelled") return [element("p", {}, word("placing.cancelled"))];
-  if (now === "done") return [element("p", {}, word("placing.done"))];
-  if (now !== "running") return [];
-  const bar = element("i");
-  bar.style.width = `${100 * share}%`;
-  const title = stage && word(`stage.${stage}`);
-  return [element("p", {}, word("placing.stage", { place, stages, title })),
-    element("span", { class: "share" }, bar), element("p", { class: "muted" }, what)];
-}
-
-async function begin() {
-  state.run = await post("/run");
-  if (state.run.ok === false) tell(state.run.error ?? "", true);
-  showRun();
-  watch();
-}
-
-async function cancel() {
-  state.run = await post("/run/cancel");
-}
-
-// The desk takes this page's place once the run has gone through.
-async function watch() {
-  clearTimeout(state.timers.watch);
-  try {
-    const before = JSON.stringify(state.run);
-    state.run = await (await fetch("/run")).json();
-    if (JSON.stringify(state.run) !== before) showRun();
-  } catch {
-    const answer = await fetch("/start").catch(() => null);
-    const edition = answer?.ok ? (await answer.json()).edition : start.edition;
-    if (edition !== start.edition) return location.reload();
-  }
-  const busy = state.run.state === "running" || state.run.state === "done";
-  state.timers.watch = setTimeout(watch, busy ? BUSY_MS : IDLE_MS);
-}
-
-/** @param {string} words */
-function tell(words, grave = false) {
-  const kind = `notice${grave ? " grave" : ""}`;
-  const box = element("div", { class: kind, onclick: () => box.remove() }, words);
-  byId("notices").append(box);
-  setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
 /** @type {Record<string, () => unknown>} */
@@ -432,15 +375,16 @@ async function open() {
   }
   onTile(redraw);
   setUpTheme();
+  setUpSettings();
   first("[data-act=theme]").addEventListener("click", nextTheme);
   listenToKeys(takeKey);
   choose(scans.find((one) => one.pairs.length) ?? scans[0]);
   const place = () => {
-    const { scan, fit, views, pending, run, saved } = state;
-    return { scan, fit, views, pending, run, saved };
+    const { scan, fit, views, pending, saved } = state;
+    return { scan, fit, views, pending, run: runNow(), saved };
   };
   window.gruber = { place, toScreen: onScreen };
-  watch();
+  watchRun(showRun);
 }
 
 open().catch((error) => {

@@ -1,0 +1,244 @@
+"""The form of the start page: the keys of `block.toml`, judged one by one, written into it."""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+from app.block_schema import TABLES, Key, keys_of
+from app.block_sections import read_camera
+from app.block_toml import Document, FieldError, Table
+from app.block_writing import with_values
+from app.new_block import CAMERA, Recognition, toml_of
+from app.project import Project, project_of
+from core.errors import PhotogrammetryError, ProjectError
+from core.said import say
+
+FILES = ("file", "files", "rasters")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """A `block.toml` as it would be, and what is wrong with it."""
+
+    text: str
+    """What would be written."""
+    errors: Mapping[str, str]
+    """Why a field cannot be used, by `table.key`; under no name what concerns the whole file."""
+    missing: tuple[str, ...]
+    """Fields that still have to be filled in."""
+    project: Project | None = None
+    """The block, where all is there."""
+
+    def part(self) -> dict[str, Any]:
+        """As the page is told."""
+        ready = self.project is not None
+        return {"errors": dict(self.errors), "missing": list(self.missing), "ready": ready}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormRead:
+    """The form as it stands on the disk, completed by what was found."""
+
+    sections: list[dict[str, Any]]
+    """Tables with their fields."""
+    judged: Judged
+    """What is wrong with the file; of a file that is not there, with what would be proposed."""
+    written: frozenset[str]
+    """Keys that the file has, those of any camera under `camera`."""
+    values: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """Everything the file says."""
+    files: tuple[Path, ...] = ()
+    """Files it names, as far as they are there."""
+    scans: tuple[Path, ...] = ()
+    """Its scans."""
+
+    @property
+    def project(self) -> Project | None:
+        """The block, where the file describes one."""
+        return self.judged.project if self.written else None
+
+    @property
+    def crs(self) -> str:
+        """The block's CRS; empty where it has none."""
+        block = self.values.get("block", {})
+        crs = cast("dict[str, Any]", block).get("crs", "") if isinstance(block, dict) else ""
+        return crs if isinstance(crs, str) else ""
+
+    def part(self) -> dict[str, Any]:
+        """As the page is told."""
+        return {"sections": self.sections, **self.judged.part()}
+
+
+class BlockForm:
+    """The form of one `block.toml`, which need not be there yet."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def read(self, recognition: Recognition) -> FormRead:
+        """Values of the file; where it lacks one, the one that the folder proposes."""
+        proposed = tomllib.loads(toml_of(recognition))
+        try:
+            document = Document(self.file) if self.file.is_file() else None
+        except PhotogrammetryError as error:
+            return FormRead([], Judged("", {"": error.told}, ()), frozenset({""}))
+        given = proposed if document is None else document.values
+        known = {} if document is None else given
+        sections = [_section(name, known, proposed) for name in _tables(given)]
+        base = Document(self.file, toml_of(recognition)) if document is None else document
+        files = dict(_files(base))
+        return FormRead(
+            sections,
+            judged(base),
+            frozenset() if document is None else frozenset(_written(document.values)),
+            given,
+            tuple(path for found in files.values() for path in found),
+            files.get("scans.files", ()),
+        )
+
+    def judged(self, values: Mapping[str, Any], recognition: Recognition) -> Judged:
+        """The file with the values of the form, judged field by field.
+
+        Raises:
+            ProjectError: A field that is no field of the form.
+        """
+        text = toml_of(recognition)
+        if self.file.is_file():
+            text = Document(self.file).text
+        now: dict[str, Any] = tomllib.loads(text)
+        changes: dict[tuple[str, str], Any] = {}
+        for name, value in values.items():
+            table, _, key = name.rpartition(".")
+            self._check(table, key)
+            if _value_in(now, table, key) != value:
+                changes[table, key] = value
+        if _value_in(now, "scans", "camera") is None:
+            cameras = [name for name in _tables(now) if name.startswith("camera.")]
+            changes["scans", "camera"] = cameras[0].removeprefix("camera.")
+        text = with_values(text, changes, str(self.file))
+        return judged(Document(self.file, text))
+
+    def _check(self, table: str, key: str) -> None:
+        known = table in TABLES or table.startswith("camera.")
+        if not known or key not in keys_of(table):
+            raise ProjectError(self.file, f"{table}.{key} is no field.", "Open the page again.")
+
+
+def judged(document: Document) -> Judged:
+    """What is wrong with a `block.toml`, every field by itself."""
+    errors: dict[str, str] = {}
+    missing: list[str] = []
+    for name in _tables(document.values):
+        try:
+            table = document.table(*name.split("."))
+        except FieldError as error:
+            errors[f"{error.table}.{error.key}"] = _why(error)
+            continue
+        except PhotogrammetryError as error:
+            errors[""] = error.told
+            continue
+        for key in table.keys.values():
+            if key.required and not table.has(key.name):
+                missing.append(f"{name}.{key.name}")
+            else:
+                errors |= _error_of(table, key)
+        if name.startswith("camera.") and not any(
+            one.startswith(name) for one in (*errors, *missing)
+        ):
+            errors |= _error_of_camera(document, name.removeprefix("camera."))
+    project = None
+    if not errors and not missing:
+        try:
+            project = project_of(document)
+        except FieldError as error:
+            errors[f"{error.table}.{error.key}"] = _why(error)
+        except PhotogrammetryError as error:
+            errors[""] = error.told
+    return Judged(document.text, errors, tuple(missing), project)
+
+
+def _why(error: PhotogrammetryError) -> str:
+    """What is wrong and what to do; the field stands above it."""
+    return say("{cause} {remedy}", cause=error.cause, remedy=error.remedy)
+
+
+def _error_of(table: Table, key: Key) -> dict[str, str]:
+    try:
+        table.checked(key.name)
+    except FieldError as error:
+        return {f"{table.name}.{key.name}": _why(error)}
+    except PhotogrammetryError as error:
+        return {f"{table.name}.{key.name}": error.told}
+    return {}
+
+
+def _error_of_camera(document: Document, name: str) -> dict[str, str]:
+    """What of a camera cannot be, such as a principal point outside the picture."""
+    try:
+        read_camera(document, name)
+    except FieldError as error:
+        return {f"{error.table}.{error.key}": _why(error)}
+    except PhotogrammetryError as error:
+        return {"": error.told}
+    return {}
+
+
+def _tables(values: Mapping[str, Any]) -> Iterator[str]:
+    """Tables of the form, a camera's by its name."""
+    for name in ("block", "camera", "scans", "reference", "control", "ortho"):
+        if name != "camera":
+            yield name
+            continue
+        cameras: Any = values.get("camera", {})
+        for camera in cameras if isinstance(cameras, dict) and cameras else {CAMERA: {}}:
+            yield f"camera.{camera}"
+
+
+def _section(name: str, given: Mapping[str, Any], proposed: Mapping[str, Any]) -> dict[str, Any]:
+    """A table of the form with what its fields hold."""
+    like = name if not name.startswith("camera.") else f"camera.{CAMERA}"
+    fields: list[dict[str, Any]] = []
+    for key in keys_of(name).values():
+        if key.asked == "file":
+            continue
+        value = _value_in(given, name, key.name)
+        known = value is not None
+        value = value if known else _value_in(proposed, like, key.name)
+        unit = [] if key.unit is None else [key.unit.low, key.unit.high]
+        fields.append(
+            {
+                "key": key.name, "kind": key.kind, "value": value, "known": known,
+                "default": key.default, "required": key.required, "range": unit,
+                "choices": list(key.choices), "count": key.count, "more": key.asked == "more",
+            }
+        )  # fmt: skip
+    return {"table": name, "kind": name.partition(".")[0], "fields": fields}
+
+
+def _value_in(values: Mapping[str, Any], table: str, key: str) -> Any:
+    found: Any = values
+    for part in (*table.split("."), key):
+        found = found.get(part) if isinstance(found, dict) else None
+    return found
+
+
+def _written(values: Mapping[str, Any]) -> Iterator[str]:
+    """Keys that a file has; a camera's under `camera`."""
+    yield ""
+    for name in _tables(values):
+        for key in keys_of(name):
+            if _value_in(values, name, key) is not None:
+                yield f"{name.partition('.')[0]}.{key}"
+
+
+def _files(document: Document) -> Iterator[tuple[str, tuple[Path, ...]]]:
+    """Files that a `block.toml` names, by key, as far as they are there."""
+    for name in _tables(document.values):
+        for key in keys_of(name).values():
+            with suppress(PhotogrammetryError):
+                table = document.table(*name.split("."))
+                if key.kind in FILES and table.has(key.name):
+                    yield f"{name}.{key.name}", table.files(key.name)

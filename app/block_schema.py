@@ -1,0 +1,185 @@
+"""Every key of `block.toml` in one place: the reader, the form of the start page and the manual."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from core.adjustment.adjusted import AdjustmentOptions
+from core.geometry.camera import SETS
+from core.georeference.archive import GeoreferenceKind
+from core.literature.baselines import OPERATORS
+from core.literature.published_chains import Preset
+from core.matching.learned import LEARNED
+from core.matching.operators import USUAL
+
+Kind = Literal[
+    "text", "number", "numbers", "measures", "choice", "choices", "flag", "count", "file", "files",
+    "rasters", "marks", "pairs", "tables",
+]  # fmt: skip
+"""How a value is written: `measures` are numbers of a unit, `marks` a table of places by name,
+`choices` a list of words, `rasters` files of which globs keep rasters."""
+Asked = Literal["first", "more", "file"]
+"""Where the form has a key: in sight, folded away, or not at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """The range a number must lie in, and the mistakes that leave it."""
+
+    name: str
+    """Unit in words."""
+    low: float
+    """Smallest value that makes sense."""
+    high: float
+    """Largest value that makes sense."""
+    taken_for: Sequence[tuple[str, float]] = ()
+    """Units that are often mistaken for it, with the factor to this one; a factor of 0 stands for
+    dots per inch."""
+
+    def advice(self, value: float) -> str:
+        """What the value probably was meant to be."""
+        for other, factor in self.taken_for:
+            meant = value * factor if factor else 25_400.0 / value if value else 0.0
+            if self.low <= meant <= self.high:
+                return f"{value:g} looks like {other}: write {meant:.6g}."
+        return f"Write it in {self.name}, from {self.low:g} to {self.high:g}."
+
+
+MILLIMETRES = Unit("millimetres", 10, 2000, (("metres", 1000), ("micrometres", 0.001)))
+"""Principal distances and sides of a picture."""
+MICROMETRES = Unit("micrometres", 3, 500, (("millimetres", 1000), ("dots per inch", 0)))
+"""Scan pixels."""
+SCALE_NUMBERS = Unit("ones (15000 for 1 : 15 000)", 500, 500_000)
+"""Scales of photos."""
+METRES = Unit("metres", 0.001, 1000, (("millimetres", 0.001),))
+"""Standard deviations and ground sample distances."""
+SMALL_MM = Unit("millimetres", 0.0001, 10, (("micrometres", 0.001),))
+"""Priors of camera constants."""
+SMALL_UM = Unit("micrometres", 0.1, 10_000, (("millimetres", 1000),))
+"""Priors of distortion."""
+DEM_M = Unit("metres", 0.0, 1000)
+"""Nought leaves the terrain out."""
+RISK = Unit("a probability", 1e-6, 0.1)
+"""Of rejecting what is good."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of a table."""
+
+    name: str
+    """As it is written."""
+    kind: Kind
+    """How its value is written."""
+    default: Any = None
+    """What holds where it is left out, as it would be written; None for nothing."""
+    required: bool = False
+    """Whether it may not be left out."""
+    unit: Unit | None = None
+    """Range of its numbers."""
+    choices: tuple[str, ...] = ()
+    """Words that it may be."""
+    count: int = 0
+    """How many numbers."""
+    asked: Asked = "file"
+    """Where the form has it."""
+
+
+DEFAULT = AdjustmentOptions()
+SIDES = ("", "left", "right", "top", "bottom")
+OPERATOR_NAMES = (*OPERATORS, LEARNED)
+USUAL_NAMES = tuple(operator.name for operator in USUAL)
+"""The operators that compare where `block.toml` names none."""
+BLOCK = (
+    Key("name", "text", required=True, asked="first"),
+    Key("crs", "text", required=True, asked="first"),
+    Key("heights", "text", "", asked="more"),
+)
+CAMERA = (
+    Key("principal_distance_mm", "number", required=True, unit=MILLIMETRES, asked="first"),
+    Key("frame_mm", "measures", required=True, unit=MILLIMETRES, count=2, asked="first"),
+    Key("principal_point_mm", "numbers", [0.0, 0.0], count=2, asked="more"),
+    Key("radial_distortion", "numbers", [], asked="more"),
+    Key("distortion_table_um", "pairs"),
+    Key("fiducials_mm", "marks", {}, asked="first"),
+    Key("fiducials_file", "file"),
+    Key("fiducial_marks", "count", 0, choices=("0", "4", "8"), asked="more"),
+    Key("data_strip", "choice", "", choices=SIDES, asked="more"),
+)
+SCANS = (
+    Key("files", "rasters", required=True, asked="first"),
+    Key("camera", "text", required=True),
+    Key("scan_pixel_um", "number", required=True, unit=MICROMETRES, asked="first"),
+    Key("georeference", "choice", "world-file", choices=get_args(GeoreferenceKind), asked="first"),
+    Key("footprints", "file", asked="more"),
+    Key("footprint_name", "text", "LMS_TIF_UP", asked="more"),
+    Key("scale_number", "number", unit=SCALE_NUMBERS, asked="first"),
+    Key("exterior", "file", asked="more"),
+    Key("fiducial_measures", "files"),
+    Key("override", "tables"),
+)
+OVERRIDE = (
+    Key("file", "text", required=True),
+    Key("camera", "text"),
+    Key("scan_pixel_um", "number", unit=MICROMETRES),
+    Key("exclude", "flag", False),
+)
+REFERENCE = (
+    Key("ortho", "rasters", required=True, asked="first"),
+    Key("dem", "rasters", required=True, asked="first"),
+    Key("roads", "files", [], asked="first"),
+    Key("ortho_sigma_m", "number", 0.25, unit=METRES, asked="more"),
+    Key("dem_sigma_m", "number", 0.5, unit=METRES, asked="more"),
+    Key("buildings", "file"),
+    Key("bridges", "file"),
+    Key("mask", "file", asked="more"),
+)
+CONTROL = (
+    Key("points", "file", asked="more"),
+    Key("operators", "choices", list(USUAL_NAMES), choices=OPERATOR_NAMES),
+    Key("learned", "file"),
+    Key("preset", "choice", "gruber", choices=get_args(Preset)),
+)
+ADJUSTMENT = (
+    Key("cameras", "flag", True),
+    Key("sigma_principal_distance_mm", "number", DEFAULT.sigma_principal_distance_mm,
+        unit=SMALL_MM),
+    Key("sigma_principal_point_mm", "number", DEFAULT.sigma_principal_point_mm, unit=SMALL_MM),
+    Key("sigma_distortion_um", "number", DEFAULT.sigma_distortion_um, unit=SMALL_UM),
+    Key("self_calibration", "choices", [], choices=tuple(SETS)),
+    Key("self_calibration_per", "choice", "camera", choices=("camera", "photo")),
+    Key("sigma_additional_um", "number", DEFAULT.sigma_additional_um, unit=SMALL_UM),
+    Key("only_significant", "flag", True),
+    Key("gnss_shift", "choice", "none", choices=("none", "block", "strip")),
+    Key("gnss_drift", "flag", False),
+    Key("imu_misalignment", "flag", False),
+    Key("dem_sigma_m", "number", 0.0, unit=DEM_M),
+    Key("network", "choice", "control", choices=("control", "free")),
+    Key("compare_methods", "flag", False),
+    Key("variance_components", "flag", False),
+    Key("gross_errors", "choice", "w", choices=("w", "tau", "none")),
+    Key("risk", "number", DEFAULT.risk, unit=RISK),
+)  # fmt: skip
+ORTHO = (
+    Key("gsd_m", "number", unit=METRES, asked="more"),
+    Key("sheets", "file"),
+)
+TABLES: Mapping[str, tuple[Key, ...]] = {
+    "block": BLOCK,
+    "camera": CAMERA,
+    "scans": SCANS,
+    "scans.override": OVERRIDE,
+    "reference": REFERENCE,
+    "control": CONTROL,
+    "adjustment": ADJUSTMENT,
+    "ortho": ORTHO,
+}
+"""Keys by table; `camera` stands for every `[camera.NAME]`."""
+SECTIONS = tuple(name for name in TABLES if "." not in name)
+"""Tables of the file."""
+
+
+def keys_of(table: str) -> Mapping[str, Key]:
+    """The keys of a table by its dotted name, such as `camera.wide`."""
+    found = TABLES["camera"] if table.startswith("camera.") else TABLES[table]
+    return {key.name: key for key in found}

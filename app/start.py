@@ -1,0 +1,386 @@
+"""The start page: from any folder to a block that can be run, and to the run itself."""
+
+import os
+import secrets
+import threading
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from app.block_form import BlockForm
+from app.block_toml import FILE, RASTERS
+from app.desk.inputs import lasting_token
+from app.folder_scan import (
+    DEPTH,
+    VECTORS,
+    Findings,
+    find,
+    look_at,
+)
+from app.new_block import Recognition, recognised
+from app.placing import drawn_raw
+from app.project import Project, read_project
+from app.running import Running
+from app.start_checks import Outline, checks_of, outlines_of, stages_ahead
+from core.errors import PhotogrammetryError, ProjectError, ScanError, StorageError
+from core.raster.scan_file import ScanFile, ScanFiles, open_scan
+from core.said import say
+from sessions.atomic_write import clean_leftovers, whole_file
+from sessions.session import HIDDEN, Session
+from ui.review.looks import page_palette
+from ui.web.access import Access
+from ui.web.front import Front, FrontInputs, Opened
+from ui.web.start import start_routes
+from ui.web.tiles import ScanTiles
+
+ANSWERED_S = 0.2
+"""Time for the last answer of the page, seconds."""
+MOST_LISTED = 500
+"""Folders that are listed at once."""
+MOST_OUTLINES = 400
+"""Outlines that the map is given."""
+BLOCKS_DEPTH = 2
+"""How deep a folder is looked through for blocks."""
+OWN_NAMES = frozenset({"results", "session.gpkg"})
+"""What Gruber writes itself and nobody uploads."""
+
+
+class Start(Opened):
+    """An open start page."""
+
+    def __init__(self, front: Front, starting: "Starting") -> None:
+        super().__init__(front)
+        self._starting = starting
+
+    def wait(self) -> Path:
+        """The folder whose desk is to be opened, once there is one; Ctrl-C passes through."""
+        starting = self._starting
+        while not starting.over.wait(timeout=0.3):
+            if starting.running.gone_through.is_set():
+                return starting.folder
+        # The answer to who chose it is still on its way.
+        time.sleep(ANSWERED_S)
+        return starting.chosen
+
+    def close(self) -> None:
+        """Close the port and stop the run."""
+        self._starting.running.close()
+        super().close()
+        self._starting.tiles.close()
+
+
+def open_start(folder: Path, host: str, port: int, language: str = "", token: str = "") -> Start:
+    """Open the start page of a folder.
+
+    Raises:
+        PhotogrammetryError: The port cannot be had.
+    """
+    starting = Starting(folder)
+    access = Access(host, token or token_of(starting.folder))
+    said = {
+        "name": starting.folder.name,
+        "edition": secrets.token_urlsafe(6),
+        "palette": page_palette(),
+        "photos": [],
+    }
+    doors = FrontInputs(
+        access, None, starting.tiles, None, said, page="start.html", language=language,
+        routes=start_routes(starting),
+    )  # fmt: skip
+    front = Front(doors, host, port)
+    opened = Start(front, starting)
+    try:
+        front.start()
+    except PhotogrammetryError:
+        opened.close()
+        raise
+    return opened
+
+
+def wants_start(folder: Path) -> bool:
+    """True for a folder in which there is nothing to review or to place yet."""
+    if not folder.is_dir():
+        return False
+    try:
+        read_project(folder)
+    except PhotogrammetryError:
+        return True
+    return not was_made(folder, "scans")
+
+
+def token_of(folder: Path) -> str:
+    """A secret that lasts where the folder may become a block, else one for this time."""
+    if not blocks_in(folder):
+        with suppress(OSError):
+            (folder / HIDDEN).mkdir(exist_ok=True)
+            return lasting_token(folder / HIDDEN)
+    return secrets.token_urlsafe(24)
+
+
+class Starting:
+    """What the start page asks for and sets off; satisfies `ui.web.start.Starter`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        self.chosen = self.folder
+        self.over = threading.Event()
+        self.running = Running(self.folder)
+        self.tiles = ScanTiles(ScanFiles())
+        self.form = BlockForm(self.folder / FILE)
+        self.status = self.running.status
+        self.cancel_run = self.running.cancel
+        self._looked: dict[tuple[Path, int, int], ScanFile | str] = {}
+        self._lock = threading.Lock()
+        with suppress(OSError):
+            clean_leftovers(self.folder)
+
+    def start_run(self) -> None:
+        """Begin to run the block."""
+        self.running.start()
+
+    def found(self) -> dict[str, Any]:
+        """What the folder holds and lacks, the form, scans, outlines, and blocks in it."""
+        with self._lock:
+            found = find(self.folder)
+            recognition = recognised(self.folder, found)
+            form = self.form.read(recognition)
+            every = with_named(found, form.files)
+            scans = [self._scan(path) for path in self._scan_paths(every, form.scans)]
+            outlines, crs = outlines_of(every, form.crs, MOST_OUTLINES)
+            given = form.written
+            return {
+                "folder": str(self.folder),
+                "written": self.form.file.is_file(),
+                "found": [list(line) for line in recognition.found],
+                "gaps": [[gap.name, gap.out] for gap in recognition.gaps
+                         if not any(key in given for key in gap.keys)],
+                "notes": [[note.name, dict(note.values)] for note in recognition.notes],
+                "scans": scans,
+                "crs": crs,
+                "outlines": [outline.part() for outline in outlines],
+                "form": form.part(),
+                "blocks": blocks_in(self.folder),
+                "links": self._links(),
+                **self._judged(form.project, scans, outlines),
+            }  # fmt: skip
+
+    def judge(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """What is wrong with the form as it stands; nothing is written."""
+        return self.form.judged(values, self._recognition()).part()
+
+    def save(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Write `block.toml` unless something filled in cannot be used.
+
+        Raises:
+            PhotogrammetryError: The disk is full, or the file is written in a way of its own.
+        """
+        judged = self.form.judged(values, self._recognition())
+        if not judged.errors:
+            with whole_file(self.form.file) as temporary:
+                temporary.write_text(judged.text, encoding="utf-8")
+        return {**judged.part(), "saved": not judged.errors}
+
+    def receive(self, name: str, size: int) -> AbstractContextManager[Path]:
+        """Where an uploaded file is written; it takes its place when it is whole.
+
+        Raises:
+            StorageError: The name leads elsewhere, is taken, or the disk has no room.
+        """
+        path = self.place_of(name)
+        if path.exists() or path.is_symlink():
+            raise StorageError(path, "is there already.", "Rename one of the two files.")
+        free = free_bytes(self.folder)
+        if size > free:
+            raise StorageError(
+                path, f"needs {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left.",
+                "Free some space, or link the folder instead of copying it.",
+            )  # fmt: skip
+        return whole_file(path)
+
+    def place_of(self, name: str) -> Path:
+        """The place of an uploaded file inside the folder.
+
+        Raises:
+            StorageError: The name is none of a plain file below the folder.
+        """
+        parts = name.split("/")
+        plain = all(is_plain(part) for part in parts) and len(parts) <= DEPTH + 1
+        path = self.folder.joinpath(*parts) if plain else self.folder
+        within = plain and path.parent.resolve() == path.parent
+        if not within or parts[0] in OWN_NAMES:
+            raise StorageError(
+                self.folder, f"{name!r} cannot be the name of a file here.",
+                "Give it a plain name, without dots at its beginning.",
+            )  # fmt: skip
+        return path
+
+    def folders(self, path: str) -> dict[str, Any]:
+        """The folders in a folder of this computer, and how many rasters and layers lie in it.
+
+        Raises:
+            StorageError: It may not be read.
+        """
+        place = Path(path).expanduser().resolve() if path else self.folder.parent
+        try:
+            inside = sorted(os.scandir(place), key=lambda entry: entry.name.lower())
+        except OSError as error:
+            raise StorageError(
+                place, f"cannot be read ({error.strerror}).", "Choose another folder."
+            ) from error
+        shown = [entry for entry in inside if not entry.name.startswith(".")]
+        folders = [entry.name for entry in shown if _is_open_folder(entry)]
+        files = [entry.name for entry in shown if Path(entry.name).suffix.lower() in KNOWN]
+        return {
+            "path": str(place), "parent": str(place.parent), "folders": folders[:MOST_LISTED],
+            "files": len(files), "block": (place / FILE).is_file(),
+        }  # fmt: skip
+
+    def link(self, path: str) -> dict[str, Any]:
+        """Let the folder show another one's files without copying them.
+
+        Raises:
+            StorageError: It is this folder, holds it, or its name is taken.
+        """
+        target = Path(path).resolve()
+        place = self.folder / target.name
+        if not target.is_dir() or not os.access(target, os.R_OK | os.X_OK):
+            raise StorageError(target, "is no folder that can be read.", "Choose another one.")
+        if target in (self.folder, *self.folder.parents) or self.folder in target.parents:
+            cause = "is the folder of this block, or holds it."
+            raise StorageError(target, cause, "Choose the folder of the data alone.")
+        if place.exists() or place.is_symlink():
+            cause = f"has a file or folder called {target.name} already."
+            raise StorageError(self.folder, cause, "Rename one of the two.")
+        try:
+            place.symlink_to(target, target_is_directory=True)
+        except OSError as error:
+            raise StorageError(place, f"cannot be made ({error.strerror}).", WRITABLE) from error
+        return {"linked": target.name}
+
+    def unlink(self, name: str) -> dict[str, Any]:
+        """Take a link away; the files it leads to stay."""
+        if name in self._links():
+            (self.folder / name).unlink()
+        return {"links": self._links()}
+
+    def open(self, path: str) -> dict[str, Any]:
+        """Go on with this folder's desk, or with another folder.
+
+        Raises:
+            ProjectError: It is no folder.
+        """
+        chosen = (self.folder / path).resolve()
+        if not chosen.is_dir() or not os.access(chosen, os.R_OK | os.X_OK):
+            raise ProjectError(chosen, "is no folder that can be read.", "Choose another one.")
+        self.chosen = chosen
+        self.over.set()
+        return {"opening": str(chosen)}
+
+    def _recognition(self) -> Recognition:
+        return recognised(self.folder, find(self.folder))
+
+    def _scan_paths(self, found: Findings, named: Sequence[Path]) -> list[Path]:
+        """The scans that `block.toml` names, else what looks like scans."""
+        if named:
+            return list(named)
+        broken = [path for path in found.unreadable if path.suffix.lower() in RASTERS]
+        seen = [raster.path for raster in found.rasters if raster.kind == "scan"]
+        return sorted([*seen, *broken])
+
+    def _scan(self, path: Path) -> dict[str, Any]:
+        """Size and state of a scan; its tiles can be asked for where it can be read."""
+        try:
+            stat = path.stat()
+        except OSError:
+            return {"photo": path.stem, "file": path.name, "why": "gone"}
+        key = (path, stat.st_size, stat.st_mtime_ns)
+        if key not in self._looked:
+            try:
+                self._looked[key] = open_scan(path)
+            except ScanError as error:
+                self._looked[key] = say("{cause} {remedy}", cause=error.cause, remedy=error.remedy)
+        seen = self._looked[key]
+        told = {"photo": path.stem, "file": path.name, "bytes": stat.st_size}
+        if isinstance(seen, str):
+            return {**told, "why": seen}
+        self.tiles.publish({path.stem: drawn_raw(path, seen.size_px)})
+        return {**told, "size": list(seen.size_px), "bands": seen.bands, "why": ""}
+
+    def _links(self) -> list[str]:
+        with suppress(OSError):
+            return sorted(entry.name for entry in self.folder.iterdir() if entry.is_symlink())
+        return []
+
+    def _judged(
+        self, project: Project | None, scans: list[dict[str, Any]], outlines: Sequence[Outline]
+    ) -> dict[str, Any]:
+        """What is checked before minutes are spent, and what a run would make again."""
+        if project is None:
+            return {"checks": [], "ahead": [], "made": False, "placeable": False}
+        states = {"made": was_made(self.folder, "control"),
+                  "placeable": was_made(self.folder, "scans")}  # fmt: skip
+        checks = checks_of(project, {scan["file"]: scan["why"] for scan in scans}, outlines)
+        if not states["placeable"] or self.running.under_way:
+            return {"checks": checks, "ahead": [], **states}
+        with Session.open(self.folder, "gruber") as session:
+            return {"checks": checks, "ahead": list(stages_ahead(project, session)), **states}
+
+
+def was_made(folder: Path, stage: str) -> bool:
+    """True when a stage has a product in the block of a folder."""
+    return any((folder / HIDDEN / "products" / stage).rglob("*.value"))
+
+
+KNOWN = RASTERS | VECTORS
+WRITABLE = "Give yourself the right to write there."
+
+
+def with_named(found: Findings, files: Iterable[Path]) -> Findings:
+    """What a folder holds, and what `block.toml` names elsewhere."""
+    known = {item.path for item in (*found.rasters, *found.layers)}
+    more = look_at([path for path in files if path not in known])
+    return replace(
+        found, rasters=(*found.rasters, *more.rasters), layers=(*found.layers, *more.layers)
+    )
+
+
+def blocks_in(folder: Path) -> list[dict[str, Any]]:
+    """Blocks below a folder, with whether they were run; none in a block's own folder."""
+    if (folder / FILE).is_file():
+        return []
+    found: list[Path] = []
+    for depth in range(1, BLOCKS_DEPTH + 1):
+        with suppress(OSError):
+            found += folder.glob("/".join(["*"] * depth + [FILE]))
+    return [
+        {
+            "path": path.parent.relative_to(folder).as_posix(),
+            "run": was_made(path.parent, "control"),
+        }
+        for path in sorted(found)[:MOST_LISTED]
+    ]
+
+
+def is_plain(name: str) -> bool:
+    """True for the name of a file or folder that is one, shows, and can be written anywhere."""
+    return (
+        0 < len(name.encode()) <= 200
+        and not name.startswith(".")
+        and not any(letter in '/\\:*?"<>|' or not letter.isprintable() for letter in name)
+    )
+
+
+def free_bytes(folder: Path) -> int:
+    """Free space of a folder's disk."""
+    stat = os.statvfs(folder)
+    return stat.f_bavail * stat.f_frsize
+
+
+def _is_open_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir() and os.access(entry.path, os.R_OK | os.X_OK)
+    except OSError:
+        return False

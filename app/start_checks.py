@@ -1,0 +1,183 @@
+"""What can be said of a block within a second, before its stages take minutes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from app.folder_scan import Corners, Findings, FoundRaster
+from app.project import Project, described
+from app.run import LAST_STAGES
+from core.errors import PhotogrammetryError, ScanError
+from core.geometry.crs import operation_between, short_name
+from core.matching.reference import open_reference
+from core.mosaic.composition import MosaicProduct
+from core.pipeline import STAGES, Stage
+from core.raster.scan_file import check_fits_camera, open_scan
+from sessions.products import Products
+from sessions.replay import mark_changes, with_effect
+from sessions.session import Session
+
+Check = list[Any]
+"""Whether it stops the run, its text `check.NAME`, and the values in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Where a file lies on the map."""
+
+    kind: str
+    """`scan`, `ortho`, `dem`, `line`, `polygon`, `point` or `other`."""
+    name: str
+    """The file's name."""
+    crs: str
+    """Its own CRS; empty where it tells none."""
+    corners: Corners
+    """Corners in the block's CRS, metres."""
+
+    def part(self) -> dict[str, Any]:
+        """As the page is told."""
+        corners = [[round(x, 1), round(y, 1)] for x, y in self.corners]
+        return {"kind": self.kind, "name": self.name, "crs": self.crs, "corners": corners}
+
+
+def outlines_of(found: Findings, crs: str, most: int) -> tuple[list[Outline], str]:
+    """Outlines of placed files, brought to one CRS, and which CRS that is."""
+    items = [item for item in (*found.rasters, *found.layers) if item.corners]
+    named = [item.crs.to_wkt() for item in items if item.crs is not None]
+    target = crs or (named[0] if named else "")
+    outlines: list[Outline] = []
+    for item in items[:most]:
+        kind = item.kind if isinstance(item, FoundRaster) else item.geometry
+        own = "" if item.crs is None else short_name(item.crs)
+        corners = item.corners
+        if item.crs is not None and target:
+            try:
+                operation = operation_between(
+                    item.crs.to_wkt(), target, np.array(corners), item.path
+                )
+                moved = operation.forward(np.array(corners))
+            except PhotogrammetryError:
+                continue
+            corners = tuple((float(x), float(y)) for x, y in moved[:, :2])
+        if np.isfinite(np.array(corners)).all():
+            outlines.append(Outline(kind, item.path.name, own, corners))
+    return outlines, crs
+
+
+def checks_of(
+    project: Project, scans: Mapping[str, str], outlines: Sequence[Outline]
+) -> list[Check]:
+    """What a run would stumble over, the gravest first.
+
+    Args:
+        project: The block.
+        scans: By file name, why a scan cannot be read; empty where it can.
+        outlines: Where its files lie.
+    """
+    checks = [*_data(project), *_scans(project, scans), *_places(project, outlines)]
+    if not all(camera.fiducials_mm for camera in project.cameras.values()):
+        checks.append([False, "fiducials", {}])
+    return sorted(checks, key=lambda check: not check[0])
+
+
+def _data(project: Project) -> list[Check]:
+    """Reference and lists, opened once."""
+    try:
+        open_reference(described(project).reference)
+    except PhotogrammetryError as error:
+        return [[True, "error", {"text": error.told}]]
+    return []
+
+
+def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
+    listed = project.scans.listed
+    broken = [scan.path.name for scan in listed if scans.get(scan.path.name)]
+    checks: list[Check] = []
+    if broken:
+        every = len(broken) == len(listed)
+        checks.append([every, "broken", {"count": len(broken), "first": broken[0]}])
+    whole = next((scan for scan in listed if scan.path.name not in broken), None)
+    if whole is not None:
+        try:
+            camera, pixel_mm = project.cameras[whole.camera], whole.scan_pixel_um / 1000
+            check_fits_camera(open_scan(whole.path), camera, pixel_mm, page=True)
+        except ScanError as error:
+            checks.append([True, "error", {"text": error.told}])
+    return checks
+
+
+def _places(project: Project, outlines: Sequence[Outline]) -> list[Check]:
+    """Whether anything says where the photos lie, and whether the reference is there."""
+    given = project.scans
+    ground = [
+        o for o in outlines if o.kind == "ortho" and o.name in _names(project.reference.ortho)
+    ]
+    if given.georeference == "none" and given.exterior is None:
+        return [] if given.scale_number else [[False, "nowhere", {}]]
+    listed = {scan.path.name for scan in given.listed}
+    if given.georeference == "footprints" and given.footprints is not None:
+        listed = {given.footprints.name}
+    placed = [o for o in outlines if o.name in listed]
+    if not placed or not ground:
+        return []
+    covered = shapely.union_all([shapely.Polygon(o.corners) for o in ground])
+    outside = [o.name for o in placed if not covered.intersects(_hull(o))]
+    if not outside:
+        return []
+    values = {"count": len(outside), "all": len(placed), "first": outside[0]}
+    return [[len(outside) == len(placed), "outside", values]]
+
+
+def _hull(outline: Outline) -> shapely.Geometry:
+    return shapely.MultiPoint(outline.corners).convex_hull
+
+
+def _names(paths: Sequence[Path]) -> set[str]:
+    return {path.name for path in paths}
+
+
+def stages_ahead(project: Project, session: Session) -> Iterator[str]:
+    """Stages that a run would make again, because what they depend on is another than it was."""
+    given, products = described(project), session.products
+    digests: dict[str, str] = {}
+
+    def is_fresh(stage: Stage, passes: int) -> bool:
+        repeats = passes > 1
+        needs = (*stage.needs, "control") if repeats else stage.needs
+        needed = [digests[name] for name in needs]
+        digest = products.digest_of(stage.name, stage.version, stage.inputs(given), needed)
+        digests[stage.name] = digest
+        product = f"{stage.name}/{passes}" if repeats else stage.name
+        if products.fresh(product, digest) is None:
+            return False
+        changes = with_effect(mark_changes(session.decisions())) if stage.name == "scans" else ()
+        if changes:
+            digests["scans"] = products.digest_of(digest, changes)
+        return True
+
+    stale = [stage.name for stage in STAGES if not is_fresh(stage, 1)]
+    yield from stale
+    repeated = [stage for stage in STAGES if stage.repeated]
+    passes = 2
+    while not stale and was_walked(products, passes):
+        stale = [stage.name for stage in repeated if not is_fresh(stage, passes)]
+        yield from stale
+        passes += 1
+    decisions = [recorded.decision_id for recorded in session.decisions()]
+    digest = products.digest_of("adjustment", 3, digests["control"], decisions, given.adjustment)
+    if stale or products.fresh("adjustment", digest) is None:
+        yield from LAST_STAGES
+        return
+    mosaic: MosaicProduct | None = products.latest_value("mosaic")
+    wanted = project.ortho.gsd_m
+    if mosaic is None or wanted not in (None, mosaic.grid.ground_sample_distance_m):
+        yield from ("orthos", "mosaic", "report")
+
+
+def was_walked(products: Products, passes: int) -> bool:
+    """True when the repeated stages were gone through so many times."""
+    return any((products.folder / "control" / str(passes)).glob("*.value"))

@@ -1,0 +1,96 @@
+"""Single keys of a `block.toml` changed: what else stands there stays as it was."""
+
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.block_writing import toml_value, with_values
+from core.errors import ProjectError
+
+TEXT = """\
+# my block
+[block]
+name = "a # b"  # kept
+crs = "EPSG:5514"
+
+[camera.film]  # the wide one
+# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59
+# principal_distance_mm =
+frame_mm = [
+    180.0,  # width
+    180.0,
+]  # guessed
+
+[scans]
+files = "scans/*.tif"
+
+[[scans.override]]
+file = "x.tif"
+exclude = true
+"""
+
+
+def test_comments_and_order_stay__truth():
+    changes = {
+        ("block", "name"): 'new "name"',
+        ("camera.film", "principal_distance_mm"): 211.59,
+        ("camera.film", "frame_mm"): [230.0, 230.0],
+        ("camera.film", "fiducials_mm"): {"1": [-84.5, 0.3], "a b": [84.5, -0.2]},
+        ("scans", "scan_pixel_um"): 15.0,
+        ("reference", "dem"): "dem.tif",
+        ("block", "crs"): None,
+    }
+    assert (
+        with_values(TEXT, changes, "block.toml")
+        == """\
+# my block
+[block]
+name = "new \\"name\\""  # kept
+
+[camera.film]  # the wide one
+principal_distance_mm = 211.59
+frame_mm = [230.0, 230.0]  # guessed
+fiducials_mm = { 1 = [-84.5, 0.3], "a b" = [84.5, -0.2] }
+
+[scans]
+files = "scans/*.tif"
+scan_pixel_um = 15.0
+
+[[scans.override]]
+file = "x.tif"
+exclude = true
+
+[reference]
+dem = "dem.tif"
+"""
+    )
+
+
+def test_nothing_changed_is_the_same_text__law():
+    assert with_values(TEXT, {("ortho", "gsd_m"): None}, "block.toml") == TEXT
+
+
+def test_a_file_written_otherwise_is_refused_and_not_spoilt__law():
+    for text in ('block = { name = "a" }\n', 'block.name = "a"\n'):
+        with pytest.raises(ProjectError, match="in an editor"):
+            with_values(text, {("block", "name"): "b"}, "block.toml")
+
+
+WORDS = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
+VALUES = st.one_of(
+    WORDS, st.booleans(), st.integers(-(10**9), 10**9),
+    st.floats(allow_nan=False, allow_infinity=False), st.lists(WORDS, max_size=3),
+    st.dictionaries(WORDS, st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2), max_size=3),
+)  # fmt: skip
+
+
+@given(VALUES)
+def test_every_value_is_read_back_as_it_was__law(value):
+    try:
+        text = with_values(TEXT, {("block", "name"): value}, "block.toml")
+    except ProjectError:
+        assert "\x7f" in toml_value(value)
+        return
+    assert tomllib.loads(text)["block"]["name"] == value

@@ -1,0 +1,222 @@
+"""The start page's server side: found and missing, uploads, links, the form, checks."""
+
+import errno
+import shutil
+from pathlib import Path
+
+import pytest
+
+from app.project import read_project
+from app.start import Starting, blocks_in, is_plain, wants_start
+from core.errors import PhotogrammetryError, StorageError
+from sessions.session import Session
+
+DISTANCE = "camera.film.principal_distance_mm"
+MARKS = {"1": [-85.589, 0.091], "2": [85.303, -0.002], "3": [0.121, 85.589], "4": [-0.075, -85.322]}
+
+
+@pytest.fixture
+def data(tiny_block: Path, tmp_path: Path) -> Path:
+    """What an archive gives, without a block.toml."""
+    folder = tmp_path / "data"
+    ignored = shutil.ignore_patterns("block.toml", "truth", "session*", ".*", "results")
+    shutil.copytree(tiny_block, folder, ignore=ignored)
+    return folder
+
+
+def values_of(starting: Starting) -> dict[str, object]:
+    sections = starting.found()["form"]["sections"]
+    return {f"{s['table']}.{f['key']}": f["value"] for s in sections for f in s["fields"]}
+
+
+def put(starting: Starting, name: str, data: bytes) -> Path:
+    with starting.receive(name, len(data)) as temporary:
+        temporary.write_bytes(data)
+    return starting.folder / name
+
+
+def broken(starting: Starting, name: str, error: OSError) -> None:
+    """An upload that ends with an error after its first bytes."""
+    with starting.receive(name, 3) as temporary:
+        temporary.write_bytes(b"a")
+        raise error
+
+
+def test_an_empty_folder_says_what_it_lacks__truth(tmp_path):
+    found = Starting(tmp_path).found()
+    assert found["found"] == found["scans"] == found["outlines"] == found["blocks"] == []
+    assert ["scans", "nothing"] in found["gaps"]
+    assert DISTANCE in found["form"]["missing"]
+    assert not found["form"]["ready"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_fill_the_form_and_the_principal_distance_completes_it__truth(data):
+    starting = Starting(data)
+    found = starting.found()
+    assert found["form"]["missing"] == [DISTANCE]
+    assert [scan["why"] for scan in found["scans"]] == [""] * 6
+    assert {outline["kind"] for outline in found["outlines"]} >= {"scan", "ortho", "dem", "line"}
+    values = values_of(starting) | {DISTANCE: 0.21159}
+    told = starting.save(values)
+    assert not told["saved"]
+    assert "looks like metres: write 211.59" in told["errors"][DISTANCE]
+    assert not (data / "block.toml").exists()
+    values |= {DISTANCE: 211.59, "camera.film.fiducials_mm": MARKS}
+    assert starting.judge(values)["ready"]
+    assert not (data / "block.toml").exists()
+    assert starting.save(values)["saved"]
+    camera = read_project(data).cameras["film"]
+    assert camera.principal_distance_mm == 211.59
+    assert set(camera.fiducials_mm) == set("1234")
+    found = starting.found()
+    assert ["distance", "nothing"] not in found["gaps"]
+    assert ["fiducials", "shrinkage"] not in found["gaps"]
+    assert found["checks"] == []
+
+
+def test_comments_of_the_file_stay_and_an_unfinished_one_can_be_saved__truth(data):
+    starting = Starting(data)
+    assert starting.save(values_of(starting))["saved"]
+    file = data / "block.toml"
+    file.write_text("# mine\n" + file.read_text(), encoding="utf-8")
+    starting.save(values_of(starting) | {"block.name": "other"})
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith("# mine\n")
+    assert 'name = "other"' in text
+    assert "FILL IN: principal distance" in text
+    file.write_text("[block\n", encoding="utf-8")
+    assert "is not valid TOML" in starting.found()["form"]["errors"][""]
+
+
+@pytest.mark.parametrize("field", ["block.__class__", "nowhere.name", "scans.override.file.x"])
+def test_fields_that_are_none_are_refused__law(data, field):
+    with pytest.raises((PhotogrammetryError, KeyError)):
+        Starting(data).save({field: "x"})
+    assert not (data / "block.toml").exists()
+
+
+@pytest.mark.parametrize("name", [
+    "../a.tif", "a/../../b.tif", "/etc/passwd", ".hidden", "a/.b/c.tif", "", "a//b.tif", "a\\b.tif",
+    "results/a.tif", "session.gpkg", "x" * 300, "a\nb.tif", "a\0b", "C:a.tif", "1/2/3/4/5/6/7.tif",
+])  # fmt: skip
+def test_names_that_lead_elsewhere_are_refused__law(tmp_path, name):
+    (tmp_path / "block").mkdir()
+    starting = Starting(tmp_path / "block")
+    with pytest.raises(StorageError):
+        starting.receive(name, 1)
+    assert list((tmp_path / "block").iterdir()) == []
+
+
+def test_an_upload_is_there_whole_or_not_at_all__law(tmp_path):
+    starting = Starting(tmp_path)
+    assert put(starting, "scans/a.tif", b"abc").read_bytes() == b"abc"
+    with pytest.raises(StorageError, match="is there already"):
+        starting.receive("scans/a.tif", 3)
+    with pytest.raises(ConnectionError):
+        broken(starting, "scans/b.tif", ConnectionError())
+    with pytest.raises(StorageError, match="the disk is full"):
+        broken(starting, "scans/c.tif", OSError(errno.ENOSPC, "No space left on device"))
+    with pytest.raises(StorageError, match="MB left"):
+        starting.receive("scans/d.tif", 10**18)
+    assert [path.name for path in (tmp_path / "scans").iterdir()] == ["a.tif"]
+
+
+def test_nothing_is_uploaded_through_a_link__law(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    block = tmp_path / "block"
+    block.mkdir()
+    starting = Starting(block)
+    starting.link(str(tmp_path / "elsewhere"))
+    with pytest.raises(StorageError, match="cannot be the name"):
+        starting.receive("elsewhere/a.tif", 1)
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_a_linked_folder_is_recognised_and_can_be_let_go__truth(data, tmp_path):
+    block = tmp_path / "block"
+    block.mkdir()
+    starting = Starting(block)
+    starting.link(str(data / "ortho"))
+    found = starting.found()
+    assert found["links"] == ["ortho"]
+    assert ["ortho", "ortho/*.tif"] in found["found"]
+    for path in (tmp_path, block, data / "nowhere", data / "dem.tif", data / "ortho"):
+        with pytest.raises(StorageError):
+            starting.link(str(path))
+    (block / "own.txt").write_text("kept", encoding="utf-8")
+    for name in ("ortho", "own.txt", "../data"):
+        starting.unlink(name)
+    assert [path.name for path in block.iterdir()] == ["own.txt"]
+    assert list((data / "ortho").iterdir())
+
+
+def test_folders_of_this_computer_are_listed_without_their_files__truth(data):
+    starting = Starting(data)
+    told = starting.folders(str(data))
+    assert told["folders"] == ["ortho", "roads", "scans"]
+    assert not told["block"]
+    assert starting.folders(str(data / "scans"))["files"] == 6
+    with pytest.raises(StorageError, match="cannot be read"):
+        starting.folders(str(data / "nowhere"))
+
+
+def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data):
+    scan = sorted((data / "scans").glob("*.tif"))[0]
+    scan.write_bytes(scan.read_bytes()[:20_000])
+    for world in (data / "scans").glob("*.tfw"):
+        lines = world.read_text().split()
+        world.write_text("\n".join([*lines[:4], "-700000", "-1100000"]))
+    starting = Starting(data)
+    starting.save(values_of(starting) | {DISTANCE: 211.59})
+    found = starting.found()
+    assert [bool(one["why"]) for one in found["scans"]] == [True, False, False, False, False, False]
+    checks = {name: (grave, values) for grave, name, values in found["checks"]}
+    assert checks["broken"] == (False, {"count": 1, "first": scan.name})
+    assert checks["outside"][0]
+    assert "fiducials" in checks
+
+
+def test_a_folder_of_blocks_lists_them_and_opens_one__truth(tiny_block, tmp_path):
+    shutil.copytree(tiny_block, tmp_path / "many" / "one")
+    (tmp_path / "many" / "empty").mkdir()
+    starting = Starting(tmp_path / "many")
+    assert starting.found()["blocks"] == [{"path": "one", "run": False}]
+    assert blocks_in(tmp_path / "many" / "one") == []
+    with pytest.raises(PhotogrammetryError):
+        starting.open("nowhere")
+    assert not starting.over.is_set()
+    starting.open("one")
+    assert starting.over.is_set()
+    assert starting.chosen == tmp_path / "many" / "one"
+
+
+def test_what_a_setting_makes_again_is_told__truth(tiny_run, tmp_path):
+    starting = Starting(tiny_run.folder)
+    assert not wants_start(tiny_run.folder)
+    assert wants_start(tmp_path)
+    found = starting.found()
+    assert found["made"]
+    assert found["ahead"] == []
+    file = tiny_run.folder / "block.toml"
+    before = file.read_text(encoding="utf-8")
+    try:
+        file.write_text(before + "\n[adjustment]\nrisk = 0.002\n", encoding="utf-8")
+        last = ["adjustment", "orthos", "mosaic", "report"]
+        assert starting.found()["ahead"] == last
+        file.write_text(before.replace("ortho_sigma_m = 0.25", "ortho_sigma_m = 0.3"), "utf-8")
+        assert starting.found()["ahead"][-4:] == last
+        assert "scans" not in starting.found()["ahead"]
+        changed = before.replace("principal_distance_mm = 211.59", "principal_distance_mm = 211.6")
+        file.write_text(changed, encoding="utf-8")
+        assert starting.found()["ahead"][0] == "scans"
+    finally:
+        file.write_text(before, encoding="utf-8")
+    with Session.open(tiny_run.folder, "reader") as session:
+        assert session.products.latest_value("walked")
+
+
+def test_plain_names__truth():
+    assert is_plain("LMSA08.1938 (2).tif")
+    assert is_plain("sn\u00edmek.tif")
+    assert not is_plain(".part")

@@ -1,0 +1,106 @@
+"""From an empty folder to the desk, by clicks alone: the program is started as a person does it."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.browser.conftest import PATIENCE_MS
+from tests.browser.test_desk_security import asked, entered
+
+pytestmark = pytest.mark.browser
+RUN_MS = 600_000
+MARKS = "1 -85.589 0.091\n2 85.303 -0.002\n3 0.121 85.589\n4 -0.075 -85.322"
+
+
+@pytest.fixture
+def reviewed(tmp_path):
+    """`gruber review` on an empty folder: the folder, the address, the guests' token."""
+    folder = tmp_path / "block"
+    folder.mkdir()
+    command = [sys.executable, "-m", "app", "review", str(folder), "--port", "0", "--no-browser"]
+    program = subprocess.Popen(
+        [*command, "--log-json"], stdout=subprocess.PIPE, text=True, bufsize=1
+    )
+    assert program.stdout is not None
+    said = json.loads(program.stdout.readline())["text"]
+    yield folder, next(word for word in said.split() if word.startswith("http://"))
+    program.send_signal(signal.SIGINT)
+    program.communicate(timeout=60)
+
+
+@pytest.fixture
+def page(chromium, reviewed):
+    context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    page.goto(reviewed[1])
+    page.wait_for_selector("#drop")
+    yield page
+    context.close()
+
+
+def add(page, kind: str, act: str, *paths: Path) -> None:
+    with page.expect_file_chooser() as chooser:
+        page.click(f'[data-act="start.add.{act}"]')
+    chooser.value.set_files([str(path) for path in paths])
+    page.wait_for_function("k => gruber.found()?.found.some(([name]) => name === k)", arg=kind)
+
+
+def test_from_an_empty_folder_to_the_desk__truth(reviewed, page, tiny_block):
+    folder, _ = reviewed
+    assert page.locator(".needs").count() >= 5
+    assert page.is_disabled('[data-act="placing.run"]')
+    for kind in ("scans", "ortho", "roads"):
+        add(page, kind, "folder", tiny_block / kind)
+    add(page, "dem", "files", tiny_block / "dem.tif")
+    assert page.locator(".thumb").count() == 6
+    distance = "#field-camera-film-principal_distance_mm"
+    page.fill(distance, "0.21159")
+    page.wait_for_selector(".field.bad .wrong:has-text('looks like metres: write 211.59')")
+    assert page.is_disabled('[data-act="placing.run"]')
+    page.fill(distance, "211,59")
+    page.fill("#field-camera-film-fiducials_mm", MARKS)
+    page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
+    page.click('[data-tab="map"]')
+    assert page.locator("#map polygon.scan").count() == 6
+    page.click('[data-act="placing.run"]')
+    page.wait_for_selector(".stage.now")
+    page.wait_for_selector("#queue .row.current", timeout=RUN_MS)
+    assert (folder / "results" / "report.html").is_file()
+    page.keyboard.press("Escape")  # the tour of a first visit
+    # Back to the settings, which say that nothing has to be made again, and to the desk.
+    page.click("#settings-open")
+    page.wait_for_selector("#go .muted:has-text('Nothing has changed')")
+    page.click('[data-act="start.desk"]')
+    page.wait_for_selector("#queue .row.current")
+
+
+def test_a_run_is_cancelled_and_the_settings_stay__truth(page, tiny_block):
+    for kind in ("scans", "ortho"):
+        add(page, kind, "folder", tiny_block / kind)
+    add(page, "dem", "files", tiny_block / "dem.tif")
+    page.fill("#field-camera-film-principal_distance_mm", "211.59")
+    page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
+    page.click('[data-act="placing.run"]')
+    page.wait_for_selector(".stage.now")
+    page.click('[data-act="remake.cancel"]')
+    page.wait_for_selector(".stage.stopped")
+    assert page.input_value("#field-camera-film-principal_distance_mm") == "211.59"
+    page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
+
+
+def test_the_start_page_is_locked_as_the_desk_is__law(reviewed):
+    folder, url = reviewed
+    root, cookie = entered(url)
+    for path in ("/", "/found", "/run"):
+        assert asked(root + path)[0] == 401
+        assert asked(root + path, cookie)[0] == 200
+        assert asked(root + path, cookie, Origin="http://evil.example")[0] == 403
+        assert asked(root + path, cookie, Host="evil.example")[0] == 421
+    for path in ("/tiles/ortho/0/0/0", "/tiles/raw/x/1/0/0/0", "/results/", "/pages/../start.py"):
+        assert asked(root + path, cookie)[0] == 404
+    assert [path.name for path in folder.iterdir()] == [".gruber"]

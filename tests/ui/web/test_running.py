@@ -1,0 +1,73 @@
+"""Addresses of a run: everybody sees how far it is, operators begin and stop it."""
+
+import asyncio
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+
+from core.errors import ScanError
+from ui.web.access import GUEST
+from ui.web.running import json_of, run_routes, told
+
+
+class Runner:
+    """Remembers what it was asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def status(self):
+        return {"state": "idle"}
+
+    def start_run(self):
+        self.asked.append("run")
+
+    def cancel_run(self):
+        self.asked.append("cancel")
+
+
+def answers(*requests: tuple[str, str], guest: bool):
+    """Status of each request (method, path), and what the runner was asked for."""
+    runner = Runner()
+
+    @web.middleware
+    async def known(request, handler):
+        request[GUEST] = guest
+        return await handler(request)
+
+    async def visit():
+        application = web.Application(middlewares=[known])
+        application.add_routes(run_routes(runner))
+        async with TestServer(application) as server, TestClient(server) as client:
+            return [(await client.request(*asked)).status for asked in requests]
+
+    return asyncio.run(visit()), runner.asked
+
+
+@pytest.mark.parametrize(
+    ("guest", "status", "asked"), [(True, 403, []), (False, 200, ["run", "cancel"])]
+)
+def test_guests_see_a_run_and_begin_none__law(guest, status, asked):
+    found = answers(("GET", "/run"), ("POST", "/run"), ("POST", "/run/cancel"), guest=guest)
+    assert found == ([200, status, status], asked)
+
+
+def test_errors_are_told_in_their_words__law():
+    def broken():
+        raise ScanError("a.tif", "is broken.", "Mend it.")
+
+    assert told(lambda: {"a": 1}).status == 200
+    answer = told(broken)
+    assert answer.status == 409
+    assert "Mend it." in str(answer.text)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", '"a"'])
+def test_what_is_no_object_is_refused__law(text):
+    class Request:
+        async def text(self):
+            return text
+
+    with pytest.raises(web.HTTPBadRequest):
+        asyncio.run(json_of(Request()))

@@ -1,0 +1,131 @@
+// A run that was begun on a page: a line for each stage, what is left of it, cancel and log.
+import { again, byId, element, number, start, word } from "./words.js";
+
+const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
+const IDLE_MS = 4000;
+const state = {
+  run: /** @type {Run} */ ({ state: "idle", lines: [], stages: [], log: [] }),
+  timer: 0,
+  changed: /** @type {() => void} */ (() => {}),
+};
+
+export const runNow = () => state.run;
+
+/** @param {string} address @param {unknown} body */
+export async function post(address, body = {}) {
+  const headers = { "content-type": "application/json" };
+  const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
+  const isJson = answer.headers.get("content-type")?.includes("json");
+  if (isJson) return { ok: answer.ok, ...(await answer.json()) };
+  const error = answer.status === 403 ? word("notice.guest") : await answer.text();
+  return { ok: answer.ok, error };
+}
+
+/** @param {Told} said */
+export function tell(said, grave = false) {
+  const kind = `notice${grave ? " grave" : ""}`;
+  const box = element("div", { class: kind, onclick: () => box.remove() }, again(said));
+  byId("notices").append(box);
+  setTimeout(() => box.remove(), grave ? 30000 : 3500);
+}
+
+export async function beginRun() {
+  const answer = await post("/run");
+  if (answer.ok === false) tell(answer.error ?? "", true);
+  else state.run = answer;
+  state.changed();
+  watchRun(state.changed);
+}
+
+export async function cancelRun() {
+  const answer = await post("/run/cancel");
+  if (answer.ok === false) tell(answer.error ?? "", true);
+  watchRun(state.changed);
+}
+
+/**
+ * Ask again and again how far the run is. What follows on the same port, such as the desk, takes
+ * this page's place.
+ * @param {() => void} changed called whenever it is farther
+ */
+export async function watchRun(changed) {
+  state.changed = changed;
+  clearTimeout(state.timer);
+  try {
+    const before = JSON.stringify(state.run);
+    const answer = await fetch("/run");
+    if (!answer.ok) return await lookAgain();
+    state.run = await answer.json();
+    if (JSON.stringify(state.run) !== before) changed();
+  } catch {
+    return lookAgain();
+  }
+  const busy = state.run.state === "running" || state.run.state === "done";
+  state.timer = setTimeout(() => watchRun(changed), busy ? BUSY_MS : IDLE_MS);
+}
+
+/** Files and settings take the place of this page. */
+export function setUpSettings() {
+  const button = byId("settings-open");
+  button.title = word("settings.tip");
+  button.addEventListener("click", async () => {
+    const answer = await post("/settings");
+    if (answer.ok === false) tell(answer.error ?? "", true);
+  });
+}
+
+/** Another page may be open at this address by now. */
+export async function lookAgain() {
+  const answer = await fetch("/start").catch(() => null);
+  const edition = answer?.ok ? (await answer.json()).edition : start.edition;
+  if (edition !== start.edition) return location.reload();
+  clearTimeout(state.timer);
+  state.timer = setTimeout(() => watchRun(state.changed), BUSY_MS);
+}
+
+/** @param {number} seconds */
+const clock = (seconds) =>
+  `${Math.floor(seconds / 60)}:${`${Math.round(seconds % 60)}`.padStart(2, "0")}`;
+
+/** The run as it is shown. @param {string} done what is said at the end */
+export function runLines(done) {
+  const { run } = state;
+  if (run.state === "idle") return [];
+  const walked = new Set(run.lines.map(({ stage }) => stage));
+  const after = run.state === "running" || run.state === "cancelled"
+    ? run.stages.filter((stage) => !walked.has(stage)) : [];
+  const table = element("div", { class: "stages" }, ...run.lines.flatMap(stageLine),
+    ...after.map((stage) => element("div", { class: "stage later" },
+      element("span", {}, "\u00b7"), element("span", {}, word(`stage.${stage}`)))));
+  const ends = {
+    running: null, idle: null,
+    failed: element("p", { class: "doubted", role: "alert" }, again(run.why ?? "")),
+    cancelled: element("p", {}, word("run.cancelled")), done: element("p", {}, word(done)),
+  };
+  const log = run.log.length
+    ? [element("details", { class: "log" }, element("summary", {}, word("run.log")),
+      element("pre", {}, run.log.map(again).join("\n")))] : [];
+  return [table, ends[run.state], ...log].filter((part) => part !== null);
+}
+
+/** @param {RunLine} line */
+function stageLine({ stage, pass, seconds, said, share, what, taken, left }) {
+  const passed = pass > 1 ? ` (${word("run.pass", { pass })})` : "";
+  const title = element("span", {}, word(`stage.${stage}`), passed);
+  if (seconds !== undefined) {
+    return [element("div", { class: "stage ended" }, element("span", {}, "\u2713"), title,
+      element("span", { class: "muted" }, number(seconds, 1, "s")),
+      element("span", { class: "said muted", title: again(said ?? "") }, again(said ?? "")))];
+  }
+  const stopped = state.run.state !== "running";
+  const bar = element("i");
+  bar.style.width = `${100 * share}%`;
+  const time = left === null || left === undefined ? clock(taken ?? 0)
+    : word("run.left", { taken: clock(taken ?? 0), left: clock(left) });
+  return [element("div", { class: `stage ${stopped ? "stopped" : "now"}` },
+    element("span", {}, stopped ? "\u2717" : "\u25b8"), title,
+    element("span", { class: "muted" }, stopped ? "" : time),
+    element("span", { class: "share", role: "progressbar",
+      "aria-label": word(`stage.${stage}`), "aria-valuenow": Math.round(100 * share) }, bar),
+    element("span", { class: "said muted" }, stopped ? "" : what))];
+}

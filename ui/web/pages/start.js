@@ -1,0 +1,332 @@
+// The start page: what a folder holds and lacks, files into it, its settings, and the run.
+import { again, all, byId, element, fillWords, first, start, turn, word } from "./words.js";
+import { beginRun, cancelRun, lookAgain, post, runLines, runNow, tell, watchRun } from "./run.js";
+import { fillFields, formShown, formValues, showForm } from "./start_form.js";
+import { drawMap, setUpFilm, showScans } from "./start_film.js";
+import { afterPause } from "./view.js";
+import { nextTheme, setUpTheme } from "./theme.js";
+
+const TABS = ["film", "map", "run"];
+const state = {
+  found: /** @type {Found | null} */ (null),
+  uploads: /** @type {Upload[]} */ ([]),
+  sending: /** @type {XMLHttpRequest | null} */ (null),
+  tab: "film",
+};
+
+async function load() {
+  const answer = await fetch("/found");
+  if (!answer.ok) return lookAgain();
+  const found = await answer.json();
+  if (found.error) return tell(found.error, true);
+  state.found = found;
+  show();
+}
+
+function show() {
+  const { found } = state;
+  if (!found) return;
+  byId("files").replaceChildren(...folderPart(found), ...dropPart(), ...holdings(found));
+  showScans(found.scans);
+  drawMap(byId("map"), found);
+  showForm(found.form, judgeSoon);
+  showGo(found.form);
+}
+
+/** @param {Found} found */
+function folderPart({ folder, blocks }) {
+  const parts = [element("h3", {}, word("start.folder")), element("p", { class: "path" }, folder)];
+  if (!blocks.length) return parts;
+  const lines = blocks.map(({ path, run: walked }) => element("li", { class: "have" },
+    element("i", {}, walked ? "\u2713" : "\u00b7"),
+    element("span", {}, element("button", { disabled: start.guest, onclick: () => open(path) },
+      path), element("small", {}, word(walked ? "start.block.run" : "start.block.unrun")))));
+  return [...parts, element("h3", {}, word("start.blocks")),
+    element("ul", { class: "holds" }, ...lines)];
+}
+
+function dropPart() {
+  const pick = (/** @type {boolean} */ whole) => {
+    const input = element("input", { type: "file", multiple: true });
+    input.webkitdirectory = whole;
+    input.addEventListener("change", () => {
+      send([...(input.files ?? [])].map((file) => [file.webkitRelativePath || file.name, file]));
+    });
+    input.click();
+  };
+  const act = (/** @type {string} */ name, /** @type {() => void} */ onclick) => element("button",
+    { type: "button", "data-act": name, disabled: start.guest, onclick }, word(name));
+  const drop = element("div", { id: "drop" }, element("span", {}, word("start.drop")),
+    element("div", { class: "acts" }, act("start.add.files", () => pick(false)),
+      act("start.add.folder", () => pick(true)), act("start.link", () => browse(""))));
+  return [element("h3", {}, word("start.files")), drop, ...state.uploads.map(uploadLine)];
+}
+
+/** @param {Upload} upload */
+function uploadLine({ name, share, why }) {
+  const bar = element("i");
+  bar.style.width = `${100 * share}%`;
+  return element("div", { class: "upload" }, element("span", { title: name }, name),
+    why ? null : element("button", { class: "small", onclick: stopSending }, word("remake.cancel")),
+    why ? element("span", { class: "doubted" }, why)
+      : element("span", { class: "share" }, bar));
+}
+
+/** @param {Found} found */
+function holdings({ found, gaps, notes, links }) {
+  const line = (/** @type {string} */ kind, /** @type {string} */ sign,
+    /** @type {(Node | string)[]} */ ...said) => element("li", { class: kind },
+    element("i", {}, sign), element("span", {}, ...said));
+  const have = found.map(([name, value]) =>
+    line("have", "\u2713", `${word(`found.${name}`)}: ${value}`));
+  const lacks = gaps.map(([name, out]) => line(out === "nothing" ? "needs" : "lacks",
+    out === "nothing" ? "\u2717" : "!", word(`gap.${name}`),
+    element("small", {}, word("start.leaves", { what: word(`gap.out.${out}`) }))));
+  const remarks = notes.map(([name, values]) =>
+    line("lacks", "!", word(`found.note.${name}`, values)));
+  const linked = links.map((name) => line("have", "\u2192", `${name} `,
+    element("button", { class: "small", disabled: start.guest, onclick: () => unlink(name) },
+      word("start.unlink"))));
+  const list = (/** @type {string} */ title, /** @type {Node[]} */ lines) =>
+    (lines.length ? [element("h3", {}, word(title)), element("ul", { class: "holds" }, ...lines)]
+      : []);
+  return [...list("start.found", have), ...list("start.missing", lacks),
+    ...list("start.notes", remarks), ...list("start.links", linked)];
+}
+
+/** @param {string} name */
+async function unlink(name) {
+  const answer = await post("/unlink", { path: name });
+  if (!answer.ok) tell(answer.error, true);
+  load();
+}
+
+/** @param {string} path */
+async function open(path) {
+  const answer = await post("/open", { path });
+  if (!answer.ok) return tell(answer.error, true);
+  tell(word("start.opening"));
+  lookAgain();
+}
+
+/** Files go one after the other. @param {[string, File][]} files */
+async function send(files) {
+  if (start.guest) return tell(word("notice.guest"));
+  state.uploads = state.uploads.filter(({ why }) => !why);
+  const waiting = files.filter(([name]) => !name.split("/").some((part) => part.startsWith(".")))
+    .map(([name, file]) => ({ name, file, share: 0, why: "" }));
+  state.uploads.push(...waiting);
+  for (const upload of waiting) {
+    upload.why = await sendOne(upload);
+    state.uploads = state.uploads.filter((one) => one !== upload || one.why);
+  }
+  load();
+}
+
+/** Why it failed; nothing where it is there. @param {Upload} upload @returns {Promise<string>} */
+function sendOne(upload) {
+  showUploads();
+  return new Promise((resolve) => {
+    const request = new XMLHttpRequest();
+    state.sending = request;
+    const path = upload.name.split("/").map(encodeURIComponent).join("/");
+    request.open("PUT", `/files/${path}`);
+    request.upload.onprogress = ({ loaded, total }) => {
+      upload.share = total ? loaded / total : 0;
+      showUploads();
+    };
+    request.onload = () => {
+      if (request.status < 300) return resolve("");
+      const json = request.getResponseHeader("content-type")?.includes("json");
+      resolve(json ? again(JSON.parse(request.responseText).error) : request.responseText);
+    };
+    request.onabort = () => resolve(word("start.stopped"));
+    request.onerror = () => resolve(word("start.broke"));
+    request.send(upload.file);
+  });
+}
+
+const stopSending = () => state.sending?.abort();
+
+function showUploads() {
+  for (const line of all(".upload")) line.remove();
+  byId("drop").after(...state.uploads.map(uploadLine));
+}
+
+/** Files of what was dropped, folders with all that is in them. @param {DataTransfer} dropped */
+async function dropped({ items }) {
+  /** @type {[string, File][]} */
+  const files = [];
+  /** @param {any} entry @param {string} folder @returns {Promise<unknown>} */
+  const walk = async (entry, folder) => {
+    if (entry.isFile) {
+      const file = await new Promise((resolve, fail) => { entry.file(resolve, fail); });
+      return files.push([folder + entry.name, file]);
+    }
+    const reader = entry.createReader();
+    for (;;) {
+      const some = await new Promise((resolve, fail) => { reader.readEntries(resolve, fail); });
+      if (!some.length) return null;
+      for (const inner of some) await walk(inner, `${folder}${entry.name}/`);
+    }
+  };
+  const entries = [...items].map((item) => item.webkitGetAsEntry()).filter(Boolean);
+  for (const entry of entries) await walk(entry, "");
+  send(files);
+}
+
+/** A folder of this computer, chosen step by step. @param {string} path */
+async function browse(path) {
+  const dialog = /** @type {HTMLDialogElement} */ (byId("folders"));
+  const answer = await post("/folders", { path });
+  if (!answer.ok) return tell(answer.error, true);
+  const { path: here, parent, folders, files, block } = answer;
+  const step = (/** @type {string} */ name, /** @type {string} */ to) => element("li", {},
+    element("button", { onclick: () => browse(to) }, name));
+  const act = (/** @type {string} */ name, /** @type {() => void} */ done, on = false) =>
+    element("button", {
+      class: on ? "on" : "", "data-act": name,
+      onclick: () => {
+        dialog.close();
+        done();
+      },
+    }, word(name));
+  dialog.replaceChildren(element("h2", {}, word("start.link")),
+    element("p", { class: "path" }, here),
+    element("p", {}, word(block ? "start.folder.block" : "start.folder.holds", { count: files })),
+    element("ul", {}, step("\u2191 ..", parent),
+      ...folders.map((/** @type {string} */ name) => step(name, `${here}/${name}`))),
+    element("footer", {}, act("start.link.this", () => link(here), !block),
+      act("start.open.this", () => open(here), block), element("span", { class: "stretch" }),
+      act("start.close", () => {})),
+    element("p", {}, word("start.link.long")));
+  if (!dialog.open) dialog.showModal();
+}
+
+/** @param {string} path */
+async function link(path) {
+  const answer = await post("/link", { path });
+  if (!answer.ok) return tell(answer.error, true);
+  load();
+}
+
+const judgeSoon = afterPause(async () => {
+  if (start.guest) return;
+  const answer = await post("/form/judge", { values: formValues() });
+  if (!answer.ok) return tell(answer.error, true);
+  fillFields(answer);
+  showGo(answer);
+});
+
+/** What is missing, what was checked, and the buttons. @param {Judged} judged */
+function showGo({ missing, errors, ready }) {
+  const { found } = state;
+  const { state: now } = runNow();
+  const checks = (ready && found?.checks) || [];
+  const stops = checks.some(([grave]) => grave);
+  const said = checks.map(([grave, name, values]) =>
+    element("li", { class: grave ? "needs" : "lacks" }, element("i", {}, grave ? "\u2717" : "!"),
+      element("span", {}, word(`check.${name}`, values))));
+  const lacks = missing.length ? [element("p", {}, word("start.fill", {
+    what: missing.map((name) => formShown(name)).join("; "),
+  }))] : [];
+  const whole = errors[""] ? [element("p", { class: "doubted" }, again(errors[""]))] : [];
+  const ahead = found?.made && found.ahead.length ? [element("p", { class: "muted" },
+    word("start.ahead", { what: found.ahead.map((name) => word(`stage.${name}`)).join(", ") }))]
+    : found?.made ? [element("p", { class: "muted" }, word("start.fresh"))] : [];
+  const act = (/** @type {string} */ name, /** @type {() => void} */ onclick,
+    /** @type {object} */ more = {}) => element("button",
+    { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(name));
+  const running = now === "running" || now === "done";
+  byId("go").replaceChildren(...whole, ...lacks,
+    element("ul", { class: "holds" }, ...said), ...ahead,
+    element("div", { class: "acts" },
+      running ? act("remake.cancel", cancelRun)
+        : act("placing.run", run, { class: ready && !stops ? "on main" : "main",
+          disabled: start.guest || !ready || stops }),
+      act("start.save", () => save(), { disabled: start.guest || running }),
+      found?.made ? act("start.desk", () => open(".")) : null,
+      found?.placeable && !found.made && !running
+        ? act("start.place", () => open(".")) : null));
+}
+
+async function save() {
+  const answer = await post("/form", { values: formValues() });
+  if (!answer.ok) {
+    tell(answer.error, true);
+    return false;
+  }
+  fillFields(answer);
+  if (!answer.saved) {
+    showGo(answer);
+    first(".field.bad input, .field.bad textarea, .field.bad select")?.focus();
+    tell(word("start.wrong"), true);
+    return false;
+  }
+  tell(word("start.saved"));
+  await load();
+  return true;
+}
+
+/** What takes a second is looked at first. */
+async function run() {
+  const { found } = state;
+  if (!await save() || state.found?.checks.some(([grave]) => grave)) return;
+  if (found) choose("run");
+  await beginRun();
+}
+
+function showRun() {
+  const lines = runLines("placing.done");
+  byId("run").replaceChildren(element("h3", {}, word("start.run")),
+    ...(lines.length ? lines : [element("p", { class: "muted" }, word("start.run.idle"))]));
+  if (state.found) showGo(state.found.form);
+  const { state: now } = runNow();
+  if (now === "running" && state.tab !== "run") choose("run");
+  if (now === "failed" || now === "cancelled") load();
+}
+
+/** @param {string} tab */
+function choose(tab) {
+  state.tab = tab;
+  for (const name of TABS) byId(name).hidden = name !== tab;
+  for (const button of all("#tabs button")) {
+    turn(button, button.dataset.tab === tab);
+    button.setAttribute("aria-selected", `${button.dataset.tab === tab}`);
+  }
+}
+
+function listenToDrops() {
+  const over = (/** @type {boolean} */ on) => byId("drop").classList.toggle("over", on);
+  addEventListener("dragover", (event) => {
+    event.preventDefault();
+    over(true);
+  });
+  addEventListener("dragleave", () => over(false));
+  addEventListener("drop", (event) => {
+    event.preventDefault();
+    over(false);
+    if (event.dataTransfer) dropped(event.dataTransfer);
+  });
+}
+
+async function begin() {
+  Object.assign(start, await (await fetch("/start")).json());
+  document.title = `${start.name} \u00b7 ${word("start")}`;
+  fillWords();
+  byId("name").textContent = document.title;
+  setUpTheme();
+  first("[data-act=theme]").addEventListener("click", nextTheme);
+  byId("tabs").replaceChildren(...TABS.map((name) => element("button",
+    { role: "tab", "data-tab": name, onclick: () => choose(name) }, word(`start.${name}`))));
+  choose("film");
+  setUpFilm();
+  await load();
+  listenToDrops();
+  window.gruber = { found: () => state.found, values: formValues, run: runNow, send };
+  watchRun(showRun);
+}
+
+begin().catch((error) => {
+  document.body.textContent = String(error);
+});

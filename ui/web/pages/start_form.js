@@ -1,0 +1,142 @@
+// The form of block.toml, made from its schema: one field for each key.
+import { again, byId, element, start, tip, word } from "./words.js";
+
+/** @typedef {{ name: string, field: FormField, input: Input, room: HTMLElement }} Shown */
+/** @typedef {HTMLInputElement | HTMLTextAreaElement | HTMLSelectElement} Input */
+
+const state = {
+  shown: /** @type {Shown[]} */ ([]),
+  /** What a hand has written: what was found later does not overwrite it. */
+  written: /** @type {Record<string, string>} */ ({}),
+};
+
+const LONG = ["marks", "files", "rasters", "file"];
+
+/** @param {Form} form @param {() => void} changed */
+export function showForm(form, changed) {
+  const focus = document.activeElement?.id;
+  const several = form.sections.filter(({ kind }) => kind === "camera").length > 1;
+  state.shown = [];
+  const parts = form.sections.map(({ table, kind, fields }) => {
+    const title = word(`form.${kind}`) + (several && kind === "camera" ? ` ${table.slice(7)}` : "");
+    const made = fields.map((field) => fieldPart(table, field, changed));
+    const more = made.filter((_, index) => fields[index].more);
+    const open = fields.some(({ more: folded, known }) => folded && known);
+    return element("fieldset", {}, element("h3", {}, title),
+      ...made.filter((_, index) => !fields[index].more),
+      more.length ? element("details", { open }, element("summary", {}, word("form.more")), ...more)
+        : null);
+  });
+  byId("form").replaceChildren(...parts);
+  fillFields(form);
+  if (focus) document.getElementById(focus)?.focus();
+}
+
+/** Name of a field in words. @param {string} name such as camera.film.frame_mm */
+export function formShown(name) {
+  const parts = name.split(".");
+  return word(`key.${parts[0]}.${parts[parts.length - 1]}`);
+}
+
+/** @param {string} table @param {FormField} field @param {() => void} changed */
+function fieldPart(table, field, changed) {
+  const name = `${table}.${field.key}`;
+  const id = `field-${name.replaceAll(".", "-")}`;
+  const text = state.written[name] ?? textOf(field.value);
+  const input = inputOf(field, id);
+  input.value = text;
+  input.disabled = start.guest;
+  const kind = `key.${table.split(".")[0]}.${field.key}`;
+  const label = element("label", { for: id, title: tip(kind) ?? `[${table}] ${field.key}` },
+    word(kind), field.required ? element("em", {}, "\u00a0*") : null);
+  const proposed = !field.known && field.value !== null && state.written[name] === undefined;
+  const room = element("div", { class: `field${proposed ? " proposed" : ""}` }, label, input,
+    element("span", { class: "wrong", id: `${id}-wrong` }));
+  input.setAttribute("aria-describedby", `${id}-wrong`);
+  input.addEventListener("input", () => {
+    state.written[name] = input.value;
+    room.classList.remove("proposed");
+    changed();
+  });
+  state.shown.push({ name, field, input, room });
+  return room;
+}
+
+/** @param {FormField} field @param {string} id @returns {Input} */
+function inputOf(field, id) {
+  const { kind, choices } = field;
+  if (choices.length) {
+    const empty = field.required || choices.includes("") ? [] : [["", usual(field)]];
+    const known = choices.map((choice) => [choice, choice || word("form.none")]);
+    return element("select", { id }, ...[...empty, ...known]
+      .map(([value, text]) => element("option", { value }, text)));
+  }
+  const placeholder = kind === "marks" ? "1  \u221284.5  0.3" : usual(field);
+  if (LONG.includes(kind)) {
+    const rows = kind === "marks" ? 4 : 1;
+    return element("textarea", { id, rows, placeholder, spellcheck: "false" });
+  }
+  return element("input", { id, placeholder, spellcheck: "false" });
+}
+
+/** What holds where a field is left empty. @param {FormField} field */
+function usual({ default: value, range }) {
+  const text = textOf(value);
+  if (text) return word("form.usual", { value: text });
+  return range.length ? `${range[0]}\u2013${range[1]}` : "";
+}
+
+/** A value as a hand writes it. @param {any} value @returns {string} */
+function textOf(value) {
+  if (value === null || value === undefined) return "";
+  if (Array.isArray(value)) {
+    return value.join(value.some((item) => typeof item === "string") ? "\n" : ", ");
+  }
+  if (typeof value === "object") {
+    return Object.entries(value).map(([name, place]) => [name, ...[place].flat()].join("  "))
+      .join("\n");
+  }
+  return `${value}`;
+}
+
+/** A number, also with a comma; else the text, which is then refused with its reason. */
+function numberOf(/** @type {string} */ text) {
+  const value = Number(text.replace(",", ".").replace("\u2212", "-"));
+  return text.trim() && Number.isFinite(value) ? value : text;
+}
+
+/** @param {FormField} field @param {string} text @returns {unknown} */
+function valueOf({ kind }, text) {
+  const lines = text.split("\n").map((line) => line.trim()).filter(Boolean);
+  if (!lines.length) return null;
+  if (kind === "number" || kind === "count") return numberOf(lines[0]);
+  if (kind === "numbers" || kind === "measures") {
+    return text.trim().split(/[\s;]+|,\s+|,(?=\s*$)/).filter(Boolean).map(numberOf);
+  }
+  if (kind === "marks") {
+    return Object.fromEntries(lines.map((line) => {
+      const [name, ...place] = line.split(/[\s;=]+/);
+      return [name, place.map((part) => numberOf(part.replace(/,$/, "")))];
+    }));
+  }
+  if (LONG.includes(kind)) return lines.length === 1 ? lines[0] : lines;
+  return text.trim();
+}
+
+/** Every field with its value; null where it is left empty. */
+export function formValues() {
+  return Object.fromEntries(state.shown.map(({ name, field, input }) =>
+    [name, valueOf(field, input.value)]));
+}
+
+/** What is wrong stands below its field. @param {Judged} judged */
+export function fillFields({ errors }) {
+  for (const { name, room, input } of state.shown) {
+    const why = again(errors[name] ?? "");
+    room.classList.toggle("bad", Boolean(why));
+    /** @type {HTMLElement} */ (room.querySelector(".wrong")).textContent = why;
+    input.setAttribute("aria-invalid", `${Boolean(why)}`);
+    const folded = room.closest("details");
+    if (why && folded) folded.open = true;
+  }
+}

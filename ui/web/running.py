@@ -1,0 +1,93 @@
+"""Addresses of a run that is begun from a page; what pages share that only operators may do."""
+
+import json
+from collections.abc import Callable
+from typing import Any, Protocol, cast
+
+from aiohttp import web
+
+from core.errors import PhotogrammetryError
+from ui.web.access import is_guest
+from ui.web.front import as_json
+
+
+class Runner(Protocol):
+    """What runs the block; each call returns at once."""
+
+    def status(self) -> dict[str, Any]:
+        """How far the run is."""
+        ...
+
+    def start_run(self) -> None:
+        """Begin to run the block."""
+        ...
+
+    def cancel_run(self) -> None:
+        """Ask the run to stop."""
+        ...
+
+
+def run_routes(runner: Runner) -> tuple[web.RouteDef, ...]:
+    """How far it is, for everybody; beginning and stopping it, for operators."""
+
+    async def status(request: web.Request) -> web.StreamResponse:
+        return fresh_json(runner.status())
+
+    async def run(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        runner.start_run()
+        return fresh_json(runner.status())
+
+    async def cancel(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        runner.cancel_run()
+        return fresh_json(runner.status())
+
+    return (web.get("/run", status), web.post("/run", run), web.post("/run/cancel", cancel))
+
+
+def leaving_route(leave: Callable[[], None]) -> web.RouteDef:
+    """Where a page is asked to make room for the start page."""
+
+    async def settings(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        leave()
+        return fresh_json({})
+
+    return web.post("/settings", settings)
+
+
+def operators_only(request: web.Request) -> None:
+    """Refuse a guest."""
+    if is_guest(request):
+        raise web.HTTPForbidden
+
+
+def fresh_json(value: Any) -> web.Response:
+    """An answer that no browser keeps."""
+    headers = {"Cache-Control": "no-store"}
+    return web.json_response(value, headers=headers, dumps=as_json)
+
+
+def told(work: Callable[[], Any]) -> web.Response:
+    """What came of some work, or the words of its error."""
+    try:
+        return fresh_json(work())
+    except PhotogrammetryError as error:
+        return refused(error)
+
+
+def refused(error: PhotogrammetryError) -> web.Response:
+    """The words of an error; each language tells them in its own."""
+    return web.json_response({"error": error.told}, status=409, dumps=as_json)
+
+
+async def json_of(request: web.Request) -> dict[str, Any]:
+    """The object that a request carries."""
+    try:
+        read: Any = json.loads(await request.text())
+    except ValueError as error:
+        raise web.HTTPBadRequest(text="JSON is expected.") from error
+    if not isinstance(read, dict):
+        raise web.HTTPBadRequest(text="A JSON object is expected.")
+    return cast("dict[str, Any]", read)

@@ -1,0 +1,135 @@
+"""Addresses of the start page: what a folder holds, files into it, the form, and the run."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from typing import Any, Protocol
+
+from aiohttp import ClientPayloadError, web
+
+from core.errors import PhotogrammetryError
+from ui.web.running import Runner, fresh_json, json_of, operators_only, refused, run_routes
+
+CHUNK_BYTES = 1 << 20
+"""An upload goes to the disk in pieces of this size."""
+MOST_FIELDS = 300
+
+
+class Starter(Runner, Protocol):
+    """What the page asks for and sets off; each call may take a second."""
+
+    def found(self) -> dict[str, Any]:
+        """What the folder holds and lacks."""
+        ...
+
+    def judge(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """What is wrong with the form."""
+        ...
+
+    def save(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Write the form into `block.toml`."""
+        ...
+
+    def receive(self, name: str, size: int) -> AbstractContextManager[Path]:
+        """Where an upload of so many bytes is written."""
+        ...
+
+    def folders(self, path: str) -> dict[str, Any]:
+        """Folders of this computer."""
+        ...
+
+    def link(self, path: str) -> dict[str, Any]:
+        """Show another folder's files here."""
+        ...
+
+    def unlink(self, name: str) -> dict[str, Any]:
+        """Take such a link away."""
+        ...
+
+    def open(self, path: str) -> dict[str, Any]:
+        """Go on with the desk, or with another folder."""
+        ...
+
+
+def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
+    """Addresses of the page; guests look at what was found and at the run, no farther."""
+
+    async def found(request: web.Request) -> web.StreamResponse:
+        return await _aside(starter.found)
+
+    async def receive(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        return await _received(request, starter.receive)
+
+    def with_form(act: Callable[[Mapping[str, Any]], dict[str, Any]]) -> Any:
+        async def answer(request: web.Request) -> web.StreamResponse:
+            operators_only(request)
+            values = (await json_of(request)).get("values")
+            if not isinstance(values, dict) or len(values) > MOST_FIELDS:
+                raise web.HTTPBadRequest(text="The values of the form are expected.")
+            return await _aside(lambda: act(values))
+
+        return answer
+
+    def with_path(act: Callable[[str], dict[str, Any]]) -> Any:
+        async def answer(request: web.Request) -> web.StreamResponse:
+            operators_only(request)
+            path = (await json_of(request)).get("path")
+            if not isinstance(path, str) or "\0" in path:
+                raise web.HTTPBadRequest(text="A path is expected.")
+            return await _aside(lambda: act(path))
+
+        return answer
+
+    return (
+        web.get("/found", found),
+        web.put("/files/{name:.+}", receive),
+        web.post("/form/judge", with_form(starter.judge)),
+        web.post("/form", with_form(starter.save)),
+        web.post("/folders", with_path(starter.folders)),
+        web.post("/link", with_path(starter.link)),
+        web.post("/unlink", with_path(starter.unlink)),
+        web.post("/open", with_path(starter.open)),
+        *run_routes(starter),
+    )
+
+
+async def _aside(work: Callable[[], dict[str, Any]]) -> web.Response:
+    """Work that reads the disk, in a thread of its own; its result or the words of its error."""
+    try:
+        return fresh_json(await asyncio.to_thread(work))
+    except PhotogrammetryError as error:
+        return refused(error)
+
+
+async def _received(
+    request: web.Request, receive: Callable[[str, int], AbstractContextManager[Path]]
+) -> web.Response:
+    """Stream a body to the disk; a file is there whole or not at all."""
+    size, name = request.content_length, request.match_info["name"]
+    if size is None:
+        raise web.HTTPLengthRequired
+    try:
+        with ExitStack() as stack:
+            temporary = await asyncio.to_thread(stack.enter_context, receive(name, size))
+            written = await _written(request, temporary)
+            if written != size:
+                raise web.HTTPBadRequest(text=f"{name} broke off.")
+            # What ends the context waits for the disk.
+            await asyncio.to_thread(stack.pop_all().close)
+    except PhotogrammetryError as error:
+        return refused(error)
+    except (ClientPayloadError, web.RequestPayloadError, ConnectionError) as error:
+        raise web.HTTPBadRequest(text=f"{name} broke off.") from error
+    return fresh_json({"name": name, "bytes": size})
+
+
+async def _written(request: web.Request, path: Path) -> int:
+    """Bytes that came and are written."""
+    written = 0
+    with path.open("wb") as file:
+        async for chunk in request.content.iter_chunked(CHUNK_BYTES):
+            await asyncio.to_thread(file.write, chunk)
+            written += len(chunk)
+    return written
