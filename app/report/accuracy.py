@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import ObjectPoints
@@ -117,4 +117,4 @@ def _differs_from_nought(values: np.ndarray) -> bool:
     if count < CHECKS or float(np.ptp(values)) == 0:
         return False
     t = abs(float(values.mean())) / (float(values.std(ddof=1)) / np.sqrt(count))
-    return bool(t > stats.t.ppf(0.975, count - 1))
+    return bool(t > stdtrit(count - 1, 0.975))

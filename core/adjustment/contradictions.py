@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import stats
+from scipy.special import chdtri
 
 from core.adjustment.adjusted import CheckResult, Contradiction
 from core.adjustment.equations import Equations, ground_shifts_of
@@ -234,4 +234,4 @@ def _of_checks(block: Block, checks: Sequence[CheckResult], risk: float) -> list
 
 def _limit(coordinates: int, risk: float) -> float:
     """Length in standard deviations that chance brings about with a probability of `risk`."""
-    return float(np.sqrt(stats.chi2.ppf(1 - risk, coordinates)))
+    return float(np.sqrt(chdtri(coordinates, risk)))

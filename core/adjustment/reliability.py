@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from core.adjustment.factorisation import (
     SIZE,
@@ -53,7 +53,7 @@ class TestLimits:
             risk: Probability of a false alarm for one coordinate.
             redundancy: Redundancy of the adjustment.
         """
-        limits = TestLimits(float(stats.norm.ppf(1 - risk / 2)), risk)
+        limits = TestLimits(float(ndtri(1 - risk / 2)), risk)
         return TestLimits(limits.tau(redundancy), risk) if test == "tau" else limits
 
     def tau(self, redundancy: float) -> float:
@@ -63,7 +63,7 @@ class TestLimits:
         """
         if redundancy <= 2:
             return self.critical
-        t = float(stats.t.ppf(1 - self.risk / 2, redundancy - 1))
+        t = float(stdtrit(redundancy - 1, 1 - self.risk / 2))
         return t * float(np.sqrt(redundancy / (redundancy - 1 + t * t)))
 
 

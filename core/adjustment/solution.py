@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from core.adjustment.adjusted import AdjustmentOptions, ClassFigures
 from core.adjustment.gauss_newton import (
@@ -131,7 +131,7 @@ class Solution:
         lost = self.candidates & ~used & alive[rays.point]
         tested = max(2 * int(self.candidates.sum()), 1)
         # design: five in a hundred blocks have one good ray beyond it.
-        largest = float(stats.norm.ppf(1 - 0.05 / (2 * tested)))
+        largest = float(ndtri(1 - 0.05 / (2 * tested)))
         return lost & (self.standardised.max(axis=0) < largest)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from core.arrays import PixelPoints, locked
 from core.doubts import Failure
@@ -84,7 +84,7 @@ class Likeness:
         separation of peaks apart: 3.2 of 35 values square, 3.6 of 81.
         """
         places = max(self.values.size / SEPARATION_PX**2, 1.0)
-        return float(norm.ppf((1.0 - BY_CHANCE) ** (1.0 / places)))
+        return float(ndtri((1.0 - BY_CHANCE) ** (1.0 / places)))
 
 
 def search_options(

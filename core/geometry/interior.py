@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.stats import chi2
-from scipy.stats import f as fisher
+from scipy.special import chdtrc, fdtrc
 
 from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints, Scalars, locked
 from core.doubts import Failure
@@ -110,7 +109,7 @@ class InteriorOrientation:
         """
         if not self.redundancy:
             return 1.0
-        return float(chi2.sf(self.variance_factor * self.redundancy, self.redundancy))
+        return float(chdtrc(self.redundancy, self.variance_factor * self.redundancy))
 
     def with_variance_factor(self, factor: float) -> "InteriorOrientation":
         """The same with sigmas from a factor that was pooled over all photos of a camera."""
@@ -293,7 +292,7 @@ def _with_film(
     best = fit
     if fit.redundancy < 1:
         return best
-    if chi2.sf(fit.weighted_square_sum, fit.redundancy) > BENT_CHANCE:
+    if chdtrc(fit.redundancy, fit.weighted_square_sum) > BENT_CHANCE:
         return best
     least, most = 0.0, 2 * fit.sigma + float(sigmas_mm.max())
     for _ in range(FILM_STEPS):
@@ -313,7 +312,7 @@ def _calls_for(affine: FilmFit, larger: FilmFit) -> bool:
     """F-test of two more parameters."""
     left, gained = larger.weighted_square_sum, affine.weighted_square_sum
     ratio = (gained - left) / 2 / max(left / larger.redundancy, TINY)
-    return bool(fisher.sf(ratio, 2, larger.redundancy) < WARP_CHANCE)
+    return bool(fdtrc(2, larger.redundancy, ratio) < WARP_CHANCE)
 
 
 def _keep_marks(

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Float32, Float64
-from scipy import ndimage, stats
+from scipy import ndimage
 from scipy.spatial import KDTree
+from scipy.special import chdtri
 
 from core.arrays import Flags, Mask, Scalars, locked
 from core.errors import CrsError, ReferenceDataError
@@ -423,7 +424,7 @@ def circular_error_90(m_p: float) -> float:
 def rms_interval(rms: float, degrees_of_freedom: int) -> tuple[float, float]:
     """95 % interval of a root mean square of so many independent normal errors."""
     # source: definition of a two-sided interval of 95 %
-    high, low = stats.chi2.ppf([0.975, 0.025], degrees_of_freedom)
+    high, low = chdtri(degrees_of_freedom, [0.025, 0.975])
     return (
         float(rms * np.sqrt(degrees_of_freedom / high)),
         float(rms * np.sqrt(degrees_of_freedom / low)),

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from core.adjustment.adjusted import AdjustmentReport, Contradiction
 from core.adjustment.influence import Influence
@@ -323,7 +323,7 @@ def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
     for name, figures in report.classes.items():
         squares, redundancy = figures.weighted_squares, figures.redundancy
         # design: three redundant observations at least, and one chance in a thousand.
-        if redundancy < 3 or squares <= stats.chi2.ppf(0.999, redundancy):
+        if redundancy < 3 or squares <= chdtri(redundancy, 0.001):
             continue
         if figures.sigma_ratio >= LARGER:
             ratio = f"{figures.sigma_ratio:.1f}"

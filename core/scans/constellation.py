@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Complex128, Float64
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
@@ -410,7 +410,7 @@ def log_chance_of_looks(correlations: PeakValues, chosen: np.ndarray, found: np.
     texture = np.arctanh(np.clip(others.max(axis=1), 0.0, most))
     looks = np.arctanh(np.clip(correlations[found, chosen[found]], 0.0, most))
     deviate = (looks - texture.mean()) / max(float(texture.std()), least_spread)
-    return float(np.log10(np.clip(norm.sf(deviate), rarest, 1.0)).sum())
+    return float(np.log10(np.clip(ndtr(-deviate), rarest, 1.0)).sum())
 
 
 def find_mark_sets(
