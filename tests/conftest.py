@@ -2,13 +2,16 @@
 
 import os
 import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from fcntl import LOCK_EX, flock
 from pathlib import Path
 
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from app.cli import main
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from tests.tiny import Tiny, open_tiny, with_check_points
@@ -31,12 +34,25 @@ def shared_data() -> Path:
     return folder
 
 
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """A folder that one of the workers makes and all may read."""
+    base = factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    folder, done = shared / name, shared / f"{name}.done"
+    with (shared / f"{name}.lock").open("w") as lock:
+        flock(lock, LOCK_EX)
+        if not done.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            make(folder)
+            done.touch()
+    return folder
+
+
 @pytest.fixture(scope="session")
 def tiny_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A synthetic block of six small scans, never written to."""
-    folder = tmp_path_factory.mktemp("tiny") / "block"
-    make_block(folder, SyntheticOptions("tiny"))
-    return folder
+    options = SyntheticOptions("tiny")
+    return made_once(tmp_path_factory, "tiny", lambda folder: make_block(folder, options))
 
 
 @pytest.fixture(scope="session")
@@ -47,10 +63,17 @@ def tiny(tiny_block: Path) -> Tiny:
 
 @pytest.fixture(scope="session")
 def tiny_run(tiny_block: Path, tmp_path_factory: pytest.TempPathFactory) -> Tiny:
-    """A copy of the tiny block with check points, run once; whoever changes it puts it back."""
+    """A copy of the tiny block with check points that was run; whoever changes it puts it back."""
+
+    def run(folder: Path) -> None:
+        shutil.copytree(tiny_block, folder)
+        with_check_points(open_tiny(folder))
+        # In a process of its own: checking shapes at every call takes a third of the time.
+        subprocess.run(
+            [sys.executable, "-m", "app", "run", str(folder)], cwd=REPOSITORY, check=True
+        )
+
+    ready = made_once(tmp_path_factory, "tiny-run", run)
     folder = tmp_path_factory.mktemp("run") / "block"
-    shutil.copytree(tiny_block, folder)
-    copy = open_tiny(folder)
-    with_check_points(copy)
-    assert main(["run", str(folder)]) == 0
-    return copy
+    shutil.copytree(ready, folder)
+    return open_tiny(folder)

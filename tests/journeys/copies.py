@@ -107,6 +107,13 @@ def gruber(capsys: pytest.CaptureFixture[str], *arguments: object) -> Told:
     return Told(code, told.out, told.err)
 
 
+def run_alone(*arguments: object) -> Told:
+    """The command line in a process of its own, where shapes are not checked at every call."""
+    process = started(*arguments)
+    out, err = process.communicate(timeout=600)
+    return Told(process.returncode, out, err)
+
+
 def started(*arguments: object, **given: Any) -> subprocess.Popen[str]:
     """The command line as a process of its own."""
     return subprocess.Popen(

@@ -18,6 +18,7 @@ from tests.journeys.copies import (
     Told,
     copied,
     gruber,
+    run_alone,
     stages_walked,
     started,
 )
@@ -115,9 +116,7 @@ def spoilt(tiny_block: Path, tmp_path_factory: pytest.TempPathFactory) -> Spoilt
     pixels_changed(copy, f"scans/{bad[2].name}", lambda values: values[:, :600, :600])
     copy.replace(bad[3].with_suffix(".tfw"), "1 2 three")
     pixels_changed(copy, f"scans/{first.name}", common_corner_blank)
-    process = started("run", copy.folder)
-    out, err = process.communicate(timeout=300)
-    return SpoiltRun(copy, Told(process.returncode, out, err), tuple(path.stem for path in bad))
+    return SpoiltRun(copy, run_alone("run", copy.folder), tuple(path.stem for path in bad))
 
 
 def common_corner_blank(values: np.ndarray) -> np.ndarray:
@@ -172,9 +171,9 @@ def test_a_port_that_is_taken_is_told__truth(spoilt: SpoiltRun, capsys: Capsys) 
     told.refuses(f"127.0.0.1:{port}", "cannot be listened on", "Choose another port")
 
 
-def test_one_scan_alone_goes_all_the_way__truth(copy_of: CopyOf, capsys: Capsys) -> None:
+def test_one_scan_alone_goes_all_the_way__truth(copy_of: CopyOf) -> None:
     copy = copy_of(1)
-    told = gruber(capsys, "run", copy.folder)
+    told = run_alone("run", copy.folder)
     assert (told.code, told.err) == (0, "")
     assert copy.report()["block"]["oriented"] == 1
     assert (copy.results / "mosaic.tif").is_file()

@@ -5,16 +5,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 import rasterio
 
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
-from tests.journeys.copies import BlockCopy, gruber
+from tests.journeys.copies import BlockCopy, run_alone
 
 
 def test_a_photo_from_elsewhere_is_left_out_and_told__truth(
-    copy_of: Callable[..., BlockCopy], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    copy_of: Callable[..., BlockCopy], tmp_path: Path
 ) -> None:
     """A frame of another valley under the name of this one's third photo."""
     make_block(tmp_path / "other", SyntheticOptions("tiny", seed=77))
@@ -23,7 +22,7 @@ def test_a_photo_from_elsewhere_is_left_out_and_told__truth(
     strange = copy.scans[2]
     copy.replace(strange, foreign.read_bytes())
     shutil.rmtree(tmp_path / "other")
-    told = gruber(capsys, "run", copy.folder)
+    told = run_alone("run", copy.folder)
     assert told.code == 0, told.err
     report = copy.report()
     standing = {row["scan"]: row["oriented"] for row in report["exterior"]}
@@ -33,7 +32,7 @@ def test_a_photo_from_elsewhere_is_left_out_and_told__truth(
 
 
 def test_a_photo_scanned_twice_is_told__truth(
-    copy_of: Callable[..., BlockCopy], capsys: pytest.CaptureFixture[str]
+    copy_of: Callable[..., BlockCopy],
 ) -> None:
     """The second scan turned by a quarter, fainter and with noise of its own, its place unknown."""
     copy = copy_of(3)
@@ -45,6 +44,6 @@ def test_a_photo_scanned_twice_is_told__truth(
     again.unlink()
     with rasterio.open(again, "w", **profile) as scan:
         scan.write(faint)
-    told = gruber(capsys, "run", copy.folder, "--until", "ties")
+    told = run_alone("run", copy.folder, "--until", "ties")
     assert told.code == 0, told.err
     assert f"{first.stem} and {again.stem} are scans of one photo" in told.out
