@@ -155,7 +155,7 @@ class Starting:
                 "folder": str(self.folder),
                 "written": self.form.file.is_file(),
                 "found": [list(line) for line in recognition.found],
-                "gaps": [[gap.name, gap.out] for gap in recognition.gaps
+                "gaps": [[gap.name, gap.out, list(gap.keys)] for gap in recognition.gaps
                          if not any(key in given for key in gap.keys)],
                 "notes": [[note.name, dict(note.values)] for note in recognition.notes],
                 "scans": scans,

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,15 @@ INSTALL = (
     "no Chromium: install it with `.venv/bin/python -m playwright install --with-deps chromium`"
 )
 SIZE = {"width": 1600, "height": 1000}
+TOOLS = Path(os.environ.get("GRUBER_PAGE_TOOLS", Path(sys.prefix) / "pages"))
+AXE = TOOLS / "node_modules" / "axe-core" / "axe.min.js"
+NO_AXE = "no axe-core: `make test` and `make check` install it"
+VIOLATIONS = """async () => {
+  // The frame of the scene is viser's own page.
+  const found = await axe.run({ exclude: [["#scene"]] }, { iframes: false });
+  return found.violations.map(({ id, nodes }) => `${id}, ${nodes.length} times: `
+    + `${nodes[0].html.slice(0, 140)} ${nodes[0].any[0]?.message ?? ""}`);
+}"""
 # A browser that draws without a GPU on a busy machine is slow to begin.
 PATIENCE_MS = 60_000
 
@@ -47,6 +57,14 @@ def chromium():
         browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def axe():
+    """Text of axe-core; without it the tests fail where `CI` is set and are skipped elsewhere."""
+    if not AXE.exists():
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(NO_AXE)
+    return AXE.read_text(encoding="utf-8")
 
 
 @pytest.fixture

@@ -1,33 +1,12 @@
 """Looks and access: no violation that axe-core knows, and a keyboard that decides nothing."""
 
-import os
-import sys
-from pathlib import Path
-
 import pytest
 
 from sessions.session import Session
-from tests.browser.conftest import PATIENCE_MS, toured
+from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, toured
 from tests.browser.hands import grow, unfold
 
 pytestmark = pytest.mark.browser
-TOOLS = Path(os.environ.get("GRUBER_PAGE_TOOLS", Path(sys.prefix) / "pages"))
-AXE = TOOLS / "node_modules" / "axe-core" / "axe.min.js"
-INSTALL = "no axe-core: `make test` and `make check` install it"
-VIOLATIONS = """async () => {
-  // The frame of the scene is viser's own page.
-  const found = await axe.run({ exclude: [["#scene"]] }, { iframes: false });
-  return found.violations.map(({ id, nodes }) => `${id}, ${nodes.length} times: `
-    + `${nodes[0].html.slice(0, 140)} ${nodes[0].any[0]?.message ?? ""}`);
-}"""
-
-
-@pytest.fixture
-def axe():
-    """Text of axe-core; without it the tests fail where `CI` is set and are skipped elsewhere."""
-    if not AXE.exists():
-        (pytest.fail if os.environ.get("CI") else pytest.skip)(INSTALL)
-    return AXE.read_text(encoding="utf-8")
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """From an empty folder to the desk, by clicks alone: the program is started as a person does it."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -8,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser.conftest import PATIENCE_MS
+from app.start import open_start
+from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
 from tests.browser.test_desk_security import asked, entered
 
 pytestmark = pytest.mark.browser
@@ -104,3 +106,32 @@ def test_the_start_page_is_locked_as_the_desk_is__law(reviewed):
     for path in ("/tiles/ortho/0/0/0", "/tiles/raw/x/1/0/0/0", "/results/", "/pages/../start.py"):
         assert asked(root + path, cookie)[0] == 404
     assert [path.name for path in folder.iterdir()] == [".gruber"]
+
+
+@pytest.mark.parametrize(("language", "theme"), [("en-GB", "dark"), ("cs-CZ", "light")])
+def test_axe_finds_nothing_on_the_start_page__oracle(
+    chromium, axe, tiny_block, tmp_path, language, theme
+):
+    """With scans, one of them broken, and a field that is filled in wrongly."""
+    for part in ("scans", "ortho"):
+        shutil.copytree(tiny_block / part, tmp_path / part)
+    (tmp_path / "scans" / "broken.tif").write_bytes(b"II*\0")
+    context = chromium.new_context(locale=language, bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    context.add_init_script(f"localStorage.setItem('gruber.theme', '{theme}')")
+    with open_start(tmp_path, "127.0.0.1", 0) as opened:
+        page = context.new_page()
+        page.goto(opened.url)
+        page.wait_for_selector(".thumb.bad")
+        page.evaluate(axe)
+        page.fill("#field-camera-film-principal_distance_mm", "0.2")
+        page.wait_for_selector(".field.bad")
+        found = [page.evaluate(VIOLATIONS)]
+        for tab in ("map", "run"):
+            page.click(f'[data-tab="{tab}"]')
+            found.append(page.evaluate(VIOLATIONS))
+        page.click('[data-act="start.link"]')
+        page.wait_for_selector("#folders[open]")
+        found.append(page.evaluate(VIOLATIONS))
+    context.close()
+    assert found == [[]] * 4

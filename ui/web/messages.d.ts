@@ -321,7 +321,8 @@ interface Found {
   folder: string;
   written: boolean;
   found: [name: string, value: string][];
-  gaps: [name: string, out: string][];
+  /** Each of the keys fills the gap. */
+  gaps: [name: string, out: string, keys: string[]][];
   notes: [name: string, values: Record<string, string>][];
   scans: FoundScan[];
   crs: string;

@@ -1,5 +1,5 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
-import { again, all, byId, element, fillWords, first, start, turn, word } from "./words.js";
+import { again, all, byId, element, fillWords, first, start, word } from "./words.js";
 import { beginRun, cancelRun, lookAgain, post, runLines, runNow, tell, watchRun } from "./run.js";
 import { fillFields, formShown, formValues, showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
@@ -26,22 +26,23 @@ async function load() {
 function show() {
   const { found } = state;
   if (!found) return;
-  byId("files").replaceChildren(...folderPart(found), ...dropPart(), ...holdings(found));
   showScans(found.scans);
   drawMap(byId("map"), found);
   showForm(found.form, judgeSoon);
+  byId("files").replaceChildren(...folderPart(found), ...dropPart(),
+    element("div", { id: "holdings" }, ...holdings(found)));
   showGo(found.form);
 }
 
 /** @param {Found} found */
 function folderPart({ folder, blocks }) {
-  const parts = [element("h3", {}, word("start.folder")), element("p", { class: "path" }, folder)];
+  const parts = [element("h2", {}, word("start.folder")), element("p", { class: "path" }, folder)];
   if (!blocks.length) return parts;
   const lines = blocks.map(({ path, run: walked }) => element("li", { class: "have" },
     element("i", {}, walked ? "\u2713" : "\u00b7"),
     element("span", {}, element("button", { disabled: start.guest, onclick: () => open(path) },
       path), element("small", {}, word(walked ? "start.block.run" : "start.block.unrun")))));
-  return [...parts, element("h3", {}, word("start.blocks")),
+  return [...parts, element("h2", {}, word("start.blocks")),
     element("ul", { class: "holds" }, ...lines)];
 }
 
@@ -59,7 +60,7 @@ function dropPart() {
   const drop = element("div", { id: "drop" }, element("span", {}, word("start.drop")),
     element("div", { class: "acts" }, act("start.add.files", () => pick(false)),
       act("start.add.folder", () => pick(true)), act("start.link", () => browse(""))));
-  return [element("h3", {}, word("start.files")), drop, ...state.uploads.map(uploadLine)];
+  return [element("h2", {}, word("start.files")), drop, ...state.uploads.map(uploadLine)];
 }
 
 /** @param {Upload} upload */
@@ -79,7 +80,10 @@ function holdings({ found, gaps, notes, links }) {
     element("i", {}, sign), element("span", {}, ...said));
   const have = found.map(([name, value]) =>
     line("have", "\u2713", `${word(`found.${name}`)}: ${value}`));
-  const lacks = gaps.map(([name, out]) => line(out === "nothing" ? "needs" : "lacks",
+  const filled = new Set(Object.entries(formValues()).filter(([, value]) => value !== null)
+    .map(([name]) => name.replace(/^(\w+)\..*?(\w+)$/, "$1.$2")));
+  const lacking = gaps.filter(([, , keys]) => !keys.some((key) => filled.has(key)));
+  const lacks = lacking.map(([name, out]) => line(out === "nothing" ? "needs" : "lacks",
     out === "nothing" ? "\u2717" : "!", word(`gap.${name}`),
     element("small", {}, word("start.leaves", { what: word(`gap.out.${out}`) }))));
   const remarks = notes.map(([name, values]) =>
@@ -88,7 +92,7 @@ function holdings({ found, gaps, notes, links }) {
     element("button", { class: "small", disabled: start.guest, onclick: () => unlink(name) },
       word("start.unlink"))));
   const list = (/** @type {string} */ title, /** @type {Node[]} */ lines) =>
-    (lines.length ? [element("h3", {}, word(title)), element("ul", { class: "holds" }, ...lines)]
+    (lines.length ? [element("h2", {}, word(title)), element("ul", { class: "holds" }, ...lines)]
       : []);
   return [...list("start.found", have), ...list("start.missing", lacks),
     ...list("start.notes", remarks), ...list("start.links", linked)];
@@ -216,6 +220,7 @@ const judgeSoon = afterPause(async () => {
   if (!answer.ok) return tell(answer.error, true);
   fillFields(answer);
   showGo(answer);
+  if (state.found) byId("holdings").replaceChildren(...holdings(state.found));
 });
 
 /** What is missing, what was checked, and the buttons. @param {Judged} judged */
@@ -278,7 +283,7 @@ async function run() {
 
 function showRun() {
   const lines = runLines("placing.done");
-  byId("run").replaceChildren(element("h3", {}, word("start.run")),
+  byId("run").replaceChildren(element("h2", {}, word("start.run")),
     ...(lines.length ? lines : [element("p", { class: "muted" }, word("start.run.idle"))]));
   if (state.found) showGo(state.found.form);
   const { state: now } = runNow();
@@ -291,7 +296,7 @@ function choose(tab) {
   state.tab = tab;
   for (const name of TABS) byId(name).hidden = name !== tab;
   for (const button of all("#tabs button")) {
-    turn(button, button.dataset.tab === tab);
+    button.classList.toggle("on", button.dataset.tab === tab);
     button.setAttribute("aria-selected", `${button.dataset.tab === tab}`);
   }
 }

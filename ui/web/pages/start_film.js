@@ -43,6 +43,12 @@ function look(side) {
   const [width, height] = scan.size;
   const [left, top, right, bottom] = SIDES[side];
   view.fit([left * width, top * height], [right * width, bottom * height], pane.size, 0.97);
+  // The film's edge stands at the edge of the pane.
+  const [across, down] = pane.size.map((length) => length / 2 / view.scale);
+  if (side === "left") view.x = across;
+  if (side === "right") view.x = width - across;
+  if (side === "top") view.y = down;
+  if (side === "bottom") view.y = height - down;
   redraw();
 }
 

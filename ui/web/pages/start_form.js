@@ -22,7 +22,7 @@ export function showForm(form, changed) {
     const made = fields.map((field) => fieldPart(table, field, changed));
     const more = made.filter((_, index) => fields[index].more);
     const open = fields.some(({ more: folded, known }) => folded && known);
-    return element("fieldset", {}, element("h3", {}, title),
+    return element("fieldset", {}, element("h2", {}, title),
       ...made.filter((_, index) => !fields[index].more),
       more.length ? element("details", { open }, element("summary", {}, word("form.more")), ...more)
         : null);
@@ -73,7 +73,7 @@ function inputOf(field, id) {
   }
   const placeholder = kind === "marks" ? "1  \u221284.5  0.3" : usual(field);
   if (LONG.includes(kind)) {
-    const rows = kind === "marks" ? 4 : 1;
+    const rows = kind === "marks" ? 4 : Math.min(4, textOf(field.value).split("\n").length);
     return element("textarea", { id, rows, placeholder, spellcheck: "false" });
   }
   return element("input", { id, placeholder, spellcheck: "false" });
