@@ -348,6 +348,7 @@ interface Ids {
   naming: HTMLDialogElement;
   placement: HTMLDialogElement;
   quality: HTMLDialogElement;
+  rate: HTMLInputElement;
   "remake-cancel": HTMLButtonElement;
   "remake-start": HTMLButtonElement;
   results: HTMLDialogElement;

@@ -24,7 +24,8 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
-    ("R", "raw"), ("L", "likeness"), ("P", "act.add"), ("B", "quality"),
+    ("R", "raw"), ("L", "likeness"), ("O", "edges"), ("T", "flicker"),
+    ("Z", "together"), ("P", "act.add"), ("B", "quality"),
     ("I", "board"), ("G", "placement"), ("X", "grow"),
     (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip

@@ -1,26 +1,37 @@
 // Ortho and scan side by side: same place, same scale, same north; linked pan, zoom and crosshair.
 import { all, byId, number, numbers, shortName, start, turn, word } from "./words.js";
 import { drawLikeness } from "./likeness.js";
-import { cleared, crosshair, expectedMark, halo, line, measuredMark, text } from "./overlay.js";
+import { drawEdges } from "./edges.js";
+import { flicker } from "./flicker.js";
+import {
+  cleared, crosshair, expectedMark, halo, line, measuredMark, scaleBar, surveyedMark, text,
+} from "./overlay.js";
 import {
   drawLayer, fetchAhead, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer, scanLayer,
 } from "./tiles.js";
 import {
-  Pane, View, afterPause, inverse, mapped, oncePerFrame, roundLength, scaleOf,
+  Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf,
 } from "./view.js";
+import { drawTogether } from "./together.js";
 import { send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
 /** @typedef {{ ground: Pair, raw: Pair | null }} Place raw: pixels, where the raw scan is shown */
-/** @typedef {"wallis" | "raw" | "likeness" | "marks" | "adding"} Switch */
+/**
+ * @typedef {"wallis" | "raw" | "likeness" | "marks" | "edges" | "flicker" | "together"
+ *   | "adding"} Switch
+ */
 
-/** @type {("mode" | "share" | "contrast" | "wallis" | "raw" | "marks")[]} */
-const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks"];
+const SWITCHES = /** @type {Switch[]} */ (
+  ["wallis", "raw", "likeness", "marks", "edges", "flicker", "together", "adding"]);
+/** @type {("mode" | "share" | "contrast" | "wallis" | "raw" | "marks" | "edges")[]} */
+const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks", "edges"];
+const NEAR_PX = 40; // design: other peaks are shown where the pointer is, and hide nothing
 const WIPE_PX = 8; // design: wide enough for a hand, narrow beside what is looked at
 const state = {
   look: {
     mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false,
-    adding: false, blink: false, scale: 0,
+    adding: false, blink: false, scale: 0, edges: false, flicker: false, together: false,
   },
   point: /** @type {Point | null} */ (null),
   view: new View(),
@@ -58,6 +69,10 @@ export function setUpCompare() {
   }
   swipe.title = word("swipe.tip");
   byId("contrast-label").title = word("contrast.tip");
+  for (const type of ["pointerover", "pointerout", "focusin", "focusout"]) {
+    byId("peaks").addEventListener(type, redraw);
+  }
+  byId("rate").title = word("rate.tip");
   onTile(redraw);
   remember();
   swipe.value = `${100 * look.share}`;
@@ -189,10 +204,12 @@ const showsRaw = (pane) => state.look.raw && contentOf(pane) === "scan";
 
 function drawAll() {
   const { look, point, panes } = state;
-  for (const name of /** @type {Switch[]} */ (["wallis", "raw", "likeness", "marks", "adding"])) {
+  for (const name of SWITCHES) {
     const act = name === "adding" ? "add" : name;
     for (const button of all(`[data-act=${act}]`)) turn(button, look[name]);
   }
+  flicker(look.flicker, blink);
+  byId("together").hidden = !look.together || !point;
   byId("adding").hidden = !look.adding;
   byId("panes").classList.toggle("adding", look.adding);
   if (!point) return clear();
@@ -202,6 +219,7 @@ function drawAll() {
     whole = drawPicture(pane, point) && whole;
     drawMarks(pane, point);
   }
+  if (look.together) whole = drawTogether(point, state.view.scale, look.wallis) && whole;
   const measured = (state.nudged ?? point.draft?.place ?? point.marks.measured).join();
   const drawn = { key: point.key.join("|"), state: point.state, measured, whole };
   state.drawn = { ...drawn, at: performance.now() };
@@ -319,13 +337,20 @@ function drawMarks(pane, point) {
     line(context, [edge, 0], [edge, height], "#ffffffa0", 1);
     halo(context, "#ffffff", 2, () => context.roundRect(edge - 3, height / 2 - 14, 6, 28, 3));
   }
+  if (look.edges && kind !== "ortho") {
+    const { x, y, scale } = state.view;
+    const metres = [width / scale, height / scale].map((length) => (look.raw ? 1.5 : 1) * length);
+    drawEdges(context, groundFromLayer([x, y]), metres, point.scan.pixel,
+      (at) => onScreen(pane, point, at));
+  }
   if (look.marks) {
     drawPatch(context, pane, point);
     if (kind !== "scan") surveyedMark(context, onScreen(pane, point, point.marks.surveyed), point);
     if (kind !== "ortho") scanMarks(context, pane, point);
   }
   if (cursor) crosshair(context, onScreen(pane, point, cursor.ground), width, height);
-  scaleBar(context, [width, height], kind === "ortho" ? start.ortho_pixel : point.scan.pixel);
+  const pixel = kind === "ortho" ? start.ortho_pixel : point.scan.pixel;
+  scaleBar(context, [width, height], state.view.scale, pixel);
   pane.where.textContent = cursor ? describe(pane, point, cursor) : "";
 }
 
@@ -336,6 +361,7 @@ function scanMarks(context, pane, point) {
   marks.peaks.forEach((place, index) => {
     if (peaks[index].away < 0.05) return;
     const [x, y] = onScreen(pane, point, place, raw.peaks[index]);
+    if (!meant(pane, point, [x, y])) return;
     halo(context, palette.peak, 1.3, () => context.rect(x - 5, y - 5, 10, 10));
     text(context, `${index + 1}`, [x + 8, y - 7], palette.peak);
   });
@@ -353,7 +379,17 @@ function scanMarks(context, pane, point) {
 }
 
 /**
- * Corners of the patch the engine compared: along the scan's axes, about the point.
+ * True where the pointer is near, or in the list of peaks.
+ * @param {Pane} pane @param {Point} point @param {Pair} place on the screen
+ */
+function meant(pane, point, [x, y]) {
+  if (byId("peaks").matches(":hover, :focus-within")) return true;
+  const at = state.cursor && onScreen(pane, point, state.cursor.ground, state.cursor.raw);
+  return at !== null && Math.hypot(at[0] - x, at[1] - y) < NEAR_PX;
+}
+
+/**
+ * Outline of the patch the engine compared: along the scan's axes, about the point.
  * @param {Context} context @param {Pane} pane @param {Point} point
  */
 function drawPatch(context, pane, point) {
@@ -370,46 +406,11 @@ function drawPatch(context, pane, point) {
     return onScreen(pane, point, ground, showsRaw(pane) ? place : null);
   });
   context.globalAlpha = 0.75;
-  halo(context, "#ffffff", 1, () => corners.forEach(([x, y], index) => {
-    for (const other of [corners[(index + 1) % 4], corners[(index + 3) % 4]]) {
-      context.moveTo(x, y);
-      context.lineTo(x + 0.12 * (other[0] - x), y + 0.12 * (other[1] - y));
-    }
-  }));
-  context.globalAlpha = 1;
-}
-
-/** @param {Context} context @param {Pair} place @param {Point} point */
-function surveyedMark(context, [x, y], { role }) {
-  const colour = role === "check" ? start.palette.check : start.palette.current;
-  halo(context, colour, 1.6, () => {
-    if (role === "check") return context.rect(x - 8, y - 8, 16, 16);
-    context.moveTo(x, y - 10);
-    context.lineTo(x + 9, y + 6);
-    context.lineTo(x - 9, y + 6);
+  halo(context, "#ffffff", 1, () => {
+    corners.forEach(([x, y]) => context.lineTo(x, y));
     context.closePath();
   });
-  context.fillStyle = colour;
-  context.fillRect(x - 1, y - 1, 2, 2);
-}
-
-/** @param {Context} context @param {Pair} size @param {number} pixel of the picture, metres */
-function scaleBar(context, [width, height], pixel) {
-  const { scale } = state.view;
-  const metres = roundLength(80 / scale); // design: beside the mark, not over it
-  const [right, bottom] = [width - 10.5, height - 10.5];
-  const left = right - metres * scale;
-  halo(context, "#ffffff", 1.2, () => {
-    context.moveTo(left, bottom - 4);
-    context.lineTo(left, bottom);
-    context.lineTo(right, bottom);
-    context.lineTo(right, bottom - 4);
-  });
-  const times = scale * pixel;
-  const words = `${metres} m  \u00b7  ${number(times, times < 0.1 ? 3 : 1)}\u00d7`;
-  context.font = "12px Inter, sans-serif";
-  const from = Math.min(left, right - context.measureText(words).width);
-  text(context, words, [from, bottom - 8], "#ffffff");
+  context.globalAlpha = 1;
 }
 
 /** @param {Pane} pane @param {Point} point @param {Place} cursor */

@@ -84,6 +84,9 @@ const ACTS = {
   wallis: () => switchCompare("wallis"),
   raw: () => switchCompare("raw"),
   likeness: () => switchCompare("likeness"),
+  edges: () => switchCompare("edges"),
+  flicker: () => switchCompare("flicker"),
+  together: () => switchCompare("together"),
   refine: () => sendOf(({ key }) => ({ kind: "refine", key })),
   marks: () => switchCompare("marks"),
   fit: () => {
@@ -110,13 +113,15 @@ const KEYS = {
   KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness",
   KeyP: "add", KeyB: "quality", KeyI: "board", KeyG: "placement", Enter: "refine",
   NumpadEnter: "refine", KeyX: "grow", Period: "details",
+  KeyO: "edges", KeyT: "flicker", KeyZ: "together",
 };
 /** Words of buttons that are not `act.` with their name. @type {Record<string, string>} */
 const TEXTS = {
   wallis: "wallis", raw: "raw", likeness: "likeness", marks: "marks", blink: "blink",
   remake: "remake", cancel: "remake.cancel", quality: "quality", board: "board",
   placement: "placement", theme: "theme", tour: "tour", "fit-whole": "fit.whole",
-  "fit-current": "fit.current", details: "details",
+  "fit-current": "fit.current", details: "details", edges: "edges",
+  flicker: "flicker", together: "together",
 };
 /** @type {Record<string, State>} */
 const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };

@@ -35,5 +35,8 @@ export const SHAPES = {
   keys: drawn("M1.5 4.5h13v7h-13zM4 7h.1M6.7 7h.1M9.3 7h.1M12 7h.1M5 9.5h6"),
   quality: drawn("M2.5 13.5h11M4 11V7.5M8 11V3M12 11V5.5"),
   map: drawn("M2 4l4-1.5 4 1.5 4-1.5v9.5l-4 1.5-4-1.5-4 1.5zM6 2.5v9.5M10 4v9.5"),
+  play: drawn("M5 3.5l7 4.5-7 4.5z"),
+  tiles: drawn("M2.5 2.5h4.5v4.5h-4.5zM9 2.5h4.5v4.5h-4.5z"
+    + "M2.5 9h4.5v4.5h-4.5zM9 9h4.5v4.5h-4.5z"),
   details: drawn("M2.5 4h11M2.5 8h11M2.5 12h7"),
 };

@@ -1,4 +1,6 @@
 // What is drawn over pictures: lines with a dark rim, crosses, words; all in css pixels.
+import { roundLength } from "./view.js";
+import { number, start } from "./words.js";
 
 /**
  * An empty canvas as sharp as the screen, with its size in css pixels.
@@ -86,4 +88,39 @@ export function text(context, words, [x, y], colour) {
   context.strokeText(words, x, y);
   context.fillStyle = colour;
   context.fillText(words, x, y);
+}
+
+/** @param {Context} context @param {Pair} place @param {Point} point */
+export function surveyedMark(context, [x, y], { role }) {
+  const colour = role === "check" ? start.palette.check : start.palette.current;
+  halo(context, colour, 1.6, () => {
+    if (role === "check") return context.rect(x - 8, y - 8, 16, 16);
+    context.moveTo(x, y - 10);
+    context.lineTo(x + 9, y + 6);
+    context.lineTo(x - 9, y + 6);
+    context.closePath();
+  });
+  context.fillStyle = colour;
+  context.fillRect(x - 1, y - 1, 2, 2);
+}
+
+/**
+ * @param {Context} context @param {Pair} size @param {number} scale css pixels a metre
+ * @param {number} pixel of the picture, metres
+ */
+export function scaleBar(context, [width, height], scale, pixel) {
+  const metres = roundLength(80 / scale); // design: beside the mark, not over it
+  const [right, bottom] = [width - 10.5, height - 10.5];
+  const left = right - metres * scale;
+  halo(context, "#ffffff", 1.2, () => {
+    context.moveTo(left, bottom - 4);
+    context.lineTo(left, bottom);
+    context.lineTo(right, bottom);
+    context.lineTo(right, bottom - 4);
+  });
+  const times = scale * pixel;
+  const words = `${metres} m  \u00b7  ${number(times, times < 0.1 ? 3 : 1)}\u00d7`;
+  context.font = "12px Inter, sans-serif";
+  const from = Math.min(left, right - context.measureText(words).width);
+  text(context, words, [from, bottom - 8], "#ffffff");
 }

@@ -93,7 +93,8 @@ function showFigures(figures) {
   put("residual", !residual ? ["\u2013"]
     : [`${number(length(residual), 2)} px`, parted(residual, "", "")]);
   put("sigma", [`${number(figures.sigma, 2)} px`]);
-  put("score", [figures.hand ? word("peak.hand") : number(figures.score, 2)]);
+  const { hand, score } = figures;
+  put("score", [hand ? word("peak.hand") : number(score === null ? null : 100 * score, 0, "%")]);
   put("redundancy", [redundancy === null ? "\u2013"
     : span(number(redundancy, 2), unchecked ? "worse" : "")], unchecked ? word("unchecked") : "");
   put("place", [`${numbers(figures.place, 1)} px`]);
