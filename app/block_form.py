@@ -124,7 +124,11 @@ class BlockForm:
     def _check(self, table: str, key: str) -> None:
         known = table in TABLES or table.startswith("camera.")
         if not known or key not in keys_of(table):
-            raise ProjectError(self.file, f"{table}.{key} is no field.", "Open the page again.")
+            raise ProjectError(
+                self.file,
+                say("{table}.{key} is no field.", table=table, key=key),
+                "Open the page again.",
+            )
 
 
 def judged(document: Document) -> Judged:

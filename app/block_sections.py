@@ -7,6 +7,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.formats.micmac_measures import read_camera_measures
 from core.geometry.camera import SETS, Camera, polynomial_from_table
+from core.said import say
 
 MARKS = (0, 4, 8)
 
@@ -62,7 +63,11 @@ def _marks(table: Table) -> int:
     value: object = table.values.get("fiducial_marks", 0)
     if isinstance(value, bool) or value not in MARKS:
         remedy = "Write 4 or 8, or leave it out."
-        raise table.error("fiducial_marks", f"must be 4 or 8, not {value!r}.", remedy)
+        raise table.error(
+            "fiducial_marks",
+            say("must be 4 or 8, not {value!r}.", value=value),
+            remedy,
+        )
     return int(cast(int, value))
 
 
@@ -83,7 +88,11 @@ def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
         x, y = table.sequence(key, value, 2)
         if max(abs(x), abs(y)) > side_mm:
             remedy = "Write millimetres from the fiducial centre, x right, y up."
-            raise table.error(key, f"mark {name} lies far outside the picture.", remedy)
+            raise table.error(
+                key,
+                say("mark {name} lies far outside the picture.", name=name),
+                remedy,
+            )
         fiducials[name] = x, y
     if len(fiducials) == 1:
         remedy = "Give two or more, or leave them all out."
@@ -124,14 +133,22 @@ def _sets(table: Table) -> tuple[str, ...]:
     names = [given] if isinstance(given, str) else given
     known = f"Write a list of {', '.join(SETS)}; [] for none."
     if not isinstance(names, list):
-        raise table.error(key, f"must be a list of sets, not {given!r}.", known)
+        raise table.error(
+            key,
+            say("must be a list of sets, not {given!r}.", given=given),
+            known,
+        )
     for name in cast("list[Any]", names):
         if name not in SETS:
-            raise table.error(key, f"{name!r} is no set of parameters.", known)
+            raise table.error(
+                key,
+                say("{name!r} is no set of parameters.", name=name),
+                known,
+            )
     found = tuple(dict.fromkeys(cast("list[str]", names)))
     wide = [name for name in found if name in ("ebner12", "gruen44")]
     if len(wide) == 2 or (wide and "affinity" in found):
-        cause = f"{', '.join(found)} hold the same terms more than once."
+        cause = say("{found} hold the same terms more than once.", found=", ".join(found))
         remedy = (
             "ebner12 and gruen44 contain the affinity, and gruen44 what ebner12 does: take one."
         )

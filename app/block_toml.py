@@ -14,6 +14,7 @@ from typing import Any, cast
 from app.block_schema import SECTIONS, Key, Kind, keys_of
 from core.errors import ProjectError
 from core.formats.vectors import LAYER_MARK
+from core.said import say
 
 FILE = "block.toml"
 """Name of the file in a block's folder."""
@@ -47,14 +48,22 @@ class Document:
         except FileNotFoundError as error:
             remedy = "Name the block's folder, or its block.toml."
             if path.parent.is_dir() and path.suffix == ".toml":
-                remedy = f"`gruber new {path.parent}` writes one."
+                remedy = say("`gruber new {parent}` writes one.", parent=path.parent)
             raise ProjectError(path, "is not there.", remedy) from error
         except (OSError, UnicodeDecodeError) as error:
             remedy = "Save it as a UTF-8 text file that you may read."
-            raise ProjectError(path, f"cannot be read ({error}).", remedy) from error
+            raise ProjectError(
+                path,
+                say("cannot be read ({error}).", error=error),
+                remedy,
+            ) from error
         except tomllib.TOMLDecodeError as error:
             remedy = "Mend that line; words and paths stand in double quotes."
-            raise ProjectError(path, f"is not valid TOML: {error}.", remedy) from error
+            raise ProjectError(
+                path,
+                say("is not valid TOML: {error}.", error=error),
+                remedy,
+            ) from error
 
     def place(self, table: str, key: str = "", nth: int = 0) -> str:
         """File, line and key, as an error names them."""
@@ -68,7 +77,11 @@ class Document:
         for part in path:
             values = values.get(part, {}) if isinstance(values, dict) else values
         if required and not values:
-            raise ProjectError(self.path, f"has no [{name}].", f"Add it; see {MANUAL}.")
+            raise ProjectError(
+                self.path,
+                say("has no [{name}].", name=name),
+                say("Add it; see {manual}.", manual=MANUAL),
+            )
         return Table(self, name, values, keys_of(name))
 
     def check_sections(self) -> None:
@@ -84,7 +97,7 @@ class Document:
         parent: Any = self.values.get(outer, {})
         found: Any = parent.get(inner, []) if isinstance(parent, dict) else []
         if not isinstance(found, list):
-            remedy = f"Write [[{name}]], with two brackets on each side."
+            remedy = say("Write [[{name}]], with two brackets on each side.", name=name)
             raise ProjectError(self.place(name), "is a list of tables.", remedy)
         return [Table(self, name, item, keys_of(name), nth) for nth, item in enumerate(found)]
 
@@ -118,7 +131,7 @@ class Table:
     ) -> None:
         self.document, self.name, self.keys, self.nth = document, name, keys, nth
         if not isinstance(values, dict):
-            remedy = f"Write [{name}] on a line of its own and its keys below."
+            remedy = say("Write [{name}] on a line of its own and its keys below.", name=name)
             raise ProjectError(document.place(name), "is not a table.", remedy)
         self.values = cast("dict[str, Any]", values)
         for key in self.values:
@@ -138,14 +151,22 @@ class Table:
         """A word or sentence; required when there is no default."""
         value = self._value(key, default)
         if not isinstance(value, str):
-            raise self.error(key, f"must be text, not {value!r}.", "Write it in double quotes.")
+            raise self.error(
+                key,
+                say("must be text, not {value!r}.", value=value),
+                "Write it in double quotes.",
+            )
         return value
 
     def flag(self, key: str) -> bool:
         """True or false."""
         value = self._value(key)
         if not isinstance(value, bool):
-            raise self.error(key, f"must be true or false, not {value!r}.", "Without quotes.")
+            raise self.error(
+                key,
+                say("must be true or false, not {value!r}.", value=value),
+                "Without quotes.",
+            )
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
@@ -163,7 +184,11 @@ class Table:
         good = isinstance(value, list) and len(cast("list[Any]", value)) == count
         if not good or not all(_is_number(item) for item in cast("list[Any]", value)):
             example = ", ".join(["0.0"] * count)
-            raise self.error(key, f"must be {count} numbers, not {value!r}.", f"Write [{example}].")
+            raise self.error(
+                key,
+                say("must be {count} numbers, not {value!r}.", count=count, value=value),
+                say("Write [{example}].", example=example),
+            )
         return tuple(float(item) for item in cast("list[Any]", value))
 
     def measures(self, key: str) -> tuple[float, ...]:
@@ -174,7 +199,11 @@ class Table:
         """One of the words of the key, or of some others; required when there is no default."""
         value, choices = self.text(key, default), choices or self.keys[key].choices
         if value not in choices:
-            raise self.error(key, f'"{value}" is not known.', _nearest(value, choices))
+            raise self.error(
+                key,
+                say('"{value}" is not known.', value=value),
+                _nearest(value, choices),
+            )
         return value
 
     def file(self, key: str) -> Path | None:
@@ -184,7 +213,13 @@ class Table:
         found = self.files(key)
         if len(found) != 1:
             names = ", ".join(path.name for path in found[:4])
-            raise self.error(key, f"must be one file but matches {len(found)}: {names}.", _ONE_FILE)
+            raise self.error(
+                key,
+                say(
+                    "must be one file but matches {count}: {names}.", count=len(found), names=names
+                ),
+                _ONE_FILE,
+            )
         return found[0]
 
     def files(self, key: str) -> tuple[Path, ...]:
@@ -193,7 +228,11 @@ class Table:
         value, rasters = self._value(key, None if known.required else []), known.kind == "rasters"
         patterns = [value] if isinstance(value, str) else value
         if not isinstance(patterns, list) or not all(isinstance(item, str) for item in patterns):
-            raise self.error(key, f"must be a path or a list of paths, not {value!r}.", _IN_QUOTES)
+            raise self.error(
+                key,
+                say("must be a path or a list of paths, not {value!r}.", value=value),
+                _IN_QUOTES,
+            )
         found: dict[Path, None] = {}
         for pattern in cast("list[str]", patterns):
             found.update(dict.fromkeys(self._matches(key, pattern, rasters)))
@@ -212,7 +251,11 @@ class Table:
             kept = [path for path in kept if path.suffix.lower() in RASTERS]
         if not kept:
             verb = "matches no file." if glob.has_magic(pattern) else "is not there."
-            raise self.error(key, f'"{pattern}" {verb}', _what_is_there(folder, pattern))
+            raise self.error(
+                key,
+                say('"{pattern}" {verb}', pattern=pattern, verb=verb),
+                _what_is_there(folder, pattern),
+            )
         return [Path(f"{path}{mark}{layer}") for path in kept]
 
     def checked(self, key: str) -> None:
@@ -236,7 +279,11 @@ class Table:
         default = self.keys[key].default if default is None else default
         value = self.values.get(key, default)
         if value is None:
-            raise self.error(key, "is missing.", f"Add it; {MANUAL} says what it means.")
+            raise self.error(
+                key,
+                "is missing.",
+                say("Add it; {manual} says what it means.", manual=MANUAL),
+            )
         return value
 
     def _checked(self, key: str, value: Any) -> float:
@@ -244,9 +291,13 @@ class Table:
         assert unit is not None, f"{key} has no unit"
         if not _is_number(value):
             remedy = "Write it without quotes, with a point."
-            raise self.error(key, f"must be a number, not {value!r}.", remedy)
+            raise self.error(
+                key,
+                say("must be a number, not {value!r}.", value=value),
+                remedy,
+            )
         if not unit.low <= value <= unit.high:
-            cause = f"{value:g} {unit.name} cannot be."
+            cause = say("{value:g} {name} cannot be.", value=value, name=unit.name)
             raise self.error(key, cause, unit.advice(float(value)))
         return float(value)
 
@@ -269,8 +320,8 @@ def _nearest(word: str, choices: Sequence[str]) -> str:
     """Advice for a word that is not among the choices."""
     near = difflib.get_close_matches(word, choices, n=1, cutoff=0.5)
     if near:
-        return f"Did you mean `{near[0]}`?"
-    return f"Use one of {', '.join(choices)}."
+        return say("Did you mean `{word}`?", word=near[0])
+    return say("Use one of {words}.", words=[*choices])
 
 
 def _what_is_there(folder: Path, pattern: str) -> str:
@@ -278,10 +329,15 @@ def _what_is_there(folder: Path, pattern: str) -> str:
     plain = itertools.takewhile(lambda part: not glob.has_magic(part), Path(pattern).parent.parts)
     parent = folder.joinpath(*plain)
     if not parent.is_dir():
-        return f"There is no folder {parent}. Correct the path; it is relative to {FILE}."
+        missing = "There is no folder {folder}. Correct the path; it is relative to {file}."
+        return say(missing, folder=parent, file=FILE)
     names = list(_visible(parent))
-    listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-    return f"{parent} holds {listed or 'nothing'}. Correct the path; it is relative to {FILE}."
+    if not names:
+        empty = "{folder} is empty. Correct the path; it is relative to {file}."
+        return say(empty, folder=parent, file=FILE)
+    listed = names[:5] + ["..."] * (len(names) > 5)
+    there = "{folder} holds {names}. Correct the path; it is relative to {file}."
+    return say(there, folder=parent, names=listed, file=FILE)
 
 
 def _visible(folder: Path) -> Iterator[str]:

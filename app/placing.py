@@ -30,6 +30,7 @@ from core.georeference.stage import Georeferenced
 from core.matching.reference import Reference, open_reference
 from core.raster.scan_file import ScanFiles
 from core.results import BlockInput
+from core.said import say
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanSet
 from sessions.atomic_write import clean_leftovers, whole_file
@@ -77,7 +78,7 @@ def placeable(project: Project, session: Session) -> Placeable | None:
         raise ProjectError(
             project.file,
             "the block has no control points to review yet.",
-            f"Run it first: gruber run {project.folder}",
+            say("Run it first: gruber run {folder}", folder=project.folder),
         )
     given = described(project)
     placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
@@ -226,7 +227,10 @@ class Clicking:
             points = in_crs(read_qgis_points(path), self._found.given.crs)
         except PhotogrammetryError as error:
             raise ScanError(
-                path, f"It cannot be read, and is not written over. {error.cause}",
+                path, say(
+"It cannot be read, and is not written over. {cause}",
+cause=error.cause
+),
                 "Rename it or repair it in QGIS, then save again.",
             ) from error  # fmt: skip
         off = ~points.enabled
@@ -265,7 +269,7 @@ class Clicking:
             read = read_qgis_points(path)
             points = in_crs(read, self._found.given.crs)
         except PhotogrammetryError as error:
-            return [], str(error)
+            return [], error.told
         chosen = points.enabled
         pairs = np.column_stack([points.pixels[chosen], points.plane[chosen]])
         return np.round(pairs, 3).tolist(), ""

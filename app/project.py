@@ -31,6 +31,7 @@ from core.localisation.stage import LocalisationOptions
 from core.matching.learned import LEARNED, check_network
 from core.matching.reference import ReferenceFiles
 from core.results import BlockInput
+from core.said import say
 from core.scans.stage import ScanInput
 
 
@@ -190,7 +191,11 @@ def _block(document: Document) -> BlockSection:
         place = document.place("block", "heights")
         if not read_crs(heights, place).is_vertical:
             remedy = 'Name one, such as "EPSG:8357", or write words: "Bpv".'
-            raise CrsError(place, f"{heights} is no height system.", remedy)
+            raise CrsError(
+                place,
+                say("{heights} is no height system.", heights=heights),
+                remedy,
+            )
     return BlockSection(table.text("name"), crs, heights)
 
 
@@ -234,7 +239,12 @@ def _listed(
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
-            cause = f"two scans are called {path.stem}: {listed[path.stem].path} and {path}."
+            cause = say(
+                "two scans are called {stem}: {first} and {second}.",
+                stem=path.stem,
+                first=listed[path.stem].path,
+                second=path,
+            )
             raise table.error("files", cause, "Rename one; the name tells the photo.")
         listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um)
     for override in document.tables("scans.override"):
@@ -249,8 +259,16 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
     meant = [scan for scan in listed.values() if _is_meant(scan.path, pattern, folder)]
     if not meant:
         names = ", ".join(scan.path.name for scan in list(listed.values())[:3])
-        remedy = f"Correct it; the scans are {names}, ..." if names else "All are excluded already."
-        raise override.error("file", f'"{pattern}" matches none of the scans.', remedy)
+        remedy = (
+            say("Correct it; the scans are {names}, ...", names=names)
+            if names
+            else "All are excluded already."
+        )
+        raise override.error(
+            "file",
+            say('"{pattern}" matches none of the scans.', pattern=pattern),
+            remedy,
+        )
     for scan in meant:
         if override.flag("exclude"):
             del listed[scan.photo_id]
@@ -297,10 +315,18 @@ def _operators(table: Table) -> tuple[str, ...]:
     names = cast("list[object]", [given] if isinstance(given, str) else given)
     known = f"Write a list of {', '.join(every)}; without the key it is {list(USUAL_NAMES)}."
     if not isinstance(given, str | list) or not names:
-        raise table.error(key, f"must be a list of operators, not {given!r}.", known)
+        raise table.error(
+            key,
+            say("must be a list of operators, not {given!r}.", given=given),
+            known,
+        )
     for name in names:
         if name not in every:
-            raise table.error(key, f"{name!r} is no operator.", known)
+            raise table.error(
+                key,
+                say("{name!r} is no operator.", name=name),
+                known,
+            )
         if name == "akaze" and not has_akaze():
             raise table.error(key, "the OpenCV of this machine has no AKAZE.", "Take another.")
     return tuple(dict.fromkeys(cast("list[str]", names)))
@@ -332,11 +358,15 @@ def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribut
         present = list(pyogrio.read_info(path)["fields"])
     except (DataSourceError, DataLayerError) as error:
         remedy = "Give a vector file that GDAL can open, such as a GeoPackage."
-        cause = f"{path.name} cannot be opened: GDAL does not know what it is."
+        cause = say("{name} cannot be opened: GDAL does not know what it is.", name=path.name)
         raise table.error(file_key, cause, remedy) from error
     if attribute not in present:
-        cause = f'{path.name} has no attribute "{attribute}".'
-        raise table.error(key, cause, f"It has {', '.join(present) or 'none at all'}.")
+        cause = say('{name} has no attribute "{attribute}".', name=path.name, attribute=attribute)
+        raise table.error(
+            key,
+            cause,
+            say("It has {names}.", names=", ".join(present) or "none at all"),
+        )
 
 
 def described(project: Project) -> BlockInput:

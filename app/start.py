@@ -195,7 +195,10 @@ class Starting:
         free = free_bytes(self.folder)
         if size > free:
             raise StorageError(
-                path, f"needs {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left.",
+                path, say(
+                    "needs {size:.0f} MB, and the disk has {free:.0f} MB left.",
+                    size=size / 1e6, free=free / 1e6
+                ),
                 "Free some space, or link the folder instead of copying it.",
             )  # fmt: skip
         return whole_file(path)
@@ -212,7 +215,7 @@ class Starting:
         within = plain and path.parent.resolve() == path.parent
         if not within or parts[0] in OWN_NAMES:
             raise StorageError(
-                self.folder, f"{name!r} cannot be the name of a file here.",
+                self.folder, say("{name!r} cannot be the name of a file here.", name=name),
                 "Give it a plain name, without dots at its beginning.",
             )  # fmt: skip
         return path
@@ -228,7 +231,9 @@ class Starting:
             inside = sorted(os.scandir(place), key=lambda entry: entry.name.lower())
         except OSError as error:
             raise StorageError(
-                place, f"cannot be read ({error.strerror}).", "Choose another folder."
+                place,
+                say("cannot be read ({error}).", error=error.strerror),
+                "Choose another folder.",
             ) from error
         shown = [entry for entry in inside if not entry.name.startswith(".")]
         folders = [entry.name for entry in shown if _is_open_folder(entry)]
@@ -252,12 +257,13 @@ class Starting:
             cause = "is the folder of this block, or holds it."
             raise StorageError(target, cause, "Choose the folder of the data alone.")
         if place.exists() or place.is_symlink():
-            cause = f"has a file or folder called {target.name} already."
+            cause = say("has a file or folder called {name} already.", name=target.name)
             raise StorageError(self.folder, cause, "Rename one of the two.")
         try:
             place.symlink_to(target, target_is_directory=True)
         except OSError as error:
-            raise StorageError(place, f"cannot be made ({error.strerror}).", WRITABLE) from error
+            cause = say("cannot be made ({error}).", error=error.strerror)
+            raise StorageError(place, cause, WRITABLE) from error
         return {"linked": target.name}
 
     def unlink(self, name: str) -> dict[str, Any]:

@@ -9,6 +9,8 @@ import string
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
+import numpy as np
+
 NUMERAL = re.compile(r"[+-]?\d+(?:\.\d+)?")
 Signs = Mapping[int, str]
 """How a language writes point, comma and minus of a number, as `str.maketrans` makes it."""
@@ -26,13 +28,23 @@ class Said(str):
 
     def __new__(cls, template: str, values: Mapping[str, Any]) -> "Said":
         """The sentence, told in English."""
-        made = super().__new__(cls, ENGLISH.told(template, values))
-        made.template, made.values = template, values
+        plain = {name: _plain(value) for name, value in values.items()}
+        made = super().__new__(cls, ENGLISH.told(template, plain))
+        made.template, made.values = template, plain
         return made
 
     def __reduce__(self) -> tuple[type["Said"], tuple[str, Mapping[str, Any]]]:
         """Copied and pickled as it was made."""
         return type(self), (self.template, self.values)
+
+
+def _plain(value: Any) -> Any:
+    """What can be kept in a file: numbers, texts and lists of them; all else as text."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(one) for one in cast("Sequence[Any]", value)]
+    return value if isinstance(value, str | int | float) else str(value)
 
 
 def say(template: str, /, **values: Any) -> Said:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from core.errors import StorageError
+from core.said import say
 
 SCARCE_BYTES = 1 << 20
 """With less free space than this, a failed write is blamed on the full disk."""
@@ -31,8 +32,11 @@ def storage_error(path: Path, error: BaseException) -> StorageError:
         return StorageError(
             path,
             "could not be written: the disk is full.",
-            f"Free some space ({_free(path)} left on the disk, less where you have a quota) and "
-            "start again; what was finished before is kept.",
+            say(
+                "Free some space ({left} left on the disk, less where you have a quota) and "
+                "start again; what was finished before is kept.",
+                left=_free(path),
+            ),
         )
     if number in _FORBIDDEN:
         return StorageError(
@@ -47,7 +51,9 @@ def storage_error(path: Path, error: BaseException) -> StorageError:
             "Rename or remove what stands in the way.",
         )
     return StorageError(
-        path, f"could not be read or written ({error}).", "Check the disk and start again."
+        path,
+        say("could not be read or written ({error}).", error=error),
+        "Check the disk and start again.",
     )
 
 

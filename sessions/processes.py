@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from core.errors import StorageError
+from core.said import say
 from sessions.disk import explain_disk_errors
 
 _held: set[Path] = set()
@@ -67,7 +68,11 @@ def _lock(path: Path, descriptor: int) -> None:
         raise _taken(path, _holder(path)) from error
     except OSError as error:
         remedy = "Copy the block to a local disk and work there."
-        raise StorageError(path, f"cannot be locked ({error.strerror}).", remedy) from error
+        raise StorageError(
+            path,
+            say("cannot be locked ({strerror}).", strerror=error.strerror),
+            remedy,
+        ) from error
 
 
 def _sign(descriptor: int, operator: str) -> None:
@@ -89,7 +94,9 @@ def _holder(path: Path) -> str:
 
 def _taken(path: Path, who: str) -> StorageError:
     return StorageError(
-        path, f"shows that {who} is working on this block.", "Wait for that run, or end it."
+        path,
+        say("shows that {who} is working on this block.", who=who),
+        "Wait for that run, or end it.",
     )
 
 

@@ -13,6 +13,7 @@ import shapely
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
 from core.errors import StorageError
+from core.said import say
 from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import (
@@ -185,7 +186,11 @@ class Session:
         except (CodecError, ValueError) as error:
             raise StorageError(
                 self._store.path,
-                f"holds decision {row.decision_id}, which this Gruber cannot read ({error}).",
+                say(
+                    "holds decision {decision_id}, which this Gruber cannot read ({error}).",
+                    decision_id=row.decision_id,
+                    error=error,
+                ),
                 "Update Gruber; the decision is kept.",
             ) from error
         return Recorded(row.decision_id, row.recorded, row.who, decision)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from core.errors import StorageError
+from core.said import say
 from sessions.migrations import GEOPACKAGE_ID, MIGRATIONS, Migration, newest, steps_from
 
 BUSY_SECONDS = 10.0
@@ -157,8 +158,12 @@ class Store:
         if version > newest():
             raise StorageError(
                 self.path,
-                f"was written by a newer Gruber (session version {version}, this one knows "
-                f"{newest()}).",
+                say(
+                    "was written by a newer Gruber (session version {version}, this one knows "
+                    "{known}).",
+                    version=version,
+                    known=newest(),
+                ),
                 "Update Gruber; the file was not touched.",
             )
         return version

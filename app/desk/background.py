@@ -109,7 +109,7 @@ class Worker:
         except Cancelled:
             return
         except PhotogrammetryError as error:
-            result = Failure(str(error))
+            result = Failure(error.told)
         except Exception as error:
             # Whatever went wrong, the desk must go on with the numbers it has.
             logger.exception("The adjustment failed.")
@@ -160,7 +160,7 @@ class Measurer:
         try:
             found = self._measure(gesture, desk, self._deliver)
         except PhotogrammetryError as error:
-            found = _not_measured(gesture, str(error))
+            found = _not_measured(gesture, error.told)
         except Exception as error:
             logger.exception("What a gesture asked for could not be measured.")
             found = _not_measured(gesture, f"{type(error).__name__}: {error}")
@@ -211,7 +211,7 @@ class Remaker:
         except Cancelled:
             cancelled = True
         except PhotogrammetryError as error:
-            failure = str(error)
+            failure = error.told
         except Exception as error:
             logger.exception("Making orthos failed.")
             failure = f"{type(error).__name__}: {error}"

@@ -36,6 +36,7 @@ from core.progress import SILENT, Part, Progress
 from core.raster.holes import Hole
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
+from core.said import say
 from core.scans.stage import ScanSet
 from sessions.session import HIDDEN, Session
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
@@ -162,7 +163,7 @@ def desk_inputs(
         raise ProjectError(
             project.file,
             "the block has no control points to review yet.",
-            f"Run it first: gruber run {project.folder}",
+            say("Run it first: gruber run {folder}", folder=project.folder),
         )
     scans = ScanFiles(project.folder)
     files = given.reference

@@ -24,6 +24,7 @@ from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.collinearity import angles_by_increments
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
+from core.said import say
 
 
 def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> AdjustmentReport:
@@ -89,8 +90,11 @@ def _behind(solution: Solution) -> list[Doubt]:
         Doubt(
             "point-behind-camera",
             network.photos[photo].photo_id,
-            f"{counts[photo]} measured points would lie behind the camera and were left out. "
-            "The orientation is upside down, or the points belong to another photo.",
+            say(
+                "{count} measured points would lie behind the camera and were left out. The "
+                "orientation is upside down, or the points belong to another photo.",
+                count=counts[photo],
+            ),
             evidence={"points": int(counts[photo])},
         )
         for photo in np.flatnonzero(counts).tolist()

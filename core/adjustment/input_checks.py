@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from core.block import Block, Measurement, SurveyedPoint
 from core.doubts import Doubt
+from core.said import say
 
 FAR = 20.0  # design: at a tilt of 87 degrees a photo still shows less.
 """A control point further from a photo than this many heights over ground was never in it."""
@@ -126,17 +127,20 @@ def _without_sigma(block: Block, control: Mapping[Key, Measurement]) -> list[Dou
     ties = int(np.sum(block.ties.sigma_px <= 0))
     found: list[Doubt] = []
     if names:
-        message = (
-            f"{len(names)} control points have a standard deviation of nought. They are held to "
-            "0.1 mm, so that an error in one bends the block; give what they are really worth."
+        message = say(
+            "{count} control points have a standard deviation of nought. They are held "
+            "to 0.1 mm, so that an error in one bends the block; give what they are "
+            "really worth.",
+            count=len(names),
         )
         found.append(
             Doubt("sigma-nought-given", names[0], message, evidence={"points": names[:20]})
         )
     if rays or ties:
-        message = (
-            f"{len(rays) + ties} measurements have a standard deviation of nought or less; they "
-            "are taken as good to 0.001 pixel."
+        message = say(
+            "{count} measurements have a standard deviation of nought or less; they are "
+            "taken as good to 0.001 pixel.",
+            count=len(rays) + ties,
         )
         # design: it drowns all others.
         found.append(Doubt("sigma-nought-given", "measurements", message, 0.6))

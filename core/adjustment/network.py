@@ -19,6 +19,7 @@ from core.geometry.collinearity import (
     constants_of_air,
     rotations_from_increments,
 )
+from core.said import say
 
 # design: the equations stay regular in doubles, and nothing is known better.
 SMALLEST_SIGMA_M = 1e-4
@@ -203,8 +204,8 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
     of_group = {group: photo.camera for group, photo in zip(groups, photos, strict=True)}
     cameras = tuple(block.cameras[of_group[name]] for name in names)
     if options.per_photo and len(names) > MOST_CAMERAS:
-        cause = f"{len(names)} photos each with constants of its own are too many."
-        remedy = f'Up to {MOST_CAMERAS} work; write self_calibration_per = "camera".'
+        cause = say("{count} photos each with constants of its own are too many.", count=len(names))
+        remedy = say('Up to {most} work; write self_calibration_per = "camera".', most=MOST_CAMERAS)
         raise OrientationError("block.toml [adjustment] self_calibration_per", cause, remedy)
     place = {photo.photo_id: index for index, photo in enumerate(photos)}
     measurements = tuple(

@@ -15,6 +15,7 @@ from core.adjustment.block_adjustment import adjust_block
 from core.block import UNKNOWN_M, Block
 from core.doubts import Doubt
 from core.geometry.robust import robust_sigma
+from core.said import say
 
 # design: their mean is known to a quarter of what one is.
 LEAST_JUNCTIONS = 15
@@ -102,8 +103,13 @@ def weighed(block: Block, shift: CommonShift) -> tuple[Block, tuple[Doubt, ...]]
     told = Doubt(
         "common-shift",
         "salient points",
-        f"{len(shift.points)} salient points lie {length:.1f} m off where the road junctions put "
-        "them, all the same way, as crowns and shadows do. They were given less weight.",
+        say(
+            "{count} salient points lie {length:.1f} m off where the road junctions put "
+            "them, all the same way, as crowns and shadows do. They were given less "
+            "weight.",
+            count=len(shift.points),
+            length=length,
+        ),
         evidence={"east_m": float(shift.shift_m[0]), "north_m": float(shift.shift_m[1])},
     )
     return replace(block, surveyed={**block.surveyed, **lesser}), (told,) * (length > TOLD_M)

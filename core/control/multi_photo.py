@@ -35,6 +35,7 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.matching.local_search import DULL, MATCH_FLOOR_PX, SEPARATION_PX, predict_pixels
 from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks, nearest_peak
+from core.said import say
 
 # design: the narrowest pair of peaks that a mean over photos still parts.
 APART_PX = 2
@@ -95,7 +96,10 @@ class KeptSurfaces:
             except OSError as error:
                 raise PhotogrammetryError(
                     tempfile.gettempdir(),
-                    f"surfaces of likeness cannot be laid by ({error.strerror}).",
+                    say(
+                        "surfaces of likeness cannot be laid by ({strerror}).",
+                        strerror=error.strerror,
+                    ),
                     "Free some space there, or set TMPDIR to a folder that has it.",
                 ) from error
 

@@ -23,6 +23,7 @@ from core.matching.probability import (
     probabilities,
 )
 from core.reference.stage import ReferencePoints
+from core.said import say
 
 Kind = tuple[Source, bool]
 """Where a point comes from, and whether roads say where it is: peaks of one kind look alike."""
@@ -125,7 +126,11 @@ def measurement_of(search: Search, right: Scalars, aside: Scalars) -> Measuremen
     peak, probability = search.peaks[best], float(right[best])
     others = tuple(other for index, other in enumerate(search.peaks) if index != best)
     aside_px = np.sqrt(aside[best]) * DISPLACED_M / search.pixel_m
-    reason = "" if probability >= ACCEPT else f"right with probability {probability:.2f}"
+    reason = (
+        ""
+        if probability >= ACCEPT
+        else say("right with probability {probability:.2f}", probability=probability)
+    )
     doubted = 1.0 if reason else weight_of(probability) ** -0.5
     return Measurement(
         search.point_id,

@@ -30,6 +30,7 @@ from core.matching.reference import ReferenceFiles, open_reference
 from core.progress import SILENT, Progress, Work
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferenceFeatures
+from core.said import say
 
 # design: of a thousand good points one has a correction as large in either axis.
 GROSS = 3.5
@@ -127,8 +128,13 @@ def unsettled(moved: float) -> Doubt:
     return Doubt(
         "unsettled",
         "block",
-        f"After {MOST_PASSES} passes the photos still move by {moved:.2f} of their standard "
-        "deviations (RMS): from another start the block may end about that much elsewhere.",
+        say(
+            "After {passes} passes the photos still move by {moved:.2f} of their "
+            "standard deviations (RMS): from another start the block may end about that "
+            "much elsewhere.",
+            passes=MOST_PASSES,
+            moved=moved,
+        ),
     )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from core.errors import ProjectError
+from core.said import say
 
 POSITION = ("X", "Y", "Z")
 ANGLES = ("omega", "phi", "kappa")
@@ -51,7 +52,10 @@ def read_eo_list(path: Path) -> Mapping[str, EoRecord]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ProjectError(
-            path, f"The exterior orientation list cannot be read ({error}).",
+            path, say(
+"The exterior orientation list cannot be read ({error}).",
+error=error
+),
             "Check the path of `exterior` in [scans]; the list is UTF-8 text.",
         ) from error  # fmt: skip
     lines = [line for line in text.splitlines() if line.strip()]
@@ -63,7 +67,11 @@ def read_eo_list(path: Path) -> Mapping[str, EoRecord]:
     for needed in ("scan", "x", "y", "z"):
         if needed not in header:
             shown = needed if needed == "scan" else needed.upper()
-            raise ProjectError(path, f"The column {shown} is missing.", REMEDY)
+            raise ProjectError(
+                path,
+                say("The column {shown} is missing.", shown=shown),
+                REMEDY,
+            )
     _check_angle_columns(path, header)
     records = [_record(path, _Row(path, number, row, header)) for number, row in enumerate(rows, 2)]
     return {record.scan: record for record in records}
@@ -87,7 +95,14 @@ class _Row:
             value = float(cell)
         except ValueError as error:
             raise ProjectError(
-                self.path, f"Row {self.number}, column {column}: '{cell}' is not a number.", REMEDY
+                self.path,
+                say(
+                    "Row {number}, column {column}: '{cell}' is not a number.",
+                    number=self.number,
+                    column=column,
+                    cell=cell,
+                ),
+                REMEDY,
             ) from error
         return value if np.isfinite(value) else None
 
@@ -115,11 +130,17 @@ def _check_angle_columns(path: Path, header: Mapping[str, str]) -> None:
         given = [name for name in ANGLES if name + unit in header]
         if given and len(given) < len(ANGLES):
             missing = ", ".join(name + unit for name in ANGLES if name not in given)
-            raise ProjectError(path, f"The column {missing} is missing.", REMEDY)
+            raise ProjectError(
+                path,
+                say("The column {missing} is missing.", missing=missing),
+                REMEDY,
+            )
     bare = [name for name in ANGLES if name in header]
     if bare:
         raise ProjectError(
-            path, f"The column {bare[0]} does not say its unit.", "Name it _deg or _gon."
+            path,
+            say("The column {bare} does not say its unit.", bare=bare[0]),
+            "Name it _deg or _gon.",
         )
 
 
@@ -127,11 +148,24 @@ def _record(path: Path, row: _Row) -> EoRecord:
     """One row as a value."""
     scan = (row.cells.get(row.header["scan"]) or "").strip()
     if not scan:
-        raise ProjectError(path, f"Row {row.number} names no scan.", REMEDY)
+        raise ProjectError(
+            path,
+            say("Row {number} names no scan.", number=row.number),
+            REMEDY,
+        )
     centre = row.triple(("X", "Y", "Z"))
     if centre is None:
         empty = next(name for name in POSITION if row.number_of(name) is None)
-        raise ProjectError(path, f"Row {row.number} ({scan}), column {empty} is empty.", REMEDY)
+        raise ProjectError(
+            path,
+            say(
+                "Row {number} ({scan}), column {empty} is empty.",
+                number=row.number,
+                scan=scan,
+                empty=empty,
+            ),
+            REMEDY,
+        )
     return EoRecord(
         scan_stem(scan),
         centre,
@@ -183,20 +217,28 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         remedy = "Save it as a UTF-8 text file that you may read."
-        raise ProjectError(path, f"cannot be read ({error}).", remedy) from error
+        raise ProjectError(
+            path,
+            say("cannot be read ({error}).", error=error),
+            remedy,
+        ) from error
     rows = csv.DictReader(text.splitlines())
     missing = [name for name in POINT_COLUMNS if name not in (rows.fieldnames or ())]
     if missing:
         raise ProjectError(
             path,
-            f"the column {missing[0]} is missing.",
+            say("the column {missing} is missing.", missing=missing[0]),
             "The header row must be id,X,Y,Z,sigma_xy,sigma_z,role.",
         )
     points = tuple(_read_point(path, number, row) for number, row in enumerate(rows, start=2))
     names = [point.point_id for point in points]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ProjectError(path, f"the point {twice} stands twice.", "Give every point one name.")
+        raise ProjectError(
+            path,
+            say("the point {twice} stands twice.", twice=twice),
+            "Give every point one name.",
+        )
     return points
 
 
@@ -206,7 +248,7 @@ def _read_point(path: Path, line: int, row: dict[str, str | None]) -> ListedPoin
     if role not in ROLES:
         raise ProjectError(
             path,
-            f"line {line}: the role {role!r} is unknown.",
+            say("line {line}: the role {role!r} is unknown.", line=line, role=role),
             "It is control, plan, height or check.",
         )
     try:
@@ -214,15 +256,25 @@ def _read_point(path: Path, line: int, row: dict[str, str | None]) -> ListedPoin
         plan, vertical = (float(row.get(name) or "0.1") for name in ("sigma_xy", "sigma_z"))
     except ValueError as error:
         raise ProjectError(
-            path, f"line {line}: {error}.", "Numbers have a decimal point and no unit."
+            path,
+            say("line {line}: {error}.", line=line, error=error),
+            "Numbers have a decimal point and no unit.",
         ) from error
     name = (row["id"] or "").strip()
     if not name:
-        raise ProjectError(path, f"line {line}: the point has no name.", "Give every point one.")
+        raise ProjectError(
+            path,
+            say("line {line}: the point has no name.", line=line),
+            "Give every point one.",
+        )
     if not np.isfinite([east, north, height]).all() or not (plan > 0 and vertical > 0):
         raise ProjectError(
             path,
-            f"line {line}: {name} has a coordinate or a standard deviation that cannot be.",
+            say(
+                "line {line}: {name} has a coordinate or a standard deviation that cannot be.",
+                line=line,
+                name=name,
+            ),
             "Coordinates are finite; standard deviations are in metres and above 0.",
         )
     return ListedPoint(name, east, north, height, plan, vertical, role)

@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from core.errors import ProjectError
 from core.formats.csv_lists import scan_stem
+from core.said import say
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +97,11 @@ def _read(path: Path, name_attribute: str) -> tuple[dict[str, Any], Any, Any]:
         ) from error
     raise ProjectError(
         path,
-        f"It has no attribute '{name_attribute}', only {', '.join(sorted(set(seen))) or 'none'}.",
+        say(
+            "It has no attribute '{name_attribute}', only {names}.",
+            name_attribute=name_attribute,
+            names=", ".join(sorted(set(seen))) or "none",
+        ),
         "Name the attribute that holds the file names as `footprint_name` in [scans].",
     )
 

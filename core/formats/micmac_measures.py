@@ -14,6 +14,7 @@ import numpy as np
 
 from core.errors import ScanError
 from core.frames import HALF_PIXEL
+from core.said import say
 
 Places = Mapping[str, tuple[float, float]]
 PREFIX, SUFFIX = "MeasuresIm-", ".xml"
@@ -79,7 +80,9 @@ def _read(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
         text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise ScanError(
-            path, f"The marks cannot be read ({error.strerror}).", "Check the file."
+            path,
+            say("The marks cannot be read ({strerror}).", strerror=error.strerror),
+            "Check the file.",
         ) from error
     try:
         if any(word in text for word in FORBIDDEN):
@@ -95,7 +98,7 @@ def _read(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
     except (ElementTree.ParseError, ValueError) as error:
         raise ScanError(
             path,
-            f"It holds no marks of MicMac ({error}).",
+            say("It holds no marks of MicMac ({error}).", error=error),
             "Export MeasuresIm-*.xml or MeasuresCamera.xml again.",
         ) from error
     found = {image: marks for image, marks in found.items() if marks}

@@ -15,6 +15,7 @@ from jaxtyping import Float64
 
 from core.arrays import Flags, PixelPoints, locked
 from core.errors import ScanError
+from core.said import say
 
 HEADER = ("mapX", "mapY", "sourceX", "sourceY", "enable", "dX", "dY", "residual")
 COLUMNS = {
@@ -61,7 +62,9 @@ def read_qgis_points(path: Path) -> QgisPoints:
         lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     except OSError as error:
         raise ScanError(
-            path, f"The points cannot be read ({error.strerror}).", "Check the file."
+            path,
+            say("The points cannot be read ({strerror}).", strerror=error.strerror),
+            "Check the file.",
         ) from error
     crs = next((line[5:].strip() for line in lines if line.upper().startswith("#CRS:")), "")
     body = [line for line in lines if line.strip() and not line.startswith("#")]
@@ -110,7 +113,7 @@ def _column_places(path: Path, rows: list[list[str]]) -> tuple[dict[str, int], l
     ]
     raise ScanError(
         path,
-        f"The column {', '.join(missing)} is missing.",
+        say("The column {missing} is missing.", missing=", ".join(missing)),
         "Save the points again in the QGIS georeferencer.",
     )
 
@@ -125,7 +128,9 @@ def _numbers(path: Path, rows: list[list[str]], places: dict[str, int]) -> np.nd
         ]
     except (ValueError, IndexError) as error:
         raise ScanError(
-            path, f"A row is not of numbers: {error}.", "Save the points again in QGIS."
+            path,
+            say("A row is not of numbers: {error}.", error=error),
+            "Save the points again in QGIS.",
         ) from error
     return np.array(values, dtype=np.float64).reshape(-1, 5)
 

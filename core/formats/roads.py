@@ -12,6 +12,7 @@ from core.arrays import locked
 from core.doubts import Doubt
 from core.formats.vectors import VectorLayer, read_layers
 from core.geometry.crs import Bounds, parse_crs
+from core.said import say
 
 KIND_COLUMNS = (
     "typ_sil_k", "typ_cesty_k", "typ_cesty", "typsil", "typ", "highway", "fclass", "class",
@@ -112,8 +113,13 @@ def _no_roads(layer: VectorLayer, bounds: Bounds | None) -> Doubt:
     return Doubt(
         kind="roads-empty",
         subject=layer.file,
-        message=f"Road layer {layer.name} gives no roads: {what}{where}. "
-        "Control is looked for at salient ortho points instead.",
+        message=say(
+            "Road layer {name} gives no roads: {what}{where}. Control is looked for at "
+            "salient ortho points instead.",
+            name=layer.name,
+            what=what,
+            where=where,
+        ),
     )
 
 

@@ -28,6 +28,7 @@ from core.geometry.crs import (
     read_crs,
     same_coordinates,
 )
+from core.said import say
 
 LAYER_MARK = "|layername="
 """What QGIS writes between a file and one of its layers."""
@@ -76,7 +77,9 @@ def read_layers(
         names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
         if wanted and wanted not in names:
             raise ReferenceDataError(
-                file, f"it has no layer {wanted!r}.", f"It has: {', '.join(names) or 'none'}."
+                file,
+                say("it has no layer {wanted!r}.", wanted=wanted),
+                say("It has: {names}.", names=", ".join(names) or "none"),
             )
         chosen = [wanted] if wanted else names
         return tuple(_read_layer(file, name, crs, bounds, attributes=attributes) for name in chosen)

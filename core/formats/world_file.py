@@ -15,6 +15,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from core.arrays import Affine2, locked
 from core.errors import ScanError
 from core.frames import HALF_PIXEL
+from core.said import say
 
 NO_AREA = 1e-18  # design: a pixel of a nanometre, which is rounding and no pixel.
 """Square metres (or degrees) below which a pixel has no area."""
@@ -70,7 +71,7 @@ def read_world_file(path: Path) -> WorldFile:
     except OSError as error:
         raise ScanError(
             path,
-            f"The world file cannot be read ({error.strerror}).",
+            say("The world file cannot be read ({strerror}).", strerror=error.strerror),
             "Put it beside its scan, or choose another georeference in [scans].",
         ) from error
     try:
@@ -78,7 +79,11 @@ def read_world_file(path: Path) -> WorldFile:
     except ValueError as error:
         raise ScanError(
             path,
-            f"A world file holds six numbers, this one holds {len(words)} words: {words[:6]}.",
+            say(
+                "A world file holds six numbers, this one holds {count} words: {words}.",
+                count=len(words),
+                words=words[:6],
+            ),
             "Write A, D, B, E, C, F on a line each, or take the file away.",
         ) from error
     linear = np.array([[a, b], [d, e]])

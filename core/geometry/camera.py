@@ -22,6 +22,7 @@ from jaxtyping import Float64, Int
 
 from core.arrays import FilmPoints, Scalars, locked
 from core.doubts import Failure
+from core.said import say
 
 # source: Gruen 1978 takes powers 0 to 4.
 DEGREES = 5
@@ -286,7 +287,11 @@ def polynomial_from_table(
     """
     radii, shifts = locked([row for row in table if row[0] > 0]).reshape(-1, 2).T
     if len(radii) < terms + 1:
-        return Failure(f"{len(radii)} radii are too few for {terms} coefficients.")
+        return Failure(
+            say(
+                "{count} radii are too few for {terms} coefficients.", count=len(radii), terms=terms
+            )
+        )
     unit = float(radii.max())
     scaled = radii / unit
     design = np.column_stack([scaled ** (2 * k + 1) for k in range(terms + 1)])

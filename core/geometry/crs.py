@@ -20,6 +20,7 @@ from pyproj.exceptions import ProjError
 from pyproj.transformer import TransformerGroup
 
 from core.errors import CrsError
+from core.said import say
 
 Bounds = tuple[float, float, float, float]
 """West, south, east, north, metres."""
@@ -60,14 +61,18 @@ def parse_crs(text: str, where: str | Path) -> CRS:
     if not crs.is_projected:
         raise CrsError(
             where,
-            f"{name} does not count in metres on a map plane.",
+            say("{name} does not count in metres on a map plane.", name=name),
             "Give a projected CRS in metres, such as EPSG:5514 or EPSG:32633.",
         )
     directions = {axis.direction for axis in crs.axis_info[:2]}
     if directions != {"east", "north"}:
         raise CrsError(
             where,
-            f"the axes of {name} point {' and '.join(sorted(directions))}, not east and north.",
+            say(
+                "the axes of {name} point {names}, not east and north.",
+                name=name,
+                names=" and ".join(sorted(directions)),
+            ),
             "Name its variant that counts east and north; for S-JTSK that is EPSG:5514, "
             "with coordinates E = -Y, N = -X (both negative).",
         )
@@ -75,7 +80,11 @@ def parse_crs(text: str, where: str | Path) -> CRS:
     if any(abs(axis.unit_conversion_factor - 1) > 1e-9 for axis in crs.axis_info[:2]):
         raise CrsError(
             where,
-            f"{name} counts in {crs.axis_info[0].unit_name}, not in metres.",
+            say(
+                "{name} counts in {unit_name}, not in metres.",
+                name=name,
+                unit_name=crs.axis_info[0].unit_name,
+            ),
             "Give a projected CRS in metres and reproject the reference data to it.",
         )
     return crs
@@ -102,7 +111,7 @@ def read_crs(text: str, where: str | Path) -> CRS:
     except ProjCrsError as error:
         raise CrsError(
             where,
-            f"PROJ does not know the CRS {text[:60]!r}.",
+            say("PROJ does not know the CRS {text!r}.", text=text[:60]),
             'Give an EPSG code such as "EPSG:5514", WKT, or a PROJ string.',
         ) from error
 
@@ -179,8 +188,12 @@ def operation_between(
             return operation
     raise CrsError(
         where,
-        f"PROJ cannot bring {short_name(CRS(source))} to {short_name(CRS(target))} at "
-        f"{_sample(points)}.",
+        say(
+            "PROJ cannot bring {source} to {target} at {points}.",
+            source=short_name(CRS(source)),
+            target=short_name(CRS(target)),
+            points=_sample(points),
+        ),
         "Check the CRS of the block and of this file; one of them is another one (or zone).",
     )
 
@@ -236,8 +249,11 @@ def infer_crs(points: Num[np.ndarray, "n 2"], block_crs: CRS, where: str | Path)
     _refuse_krovak_slips(block_crs, finite, where)
     raise CrsError(
         where,
-        f"the file names no CRS, and its coordinates {_sample(finite)} do not fit "
-        f"{short_name(block_crs)}.",
+        say(
+            "the file names no CRS, and its coordinates {points} do not fit {block_crs}.",
+            points=_sample(finite),
+            block_crs=short_name(block_crs),
+        ),
         "Assign its CRS (gdal_edit.py -a_srs, or a .prj file) and start again.",
     )
 
@@ -260,8 +276,12 @@ def check_range(crs: CRS, points: Num[np.ndarray, "n 2"], where: str | Path) -> 
         return
     raise CrsError(
         where,
-        f"coordinates such as {_sample(finite)} lie {_far(distance)} the area "
-        f"{short_name(crs)} is made for.",
+        say(
+            "coordinates such as {points} lie {distance} the area {crs} is made for.",
+            points=_sample(finite),
+            distance=_far(distance),
+            crs=short_name(crs),
+        ),
         _hint(crs, finite),
     )
 
@@ -281,7 +301,13 @@ def _refuse_krovak_slips(crs: CRS, points: PlanePoints, where: str | Path) -> No
         remedy = "Swap the two: in EPSG:5514 E lies near -700 000 and N near -1 100 000."
     else:
         return
-    raise CrsError(where, f"coordinates such as {_sample(points)} are S-JTSK, but {told}", remedy)
+    raise CrsError(
+        where,
+        say(
+            "coordinates such as {points} are S-JTSK, but {told}", points=_sample(points), told=told
+        ),
+        remedy,
+    )
 
 
 def _within(points: PlanePoints, first: Sequence[float], second: Sequence[float]) -> bool:
@@ -326,20 +352,27 @@ def _hint(crs: CRS, points: PlanePoints) -> str:
     """The likeliest slip behind coordinates that lie nowhere near."""
     name = short_name(crs)
     if _is_degrees(points):
-        return f"They look like degrees: reproject the file to {name}, or state its true CRS."
+        return say(
+            "They look like degrees: reproject the file to {name}, or state its true CRS.",
+            name=name,
+        )
     for known, (west, south, east, north) in KNOWN_RANGES:
         if known != name and _within(points, (west, east), (south, north)):
-            return f"They look like {known}. Check the CRS of this file, and `crs` in [block]."
+            return say(
+                "They look like {known}. Check the CRS of this file, and `crs` in [block].",
+                known=known,
+            )
     if _outside_m(crs, points[:, ::-1]) == 0:
-        return f"They fit {name} when swapped: give easting first, then northing."
+        return say("They fit {name} when swapped: give easting first, then northing.", name=name)
     if _outside_m(crs, -points) == 0:
-        return f"They fit {name} with the opposite sign: put a minus before both."
+        return say("They fit {name} with the opposite sign: put a minus before both.", name=name)
     return "Check the CRS of the block and of this file; one of them is another one (or zone)."
 
 
 def _far(distance_m: float) -> str:
     """The distance in words."""
-    return f"{distance_m / 1000:.0f} km outside" if np.isfinite(distance_m) else "outside"
+    far = distance_m / 1000
+    return say("{far:.0f} km outside", far=far) if np.isfinite(distance_m) else "outside"
 
 
 def _sample(points: PlanePoints) -> str:

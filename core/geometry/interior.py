@@ -21,6 +21,7 @@ from core.geometry.interior_models import (
 )
 from core.geometry.robust import TINY
 from core.geometry.transforms import PARAMETERS, PlaneTransform, fit_similarity
+from core.said import say
 
 InteriorModel = Literal["similarity", "affine", "projective", "bilinear", "nominal"]
 FittedModel = Literal["auto", "similarity", "affine", "projective", "bilinear"]
@@ -209,7 +210,10 @@ def fit_interior(
     interior = _interior(fit, factor, tuple(np.array(names)[keep].tolist()), pixels[keep])
     if interior.rms_um > limit_um(interior.pixel_size_mm):
         return Failure(
-            f"The fiducials do not fit their certificate: RMS {interior.rms_um:.0f} um.",
+            say(
+                "The fiducials do not fit their certificate: RMS {rms_um:.0f} um.",
+                rms_um=interior.rms_um,
+            ),
             {
                 "rms_um": interior.rms_um,
                 "residuals_um": dict(

@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints, Scalars, locked
 from core.doubts import Failure
 from core.geometry.transforms import PARAMETERS, PlaneTransform, fit_affine, fit_similarity
+from core.said import say
 
 FilmModel = Literal["similarity", "affine", "projective", "bilinear"]
 Warp = Float64[np.ndarray, "2"]
@@ -78,7 +79,9 @@ def fit_film(
         mirrored: True when the film was scanned from its back.
     """
     if 2 * len(pixels) < PARAMETERS[model]:
-        return Failure(f"{len(pixels)} marks are too few for a {model} model.")
+        return Failure(
+            say("{count} marks are too few for a {model} model.", count=len(pixels), model=model)
+        )
     start = fit_similarity(pixels, film, mirrored=not mirrored)
     if model != "similarity" and isinstance(start, PlaneTransform):
         start = fit_affine(pixels, film)
@@ -97,7 +100,9 @@ def fit_film(
         left, singular, right = np.linalg.svd(design, full_matrices=False)
         # design: far above rounding.
         if singular[-1] < 1e-9 * singular[0]:
-            return Failure(f"The marks lie too much in one line for a {model} model.")
+            return Failure(
+                say("The marks lie too much in one line for a {model} model.", model=model)
+            )
         step = -(right.T / singular) @ (left.T @ (residual * weights))
         values = _undo_centring(scaled @ step, shift) + values
         back = np.column_stack([_undo_centring(column, shift) for column in scaled.T])

@@ -16,6 +16,7 @@ from core.arrays import FilmPoints, Flags, Position, Rotation, Scalars, locked
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.robust import TINY
+from core.said import say
 
 Rays = Float64[np.ndarray, "n 3"]
 """Directions in image space with z = -1."""
@@ -137,7 +138,10 @@ def orient_relative(
     """
     count = len(rays.first)
     if count < options.min_inliers:
-        return Failure(f"Only {count} matches.", {"matches": count})
+        return Failure(
+            say("Only {count} matches.", count=count),
+            {"matches": count},
+        )
     starts = [approximate, *_sample(rays, options, rng)]
     best, best_cost = approximate, np.inf
     for start in starts:
@@ -166,7 +170,12 @@ def _judge(
     evidence = {"matches": total, "agreeing": count, "log10_nfa": nfa}
     if count < options.min_inliers or nfa > MOST_LOG10_NFA:
         return Failure(
-            f"Only {count} of {total} matches agree with one relative orientation.", evidence
+            say(
+                "Only {count} of {total} matches agree with one relative orientation.",
+                count=count,
+                total=total,
+            ),
+            evidence,
         )
     return OrientedPair(orientation, agrees, residual, nfa)
 

@@ -20,6 +20,7 @@ from core.geometry.collinearity import (
 from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions, Step
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
+from core.said import say
 
 # design: the linear model ranks the best nearly right; three leave room for a change of order.
 FULL = 3
@@ -106,7 +107,9 @@ def resect_photo(
     """
     known = np.unique(candidates.point[candidates.weight > 0])
     if len(known) < SAMPLE + 2:
-        return Failure(f"only {len(known)} known points have a candidate in this photo")
+        return Failure(
+            say("only {count} known points have a candidate in this photo", count=len(known))
+        )
     search = Search(model, start, prior_covariance, points, candidates, options)
     steps = search.consensus.hypotheses(rng)
     linear = sorted((search.consensus.refined(step) for step in steps), key=lambda found: found[0])
@@ -175,14 +178,20 @@ class Search:
         chosen, residual, _ = self.agreeing(exterior)
         count = len(self.consensus.first)
         if len(chosen) <= SAMPLE:
-            return Failure(f"no orientation agrees with more than {len(chosen)} points")
+            return Failure(
+                say("no orientation agrees with more than {count} points", count=len(chosen))
+            )
         e_value = self.log10_e_value(exterior)
         evidence = {
             "points": count, "agreeing": len(chosen), "log10_e_value": round(e_value, 2),
         }  # fmt: skip
         if e_value < self.options.least_log10_e_value:
             return Failure(
-                f"{len(chosen)} of {count} points agree, which chance alone could bring about",
+                say(
+                    "{count} of {all} points agree, which chance alone could bring about",
+                    count=len(chosen),
+                    all=count,
+                ),
                 evidence,
             )
         covariance = self.solved(exterior, chosen, residual)[1]

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 
 from core.arrays import Affine2, Matrix, Rotation, Scalars, locked
 from core.doubts import Failure
+from core.said import say
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Points of any plane frame."""
@@ -107,7 +108,12 @@ def _fit(
     unknowns = PARAMETERS[model]
     if 2 * len(source) < unknowns:
         return Failure(
-            f"{len(source)} points are too few for a {model} transform.", {"points": len(source)}
+            say(
+                "{count} points are too few for a {model} transform.",
+                count=len(source),
+                model=model,
+            ),
+            {"points": len(source)},
         )
     shift, spread = _normalisation(source)
     centred = (source - shift) / spread
@@ -115,7 +121,11 @@ def _fit(
     left, singular, right = np.linalg.svd(design, full_matrices=False)
     if singular[-1] < MIN_SPREAD * singular[0]:
         return Failure(
-            f"The {len(source)} points coincide or lie in one line: no {model} transform.",
+            say(
+                "The {count} points coincide or lie in one line: no {model} transform.",
+                count=len(source),
+                model=model,
+            ),
             {"singular_values": singular.tolist()},
         )
     aim = target.mean(axis=0)

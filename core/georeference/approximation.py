@@ -32,6 +32,7 @@ from core.geometry.transforms import (
     invert_affine,
     rotation_and_scale,
 )
+from core.said import say
 
 GeoreferenceSource = Literal["world-file", "points", "footprints", "exterior", "area"]
 QUARTERS = np.arange(4) * np.pi / 2  # source: definition of a quarter turn.
@@ -239,8 +240,13 @@ def approximate_from_eo(
     if centre[2] <= ground.height_m:
         raise ProjectError(
             file,
-            f"Scan {record.scan} is said to be taken from {centre[2]:.0f} m, below the ground at "
-            f"{ground.height_m:.0f} m.",
+            say(
+                "Scan {scan} is said to be taken from {height:.0f} m, below the ground at "
+                "{ground:.0f} m.",
+                scan=record.scan,
+                height=centre[2],
+                ground=ground.height_m,
+            ),
             "Check the column Z: it is the height of the perspective centre, not over ground.",
         )
     place = record.sigma_centre_m or LISTED[:1] * 3
@@ -343,9 +349,18 @@ def check_place(middle: np.ndarray, ground: Ground, file: Path) -> None:
     if outside_m > FAR_M:
         raise CrsError(
             file,
-            f"the position ({middle[0]:.0f}, {middle[1]:.0f}) lies {outside_m / 1000:.0f} km "
-            f"outside the DEM, which covers E {low[0]:.0f} to {high[0]:.0f}, N {low[1]:.0f} to "
-            f"{high[1]:.0f}.",
+            say(
+                "the position ({east:.0f}, {north:.0f}) lies {away:.0f} km outside the DEM, "
+                "which covers E {west_edge:.0f} to {east_edge:.0f}, N {south_edge:.0f} to "
+                "{north_edge:.0f}.",
+                east=middle[0],
+                north=middle[1],
+                away=outside_m / 1000,
+                west_edge=low[0],
+                east_edge=high[0],
+                south_edge=low[1],
+                north_edge=high[1],
+            ),
             "One of the two is misplaced: check the CRS, the signs and the order of the axes of "
             "both against `crs` in [block].",
         )
@@ -374,8 +389,11 @@ def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]
         Doubt(
             "world-file-affine",
             photo_id,
-            f"The world file stretches the photo by {stretch:.0%}, more than tilt or relief do: it "
-            "was fitted badly, or two of its lines are exchanged.",
+            say(
+                "The world file stretches the photo by {stretch:.0%}, more than tilt or "
+                "relief do: it was fitted badly, or two of its lines are exchanged.",
+                stretch=stretch,
+            ),
             evidence={"stretch": stretch},
         ),
     )

@@ -27,6 +27,7 @@ from core.georeference.approximation import (
     world_file_centre,
 )
 from core.raster.dem import Dem
+from core.said import say
 from core.scans.interior_orientation import ScanOrientation
 
 GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
@@ -137,8 +138,11 @@ def georeference_photo(
     if archive.georeference.scale_number is not None:
         return _from_area(archive.georeference.scale_number, camera, archive, dem)
     return Failure(
-        f"Nothing says where {oriented.photo_id} was taken: no world file or points beside it, no "
-        "row in the EO list, no footprint.",
+        say(
+            "Nothing says where {photo_id} was taken: no world file or points beside it, "
+            "no row in the EO list, no footprint.",
+            photo_id=oriented.photo_id,
+        ),
         {"looked_for": order},
     )
 
@@ -242,7 +246,11 @@ def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:
     return Doubt(
         "georeference-missing",
         photo_id,
-        f"There is no {NAMED[wanted]} for this scan; it was placed by its {NAMED[used]} instead.",
+        say(
+            "There is no {wanted} for this scan; it was placed by its {used} instead.",
+            wanted=NAMED[wanted],
+            used=NAMED[used],
+        ),
         evidence={"wanted": wanted, "used": used},
     )
 
@@ -253,7 +261,12 @@ def _names_none(file: Path, what: str, photo_ids: Collection[str]) -> Doubt:
     return Doubt(
         "georeference-unused",
         str(file),
-        f"The {what} in {file.name} name no scan of this block and were not used. The names must "
-        f"be those of the scan files, such as {example}.",
+        say(
+            "The {what} in {name} name no scan of this block and were not used. The "
+            "names must be those of the scan files, such as {example}.",
+            what=what,
+            name=file.name,
+            example=example,
+        ),
         evidence={"scans": len(photo_ids)},
     )

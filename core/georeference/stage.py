@@ -26,6 +26,7 @@ from core.progress import Work
 from core.raster.dem import Dem
 from core.raster.grid import Grid
 from core.raster.ortho import LEAST_COVERAGE, Ortho
+from core.said import say
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanSet
 
@@ -99,7 +100,7 @@ def georeference_photos(
         name: approximate_photo(scans.oriented[name], scan_cameras[name], result, reference)
         for name, result in sorted(placed.items())
     }
-    set_aside = {name: str(error) for name, error in failed.items()}
+    set_aside = {name: error.told for name, error in failed.items()}
     block = Block(files.crs, scans.cameras or given_cameras, photos)
     lost = far_from_reference(block, reference)
     set_aside |= lost
@@ -197,24 +198,38 @@ def _judge_share(what: str, file: str, share: float, own: Bounds, block: Bounds)
     """An error, a doubt, or nothing."""
     if share >= FULL_SHARE:
         return None
-    cause = (
-        f"the {what} covers {100 * share:.0f} % of the block: it lies at {_words(own)}, "
-        f"the block at {_words(block)}."
+    cause = say(
+        "the {what} covers {share:.0f} % of the block: it lies at {own}, the block at {block}.",
+        what=what,
+        share=100 * share,
+        own=_words(own),
+        block=_words(block),
     )
     if share < LEAST_SHARE:
         if _overlap(own, block) > LEAST_SHARE:
-            cause = f"the {what} is nodata over {100 * (1 - share):.0f} % of the block."
+            cause = say(
+                "the {what} is nodata over {share:.0f} % of the block.",
+                what=what,
+                share=100 * (1 - share),
+            )
         raise ReferenceDataError(
             file,
             cause,
-            f"Add {what} files for the rest of the block under [reference], or check the CRS and "
-            "the scans' georeference.",
+            say(
+                "Add {what} files for the rest of the block under [reference], or check the "
+                "CRS and the scans' georeference.",
+                what=what,
+            ),
         )
     return Doubt(
         kind=f"{what.lower()}-coverage",
         subject=file,
-        message=f"The {what} covers {100 * share:.0f} % of the block; there will be no control "
-        "and no mosaic in the rest.",
+        message=say(
+            "The {what} covers {share:.0f} % of the block; there will be no control and "
+            "no mosaic in the rest.",
+            what=what,
+            share=100 * share,
+        ),
         gravity=1 - share,
         evidence={"share": round(share, 4), "bounds": list(own), "block": list(block)},
     )
@@ -230,4 +245,8 @@ def _overlap(own: Bounds, block: Bounds) -> float:
 
 def _words(bounds: Bounds) -> str:
     """Bounds for a message."""
-    return f"E {bounds[0]:.0f} to {bounds[2]:.0f}, N {bounds[1]:.0f} to {bounds[3]:.0f}"
+    west, south, east, north = bounds
+    return say(
+        "E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}",
+        west=west, south=south, east=east, north=north
+    )  # fmt: skip

@@ -22,6 +22,7 @@ from core.matching.patches import object_on_ground
 from core.matching.reference import Reference
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferencePoints
+from core.said import say
 
 # design: twice what a resection needs to be checked by each of its points.
 MIN_TIES = 8
@@ -110,12 +111,16 @@ def nothing_stands(
     """The error of a block without a single photo on the reference, with the first one's reason."""
     first, count = min(block.photos), len(block.photos)
     failure = oriented.get(first)
-    why = failure.reason.rstrip(".") if isinstance(failure, Failure) else "it was not tried"
+    why = failure.reason if isinstance(failure, Failure) else "it was not tried"
     return OrientationError(
         block.photos[first].scan,
-        f"neither this photo ({why}) nor any other of {count} stands on the reference ortho."
+        say(
+            "neither this photo ({why}) nor any other of {count} stands on the reference ortho.",
+            why=why,
+            count=count,
+        )
         if count > 1
-        else f"the photo does not stand on the reference ortho: {why}.",
+        else say("the photo does not stand on the reference ortho: {why}.", why=why),
         "Check that ortho, DEM and roads cover the photos and that no mask hides them; then the "
         "principal distance and the scan pixel size. If all is right, click two places far apart "
         "in one photo: gruber review shows it beside the ortho (a .points file of the QGIS "
@@ -178,9 +183,14 @@ def carry_the_rest(
             said, gravity = "it is carried by tie points to its neighbours", 0.5
         else:
             # design: graver than a photo that is carried: nothing of it is used.
-            said, gravity = f"it is left out: {reasons[name]}", 0.9
+            said, gravity = say("it is left out: {reason}", reason=reasons[name]), 0.9
         own = why.get(name, "it was not tried")
-        message = f"Photo {name} did not stand on the reference ({own}); {said}."
+        message = say(
+            "Photo {name} did not stand on the reference ({own}); {said}.",
+            name=name,
+            own=own,
+            said=said,
+        )
         doubts.append(Doubt("photo-orientation", name, message, gravity))
     return block, tuple(doubts)
 
@@ -212,7 +222,7 @@ def carried_by_ties(
     own: Indices = np.nonzero(ties.photo == ties.photo_ids.index(photo_id))[0]
     own = own[[int(ties.point[ray]) in ground for ray in own]]
     if len(own) < MIN_TIES:
-        return Failure(f"only {len(own)} tie points to photos that stand")
+        return Failure(say("only {count} tie points to photos that stand", count=len(own)))
     points = np.array([ground[int(ties.point[ray])] for ray in own])
     start = vertical_over(block, photo_id, ties.pixels[own], points)
     if isinstance(start, Failure):

@@ -35,6 +35,7 @@ from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferenceFeatures, ReferencePoints
+from core.said import say
 from core.ties.features import Features
 from core.ties.stage import TieOptions, detect_block_features, match_roughly
 
@@ -174,7 +175,13 @@ def place_parts(
         result = place_block(part, own, site.reference, options.placement, work.mapper)
         if isinstance(result, Failure):
             names = ", ".join(part.block.photos)
-            doubts.append(Doubt("block-placement", names, f"{names}: {result.reason}."))
+            doubts.append(
+                Doubt(
+                    "block-placement",
+                    names,
+                    say("{names}: {reason}.", names=names, reason=result.reason),
+                )
+            )
         else:
             parts.append(result)
     return tuple(parts), tuple(doubts)

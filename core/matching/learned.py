@@ -15,6 +15,7 @@ from jaxtyping import Float32
 from core.errors import ProjectError
 from core.matching.peaks import ScoreMap
 from core.matching.template_search import Description, Image, channel_scores
+from core.said import say
 
 Features = Float32[np.ndarray, "channels rows columns"]
 LEARNED = "learned"
@@ -126,11 +127,19 @@ def features_of(network: Any, grey: Image, file: Path) -> Features:
     try:
         found = np.asarray(network.forward(), np.float32)
     except (cv2.error, ValueError) as error:
-        raise ProjectError(file, f"The network does not run ({_told(error)}).", FORM) from error
+        raise ProjectError(
+            file,
+            say("The network does not run ({error}).", error=_told(error)),
+            FORM,
+        ) from error
     sides = found.shape[2:]
     if found.ndim != 4 or sides != grey.shape or not 1 <= found.shape[1] <= MOST_CHANNELS:
         given, got = (1, 1, *grey.shape), found.shape
-        raise ProjectError(file, f"The network makes {got} of {given}.", FORM)
+        raise ProjectError(
+            file,
+            say("The network makes {got} of {given}.", got=got, given=given),
+            FORM,
+        )
     if not np.isfinite(found).all():
         raise ProjectError(file, "The network gives features that are no numbers.", FORM)
     return found[0]
@@ -147,12 +156,14 @@ def read_network(file: Path) -> Any:
     except OSError as error:
         remedy = "Name an ONNX file that is there and may be read, in [control] learned."
         raise ProjectError(
-            file, f"The network cannot be read ({error.strerror}).", remedy
+            file,
+            say("The network cannot be read ({strerror}).", strerror=error.strerror),
+            remedy,
         ) from error
     try:
         return cv2.dnn.readNetFromONNX(content)
     except cv2.error as error:
-        cause = f"This is no network that OpenCV can run ({_told(error)})."
+        cause = say("This is no network that OpenCV can run ({error}).", error=_told(error))
         raise ProjectError(file, cause, "Export the network as ONNX again.") from error
 
 

@@ -27,6 +27,7 @@ from core.matching.template_search import correlation_scores
 from core.progress import SILENT, Progress
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho, OrthoPatch, open_ortho
+from core.said import say
 
 Shifts = Float64[np.ndarray, "n 2"]
 Patch = Float32[np.ndarray, "_ _"]
@@ -183,7 +184,7 @@ def compare_orthos(
     if not places.used.any():
         raise ReferenceDataError(
             product_path,
-            f"No place could be recognised in {truth_path}.",
+            say("No place could be recognised in {truth_path}.", truth_path=truth_path),
             "Check that both show the same ground, or enlarge search_px.",
         )
     return _summary(_without_mismatches(places, view.grid), view.grid)
@@ -218,7 +219,9 @@ def _open_both(product_path: Path, truth_path: Path) -> _CommonView:
     gsd = own.ground_sample_distance_m
     if west + gsd >= east or south + gsd >= north:
         raise ReferenceDataError(
-            product_path, f"It has no area in common with {truth_path}.", "Check the CRS of both."
+            product_path,
+            say("It has no area in common with {truth_path}.", truth_path=truth_path),
+            "Check the CRS of both.",
         )
     grid = own.covering((west, south, east, north))
     return _CommonView(product, truth, grid)

@@ -29,6 +29,7 @@ from core.geometry.crs import Bounds, Operation, operation_between, short_name
 from core.raster.files import TILES, gray_from_colour
 from core.raster.grid import ROUNDING_PX, Grid
 from core.raster.sheets import Sheet, SheetKind, block_outline, open_sheet, sheet_file
+from core.said import say
 
 # design: 128 bits; no two meet by chance
 DIGEST_BYTES = 16
@@ -133,7 +134,9 @@ def open_sheets(paths: Sequence[str | Path], crs: CRS, what: SheetKind) -> Sheet
     """
     if not paths:
         raise ReferenceDataError(
-            f"[reference] {what.lower()}", f"no {what} is given.", "Name at least one file."
+            f"[reference] {what.lower()}",
+            say("no {what} is given.", what=what),
+            "Name at least one file.",
         )
     # Each file once, whatever globs overlap; sorted, so that the result hangs on no order.
     sheets = [open_sheet(path, crs, what) for path in sorted({str(path) for path in paths})]
@@ -165,16 +168,28 @@ def _notes(sheets: Sequence[Sheet], crs: CRS, what: str) -> tuple[Doubt, ...]:
         operation = next(sheet.operation for sheet in sheets if sheet.crs == own)
         assert operation is not None
         accuracy, lossless = operation.accuracy_m, operation.accuracy_m == 0
-        known = "of unknown accuracy" if np.isnan(accuracy) else f"good to {accuracy:g} m"
+        known = (
+            "of unknown accuracy"
+            if np.isnan(accuracy)
+            else say("good to {accuracy:g} m", accuracy=accuracy)
+        )
         lack = "" if operation.best else " A better operation needs a grid that is not installed."
         # design: gravity of a note; graver where a better operation exists
         notes.append(
             Doubt(
                 kind="reference-reprojected",
                 subject=files[0],
-                message=f"{len(files)} {what} sheet(s) in {short_name(CRS(own))} are reprojected "
-                f"to {short_name(crs)} while reading ({operation.words}, "
-                f"{'without loss' if lossless else known}).{lack}",
+                message=say(
+                    "{count} {what} sheet(s) in {own} are reprojected to {crs} while reading "
+                    "({words}, {known}).{lack}",
+                    count=len(files),
+                    what=what,
+                    own=short_name(CRS(own)),
+                    crs=short_name(crs),
+                    words=operation.words,
+                    known="without loss" if lossless else known,
+                    lack=lack,
+                ),
                 gravity=0.2 if operation.best else 0.5,
                 evidence={"files": files, "accuracy_m": None if np.isnan(accuracy) else accuracy},
             )
@@ -199,10 +214,15 @@ def _half_pixel_notes(lattices: Sequence[Lattice], what: str) -> list[Doubt]:
                     Doubt(
                         kind="reference-half-pixel",
                         subject=files[0],
-                        message=f"{len(files)} {what} sheet(s) lie half a pixel "
-                        f"({lattice.ground_sample_distance_m / 2:g} m) beside the others: the "
-                        "world files of one kind seem to mean the corner of the first pixel, not "
-                        "its centre. Sheets cut before 2016 may do so.",
+                        message=say(
+                            "{count} {what} sheet(s) lie half a pixel ({half:g} m) beside the "
+                            "others: the world files of one kind seem to mean the corner of the "
+                            "first pixel, not "
+                            "its centre. Sheets cut before 2016 may do so.",
+                            count=len(files),
+                            what=what,
+                            half=lattice.ground_sample_distance_m / 2,
+                        ),
                         gravity=0.4,
                         evidence={"files": files, "beside": one.path},
                     )

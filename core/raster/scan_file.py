@@ -23,6 +23,7 @@ from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
 from core.raster.files import FILES, LUMINANCE, gray_from_colour
 from core.raster.grid import Pixels, Tile, window_of
+from core.said import say
 
 GrayWindow = Float32[np.ndarray, "rows columns"]
 """Part of a scan as gray values."""
@@ -156,7 +157,7 @@ def open_scan(path: Path) -> ScanFile:
         if scan.dtype not in READABLE:
             raise ScanError(
                 path,
-                f"Its pixels are {scan.dtype}, not 8 or 16 bit gray or colour.",
+                say("Its pixels are {dtype}, not 8 or 16 bit gray or colour.", dtype=scan.dtype),
                 "Save the scan as an 8 or 16 bit TIFF, JPEG or JPEG 2000.",
             )
         if dataset.driver == "GTiff":
@@ -188,12 +189,25 @@ def check_fits_camera(
     implied_um = 1000 * np.sort(frame) / np.sort(np.array(scan.size_px))
     raise ScanError(
         scan.path,
-        f"{scan.size_px[0]} x {scan.size_px[1]} pixels of {scan_pixel_mm * 1000:g} um are "
-        f"{sides[0]:.0f} x {sides[1]:.0f} mm, which does not fit the {frame[0]:g} x "
-        f"{frame[1]:g} mm frame of camera '{camera.name}'.",
-        f"Check scan_pixel_um in [scans] (a frame that fills the scan would need "
-        f"{implied_um.min():.1f} um) and frame_mm of the camera, or give this scan its own camera "
-        "in [[scans.override]].",
+        say(
+            "{columns} x {rows} pixels of {pixel:g} um are {wide:.0f} x {high:.0f} mm, "
+            "which does not fit the {frame_wide:g} x {frame_high:g} mm frame of camera "
+            "'{name}'.",
+            columns=scan.size_px[0],
+            rows=scan.size_px[1],
+            pixel=scan_pixel_mm * 1000,
+            wide=sides[0],
+            high=sides[1],
+            frame_wide=frame[0],
+            frame_high=frame[1],
+            name=camera.name,
+        ),
+        say(
+            "Check scan_pixel_um in [scans] (a frame that fills the scan would need "
+            "{implied:.1f} um) and frame_mm of the camera, or give this scan its own "
+            "camera in [[scans.override]].",
+            implied=implied_um.min(),
+        ),
     )
 
 
@@ -311,7 +325,9 @@ def _check_file(path: Path) -> None:
             pass
     except OSError as error:
         raise ScanError(
-            path, f"It cannot be read ({error.strerror}).", "Give yourself the right to read it."
+            path,
+            say("It cannot be read ({strerror}).", strerror=error.strerror),
+            "Give yourself the right to read it.",
         ) from error
     if size == 0:
         raise ScanError(path, "The file is empty.", "Copy the scan again from the archive.")

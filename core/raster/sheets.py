@@ -27,6 +27,7 @@ from core.geometry.crs import (
     same_coordinates,
 )
 from core.raster.files import FILES, Stamp, file_stamp
+from core.said import say
 
 SheetKind = Literal["ortho", "DEM"]
 """What a sheet holds, in the words of messages."""
@@ -197,7 +198,7 @@ def _sheet(name: str, stamp: Stamp, crs: str, what: SheetKind) -> Sheet:
         if raster.transform.is_identity:
             raise ReferenceDataError(
                 path,
-                f"this {what} sheet has no place on the ground.",
+                say("this {what} sheet has no place on the ground.", what=what),
                 "Put its world file beside it, with the same name.",
             )
         if what == "DEM":
@@ -250,7 +251,10 @@ def _refuse_feet(raster: rasterio.DatasetReader, path: Path) -> None:
         return
     raise ReferenceDataError(
         path,
-        f"the DEM says that its heights are not in metres ({unit or f'{factor:.4f} m each'}).",
+        say(
+            "the DEM says that its heights are not in metres ({unit}).",
+            unit=unit or f"{factor:.4f} m each",
+        ),
         "Convert it to metres, for example with gdal_calc, and take the unit out of its CRS.",
     )
 

@@ -10,6 +10,7 @@ from core.arrays import FilmPoints, PixelPoints
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
+from core.said import say
 from core.scans.fiducials import SQUARE
 from core.scans.film_area import STRIP_SIDES, area_from_interior
 from core.scans.interior_orientation import ScanOrientation, pooled_factor
@@ -221,12 +222,15 @@ def _pooled(oriented: Oriented) -> Oriented:
 
 def _turned(photo_id: str, way: Way) -> Doubt:
     """The doubt of a scan that lies otherwise than its marks alone would say."""
-    words = "lies upright after all" if way == UPRIGHT else f"is {turned_words(way)}"
+    words = "lies upright after all" if way == UPRIGHT else say("is {way}", way=turned_words(way))
     return Doubt(
         "scan-turned",
         photo_id,
-        f"By its data strip and its neighbours this scan {words} against the others of its "
-        "camera; its fiducials were named so. They alone cannot tell.",
+        say(
+            "By its data strip and its neighbours this scan {words} against the others "
+            "of its camera; its fiducials were named so. They alone cannot tell.",
+            words=words,
+        ),
         0.5 if way[1] else 0.2,  # design: a mirrored scan spoils matching, a turned one does not
         {"quarter_turns": way[0], "mirrored": way[1]},
     )
@@ -240,14 +244,24 @@ def _estimated(camera: Camera, estimated: EstimatedMarks) -> Doubt:
     rests = (
         "as one or two photos show them, taken to lie symmetrically"
         if estimated.photos < FEW
-        else f"to {1000 * estimated.sigma_mm:.0f} um from {estimated.photos} photos"
+        else say(
+            "to {sigma:.0f} um from {count} photos",
+            sigma=1000 * estimated.sigma_mm,
+            count=estimated.photos,
+        )
     )
     return Doubt(
         "fiducials-estimated",
         camera.name,
-        f"Camera '{camera.name}' has no fiducials_mm; its marks were found and placed {rests}. The "
-        f"principal point is only known to {PRINCIPAL_POINT_SIGMA_MM:.2f} mm. To keep "
-        f"them: fiducials_mm = {{ {places} }}",
+        say(
+            "Camera '{name}' has no fiducials_mm; its marks were found and placed "
+            "{rests}. The principal point is only known to {sigma:.2f} mm. To keep them: "
+            "fiducials_mm = {{ {places} }}",
+            name=camera.name,
+            rests=rests,
+            sigma=PRINCIPAL_POINT_SIGMA_MM,
+            places=places,
+        ),
         evidence={
             "places_mm": {name: list(place) for name, place in estimated.places_mm.items()},
             "sigma_mm": estimated.sigma_mm,

@@ -10,6 +10,7 @@ from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, fit_interior
 from core.raster.scan_file import ScanFile, read_window
+from core.said import say
 from core.scans.centring import (
     LEAST_RADIUS_PX,
     Centre,
@@ -121,8 +122,11 @@ def corrected_scan(
         doubt = Doubt(
             "fiducials-corrected",
             scan.photo_id,
-            "With the corrected fiducials there is no interior orientation "
-            f"({fitted.reason.rstrip('.')}): it stays what it was. Look at its marks again.",
+            say(
+                "With the corrected fiducials there is no interior orientation ({why}): it "
+                "stays what it was. Look at its marks again.",
+                why=fitted.reason.rstrip("."),
+            ),
             evidence={"fiducials": [mark.name for mark in used]},
         )
         return replace(scan, fiducials=marks, doubts=(*doubts, doubt))

@@ -16,6 +16,7 @@ from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.raster.scan_file import ScanFile, photo_id_of
+from core.said import say
 from core.scans.candidates import eighth
 from core.scans.constellation import (
     AGREE_MM,
@@ -417,7 +418,11 @@ def fiducials_by_hand(
         Doubt(
             "fiducial-doubtful",
             photo_id,
-            f"Fiducial {name} was measured by hand, but camera '{camera.name}' has no such mark.",
+            say(
+                "Fiducial {name} was measured by hand, but camera '{camera}' has no such mark.",
+                name=name,
+                camera=camera.name,
+            ),
             evidence={"fiducial": name},
         )
         for name in by_hand

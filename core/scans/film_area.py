@@ -17,6 +17,7 @@ from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation
 from core.raster.scan_file import ScanFile, read_window
+from core.said import say
 
 Side = Literal["left", "right", "top", "bottom"]
 SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
@@ -212,7 +213,10 @@ def check_not_blank(scan: ScanFile, area: FilmArea) -> None:
     if spread < BLANK:
         raise ScanError(
             scan.path,
-            f"The scan is blank: grays of the picture differ by {spread:.1f} of 255.",
+            say(
+                "The scan is blank: grays of the picture differ by {spread:.1f} of 255.",
+                spread=spread,
+            ),
             "Scan the photo again, or take the file out of [scans] files.",
         )
 

@@ -11,6 +11,7 @@ from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
+from core.said import say
 from core.scans.fiducials import (
     fiducials_by_hand,
     measure_fiducials,
@@ -130,7 +131,7 @@ def orient_scan(
     measured, area = _unknown(scan, camera, pixel_mm, area)
     strip = find_data_strip(scan, pixel_mm, area) if area.trusted else None
     interior = _nominal(scan, camera, pixel_mm, area)
-    doubt = _nominal_doubt(photo_id, area, "The camera has no fiducials_mm", EXPECTED)
+    doubt = _nominal_doubt(photo_id, area, "The camera has no fiducials_mm.", EXPECTED)
     return ScanOrientation(
         photo_id, scan, interior, measured.marks, _area(area, interior, camera),
         (*measured.doubts, doubt), strip=strip, look=look_of(scan, area),
@@ -193,7 +194,7 @@ def _by_certificate(
         doubts += (names_guessed(photo_id, measured.way),)
     if isinstance(fitted, Failure):
         interior = _nominal(scan, camera, pixel_mm, area)
-        doubts += (_nominal_doubt(photo_id, area, fitted.reason.rstrip("."), UNEXPECTED),)
+        doubts += (_nominal_doubt(photo_id, area, fitted.reason, UNEXPECTED),)
         doubts += _of_another_camera(scan, camera, pixel_mm, area)
     else:
         interior = fitted
@@ -227,8 +228,13 @@ def _of_another_camera(
         Doubt(
             "fiducials-of-another-camera",
             photo_id_of(scan.path),
-            f"There are marks, but not those of camera '{camera.name}': {told} mm from their "
-            "middle. Give this scan its own camera in [[scans.override]], or correct fiducials_mm.",
+            say(
+                "There are marks, but not those of camera '{name}': {told} mm from their "
+                "middle. Give this scan its own camera in [[scans.override]], or correct "
+                "fiducials_mm.",
+                name=camera.name,
+                told=told,
+            ),
             evidence={"places_mm": places, "kind": other.marks[0].kind},
         ),
     )
@@ -252,9 +258,13 @@ def _nominal_doubt(photo_id: str, area: FilmArea, reason: str, gravity: float) -
     return Doubt(
         "interior-nominal",
         photo_id,
-        f"{reason}: the interior orientation rests on {rests_on} and the nominal scan pixel size, "
-        "good to some tenths of a millimetre. Give fiducials_mm of the camera, or measure the "
-        "fiducials by hand.",
+        say(
+            "{reason} The interior orientation rests on {rests_on} and the nominal scan "
+            "pixel size, good to some tenths of a millimetre. Give fiducials_mm of the "
+            "camera, or measure the fiducials by hand.",
+            reason=reason,
+            rests_on=rests_on,
+        ),
         gravity,
         {"rests_on": rests_on, "sides_seen": list(area.seen)},
     )

@@ -8,6 +8,7 @@ import numpy as np
 from core.arrays import FilmPoints, PixelPoints
 from core.doubts import Doubt, Failure
 from core.geometry.interior import InteriorOrientation, fit_interior, limit_um
+from core.said import say
 from core.scans.measuring import FittedMark, TwoWays
 from core.scans.naming import UPRIGHT, Way, turned_words
 
@@ -112,7 +113,13 @@ def interior_of(
         back: Whether the scan shows the film's back.
     """
     if len(marks) < 2:
-        return Failure(f"Only {len(marks)} of {len(certificate)} fiducials were measured.")
+        return Failure(
+            say(
+                "Only {count} of {all} fiducials were measured.",
+                count=len(marks),
+                all=len(certificate),
+            )
+        )
     names, sigmas = [mark.name for mark in marks], np.array([mark.sigma_px for mark in marks])
     film = certified_places(marks, certificate)
     return fit_interior(names, places_of(marks), film, "auto", sigmas_px=sigmas, mirrored=back)
@@ -140,23 +147,30 @@ def judged_marks(results: Mapping[str, TwoWays | Failure]) -> dict[str, TwoWays 
             continue
         if result.correlation < least:
             judged[name] = Failure(
-                f"What is there is not like the mark (correlation {result.correlation:.2f}).",
+                say(
+                    "What is there is not like the mark (correlation {correlation:.2f}).",
+                    correlation=result.correlation,
+                ),
                 {"correlation": result.correlation},
             )
         elif spoilt[name] > MAX_SPOILT:
             judged[name] = Failure(
-                "Something covers it: it is much less like the drawn mark than the others are "
-                f"(correlation {result.correlation:.2f}).",
+                say(
+                    "Something covers it: it is much less like the drawn mark than the others "
+                    "are (correlation {correlation:.2f}).",
+                    correlation=result.correlation,
+                ),
                 {"correlation": result.correlation},
             )
         elif result.sigma_px > MAX_SIGMA_PX:
             judged[name] = Failure(
-                f"Its middle is only known to {result.sigma_px:.1f} pixels.",
+                say("Its middle is only known to {sigma_px:.1f} pixels.", sigma_px=result.sigma_px),
                 {"sigma_px": result.sigma_px},
             )
         elif (apart := max(result.disagreement_px, result.outline_px)) > MAX_APART_PX:
             judged[name] = Failure(
-                f"The ways to centre it differ by {apart:.2f} pixels.", {"disagreement_px": apart}
+                say("The ways to centre it differ by {apart:.2f} pixels.", apart=apart),
+                {"disagreement_px": apart},
             )
     return judged
 
@@ -184,8 +198,14 @@ def doubt_of_sigma(photo_id: str, mark: FiducialMeasurement, result: TwoWays) ->
     doubt = Doubt(
         "fiducial-unsure",
         photo_id,
-        f"Fiducial {mark.name}, at column {mark.column:.1f}, row {mark.row:.1f}, is only known to "
-        f"{mark.sigma_px:.2f} pixels: dirt, a scratch or a blurred mark. Look at it.",
+        say(
+"Fiducial {name}, at column {column:.1f}, row {row:.1f}, is only known to "
+"{sigma_px:.2f} pixels: dirt, a scratch or a blurred mark. Look at it.",
+name=mark.name,
+column=mark.column,
+row=mark.row,
+sigma_px=mark.sigma_px
+),
         evidence={"fiducial": mark.name, "column": mark.column, "row": mark.row,
                   "sigma_px": mark.sigma_px},
     )  # fmt: skip
@@ -206,8 +226,12 @@ def nothing_found(photo_id: str, marks: int) -> Doubt:
     return Doubt(
         "fiducials-not-found",
         photo_id,
-        f"None of the {marks} fiducials could be found where fiducials_mm puts them. Check "
-        "fiducials_mm, frame_mm and scan_pixel_um of the camera, or measure them by hand.",
+        say(
+            "None of the {marks} fiducials could be found where fiducials_mm puts them. "
+            "Check fiducials_mm, frame_mm and scan_pixel_um of the camera, or measure "
+            "them by hand.",
+            marks=marks,
+        ),
         evidence={"marks": marks},
     )
 
@@ -218,8 +242,14 @@ def doubtful_mark(photo_id: str, name: str, place: tuple[float, float], failure:
     return Doubt(
         "fiducial-doubtful",
         photo_id,
-        f"Fiducial {name}, expected near column {column:.0f}, row {row:.0f}, was not measured: "
-        f"{failure.reason} Measure it by hand if it is there.",
+        say(
+            "Fiducial {name}, expected near column {column:.0f}, row {row:.0f}, was not "
+            "measured: {reason} Measure it by hand if it is there.",
+            name=name,
+            column=column,
+            row=row,
+            reason=failure.reason,
+        ),
         evidence={"fiducial": name, "column": column, "row": row, **failure.evidence},
     )
 
@@ -247,9 +277,12 @@ def names_guessed(photo_id: str, way: Way) -> Doubt:
     return Doubt(
         "fiducial-names",
         photo_id,
-        "The certificate hardly tells which fiducial is which: the marks fit it in several ways, "
-        f"and the scan was taken to be {words}. Compare it with its neighbours, or give the "
-        "camera's data_strip.",
+        say(
+            "The certificate hardly tells which fiducial is which: the marks fit it in "
+            "several ways, and the scan was taken to be {words}. Compare it with its "
+            "neighbours, or give the camera's data_strip.",
+            words=words,
+        ),
         evidence={"quarter_turns": way[0], "mirrored": way[1]},
     )
 
@@ -263,8 +296,11 @@ def _of_marks(
         yield Doubt(
             "fiducial-left-out",
             photo_id,
-            f"Fiducial {', '.join(left_out)} does not lie where the others put it and was left "
-            "out. Look whether it is the mark, and whether its certified place is right.",
+            say(
+                "Fiducial {names} does not lie where the others put it and was left out. "
+                "Look whether it is the mark, and whether its certified place is right.",
+                names=", ".join(left_out),
+            ),
             evidence={"fiducials": left_out},
         )
     if len(interior.names) < 3:
@@ -278,8 +314,11 @@ def _of_marks(
         yield Doubt(
             "fiducial-residual",
             photo_id,
-            f"The fiducials fit their certificate with {interior.rms_um:.0f} um RMS, more than "
-            "their measurement explains.",
+            say(
+                "The fiducials fit their certificate with {rms_um:.0f} um RMS, more than "
+                "their measurement explains.",
+                rms_um=interior.rms_um,
+            ),
             evidence={"rms_um": interior.rms_um, "chance": interior.chance},
         )
 
@@ -300,9 +339,12 @@ def _of_film(photo_id: str, interior: InteriorOrientation, pixel_mm: float) -> I
         yield Doubt(
             "fiducials-scale",
             photo_id,
-            f"The fiducials lie {abs(100 * scale):.2f} % too "
-            f"{'close' if scale > 0 else 'far apart'} for scan_pixel_um: a print, a wrong "
-            "scan_pixel_um, or another camera.",
+            say(
+                "The fiducials lie {share:.2f} % too {how} for scan_pixel_um: a print, a "
+                "wrong scan_pixel_um, or another camera.",
+                share=abs(100 * scale),
+                how="close" if scale > 0 else "far apart",
+            ),
             evidence={"scale": scale},
         )
     singular = np.linalg.svd(interior.film_from_pixel_matrix[:, :2], compute_uv=False)
@@ -311,7 +353,10 @@ def _of_film(photo_id: str, interior: InteriorOrientation, pixel_mm: float) -> I
         yield Doubt(
             "film-shrinkage",
             photo_id,
-            f"The film or the scanner is not true to shape: scales differ by {affinity:.1e}. "
-            "The affine interior orientation takes this up.",
+            say(
+                "The film or the scanner is not true to shape: scales differ by "
+                "{affinity:.1e}. The affine interior orientation takes this up.",
+                affinity=affinity,
+            ),
             evidence={"affinity": affinity},
         )

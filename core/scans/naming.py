@@ -297,10 +297,20 @@ def strip_on_film(seen: Side, way: Way) -> str:
     )
 
 
+# design: quarter turns as `Way` counts them
+WAY_WORDS: Mapping[tuple[int, bool], str] = {
+    (0, False): "upright",
+    (1, False): "turned by 90 degrees counter-clockwise",
+    (2, False): "turned by 180 degrees",
+    (3, False): "turned by 90 degrees clockwise",
+    (0, True): "mirrored",
+    (1, True): "mirrored and turned by 90 degrees counter-clockwise",
+    (2, True): "mirrored and turned by 180 degrees",
+    (3, True): "mirrored and turned by 90 degrees clockwise",
+}
+"""The ways to lie in words."""
+
+
 def turned_words(way: Way) -> str:
     """A way to lie in words."""
-    if way == UPRIGHT:
-        return "upright"
-    turns = ("", "turned by 90 degrees counter-clockwise", "turned by 180 degrees",
-             "turned by 90 degrees clockwise")  # fmt: skip
-    return " and ".join(part for part in ("mirrored" if way[1] else "", turns[way[0]]) if part)
+    return WAY_WORDS[way[0], bool(way[1])]

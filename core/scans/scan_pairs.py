@@ -16,6 +16,7 @@ from jaxtyping import Float32, UInt8
 from core.doubts import Doubt
 from core.matching.template_search import correlation_scores
 from core.raster.scan_file import ScanFile, read_overview
+from core.said import say
 from core.scans.film_area import FilmArea
 from core.scans.naming import WAYS, Way
 
@@ -109,8 +110,13 @@ def _same(first: str, second: str, likeness: float) -> Doubt:
     return Doubt(
         "same-photo",
         second,
-        f"{first} and {second} show the same photo: as two photos of a block they would seem to "
-        "confirm each other. Exclude one in [[scans.override]] (exclude = true).",
+        say(
+            "{first} and {second} show the same photo: as two photos of a block they "
+            "would seem to confirm each other. Exclude one in [[scans.override]] "
+            "(exclude = true).",
+            first=first,
+            second=second,
+        ),
         evidence={"other": first, "correlation": likeness},
     )
 

@@ -76,8 +76,8 @@ def orient_scans(
     oriented = dict(zip(oriented, masked, strict=True))
     doubts += [doubt for result in oriented.values() for doubt in result.doubts]
     doubts += same_photo({name: scan.look for name, scan in oriented.items()})
-    doubts += [Doubt("scan-set-aside", name, str(error)) for name, error in failed.items()]
-    reasons = {name: str(error) for name, error in failed.items()}
+    doubts += [Doubt("scan-set-aside", name, error.told) for name, error in failed.items()]
+    reasons = {name: error.told for name, error in failed.items()}
     return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts), cameras)
 
 

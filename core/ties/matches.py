@@ -21,6 +21,7 @@ from core.geometry.relative import (
     relative_from_exteriors,
 )
 from core.geometry.transforms import apply_projectivity, fit_projectivity
+from core.said import say
 from core.ties.features import Features
 
 Squares = Float32[np.ndarray, "_"]
@@ -215,7 +216,11 @@ def verify_matches(
     like = like_neighbours(first[kept] / reduction, second[kept] / reduction)
     kept = kept[like]
     if len(kept) < RELATIVE.min_inliers:
-        reason = f"Only {len(kept)} of {len(matches.first)} matches lie as their neighbours do."
+        reason = say(
+            "Only {count} of {all} matches lie as their neighbours do.",
+            count=len(kept),
+            all=len(matches.first),
+        )
         return Failure(reason, {"matches": len(matches.first), "agreeing": len(kept)})
     flags = np.zeros(len(matches.first), dtype=np.bool_)
     flags[kept] = True

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from core.block import Block, TiePoints
 from core.doubts import Doubt, Failure
+from core.said import say
 from core.ties.chains import common_rays
 from core.ties.matches import SAME_PHOTO
 from core.ties.pair_search import PairResult
@@ -91,8 +92,12 @@ def assess_ties(
             Doubt(
                 "block-in-parts",
                 "block",
-                f"The tie points leave the block in {len(parts)} parts ({sizes} photos): each part "
-                "must be oriented by control of its own.",
+                say(
+                    "The tie points leave the block in {count} parts ({sizes} photos): each part "
+                    "must be oriented by control of its own.",
+                    count=len(parts),
+                    sizes=sizes,
+                ),
                 evidence={"parts": [list(part) for part in parts]},
             )
         )
@@ -125,11 +130,17 @@ def _photo_doubts(block: Block, ties: TiePoints, reports: tuple[PairReport, ...]
             "pairs": [[r.first, r.second, r.overlap, r.matches, r.agreeing] for r in tried],
         }
         if count:
-            message = f"Only {count} tie points hold {name} to its neighbours."
+            message = say(
+                "Only {count} tie points hold {name} to its neighbours.", count=count, name=name
+            )
             doubts.append(Doubt("few-ties", name, message, evidence=evidence))
             continue
         why = "no other photo seems to overlap it" if not tried else "no overlap could be matched"
-        message = f"{name} is not tied to the block: {why}. It can only be oriented by control."
+        message = say(
+            "{name} is not tied to the block: {why}. It can only be oriented by control.",
+            name=name,
+            why=why,
+        )
         doubts.append(Doubt("photo-not-tied", name, message, evidence=evidence))
     return doubts
 
@@ -147,17 +158,27 @@ def _pair_doubts(reports: tuple[PairReport, ...]) -> list[Doubt]:
         }
         share = f"{100 * report.overlap:.0f} %"
         if report.same_photo:
-            message = (
-                f"{report.first} and {report.second} are scans of one photo: together they say "
-                "nothing of heights, and count twice. Take one of them out of the block."
+            message = say(
+                "{first} and {second} are scans of one photo: together they say nothing of "
+                "heights, and count twice. Take one of them out of the block.",
+                first=report.first,
+                second=report.second,
             )
             # design: graver than likeness alone, which the scans told of: ties prove it.
             doubts.append(Doubt("same-photo", subject, message, 0.8, evidence))
         elif not report.tied and report.overlap >= SHOULD_TIE:
-            message = f"The photos should overlap by {share}, but did not tie. {report.reason}"
+            message = say(
+                "The photos should overlap by {share}, but did not tie. {reason}",
+                share=share,
+                reason=report.reason,
+            )
             doubts.append(Doubt("pair-not-tied", subject, message, evidence=evidence))
         elif report.tied and report.ties < FEW_TIES:
-            message = f"Only {report.ties} tie points; the expected overlap is {share}."
+            message = say(
+                "Only {ties} tie points; the expected overlap is {share}.",
+                ties=report.ties,
+                share=share,
+            )
             doubts.append(Doubt("pair-few-ties", subject, message, evidence=evidence))
     return doubts
 
@@ -172,7 +193,10 @@ def _misplaced(report: PairReport) -> Doubt:
     return Doubt(
         "photo-misplaced",
         f"{report.first} {report.second}",
-        f"The photos show the same ground in {report.ties} tie points, but lie side by side by "
-        "their approximate positions: one of these is wrong.",
+        say(
+            "The photos show the same ground in {ties} tie points, but lie side by side "
+            "by their approximate positions: one of these is wrong.",
+            ties=report.ties,
+        ),
         evidence={"ties": report.ties, "agreeing": report.agreeing, "log10_nfa": report.log10_nfa},
     )

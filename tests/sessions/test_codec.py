@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 from core.block import Block, Peak
 from core.doubts import Doubt
+from core.said import Said, say
 from sessions.codec import REGISTERED, CodecError, canonical, decode, encode
 
 
@@ -140,3 +141,14 @@ def test_every_registered_type_is_a_frozen_dataclass__law() -> None:
     for kind in REGISTERED:
         assert is_dataclass(kind)
         assert kind.__dataclass_params__.frozen
+
+
+def test_a_sentence_keeps_its_figures__law():
+    why = say("{count:# mark|# marks} of {all}", count=2, all=8)
+    doubt = Doubt("fiducials-few", "513", say("Lost: {why}", why=why))
+    read = decode(encode(doubt))
+    assert read == doubt
+    assert isinstance(read.message, Said)
+    assert read.message.values["why"].values == {"count": 2, "all": 8}
+    # What it says is what counts for a digest, not how.
+    assert canonical(why, str) == canonical(str(why), str)

@@ -14,7 +14,7 @@ import aiohttp
 from aiohttp import WSMsgType, web
 
 from core.errors import PhotogrammetryError
-from core.said import Said
+from core.said import Said, say
 from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
 from ui.web.tiles import ScanTiles, tile_routes
@@ -122,7 +122,10 @@ class Front:
         if self._failure is not None:
             raise PhotogrammetryError(
                 f"{self._host}:{self._wanted_port}",
-                f"cannot be listened on ({self._failure.strerror or self._failure}).",
+                say(
+                    "cannot be listened on ({error}).",
+                    error=self._failure.strerror or self._failure,
+                ),
                 "Choose another port with --port, or close the desk that is open there.",
             ) from self._failure
 
