@@ -118,7 +118,7 @@ class BlockForm:
         if _value_in(now, "scans", "camera") is None:
             cameras = [name for name in _tables(now) if name.startswith("camera.")]
             changes["scans", "camera"] = cameras[0].removeprefix("camera.")
-        text = with_values(text, changes, str(self.file))
+        text = with_values(text, changes)
         return judged(Document(self.file, text))
 
     def _check(self, table: str, key: str) -> None:
