@@ -96,8 +96,8 @@ class DeskInputs:
     """(path, column, row, columns, rows, reduction) -> grey values."""
     made: Made | None = None
     """What the orthos on disk were made with; the orientations of `report` by default."""
-    written: bool = True
-    """False when tables and report on disk are older than the decisions."""
+    written_of: AdjustmentReport | None = None
+    """The adjustment that tables and report on disk tell of; None where there are none."""
     operator: str = "operator"
     """Who decides."""
     host: str = "127.0.0.1"
@@ -137,7 +137,9 @@ class DeskInputs:
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
-    return DeskState(desk.block, desk.report, made=made, written=desk.written, holes=desk.holes())
+    return DeskState(
+        desk.block, desk.report, made=made, written_of=desk.written_of, holes=desk.holes()
+    )
 
 
 def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
@@ -192,7 +194,7 @@ def desk_inputs(
         holes=lambda: holes_of(session),
         remake=OrthoMaker(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
-        written=latest is not None and same_results(latest, report),
+        written_of=latest,
         operator=operator,
         host=host,
         port=port,
@@ -245,15 +247,6 @@ class Adjusting:
         """Estimate the cameras or not, look for gross errors or not, from now on."""
         free = cameras and self._given.estimate_cameras
         self._options = replace(self._given, estimate_cameras=free, robust=robust)
-
-
-def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
-    """True when two adjustments come to the same tables."""
-    states = [
-        {key: item.status for key, item in report.block.measurements.items()}
-        for report in (one, other)
-    ]
-    return one.sigma_nought == other.sigma_nought and states[0] == states[1]
 
 
 @dataclass(frozen=True, slots=True)

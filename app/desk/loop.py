@@ -125,7 +125,7 @@ class ReviewLoop:
         """After every event: new decisions over the block, the picture, then the background."""
         if self._replay_due:
             self._replay()
-            self._change_state(adjusting=True, written=False)
+            self._change_state(adjusting=True)
             self._adjust_due = True
         # Who acted sees it first.
         first = getattr(event, "seat_id", "")
@@ -316,9 +316,8 @@ class ReviewLoop:
             notice = Notice("notice.remake-cancelled")
         else:
             oriented = replace(state, report=ended.made_with).oriented
-            written = ended.made_with is state.report and not state.adjusting
             made = with_made(state, ended.photo_ids, oriented)
-            state = replace(made, written=written, holes=self._inputs.holes())
+            state = replace(made, written_of=ended.made_with, holes=self._inputs.holes())
             notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
         stale = stale_photos(state, self._inputs.stale_m)
         self._now = replace(self._now, state=state, stale=stale)

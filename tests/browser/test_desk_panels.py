@@ -87,6 +87,28 @@ def test_quality_follows_the_block_and_compares_adjustments__truth(sit):
     assert page.evaluate("gruber.parts.quality.compared.shifts.every(s => s[1] === 0)")
 
 
+def test_quality_leads_to_points_and_photos_in_the_queue__truth(sit):
+    page = sit(scene=False)
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality p.verdict")
+    link = page.locator('#quality [data-part="photos"] button.link').first
+    photo = link.inner_text()
+    link.click()
+    page.wait_for_selector("#quality", state="hidden")
+    page.wait_for_function(
+        "name => document.querySelector('#sieve-photo').value.endsWith(name)", arg=photo
+    )
+    page.keyboard.press("b")
+    arrow = page.locator('#quality [data-map="residuals"] g.goes').last
+    point = arrow.locator("title").text_content()
+    arrow.dispatch_event("click")
+    page.wait_for_selector("#quality", state="hidden")
+    page.wait_for_function(
+        "name => document.querySelector('.row.current').innerText.includes(name)", arg=point
+    )
+    assert page.evaluate("gruber.parts.status.decided") == 0
+
+
 def test_two_people_see_names_and_where_the_other_is__law(sit):
     anna, berta = sit(scene=False), sit(scene=False)
     berta.click("#who")

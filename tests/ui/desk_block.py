@@ -232,6 +232,7 @@ def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> De
         adjust=adjust,
         remake=remake or (lambda photo_ids, progress, report: None),
         operator="anna",
+        written_of=report,
         **changes,
     )
 

@@ -82,11 +82,21 @@ def _overlaps(found: BlockQuality) -> list[list[Any]]:
 
 
 def _map(state: DeskState, polygons: dict[str, shapely.Polygon]) -> dict[str, Any]:
-    """Places in metres from the block's origin: outlines, control, checks, ties with sigma."""
+    """Places in metres from the block's origin: outlines, control, checks, ties with sigma.
+
+    A control point also tells its name, and the photo of the measurement to go to.
+    """
     report, origin = state.report, state.block.origin[:2]
     surveyed = state.block.surveyed
+    used = [key for key, item in report.block.measurements.items() if item.used]
+    photo_of = dict(reversed(used))
     control = [
-        [*_place(surveyed[name].position, origin), *_place(adjusted, surveyed[name].position, 2)]
+        [
+            *_place(surveyed[name].position, origin),
+            *_place(adjusted, surveyed[name].position, 2),
+            name,
+            photo_of.get(name),
+        ]
         for name, adjusted in report.surveyed_positions.items()
         if name in surveyed
     ]

@@ -190,6 +190,15 @@ class Extra:
 NO_EXTRA = Extra()
 
 
+def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
+    """True when two adjustments come to the same tables."""
+    states = [
+        {key: item.status for key, item in report.block.measurements.items()}
+        for report in (one, other)
+    ]
+    return one.sigma_nought == other.sigma_nought and states[0] == states[1]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DeskState:
     """The block, its adjustment, and what is going on."""
@@ -208,14 +217,20 @@ class DeskState:
     """True while the numbers shown are older than the decisions."""
     remaking: Remaking | None = None
     """Set while orthos are being made."""
-    written: bool = True
-    """False while tables and report on disk are older than the decisions."""
+    written_of: AdjustmentReport | None = None
+    """The adjustment that tables and report on disk tell of; None where there are none."""
     free: tuple[bool, bool] = (True, True)
     """Whether cameras are estimated, and whether gross errors are looked for."""
     holes: tuple[Hole, ...] | None = None
     """Holes inside the mosaic on disk; None where there is none."""
     extra: Extra = NO_EXTRA
     """Tie points, photos and fiducials to be judged."""
+
+    @property
+    def written(self) -> bool:
+        """False while tables and report on disk tell of another adjustment than the newest."""
+        known = self.written_of
+        return known is not None and not self.adjusting and same_results(known, self.report)
 
     @property
     def oriented(self) -> Block:

@@ -159,7 +159,7 @@ interface Quality {
   control_cells: number[][];
   map: {
     outlines: Record<string, Pair[]>;
-    control: (number | null)[][];
+    control: [...(number | null)[], point: string, photo: string | null][];
     checks: (number | null)[][];
     ties: [x: number, y: number, sigma: number | null][];
   };

@@ -14,7 +14,6 @@ from app.desk.inputs import (
     first_state,
     lasting_token,
     ortho_orientations,
-    same_results,
     template_m,
 )
 from core.adjustment.adjusted import AdjustmentOptions
@@ -62,16 +61,6 @@ def test_the_chosen_adjustment_is_the_engines__oracle():
     tiny = tiny_block().block
     found = Adjusting(OPTIONS)(tiny)
     assert found.sigma_nought == tiny_snapshot().state.report.sigma_nought
-
-
-def test_another_status_is_another_result__law():
-    report = tiny_snapshot().state.report
-    assert same_results(report, report)
-    assert not same_results(report, replace(report, sigma_nought=report.sigma_nought + 1e-9))
-    key, item = next(iter(report.block.measurements.items()))
-    other = report.block.with_measurement(replace(item, status="dubious"))
-    assert key in other.measurements
-    assert not same_results(report, replace(report, block=other))
 
 
 def test_orthos_that_were_kept_remember_their_orientation__law():

@@ -124,8 +124,10 @@ def test_undo_brings_back_state_number_and_place__truth(desk):
     desk.loop.submit(Judged("anna-1", first, "reject"))
     desk.settled(1)
     assert desk.glass.current() != first
+    assert not desk.glass.status()["written"]
     desk.loop.submit(Undone("anna-1"))
     desk.settled(0)
+    assert desk.glass.status()["written"], "the results on disk are those of this adjustment again"
     assert desk.glass.row(first)[3] == "auto"
     assert desk.glass.status()["sigma"] == pytest.approx(before, abs=1e-4)
     assert desk.glass.current() == first

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.ui.desk_block import tiny_snapshot
-from ui.review.state import DeskState, Extra
+from ui.review.state import DeskState, Extra, same_results
 
 
 @pytest.fixture(scope="module")
@@ -49,3 +49,13 @@ def test_rows_are_found_among_points_and_among_other_doubts__law(state):
     assert both.measurement_of(extra.key) is extra
     assert both.point_of("tie 7") is state.block.surveyed[item.point_id]
     assert both.measurement_of(("none", "none")) is None
+
+
+def test_another_status_is_another_result__law():
+    report = tiny_snapshot().state.report
+    assert same_results(report, report)
+    assert not same_results(report, replace(report, sigma_nought=report.sigma_nought + 1e-9))
+    key, item = next(iter(report.block.measurements.items()))
+    other = report.block.with_measurement(replace(item, status="dubious"))
+    assert key in other.measurements
+    assert not same_results(report, replace(report, block=other))

@@ -67,22 +67,32 @@ function head({ sigma, mp }) {
     element("button", { id: "quality-close", onclick: close }, word("act.close")));
 }
 
-/** A measurement that human and block disagree about, among others like it. @param {Key} key */
-function lookAt(key) {
+/**
+ * Goes on in the queue: a measurement among others of its state, or all of a photo.
+ * @param {{ state?: string, photo?: string, key?: Key }} aim
+ */
+function goTo({ state: among = "all", photo = "", key }) {
   byId("quality").close();
-  send({ kind: "filter", state: "disputed", photo: "", role: "" });
-  send({ kind: "select", key });
+  send({ kind: "filter", state: among, photo, role: "" });
+  if (key) send({ kind: "select", key });
 }
 
+/** @param {string} name of a photo */
+const photoLink = (name) => element("button", {
+  class: "link", title: tip("quality.photo.go"), onclick: () => goTo({ photo: name }),
+}, shortName(name));
+
 /** @param {Quality} found */
-function verdict({ verdict: gravest, findings }) {
+function verdict({ verdict: gravest, findings, photos: flown }) {
   const lines = findings.map(([text, grave, values]) => {
     const { worst, photo, class: of } = values;
     const name = of ? word(`class.${of}`) : worst ? shortName(worst) : "";
     const shown = { ...values, ...(name ? { worst: name } : {}),
       ...(photo ? { photo: shortName(photo) } : {}) };
-    const look = worst && photo ? [element("button", { onclick: () => lookAt([worst, photo]) },
-      word("quality.look"))] : [];
+    const among = text === "verdict.unchecked" ? "all" : "disputed";
+    const aim = worst && photo ? { state: among, key: /** @type {Key} */ ([worst, photo]) }
+      : flown.some((one) => one.photo === worst) ? { photo: worst } : null;
+    const look = aim && grave > 0 ? [element("button", { onclick: () => goTo(aim) }, word("quality.look"))] : [];
     return element("li", { class: `grave${grave}` },
       element("b", {}, word(`grave.${grave}`)), word(text, shown), " ", ...look);
   });
@@ -103,21 +113,34 @@ function maps(found) {
   const [wide, high] = [Math.max(east - west, 1), Math.max(north - south, 1)];
   const unit = Math.max(wide, high) / 420;
   const at = (/** @type {Pair} */ [x, y]) => [x - west, north - y];
-  const box = [-12 * unit, -12 * unit, wide + 24 * unit, high + 24 * unit].join(" ");
+  const box = [-12 * unit, -12 * unit, wide + 24 * unit, high + 44 * unit].join(" ");
+  const low = high + 22 * unit;
+  const ground = roundBelow(wide / 5);
   const draw = (/** @type {Node[]} */ ...children) => svg("svg", { viewBox: box, class: "map" },
     ...Object.values(outlines).map((ring) => svg("polygon", {
       points: ring.map((p) => at(p).join(",")).join(" "),
       class: "outline", "stroke-width": 0.8 * unit,
-    })), ...children);
-  const lengths = [...control, ...checks].map((p) => Math.hypot(p[2] ?? 0, p[3] ?? 0))
-    .sort((a, b) => a - b);
+    })), ...children, ...scaleBar([0, low], ground, number(ground, 0, "m"), unit));
+  const vectors = [...control.map(([x, y, dx, dy]) => [x, y, dx, dy]), ...checks]
+    .map((place) => place.map(Number));
+  const lengths = vectors.map((p) => Math.hypot(p[2], p[3])).sort((a, b) => a - b);
   const typical = lengths[Math.floor(0.8 * lengths.length)] || 1;
   const longer = (24 * unit) / typical;
-  const vectors = [...control.flatMap((point) => vector(point, at, unit, longer, "control")),
-    ...checks.flatMap((point) => vector(point, at, unit, longer, "check"))];
-  const words = word("quality.residuals.long", { longer: number(longer, 0) });
+  const arrows = vectors.flatMap((place, index) => {
+    const [point, photo] = (control[index] ?? []).slice(4);
+    const drawn = vector(place, at, unit, longer, index < control.length ? "control" : "check");
+    if (!point || !photo) return drawn;
+    const group = svg("g", { class: "goes" }, ...drawn,
+      svg("title", {}, shortName(`${point}`)));
+    group.addEventListener("click", () => goTo({ key: [`${point}`, `${photo}`] }));
+    return [group];
+  });
+  const metres = roundBelow(120 * unit / longer);
+  const digits = Math.max(0, Math.ceil(-Math.log10(metres)));
+  const scale = scaleBar([wide - metres * longer, low], metres * longer,
+    number(metres, digits, "m"), unit, "vector control");
   return element("div", { class: "maps" },
-    figure("residuals", draw(...vectors), words),
+    figure("residuals", draw(...arrows, ...scale), word("quality.residuals.long")),
     figure("sigma", draw(...sigmas(ties, at, unit)), word("quality.sigma.long")),
     figure("pattern", pattern(found), word("quality.pattern.long")));
 }
@@ -126,13 +149,30 @@ function maps(found) {
 const figure = (name, drawing, words) => element("figure", { "data-map": name },
   element("figcaption", {}, element("b", {}, word(`quality.${name}`)), ` ${words}`), drawing);
 
+/** One, two or five times a power of ten. @param {number} most */
+export function roundBelow(most) {
+  const step = 10 ** Math.floor(Math.log10(most));
+  return (most >= 5 * step ? 5 : most >= 2 * step ? 2 : 1) * step;
+}
+
 /**
- * @param {(number | null)[]} point @param {(place: Pair) => Pair} at @param {number} unit
+ * A line from a place to the right, as long as its words say.
+ * @param {Pair} place @param {number} length @param {string} words
+ * @param {number} unit @param {string} kind
+ */
+function scaleBar([x, y], length, words, unit, kind = "scale") {
+  const line = { x1: x, y1: y, x2: x + length, y2: y, "stroke-width": 1.8 * unit, class: kind };
+  const above = { x, y: y - 4 * unit, "font-size": 12 * unit, class: "legend" };
+  return [svg("line", line), svg("text", above, words)];
+}
+
+/**
+ * @param {number[]} point @param {(place: Pair) => Pair} at @param {number} unit
  * @param {number} longer @param {string} kind
  */
 function vector([x, y, dx, dy], at, unit, longer, kind) {
-  const [left, top] = at([x ?? 0, y ?? 0]);
-  const end = { x2: left + (dx ?? 0) * longer, y2: top - (dy ?? 0) * longer };
+  const [left, top] = at([x, y]);
+  const end = { x2: left + dx * longer, y2: top - dy * longer };
   const ink = { class: `vector ${kind}`, "stroke-width": 1.4 * unit };
   const line = svg("line", { x1: left, y1: top, ...end, ...ink });
   const [side, low] = [6 * unit, top + 2.4 * unit];
@@ -143,7 +183,7 @@ function vector([x, y, dx, dy], at, unit, longer, kind) {
 }
 
 /**
- * Dots from small and cool to large and warm: size tells as well as colour.
+ * Dots from small and grey to large and warm: size tells as well as colour.
  * @param {Quality["map"]["ties"]} ties @param {(place: Pair) => Pair} at @param {number} unit
  */
 function sigmas(ties, at, unit) {
@@ -153,8 +193,8 @@ function sigmas(ties, at, unit) {
     const off = ((sigma ?? high) - low) / Math.max(high - low, 1e-6);
     const share = Math.min(Math.max(off, 0), 1);
     const [cx, cy] = at([x, y]);
-    const fill = `hsl(${200 - 170 * share} 75% 52%)`;
-    const dot = { cx, cy, r: (0.8 + 2.2 * share) * unit, fill };
+    const style = `fill: color-mix(in oklab, var(--warn) ${100 * share}%, var(--faint))`;
+    const dot = { cx, cy, r: (0.8 + 2.2 * share) * unit, style };
     return svg("circle", dot, svg("title", {}, number(sigma, 2, "m")));
   });
 }
@@ -207,7 +247,7 @@ function photos(found) {
   const areas = (/** @type {number[]} */ cells) => element("span", { class: "cells small" },
     ...cells.map((count) => element("i", { class: count ? "" : "empty", title: `${count}` })));
   const lines = found.photos.map((photo) => element("tr", { class: photo.oriented ? "" : "loose" },
-    cell(shortName(photo.photo), "name"), cell(number(photo.rms, 2)), cell(`${photo.control}`),
+    cell(photoLink(photo.photo), "name"), cell(number(photo.rms, 2)), cell(`${photo.control}`),
     cell(`${photo.ties}`), cell(number(photo.sigma, 2)), large(photo.tilt, TILT_DEG),
     large(photo.crab, CRAB_DEG), cell(areas(photo.cells))));
   const names = ["photo", "rms", "control.count", "ties", "centre", "tilt", "crab", "areas"];
@@ -218,7 +258,8 @@ function photos(found) {
 function overlaps(found) {
   const lines = found.overlaps.map(([one, other, share, ties, along]) => {
     const direction = along === null ? "diagonal" : along ? "along" : "across";
-    return element("tr", {}, cell(`${shortName(one)} \u2013 ${shortName(other)}`, "name"),
+    const pair = element("div", {}, photoLink(one), " \u2013 ", photoLink(other));
+    return element("tr", {}, cell(pair, "name"),
       cell(`${share} %`), cell(`${ties}`, ties ? "" : "large"),
       cell(word(`quality.${direction}`), "name"));
   });
@@ -237,7 +278,7 @@ function adjustments(found) {
     compareLine("used", a?.used, b?.used, 0), compareLine("decided", a?.decided, b?.decided, 0),
   ];
   const shifts = (compared?.shifts ?? []).slice(0, MOST_SHIFTS).map(([name, metres]) =>
-    element("tr", {}, cell(shortName(name), "name"), cell(number(metres, 2, "m"))));
+    element("tr", {}, cell(photoLink(name), "name"), cell(number(metres, 2, "m"))));
   const [one, other] = pair.map((wanted, place) => choice(milestones, wanted, place));
   return element("div", { class: "pair" },
     part("compared", element("p", {}, one, " \u2192 ", other), element("table", {}, ...lines),
