@@ -31,6 +31,7 @@ def look_at(page, key: str) -> None:
     """Choose a measurement among all, decided or not."""
     page.click('.chip[data-state="all"]')
     page.click(f'.row[data-key="{key}"]')
+    page.wait_for_function("key => gruber.parts.point.key.join('|') === key", arg=key)
 
 
 def unfold(page) -> None:

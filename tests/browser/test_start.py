@@ -25,7 +25,12 @@ def reviewed(tmp_path):
     folder.mkdir()
     command = [sys.executable, "-m", "app", "review", str(folder), "--port", "0", "--no-browser"]
     program = subprocess.Popen(
-        [*command, "--log-json"], stdout=subprocess.PIPE, text=True, bufsize=1
+        [*command, "--log-json"],
+        stdout=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        # A shell lets what it starts in the background ignore Ctrl-C, and children with it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert program.stdout is not None
     said = json.loads(program.stdout.readline())["text"]
