@@ -90,9 +90,12 @@ function verdict({ verdict: gravest, findings, photos: flown }) {
     const shown = { ...values, ...(name ? { worst: name } : {}),
       ...(photo ? { photo: shortName(photo) } : {}) };
     const among = text === "verdict.unchecked" ? "all" : "disputed";
-    const aim = worst && photo ? { state: among, key: /** @type {Key} */ ([worst, photo]) }
+    const key = worst && photo ? /** @type {Key} */ ([worst, photo]) : undefined;
+    const aim = key ? { state: among, key }
       : flown.some((one) => one.photo === worst) ? { photo: worst } : null;
-    const look = aim && grave > 0 ? [element("button", { onclick: () => goTo(aim) }, word("quality.look"))] : [];
+    const open = () => aim && goTo(aim);
+    const look = aim && grave > 0
+      ? [element("button", { onclick: open }, word("quality.look"))] : [];
     return element("li", { class: `grave${grave}` },
       element("b", {}, word(`grave.${grave}`)), word(text, shown), " ", ...look);
   });
