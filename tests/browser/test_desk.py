@@ -23,6 +23,20 @@ pytestmark = pytest.mark.browser
 REMADE = f".notice:has-text('{words()['notice.remade']}')"
 
 
+def test_a_verdict_ahead_of_the_row_just_chosen_is_not_about_the_old_point__law(sit):
+    page = sit(scene=False)
+    first = current(page)
+    page.evaluate(
+        """() => {
+             document.querySelector(".row:not(.current)").click();
+             document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "n", bubbles: true }));
+           }"""
+    )
+    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=first)
+    assert state_of(page, first) == "auto"
+    assert page.evaluate("gruber.parts.status.decided") == 0
+
+
 def test_everything_of_the_block_is_in_the_scene__truth(sit):
     page = sit()
     scene = scene_of(page)

@@ -25,7 +25,7 @@ import { listenToKeys } from "./keys.js";
 import { openScene, setUpScene, showScene } from "./block.js";
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
-import { connect, mergeRows, send, takeSeat } from "./wire.js";
+import { awaitsAnother, connect, mergeRows, send, takeSeat } from "./wire.js";
 
 /** @typedef {{ key: Key | null, filter: Filter, sort: Sort }} Seen where one was in the queue */
 
@@ -58,7 +58,7 @@ function judge(verdict) {
     return;
   }
   const { parts: { point }, judged } = state;
-  if (!point) return;
+  if (!point || awaitsAnother(point.key)) return;
   const shown = shownNow();
   if (judged.shown === shown && Date.now() - judged.at < SAME_MS) return;
   state.judged = { shown, at: Date.now() };

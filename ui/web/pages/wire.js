@@ -4,7 +4,9 @@ import { byId, element, start, word } from "./words.js";
 const PIECE = 50; // as `ui/web/channel.py` cuts the table
 const FIRST_WAIT_MS = 250; // design: a short break is not noticed
 const LONGEST_WAIT_MS = 1000; // design: nobody waits longer for a desk that is back
+const CHOSEN_MS = 5000; // design: a choice that was not followed by then was refused
 const state = {
+  chosen: { key: "", at: 0 },
   socket: /** @type {WebSocket | null} */ (null),
   waiting: FIRST_WAIT_MS,
   receive: /** @type {(message: Message) => void} */ (() => {}),
@@ -13,8 +15,18 @@ const state = {
 /** A gesture to the desk; true when the wire was open. @type {Send} */
 export function send(message) {
   const open = state.socket?.readyState === WebSocket.OPEN;
+  const key = message.kind === "select" ? String(message.key) : "";
+  if (key || message.kind === "step" || message.kind === "filter") {
+    state.chosen = { key, at: Date.now() };
+  }
   if (open) state.socket?.send(JSON.stringify(message));
   return open;
+}
+
+/** True while another point was chosen than the one on show. @param {Key} shown */
+export function awaitsAnother(shown) {
+  const { key, at } = state.chosen;
+  return key !== "" && key !== String(shown) && Date.now() - at < CHOSEN_MS;
 }
 
 /** A reload keeps its own seat; a new tab takes this browser's last one if nobody sits there. */
