@@ -140,13 +140,8 @@ def open_placing(
         access, None, tiles, None, start, page="placing.html", told=clicking.photos,
         routes=(*placing_routes(clicking), leaving_route(settings.set)), language=language,
     )  # fmt: skip
-    front = Front(doors, host, port)
-    opened = Placing(front, running, tiles, settings)
-    try:
-        front.start()
-    except PhotogrammetryError:
-        opened.close()
-        raise
+    opened = Placing(Front(doors, host, port), running, tiles, settings)
+    opened.listen()
     return opened
 
 

@@ -90,13 +90,8 @@ def open_start(folder: Path, host: str, port: int, language: str = "", token: st
         access, None, starting.tiles, None, said, page="start.html", language=language,
         routes=start_routes(starting),
     )  # fmt: skip
-    front = Front(doors, host, port)
-    opened = Start(front, starting)
-    try:
-        front.start()
-    except PhotogrammetryError:
-        opened.close()
-        raise
+    opened = Start(Front(doors, host, port), starting)
+    opened.listen()
     return opened
 
 

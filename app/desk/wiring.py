@@ -17,7 +17,6 @@ from app.desk.inputs import DeskInputs, first_state
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
 from core.block import Block
-from core.errors import PhotogrammetryError
 from ui.review.compare import (
     Drawn,
     PlanePoints,
@@ -118,11 +117,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
     parts = [front, illustrator, loop, scene, tiles]
     opened = OpenDesk(front, parts, settings)
-    try:
-        front.start()
-    except PhotogrammetryError:
-        opened.close()
-        raise
+    opened.listen()
     illustrator.start(tiles, scene)
     return opened
 

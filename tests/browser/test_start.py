@@ -1,10 +1,6 @@
 """From an empty folder to the desk, by clicks alone: the program is started as a person does it."""
 
-import json
 import shutil
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +8,7 @@ import pytest
 from app.start import open_start
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
 from tests.browser.test_desk_security import asked, entered
+from tests.journeys.copies import reviewing
 
 pytestmark = pytest.mark.browser
 RUN_MS = 600_000
@@ -20,23 +17,11 @@ MARKS = "1 -85.589 0.091\n2 85.303 -0.002\n3 0.121 85.589\n4 -0.075 -85.322"
 
 @pytest.fixture
 def reviewed(tmp_path):
-    """`gruber review` on an empty folder: the folder, the address, the guests' token."""
+    """`gruber review` on an empty folder: the folder and the address."""
     folder = tmp_path / "block"
     folder.mkdir()
-    command = [sys.executable, "-m", "app", "review", str(folder), "--port", "0", "--no-browser"]
-    program = subprocess.Popen(
-        [*command, "--log-json"],
-        stdout=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-        # A shell lets what it starts in the background ignore Ctrl-C, and children with it.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    assert program.stdout is not None
-    said = json.loads(program.stdout.readline())["text"]
-    yield folder, next(word for word in said.split() if word.startswith("http://"))
-    program.send_signal(signal.SIGINT)
-    program.communicate(timeout=60)
+    with reviewing(folder) as url:
+        yield folder, url
 
 
 @pytest.fixture

@@ -4,9 +4,13 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +129,21 @@ def started(*arguments: object, **given: Any) -> subprocess.Popen[str]:
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         **given,
     )
+
+
+@contextmanager
+def reviewing(folder: Path) -> Generator[str]:
+    """`gruber review` on a folder: its address."""
+    # A shell lets what it starts in the background ignore Ctrl-C, and children with it.
+    allow = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    program = started(
+        "review", folder, "--port", "0", "--no-browser", "--log-json", preexec_fn=allow, bufsize=1
+    )
+    assert program.stdout is not None
+    said = json.loads(program.stdout.readline())["text"]
+    yield next(word for word in said.split() if word.startswith("http://"))
+    program.send_signal(signal.SIGINT)
+    program.communicate(timeout=60)
 
 
 def stages_walked(folder: Path) -> int:

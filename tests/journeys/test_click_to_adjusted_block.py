@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import rasterio
 
-from app.cli import main
 from sessions.decisions import Reject
 from sessions.session import Session
+from tests.journeys.copies import run_alone
 from tests.journeys.test_scan_to_mosaic import product, table, tables
 from tests.tiny import Tiny
 
@@ -25,7 +25,8 @@ def rasters(folder):
 def rejected(tiny_run: Tiny):
     """Before; a used control measurement rejected and the block run again; afterwards undone."""
     folder = tiny_run.folder
-    assert main(["run", str(folder)]) == 0  # nothing to do, unless another journey changed it
+    # Nothing to do, unless another journey changed it.
+    assert run_alone("run", folder).code == 0
     before = tables(folder), product(folder, "adjustment"), rasters(folder)
     used = [
         row
@@ -38,12 +39,12 @@ def rejected(tiny_run: Tiny):
     key = largest["point_id"], largest["scan"]
     with Session.open(folder, "operator") as session:
         session.record(Reject(*key, "wrong object"), before[1].block)
-    assert main(["run", str(folder)]) == 0
+    assert run_alone("run", folder).code == 0
     yield key, before
     with Session.open(folder, "operator") as session:
         while session.undo() is not None:
             pass
-    assert main(["run", str(folder)]) == 0
+    assert run_alone("run", folder).code == 0
 
 
 def test_a_rejected_point_no_longer_steers_and_undo_brings_all_back__law(tiny_run, rejected):
@@ -70,7 +71,7 @@ def test_a_rejected_point_no_longer_steers_and_undo_brings_all_back__law(tiny_ru
 
     with Session.open(folder, "operator") as session:
         assert session.undo() is not None
-    assert main(["run", str(folder)]) == 0
+    assert run_alone("run", folder).code == 0
     assert tables(folder) == told
     again = product(folder, "adjustment")
     assert again.sigma_nought == report.sigma_nought

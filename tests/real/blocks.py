@@ -7,9 +7,9 @@ from typing import cast
 
 import numpy as np
 
-from app.cli import main
 from core.adjustment.adjusted import AdjustmentReport
 from sessions.session import Session
+from tests.journeys.copies import run_alone
 
 NGI_TOML = """[block]
 name = "ngi-baviaanskloof"
@@ -39,7 +39,8 @@ gsd_m = 5.0
 
 def run_block(folder: Path) -> AdjustmentReport:
     """Run a block from the command line and return its last adjustment."""
-    assert main(["run", str(folder)]) == 0
+    told = run_alone("run", folder)
+    assert told.code == 0, told.err
     with Session.open(folder, "test") as session:
         return cast("AdjustmentReport", session.products.latest_value("adjustment"))
 
@@ -60,11 +61,16 @@ def ngi_block(data: Path, folder: Path, seed: int, blur_m: float = 200.0) -> Pat
     shutil.copy(source / "reference/sentinel2_b432_byte.tif", folder / "ortho.tif")
     crs = (source / "io/ngi_xyz_opk.prj").read_text(encoding="utf-8").strip()
     (folder / "block.toml").write_text(NGI_TOML.format(crs=crs), encoding="utf-8")
+    write_blurred_positions(data, folder / "eo.csv", seed, blur_m)
+    return folder
+
+
+def write_blurred_positions(data: Path, path: Path, seed: int, blur_m: float) -> None:
+    """The published positions of the NGI frames with noise, and no angles."""
     rng = np.random.default_rng(seed)
-    with (folder / "eo.csv").open("w", encoding="utf-8") as file:
+    with path.open("w", encoding="utf-8") as file:
         file.write("scan,X,Y,Z,omega_deg,phi_deg,kappa_deg,sigma_X,sigma_Y,sigma_Z\n")
         for row in ngi_published(data):
             place = [float(row[axis]) + rng.normal(0, blur_m) for axis in "xyz"]
             figures = ",".join(f"{value:.1f}" for value in place)
             file.write(f"{row['filename']},{figures},,,,{blur_m},{blur_m},{blur_m}\n")
-    return folder

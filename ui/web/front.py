@@ -284,6 +284,18 @@ class Opened:
         """The port it listens on."""
         return self._front.port
 
+    def listen(self) -> None:
+        """Open the port; where it cannot be had all is closed again.
+
+        Raises:
+            PhotogrammetryError: The port cannot be had.
+        """
+        try:
+            self._front.start()
+        except PhotogrammetryError:
+            self.close()
+            raise
+
     def close(self) -> None:
         """Close the port."""
         self._front.close()

@@ -1,13 +1,9 @@
 """Addresses of the placing page: pairs are checked, guests change nothing, errors are told."""
 
-import asyncio
-
 import pytest
-from aiohttp import web
-from aiohttp.test_utils import TestClient, TestServer
 
 from core.errors import ScanError
-from ui.web.access import GUEST
+from tests.ui.web.visits import visited
 from ui.web.placing import MOST_PAIRS, placing_routes
 
 
@@ -41,23 +37,15 @@ def answers(*requests: tuple[str, object], guest: bool = False):
     """Status and answer of each request, and what the placer was asked for."""
     placer = Placer()
 
-    @web.middleware
-    async def known(request, handler):
-        request[GUEST] = guest
-        return await handler(request)
-
-    async def visit():
-        application = web.Application(middlewares=[known])
-        application.add_routes(placing_routes(placer))
+    async def visit(client):
         found = []
-        async with TestServer(application) as server, TestClient(server) as client:
-            for path, body in requests:
-                answer = await client.post(path, json=body)
-                json = answer.content_type == "application/json"
-                found.append((answer.status, await (answer.json() if json else answer.text())))
+        for path, body in requests:
+            answer = await client.post(path, json=body)
+            json = answer.content_type == "application/json"
+            found.append((answer.status, await (answer.json() if json else answer.text())))
         return found
 
-    return asyncio.run(visit()), placer.asked
+    return visited(placing_routes(placer), visit, guest), placer.asked
 
 
 def test_pairs_reach_the_placer_as_numbers__law():

@@ -4,10 +4,9 @@ import asyncio
 
 import pytest
 from aiohttp import web
-from aiohttp.test_utils import TestClient, TestServer
 
 from core.errors import ScanError
-from ui.web.access import GUEST
+from tests.ui.web.visits import visited
 from ui.web.running import json_of, run_routes, told
 
 
@@ -31,18 +30,10 @@ def answers(*requests: tuple[str, str], guest: bool):
     """Status of each request (method, path), and what the runner was asked for."""
     runner = Runner()
 
-    @web.middleware
-    async def known(request, handler):
-        request[GUEST] = guest
-        return await handler(request)
+    async def visit(client):
+        return [(await client.request(*asked)).status for asked in requests]
 
-    async def visit():
-        application = web.Application(middlewares=[known])
-        application.add_routes(run_routes(runner))
-        async with TestServer(application) as server, TestClient(server) as client:
-            return [(await client.request(*asked)).status for asked in requests]
-
-    return asyncio.run(visit()), runner.asked
+    return visited(run_routes(runner), visit, guest), runner.asked
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,9 @@ import io
 from contextlib import contextmanager
 
 import pytest
-from aiohttp import web
-from aiohttp.test_utils import TestClient, TestServer
 
 from core.errors import StorageError
-from ui.web.access import GUEST
+from tests.ui.web.visits import visited
 from ui.web.start import start_routes
 
 
@@ -40,22 +38,10 @@ class Starter:
             temporary.unlink(missing_ok=True)
 
 
-def visited(folder, visit, guest=False):
+def seen(folder, visit, guest=False):
     """What a visit of the page's addresses comes to, and what was asked for."""
     starter = Starter(folder)
-
-    @web.middleware
-    async def known(request, handler):
-        request[GUEST] = guest
-        return await handler(request)
-
-    async def go():
-        application = web.Application(middlewares=[known])
-        application.add_routes(start_routes(starter))
-        async with TestServer(application) as server, TestClient(server) as client:
-            return await visit(client)
-
-    return asyncio.run(go()), starter.asked
+    return visited(start_routes(starter), visit, guest), starter.asked
 
 
 ACTS = [("/form", {"values": {}}), ("/form/judge", {"values": {}}), ("/folders", {"path": ""}),
@@ -70,7 +56,7 @@ def test_guests_look_and_change_nothing__law(tmp_path, guest):
         put = (await client.put("/files/a.tif", data=b"abc")).status
         return [*found, put], [(await client.get(path)).status for path in ("/found", "/run")]
 
-    (changing, looking), _ = visited(tmp_path, visit, guest)
+    (changing, looking), _ = seen(tmp_path, visit, guest)
     assert set(changing) == {403 if guest else 200}
     assert looking == [200, 200]
     assert (tmp_path / "a.tif").exists() != guest
@@ -82,7 +68,7 @@ def test_large_uploads_are_streamed_and_errors_are_told__law(tmp_path):
         taken = await client.put("/files/taken", data=b"x")
         return large.status, taken.status, await taken.json()
 
-    (large, taken, said), _ = visited(tmp_path, visit)
+    (large, taken, said), _ = seen(tmp_path, visit)
     assert (large, taken) == (200, 409)
     assert said["error"]["values"]["remedy"] == "Rename it."
     assert (tmp_path / "large.tif").stat().st_size == 5_000_001
@@ -98,7 +84,7 @@ def test_a_broken_upload_leaves_nothing__law(tmp_path):
         await asyncio.sleep(0.5)
         return reader
 
-    visited(tmp_path, visit)
+    seen(tmp_path, visit)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -110,5 +96,5 @@ def test_what_is_no_request_of_the_page_is_refused__law(tmp_path, path, body):
     async def visit(client):
         return (await client.post(path, json=body)).status
 
-    status, asked = visited(tmp_path, visit)
+    status, asked = seen(tmp_path, visit)
     assert (status, asked) == (400, [])
