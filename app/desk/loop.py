@@ -193,6 +193,9 @@ class ReviewLoop:
         self._now = self._now.with_seat(seat)
         if outcome.notice is not None:
             self._screen.tell(seat.seat_id, outcome.notice)
+        if outcome.answer is not None:
+            name, part = outcome.answer
+            self._screen.show(seat.seat_id, {name: part})
         if outcome.act:
             self._do(outcome.act, gesture, seat)
 

@@ -17,19 +17,21 @@ from app.desk.inputs import DeskInputs, first_state
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
 from core.block import Block
+from core.geometry.crs import Bounds
 from ui.review.compare import (
     Drawn,
+    DrawnPhoto,
     PlanePoints,
     drawn_from_block,
 )
 from ui.review.looks import page_palette
 from ui.review.picture import Part, notice_part
 from ui.review.scene import ScenePicture
-from ui.review.state import DeskState, Notice, Seat
+from ui.review.state import DeskState, Notice, SceneOptions, Seat
 from ui.review.tiles import CoarseOrtho, Lattice
-from ui.views.block_view import Pointed, Stage
-from ui.views.meshes import terrain_glb
-from ui.views.server import SECRET_HEADER, SceneServer, Shown
+from ui.views.block_view import HILLSHADE, VEIL, Pointed, Stage
+from ui.views.meshes import hillshade_glb, terrain_glb, veil_glb
+from ui.views.server import SECRET_HEADER, SceneServer, Sheet, Shown
 from ui.web.access import Access
 from ui.web.channel import Channel, Lines
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Opened, Upstream, as_json
@@ -110,9 +112,10 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
         routes=(leaving_route(settings.set),),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
-    loop = ReviewLoop(desk, _screen(front, channel, scene, tiles), inbox)
-    loop.start()
     bounds = _block_bounds(desk, state.oriented)
+    sheets = _Sheets(desk, bounds, tiles)
+    loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, sheets=sheets), inbox)
+    loop.start()
     drawn = drawn_from_block(state.oriented)
     illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
     parts = [front, illustrator, loop, scene, tiles]
@@ -159,7 +162,37 @@ class _Illustrator:
             survived(lambda p, name=name: scene.picture(name, tiles.thumbnail(p)), photo)
 
 
-def _screen(front: Front, channel: Channel, scene: SceneServer, tiles: TileStore) -> Screen:
+class _Sheets:
+    """What a scene needs beside the drape, made only when somebody wants to see it."""
+
+    def __init__(self, desk: DeskInputs, bounds: Bounds, tiles: TileStore) -> None:
+        self._desk, self._bounds, self._tiles = desk, bounds, tiles
+
+    def of(self, options: SceneOptions, block: Block) -> tuple[Sheet, ...]:
+        """Shade of the relief, and the photo whose perspective centre the eye is in."""
+        found: list[Sheet] = []
+        if "hillshade" not in options.hidden:
+            found.append(Sheet(HILLSHADE, HILLSHADE, self._hillshade))
+        if (photo := block.photos.get(options.inside)) is not None:
+            drawn = DrawnPhoto(photo, block.camera_of(options.inside), 1)
+            exterior = photo.exterior
+            key = f"{options.inside} {exterior.centre} {exterior.omega} {exterior.kappa}"
+            found.append(Sheet(VEIL, key, lambda: self._veil(drawn)))
+        return tuple(found)
+
+    def _hillshade(self) -> bytes:
+        desk = self._desk
+        return hillshade_glb(desk.dem, self._bounds, desk.block.origin, desk.terrain)
+
+    def _veil(self, drawn: DrawnPhoto) -> bytes:
+        desk = self._desk
+        picture = self._tiles.frame(drawn, desk.terrain.photo_px)
+        return veil_glb(picture, drawn, desk.dem, desk.block.origin, options=desk.terrain)
+
+
+def _screen(
+    front: Front, channel: Channel, scene: SceneServer, tiles: TileStore, *, sheets: _Sheets
+) -> Screen:
     """Pictures leave the loop as text and values; nothing here waits."""
     lines = Lines()
 
@@ -176,7 +209,8 @@ def _screen(front: Front, channel: Channel, scene: SceneServer, tiles: TileStore
     def show_scene(
         seat_id: str, picture: Callable[[], ScenePicture], seat: Seat, block: Block
     ) -> None:
-        scene.show(seat_id, Shown(picture, seat.scene, _pointed(seat, block)))
+        wanted = sheets.of(seat.scene, block)
+        scene.show(seat_id, Shown(picture, seat.scene, _pointed(seat, block), wanted))
 
     def fit(seat_id: str, seat: Seat, block: Block, whole: bool) -> None:
         scene.fit(seat_id, None if whole else _pointed(seat, block))

@@ -1,7 +1,7 @@
 """What there is to judge in a block: flight, overlaps, ties, control, systematic residuals."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,6 +155,41 @@ def film_patterns(report: AdjustmentReport) -> dict[str, tuple[Vectors, FilmCoun
     return {name: _pattern(report.block, {name: used})[:2] for name, used in rays.items()}
 
 
+def area_counts(report: AdjustmentReport) -> dict[str, CellCounts]:
+    """Measurements in use in the nine Gruber areas of each photo, top row first.
+
+    Args:
+        report: The adjustment.
+    """
+    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
+    rays = _used_rays(report, taking_part)
+    return {name: _cells(report.block, name, used.pixels, CELLS) for name, used in rays.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoFit:
+    """How well one photo fits what is measured in it."""
+
+    rms_px: float
+    """RMS residual per coordinate of everything used in it, pixels; NaN without any."""
+    control: int
+    """Control measurements in use."""
+    ties: int
+    """Rays of tie points in use."""
+
+
+def photo_fit(report: AdjustmentReport, photo_id: str) -> PhotoFit:
+    """Residuals of one photo of an adjusted block.
+
+    Args:
+        report: The adjustment.
+        photo_id: The photo.
+    """
+    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
+    used = _used_rays(report, taking_part, (photo_id,))[photo_id]
+    return PhotoFit(_rms(used.residuals), used.control, len(used.pixels) - used.control)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
     """What is used in one photo."""
@@ -164,11 +199,14 @@ class _Rays:
     control: int
 
 
-def _used_rays(report: AdjustmentReport, taking_part: np.ndarray) -> dict[str, _Rays]:
-    """Pixels and residuals of control and ties in use, by photo."""
+def _used_rays(
+    report: AdjustmentReport, taking_part: np.ndarray, names: Collection[str] | None = None
+) -> dict[str, _Rays]:
+    """Pixels and residuals of control and ties in use, by photo; of all photos by default."""
     block, ties = report.block, report.block.ties
     numbers = {name: number for number, name in enumerate(ties.photo_ids)}
-    control: dict[str, list[tuple[float, ...]]] = {name: [] for name in block.photos}
+    wanted = block.photos if names is None else names
+    control: dict[str, list[tuple[float, ...]]] = {name: [] for name in wanted}
     for key, item in block.measurements.items():
         point, residual = block.surveyed.get(key[0]), report.residuals_px.get(key)
         if point is None or residual is None or not item.used or key in report.rejected:
@@ -176,7 +214,7 @@ def _used_rays(report: AdjustmentReport, taking_part: np.ndarray) -> dict[str, _
         if point.role == "control" and key[1] in control:
             control[key[1]].append((item.column, item.row, *residual))
     found: dict[str, _Rays] = {}
-    for name in block.photos:
+    for name in wanted:
         mine: Indices = np.flatnonzero(taking_part & (ties.photo == numbers.get(name, -1)))
         points = np.array(control[name], dtype=np.float64).reshape(-1, 4)
         found[name] = _Rays(
@@ -196,18 +234,22 @@ def _photo(
 ) -> PhotoQuality:
     photo, sigmas = report.block.photos[name], report.exterior_sigmas.get(name)
     axis = photo.exterior.object_from_image[:, 2]
-    rms = float(np.sqrt(np.mean(rays.residuals**2))) if len(rays.residuals) else float("nan")
     return PhotoQuality(
         photo_id=name,
         oriented=photo.oriented,
         tilt_deg=float(np.degrees(np.arccos(np.clip(axis[2], -1.0, 1.0)))),
         crab_deg=_crab_deg(report.block, name, overlaps),
-        rms_px=rms,
+        rms_px=_rms(rays.residuals),
         control=rays.control,
         ties=len(rays.pixels) - rays.control,
         sigma_m=float("nan") if sigmas is None else float(np.max(sigmas.centre_m)),
         cells=tuple(_cells(report.block, name, rays.pixels, CELLS).ravel().tolist()),
     )
+
+
+def _rms(residuals: PixelPoints) -> float:
+    """Per coordinate; NaN without any."""
+    return float(np.sqrt(np.mean(residuals**2))) if len(residuals) else float("nan")
 
 
 def _crab_deg(block: Block, name: str, overlaps: tuple[Overlap, ...]) -> float:

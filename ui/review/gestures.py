@@ -7,6 +7,7 @@ from typing import Any, Literal, cast
 from ui.review.state import (
     KINDS,
     LAYERS,
+    RELIEFS,
     SHEETS,
     SORT_COLUMNS,
     STATE_FILTERS,
@@ -160,6 +161,44 @@ class RayPicked:
 
 
 @dataclass(frozen=True, slots=True)
+class RayHovered:
+    """The pointer rests in the 3D scene."""
+
+    seat_id: str
+    number: int
+    """The page's own number of the question, so that it knows the answer again."""
+    origin: tuple[float, float, float]
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RayFollowed:
+    """A double click in the 3D scene: into a photo, out of it, or what sees a place."""
+
+    seat_id: str
+    number: int
+    """As in `RayHovered`."""
+    origin: tuple[float, float, float]
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoEntered:
+    """The eye goes into a photo's perspective centre, or out again without a name."""
+
+    seat_id: str
+    photo_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReliefRaised:
+    """Heights drawn larger than they are."""
+
+    seat_id: str
+    relief: float
+
+
+@dataclass(frozen=True, slots=True)
 class LayerSwitched:
     """A layer of the 3D scene shown or hidden."""
 
@@ -277,12 +316,15 @@ class Freed:
 Gesture = (
     Judged | JudgedTogether | Dropped | Explained
     | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
-    | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | LayerSwitched
-    | VectorsScaled | Fitted | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named
-    | QualityAsked | Freed | SheetAsked | MarkPlaced | MarkJudged
+    | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | RayHovered
+    | RayFollowed | PhotoEntered | ReliefRaised | LayerSwitched | VectorsScaled | Fitted
+    | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | QualityAsked | Freed
+    | SheetAsked | MarkPlaced | MarkJudged
 )  # fmt: skip
-LOOKING = (Stepped, Selected, Sorted, Filtered, RayPicked, LayerSwitched, VectorsScaled, Fitted,
-           QualityAsked, SheetAsked)  # fmt: skip
+LOOKING = (
+    Stepped, Selected, Sorted, Filtered, RayPicked, RayHovered, RayFollowed, PhotoEntered,
+    ReliefRaised, LayerSwitched, VectorsScaled, Fitted, QualityAsked, SheetAsked,
+)  # fmt: skip
 """What a guest may do: look at everything, change nothing that others see."""
 LONGEST_NAME = 40
 Message = Mapping[str, Any]
@@ -345,6 +387,29 @@ def _scaled(seat_id: str, message: Message) -> Gesture:
     return VectorsScaled(seat_id, min(max(float(message["scale"]), 0.0), 1000.0))
 
 
+def _raised(seat_id: str, message: Message) -> Gesture:
+    relief = float(message["relief"])
+    if relief not in RELIEFS:
+        raise ValueError(message["relief"])
+    return ReliefRaised(seat_id, relief)
+
+
+def _aimed(kind: type[RayHovered | RayFollowed]) -> Callable[[str, Message], Gesture]:
+    """Reads a ray of the scene."""
+
+    def read(seat_id: str, message: Message) -> Gesture:
+        east, north, height, *towards = (float(value) for value in message["ray"])
+        right, forward, up = towards
+        if not all(abs(value) < 1e9 for value in (east, north, height)):
+            raise ValueError("not a place")
+        if not 0.5 < right**2 + forward**2 + up**2 < 2:
+            raise ValueError("not a direction")
+        origin, direction = (east, north, height), (right, forward, up)
+        return kind(seat_id, int(message["number"]), origin, direction)
+
+    return read
+
+
 def _asked(seat_id: str, message: Message) -> Gesture:
     east, north = (float(value) for value in message["place"])
     if not (abs(east) < 1e9 and abs(north) < 1e9):
@@ -397,6 +462,10 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "filter": _filtered,
     "layer": _layer,
     "vectors": _scaled,
+    "relief": _raised,
+    "hover": _aimed(RayHovered),
+    "follow": _aimed(RayFollowed),
+    "enter": lambda seat, message: PhotoEntered(seat, str(message["photo"])),
     "fit": lambda seat, message: Fitted(seat, bool(message.get("whole", True))),
     "remake": lambda seat, message: RemakeAsked(seat),
     "add": _asked,

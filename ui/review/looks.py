@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Int64, UInt8
 
 from core.arrays import Scalars
 
@@ -13,6 +13,10 @@ ShownState = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """State of a measurement as the desk shows it."""
 CloudShape = Literal["square", "diamond", "circle", "rounded", "sparkle"]
 """Shapes a point of a point cloud can have on screen."""
+
+
+Colours = UInt8[np.ndarray, "n 3"]
+"""Red, green, blue, 0 to 255."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +60,17 @@ SIZES = ("#4c6fd8", "#3fa7b0", "#7cc46b", "#e6d14a", "#ee6a2c")
 """Misfits from nothing to the largest usual one: one ramp, darker where less is told."""
 TIE_VECTOR = "#c9a86a"
 """Residuals of tie points."""
-TIE = "#6f7f95"
-"""Tie points."""
+FEWEST_RAYS = 2
+RAYS = tuple(reversed(SIZES))
+"""Tie points of two rays, three and so on; the last also those with more."""
+CHOSEN = "#ff6fb0"
+"""The photo chosen in the scene."""
+ELLIPSE = "#e8d9a0"
+"""Error ellipses of control points."""
+SERVED, BARE = "#1fc79b", "#ee6a2c"
+"""Gruber areas with a point and without one, which is crossed too."""
+FADED = "#78828f"
+"""Points that the chosen photo does not show."""
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
@@ -65,7 +78,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-def size_colours(sizes: Scalars, most: float) -> UInt8[np.ndarray, "n 3"]:
+def size_colours(sizes: Scalars, most: float) -> Colours:
     """Colour of each size on the ramp from nought to `most`; what is larger has the last one.
 
     Args:
@@ -78,6 +91,12 @@ def size_colours(sizes: Scalars, most: float) -> UInt8[np.ndarray, "n 3"]:
     return np.rint(np.stack(channels, axis=1)).astype(np.uint8)
 
 
+def ray_colours(rays: Int64[np.ndarray, " n"]) -> Colours:
+    """Colour of tie points by their number of rays."""
+    ramp = np.array([rgb(colour) for colour in RAYS], dtype=np.uint8)
+    return ramp[np.clip(rays - FEWEST_RAYS, 0, len(ramp) - 1)]
+
+
 def page_palette() -> dict[str, object]:
     """The palette as the pages receive it."""
     return {
@@ -86,6 +105,11 @@ def page_palette() -> dict[str, object]:
         "check": CHECK,
         "predicted": PREDICTED,
         "peak": PEAK,
+        "sizes": SIZES,
+        "rays": RAYS,
+        "ellipse": ELLIPSE,
+        "bare": BARE,
+        "chosen": CHOSEN,
     }
 
 

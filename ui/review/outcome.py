@@ -40,13 +40,17 @@ from ui.review.gestures import (
     MarkPlaced,
     Named,
     PeakChosen,
+    PhotoEntered,
     PlacedInScan,
     PlacedOnGround,
     PointAsked,
     QualityAsked,
+    RayFollowed,
+    RayHovered,
     RayPicked,
     Redone,
     Refined,
+    ReliefRaised,
     RemakeAsked,
     RemakeCancelled,
     RoleSwitched,
@@ -59,6 +63,7 @@ from ui.review.gestures import (
     VectorsScaled,
     Verdict,
 )
+from ui.review.picture import Part
 from ui.review.queue import (
     coming,
     neighbour,
@@ -68,7 +73,7 @@ from ui.review.queue import (
     visible,
     with_filter,
 )
-from ui.review.scene import Picked, pick
+from ui.review.sight import Picked, card_part, ground_under, photos_over, pick, sight_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
 
@@ -90,6 +95,8 @@ class Outcome:
     """What else the loop shall do."""
     notice: Notice | None = None
     """What to tell the operator."""
+    answer: tuple[str, Part] | None = None
+    """Name and content of what only answers this gesture, for the page to show."""
 
 
 def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -113,8 +120,8 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _act(gesture, seat)
         case TakenBack(decision_id=decision_id):
             return Outcome(seat, taken_back(decision_id, desk.recorded))
-        case RayPicked():
-            return _pick(gesture, seat, desk)
+        case RayPicked() | RayHovered() | RayFollowed():
+            return _aim(gesture, seat, desk)
         case _:
             return Outcome(_moved(gesture, seat, desk))
 
@@ -140,6 +147,7 @@ def _act(
         case RemakeCancelled():
             return Outcome(seat, act="cancel")
         case Fitted(whole=whole):
+            seat = _with_photo(seat, seat.scene.photo)
             return Outcome(seat, act="fit whole" if whole else "fit current")
 
 
@@ -323,15 +331,60 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
 
+def _aim(gesture: RayPicked | RayHovered | RayFollowed, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """What the pointer meets in 3D."""
+    match gesture:
+        case RayPicked():
+            return _pick(gesture, seat, desk)
+        case RayHovered():
+            return _hover(gesture, seat, desk)
+        case RayFollowed():
+            return _follow(gesture, seat, desk)
+
+
 def _pick(gesture: RayPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """A click in 3D: the measurement of a point nearest in doubt, or the worst of a photo."""
-    found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene.hidden)
+    """A click in 3D: the measurement of a point nearest in doubt, or a photo and its worst.
+
+    Beside both, the photo that was chosen is let go.
+    """
+    found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
     if found is None:
-        return Outcome(seat)
+        return Outcome(seat if seat.scene.inside else _with_photo(seat, ""))
+    if found.kind == "photo":
+        seat = _with_photo(seat, found.name)
     key = _worst(found, seat, desk)
     if key is None:
         return Outcome(seat, notice=Notice("notice.nothing-measured", {"name": found.name}))
     return Outcome(showing(seat, desk.rows, key))
+
+
+def _hover(gesture: RayHovered, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """What lies under the pointer in 3D."""
+    found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
+    card = {} if found is None else card_part(found, desk)
+    return Outcome(seat, answer=("card", {"number": gesture.number, **card}))
+
+
+def _follow(gesture: RayFollowed, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """A double click in 3D: into the photo, out of it, or the photos that see the place."""
+    if seat.scene.inside:
+        return Outcome(_with_photo(seat, seat.scene.photo))
+    block, scene = desk.state.oriented, seat.scene
+    ray = gesture.origin, gesture.direction
+    found = pick(*ray, block, replace(scene, hidden=scene.hidden | {"points"}))
+    if found is not None:
+        return Outcome(_with_photo(seat, found.name, inside=True))
+    place = ground_under(*ray, block, desk.dem, scene)
+    if place is None:
+        return Outcome(seat)
+    seen = sight_part(place, photos_over(place, block, desk.dem))
+    return Outcome(seat, answer=("sight", {"number": gesture.number, **seen}))
+
+
+def _with_photo(seat: Seat, photo_id: str, inside: bool = False) -> Seat:
+    """The seat with a photo chosen in its scene, and the eye inside or outside of it."""
+    scene = replace(seat.scene, photo=photo_id, inside=photo_id if inside else "")
+    return replace(seat, scene=scene)
 
 
 def _worst(found: Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
@@ -345,20 +398,31 @@ def _worst(found: Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
     return best.key
 
 
-def _with_scene(gesture: LayerSwitched | VectorsScaled, seat: Seat) -> Seat:
-    if isinstance(gesture, VectorsScaled):
-        return replace(seat, scene=replace(seat.scene, vector_scale=gesture.scale))
-    hidden = seat.scene.hidden - {gesture.layer}
-    if not gesture.shown:
-        hidden = hidden | {gesture.layer}
-    return replace(seat, scene=replace(seat.scene, hidden=frozenset(hidden)))
+def _with_scene(
+    gesture: LayerSwitched | VectorsScaled | ReliefRaised | PhotoEntered,
+    seat: Seat,
+    desk: DeskSnapshot,
+) -> Seat:
+    """The seat with its scene as a gesture wants it."""
+    match gesture:
+        case VectorsScaled(scale=scale):
+            return replace(seat, scene=replace(seat.scene, vector_scale=scale))
+        case ReliefRaised(relief=relief):
+            return replace(seat, scene=replace(seat.scene, relief=relief))
+        case PhotoEntered(photo_id=photo_id) if photo_id in desk.state.block.photos:
+            return _with_photo(seat, photo_id, inside=True)
+        case PhotoEntered():
+            return _with_photo(seat, seat.scene.photo)
+        case LayerSwitched(layer=layer, shown=shown):
+            hidden = seat.scene.hidden - {layer} if shown else seat.scene.hidden | {layer}
+            return replace(seat, scene=replace(seat.scene, hidden=hidden))
 
 
 def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
     """Walks through the queue, sorting and filtering, and the like: nothing is decided."""
     match gesture:
-        case LayerSwitched() | VectorsScaled():
-            return _with_scene(gesture, seat)
+        case LayerSwitched() | VectorsScaled() | ReliefRaised() | PhotoEntered():
+            return _with_scene(gesture, seat, desk)
         case Named(name=name):
             return replace(seat, operator=name)
         case QualityAsked(shown=shown, pair=pair):

@@ -51,7 +51,12 @@ class Pages:
         if not _are_same(self._scene_sources, (state.block, state.report, *shown)):
             self._scene_sources = (state.block, state.report, *shown)
             # Made by who draws it, once for all seats.
-            self._scene = cache(lambda: scene_picture(state, *shown))
+            stale, outlines, dem = desk.stale, desk.outlines, desk.dem
+            self._scene = cache(
+                lambda: scene_picture(
+                    state, stale, outlines, dem, away=misfits, tied=desk.tie_vectors
+                )
+            )
         sources = self._scene, seat.scene, seat.current
         if _are_same(self._sources.get((seat.seat_id, SCENE), ()), sources):
             return None
@@ -88,7 +93,8 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
             lambda: queue_part(seat, table.places, looked_at),
         ),
     )
-    yield "scene", ((seat.scene,), lambda: scene_part(seat))
+    misfits = table.figures.misfits
+    yield "scene", ((seat.scene, misfits, report), lambda: scene_part(seat, state, misfits))
     yield (
         "status",
         (

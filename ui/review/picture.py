@@ -11,8 +11,9 @@ from core.block import Measurement
 from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
 from ui.review.drafts import by_hand, with_drafted
 from ui.review.looks import short, shortened
-from ui.review.misfit import misfits
+from ui.review.misfit import Misfit, misfits
 from ui.review.queue import Row, coming
+from ui.review.scene import ground_level_m, ramp_top_m
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Seat
 from ui.review.trial import Trial
 
@@ -53,11 +54,17 @@ def notice_part(notice: Notice) -> Part:
     return {"text": notice.text, "values": dict(notice.values), "grave": notice.grave}
 
 
-def scene_part(seat: Seat) -> Part:
-    """The switches of the 3D scene."""
+def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part:
+    """The switches of the 3D scene, and what its legend and its scale bar are drawn from."""
+    scene = seat.scene
     return {
-        "layers": {layer: layer not in seat.scene.hidden for layer in LAYERS},
-        "scale": seat.scene.vector_scale,
+        "layers": {layer: layer not in scene.hidden for layer in LAYERS},
+        "scale": scene.vector_scale,
+        "relief": scene.relief,
+        "photo": scene.photo,
+        "inside": scene.inside,
+        "top": ramp_top_m(away),
+        "level": short(ground_level_m(state.oriented), 1),
     }
 
 

@@ -1,16 +1,19 @@
-"""The block as the 3D scene shows it, and what a ray in it hits: arrays in the local frame."""
+"""The block as the 3D scene shows it: arrays in the local frame."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import takewhile
-from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
-from core.arrays import ObjectPoints, Position
-from core.block import Block
-from core.frames import local_from_object, object_from_local
+from core.adjustment.adjusted import AdjustmentReport
+from core.arrays import Indices, ObjectPoints, Position
+from core.block import Block, Photo
+from core.frames import local_from_object
+from core.geometry.camera import Camera
+from core.quality.assessment import CELLS, area_counts
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.looks import LOOKS, ShownState
 from ui.review.misfit import Misfit, misfits
@@ -20,16 +23,20 @@ Segments = Float64[np.ndarray, "n 2 3"]
 """Line segments, local frame, metres."""
 Points = Float64[np.ndarray, "n 3"]
 """Points, local frame, metres."""
+FRUSTUM_SHARE = 0.17
+"""Length of the frustums as a share of the flying height."""
 EDGE_PARTS = 12
 """Parts of each edge of a footprint, so that it follows the terrain."""
 VECTOR_SHARE = 0.03
 """A misfit of ordinary size is drawn at most as long as this share of the block."""
-MEASURE_SHARE = 0.1
-"""The arrow that shows the scale of the vectors is at most this share of the block long."""
+ORDINARY = 3.0
+"""The ramp of sizes ends at about this many times the median misfit; few are larger."""
+ELLIPSE_PARTS = 24
+"""Lines of one error ellipse."""
+AREA_SHARE = 0.86
+"""A Gruber area is drawn this much smaller than it is, so that it does not touch the next."""
 WORST: tuple[ShownState, ...] = ("rejected", "dubious", "auto", "accepted", "unused")
 """Which state a point shows that has several measurements: the first of these it has."""
-POINT_ANGLE = np.radians(0.9)
-"""How far beside a point a click still means it, seen from the eye."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,23 +60,62 @@ class FrustumPicture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """Points, and which of them a photo shows."""
+
+    points: Points
+    """All of them."""
+    in_photo: Callable[[str], Indices]
+    """Numbers of those that a photo shows."""
+
+    def shown_in(self, photo_id: str) -> Indices:
+        """Numbers of the points of a photo; of all without one."""
+        return self.in_photo(photo_id) if photo_id else np.arange(len(self.points))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Areas:
+    """Gruber areas of photos."""
+
+    photo_ids: tuple[str, ...]
+    """Photo of each area."""
+    outlines: Float64[np.ndarray, "n corners 3"]
+    """Ring of each area on the ground, local frame, metres."""
+    served: Bool[np.ndarray, " n"]
+    """True where something is measured in the area."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ScenePicture:
     """Everything in the 3D scene that a decision can change."""
 
     depth_m: float
     """Length of the frustums, metres."""
+    level_m: float
+    """Height of the ground about which it is exaggerated, metres."""
     frustums: tuple[FrustumPicture, ...]
     """Photos."""
     footprints: Segments
     """Outlines of the photos on the ground."""
-    points: Mapping[ShownState, Points]
+    points: Mapping[ShownState, Cloud]
     """Control points by state."""
-    checks: Points
+    checks: Cloud
     """Check points."""
     vectors: Segments
     """Surveyed point of each used measurement, and the end of its misfit at true length."""
-    ties: Points
+    vector_photos: tuple[str, ...]
+    """Photo of each of these measurements."""
+    vectors_top_m: float
+    """Misfit at the end of the ramp of colours, metres."""
+    ellipses: Segments
+    """Middle of each adjusted control point's error ellipse, and its half axes along easting and
+    northing as the end of the diagonal; one standard deviation."""
+    areas: Callable[[], Areas]
+    """Gruber areas; found when they are first shown."""
+    ties: Cloud
     """Tie points."""
+    rays: Int64[np.ndarray, " n"]
+    """Number of rays of each tie point."""
     tie_vectors: Segments
     """Each tie point and the end of its longest residual on the ground, at true length."""
     labels: Mapping[str, Position]
@@ -80,6 +126,8 @@ def scene_picture(
     state: DeskState,
     stale: tuple[str, ...],
     outlines: Segments,
+    dem: HeightSource,
+    *,
     away: Mapping[Key, Misfit] | None = None,
     tied: Segments | None = None,
 ) -> ScenePicture:
@@ -89,33 +137,52 @@ def scene_picture(
         state: Block and adjustment.
         stale: Photos with stale orthos.
         outlines: What `footprints` says.
+        dem: Heights of the ground.
         away: Misfits, where they are known already.
         tied: What `tie_vectors` says, where that is known already.
     """
     oriented, origin = state.oriented, state.block.origin
+    away = misfits(state) if away is None else away
     states = point_states(state)
-    surveyed = state.block.surveyed
-    ties = state.report.tie_positions
-    ties = ties[np.all(np.isfinite(ties), axis=1)]
+    checks = [name for name, point in state.block.surveyed.items() if point.role == "check"]
+    keys, vectors = misfit_vectors(state, away)
+    ties, rays = tie_cloud(state)
     return ScenePicture(
         depth_m=frustum_depth_m(oriented),
+        level_m=ground_level_m(oriented),
         frustums=tuple(_frustum(oriented, name, name in stale) for name in oriented.photos),
         footprints=outlines,
         points={
-            name: _positions(state.block, [key for key, value in states.items() if value == name])
+            name: _cloud(state.block, [key for key, value in states.items() if value == name])
             for name in LOOKS
         },
-        checks=_positions(
-            state.block, [k for k, point in surveyed.items() if point.role == "check"]
-        ),
-        vectors=misfit_vectors(state, away),
-        ties=local_from_object(ties, origin),
+        checks=_cloud(state.block, checks),
+        vectors=vectors,
+        vector_photos=tuple(photo_id for _, photo_id in keys),
+        vectors_top_m=ramp_top_m(away),
+        ellipses=error_ellipses(state.report, state.block),
+        areas=cache(lambda: gruber_areas(state.report, oriented, dem)),
+        ties=ties,
+        rays=rays,
         tie_vectors=tie_vectors(state) if tied is None else tied,
         labels={
             short: oriented.photos[name].exterior.centre - origin
             for name, short in short_names(list(oriented.photos)).items()
         },
     )
+
+
+def ground_level_m(block: Block) -> float:
+    """Height of the ground under the block, about which it is exaggerated, metres."""
+    heights = [photo.ground_height_m for photo in block.photos.values()]
+    return float(np.median(heights)) if heights else 0.0
+
+
+def raised(points: Points, level_m: float, relief: float) -> Points:
+    """Places on the ground with heights about a level so many times as large."""
+    higher = points.copy()
+    higher[..., 2] = level_m + relief * (points[..., 2] - level_m)
+    return higher
 
 
 def short_names(names: Sequence[str]) -> dict[str, str]:
@@ -169,8 +236,11 @@ def point_states(state: DeskState) -> dict[str, ShownState]:
     }
 
 
-def misfit_vectors(state: DeskState, away: Mapping[Key, Misfit] | None = None) -> Segments:
+def misfit_vectors(
+    state: DeskState, away: Mapping[Key, Misfit] | None = None
+) -> tuple[list[Key], Segments]:
     """Misfits of all measurements that take part or judge, as displacements on the ground."""
+    keys: list[Key] = []
     segments: list[np.ndarray] = []
     for key, misfit in (misfits(state) if away is None else away).items():
         if key not in state.block.measurements:
@@ -179,8 +249,116 @@ def misfit_vectors(state: DeskState, away: Mapping[Key, Misfit] | None = None) -
         if shown in ("unused", "rejected"):
             continue
         start = state.block.surveyed[key[0]].position - state.block.origin
+        keys.append(key)
         segments.append(np.array([start, start + np.array([*misfit.metres, 0.0])]))
-    return np.array(segments).reshape(-1, 2, 3)
+    return keys, np.array(segments).reshape(-1, 2, 3)
+
+
+def ramp_top_m(away: Mapping[Key, Misfit]) -> float:
+    """Where the ramp of sizes ends, 1, 2 or 5 of a power of ten, metres.
+
+    It hangs on the median, so that a few gross errors do not make all others alike.
+    """
+    sizes = np.array([np.hypot(*one.metres) for one in away.values()])
+    usual = float(np.median(sizes)) if len(sizes) else 0.0
+    if usual <= 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(ORDINARY * usual))
+    return float(min(step * power for step in (1, 2, 5, 10) if step * power >= ORDINARY * usual))
+
+
+def error_ellipses(report: AdjustmentReport, block: Block) -> Segments:
+    """Middles and half axes of the error ellipses of control points that took part."""
+    found = [
+        (block.surveyed[name].position, sigma)
+        for name, sigma in report.surveyed_sigmas_m.items()
+        if name in block.surveyed and np.isfinite(sigma[:2]).all()
+    ]
+    middles = np.array([position for position, _ in found]).reshape(-1, 3) - block.origin
+    axes = np.array([[*sigma[:2], 0.0] for _, sigma in found]).reshape(-1, 3)
+    return np.stack([middles, middles + axes], axis=1)
+
+
+def ellipse_lines(ellipses: Segments, scale: float) -> Segments:
+    """Rings of error ellipses, drawn so many times larger than they are.
+
+    The adjustment tells standard deviations of coordinates, so that the axes lie along them.
+    """
+    turn = np.linspace(0, 2 * np.pi, ELLIPSE_PARTS + 1)
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
+    middle, axes = ellipses[:, :1], scale * (ellipses[:, 1:] - ellipses[:, :1])
+    ring = middle + axes * circle
+    return np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2, 3)
+
+
+def gruber_areas(report: AdjustmentReport, block: Block, dem: HeightSource) -> Areas:
+    """The nine Gruber areas of each photo on the ground, and which of them have a point."""
+    counts = area_counts(report)
+    names = [name for name, photo in block.photos.items() if photo.oriented and name in counts]
+    outlines = [
+        _areas_of(block.photos[name], block.camera_of(name), dem) - block.origin for name in names
+    ]
+    corners = outlines[0].shape[1] if outlines else 0
+    return Areas(
+        tuple(name for name in names for _ in range(CELLS**2)),
+        np.array(outlines).reshape(-1, corners, 3),
+        np.array([counts[name].ravel() > 0 for name in names], dtype=bool).ravel(),
+    )
+
+
+def _areas_of(photo: Photo, camera: Camera, dem: HeightSource) -> ObjectPoints:
+    """Rings of the areas of a photo on the ground, top row first."""
+    width, height = camera.frame_mm
+    half = AREA_SHARE / 2
+    corners = half * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1], [-1, 1]])
+    # Parts of each edge, so that it follows the terrain.
+    ring = np.concatenate(
+        [np.linspace(corners[i], corners[i + 1], EDGE_PARTS // CELLS + 1)[:-1] for i in range(4)]
+    )
+    middles = np.arange(CELLS) + 0.5
+    across, down = np.meshgrid(middles, CELLS - middles)
+    places = (np.column_stack([across.ravel(), down.ravel()])[:, None] + ring) / CELLS - 0.5
+    film = (places * np.array([width, height])).reshape(-1, 2)
+    pixels = photo.interior.pixel_from_film(film)
+    drawn = DrawnPhoto(photo, camera, 1)
+    ground = ground_from_pixel(pixels, drawn, dem, photo.ground_height_m)
+    return ground.reshape(CELLS**2, len(ring), 3)
+
+
+def area_lines(areas: Areas, photo_id: str) -> tuple[Segments, Bool[np.ndarray, " n"]]:
+    """Outlines of a photo's areas, those without a point crossed; of all without one otherwise.
+
+    Returns:
+        Lines, and whether each belongs to an area that has a point.
+    """
+    photos = np.array(areas.photo_ids)
+    chosen = np.flatnonzero(photos == photo_id if photo_id else ~areas.served)
+    rings = areas.outlines[chosen]
+    edges = np.stack([rings, np.roll(rings, -1, axis=1)], axis=2)
+    side = rings.shape[1] // 4
+    crossed = rings[~areas.served[chosen]]
+    crosses = np.stack([crossed[:, [0, side]], crossed[:, [2 * side, 3 * side]]], axis=2)
+    served = np.repeat(areas.served[chosen], rings.shape[1])
+    lines = np.concatenate([edges.reshape(-1, 2, 3), crosses.reshape(-1, 2, 3)])
+    return lines, np.r_[served, np.zeros(crosses.shape[0] * crosses.shape[1], dtype=bool)]
+
+
+def tie_cloud(state: DeskState) -> tuple[Cloud, Int64[np.ndarray, " n"]]:
+    """Tie points that were adjusted, and how many rays each has."""
+    report = state.report
+    ties = report.block.ties
+    sound = np.flatnonzero(np.isfinite(report.tie_positions).all(axis=1))
+    used = np.isfinite(report.tie_residuals_px).all(axis=1)
+    rays = np.bincount(ties.point[used], minlength=len(report.tie_positions))
+
+    def in_photo(photo_id: str) -> Indices:
+        if photo_id not in ties.photo_ids:
+            return np.zeros(0, dtype=np.int64)
+        seen = ties.point[used & (ties.photo == ties.photo_ids.index(photo_id))]
+        return np.flatnonzero(np.isin(sound, seen))
+
+    points = local_from_object(report.tie_positions[sound], state.block.origin)
+    return Cloud(points, in_photo), rays[sound]
 
 
 def tie_vectors(state: DeskState) -> Segments:
@@ -218,7 +396,7 @@ def _ground_from_pixel(block: Block, photo_id: str) -> np.ndarray:
 
 def readable_scale(state: DeskState) -> float:
     """How many times longer than on the ground vectors must be drawn to be seen: 1, 2 or 5 tens."""
-    vectors = misfit_vectors(state)
+    _, vectors = misfit_vectors(state)
     if not len(vectors):
         return 1.0
     lengths = np.linalg.norm(vectors[:, 1] - vectors[:, 0], axis=1)
@@ -231,21 +409,24 @@ def readable_scale(state: DeskState) -> float:
     return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
 
 
-def measure_m(extent_m: float, scale: float) -> float:
-    """Length of the arrow that shows the scale of the vectors: 1, 2 or 5 of a power of ten, metres.
-
-    Args:
-        extent_m: Longer side of the block, metres.
-        scale: How many times longer than on the ground vectors are drawn.
-    """
-    wanted = MEASURE_SHARE * extent_m / max(scale, 1.0)
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
-
-
-def _positions(block: Block, names: list[str]) -> Points:
+def _cloud(block: Block, names: Collection[str]) -> Cloud:
+    """Surveyed points by name."""
     points = np.array([block.surveyed[name].position for name in names]).reshape(-1, 3)
-    return local_from_object(points, block.origin)
+    numbers = {name: number for number, name in enumerate(names)}
+
+    def in_photo(photo_id: str) -> Indices:
+        seen = [numbers[p] for p, photo in block.measurements if photo == photo_id and p in numbers]
+        return np.array(seen, dtype=np.int64)
+
+    return Cloud(local_from_object(points, block.origin), in_photo)
+
+
+def frustum_depth_m(block: Block) -> float:
+    """Depth of the frustums on screen: a part of the flying height, the same for all."""
+    heights = [
+        float(photo.exterior.centre[2]) - photo.ground_height_m for photo in block.photos.values()
+    ]
+    return FRUSTUM_SHARE * float(np.median(heights)) if heights else 100.0
 
 
 def _frustum(block: Block, photo_id: str, stale: bool) -> FrustumPicture:
@@ -260,104 +441,3 @@ def _frustum(block: Block, photo_id: str, stale: bool) -> FrustumPicture:
         oriented=photo.oriented,
         stale=stale,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Picked:
-    """What was hit."""
-
-    kind: Literal["point", "photo"]
-    """Surveyed point or photo."""
-    name: str
-    """Its name."""
-
-
-def pick(
-    origin: tuple[float, float, float],
-    direction: tuple[float, float, float],
-    block: Block,
-    hidden: Collection[str],
-) -> Picked | None:
-    """The point or photo under a ray given in the local frame.
-
-    The picture of a frustum hides what lies behind it; through its open sides points are seen, so
-    that these count only where no point is meant.
-    """
-    eye = object_from_local(np.array([origin], dtype=np.float64), block.origin)[0]
-    towards = np.array(direction, dtype=np.float64)
-    towards = towards / np.linalg.norm(towards)
-    point, beyond = (None, np.inf) if "points" in hidden else _nearest_point(eye, towards, block)
-    photos = [] if "photos" in hidden else list(block.photos)
-    picture, before = _nearest_photo(eye, towards, block, photos, sides=False)
-    if picture is not None and before < beyond:
-        return Picked("photo", picture)
-    if point is not None:
-        return Picked("point", point)
-    photo, _ = _nearest_photo(eye, towards, block, photos, sides=True)
-    return None if photo is None else Picked("photo", photo)
-
-
-def frustum_corners(block: Block, photo_id: str, depth_m: float) -> np.ndarray:
-    """Four corners of a photo's frustum at a depth before its perspective centre, object frame."""
-    photo, camera = block.photos[photo_id], block.camera_of(photo_id)
-    half = np.array(camera.frame_mm) / 2 / camera.principal_distance_mm * depth_m
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    image = np.column_stack([corners, np.full(4, -depth_m)])
-    return image @ photo.exterior.object_from_image.T + photo.exterior.centre
-
-
-def frustum_depth_m(block: Block) -> float:
-    """Depth of the frustums on screen: a part of the flying height, the same for all."""
-    heights = [
-        float(photo.exterior.centre[2]) - photo.ground_height_m for photo in block.photos.values()
-    ]
-    return 0.17 * float(np.median(heights)) if heights else 100.0
-
-
-def _nearest_point(eye: Position, towards: Position, block: Block) -> tuple[str | None, float]:
-    """The point nearest to the ray as the eye sees it, and how far away it is, metres."""
-    names = list(block.surveyed)
-    if not names:
-        return None, float("inf")
-    offset = np.array([block.surveyed[name].position for name in names]) - eye
-    along = offset @ towards
-    beside = np.linalg.norm(offset - along[:, None] * towards, axis=1)
-    angle = np.where(along > 0, np.arctan2(beside, along), np.inf)
-    best = int(np.argmin(angle))
-    return (names[best], float(along[best])) if angle[best] < POINT_ANGLE else (None, float("inf"))
-
-
-def _nearest_photo(
-    eye: Position, towards: Position, block: Block, photo_ids: Iterable[str], sides: bool
-) -> tuple[str | None, float]:
-    """The nearest photo whose picture, or also whose sides, a ray passes; and how far away."""
-    depth = frustum_depth_m(block)
-    best, nearest = None, float("inf")
-    for name in photo_ids:
-        corners = frustum_corners(block, name, depth)
-        centre = block.photos[name].exterior.centre
-        faces = [(corners[0], corners[1], corners[2]), (corners[0], corners[2], corners[3])]
-        if sides:
-            faces += [(centre, corners[i], corners[(i + 1) % 4]) for i in range(4)]
-        for face in faces:
-            distance = _ray_triangle(eye, towards, *face)
-            if distance < nearest:
-                best, nearest = name, distance
-    return best, nearest
-
-
-def _ray_triangle(
-    eye: Position, towards: Position, first: Position, second: Position, third: Position
-) -> float:
-    """Distance to a triangle along a ray (Moeller and Trumbore 1997); infinite when it misses."""
-    edge, other = second - first, third - first
-    normal = np.cross(towards, other)
-    volume = float(edge @ normal)
-    if abs(volume) < 1e-12:
-        return float("inf")
-    offset = eye - first
-    u = float(offset @ normal) / volume
-    around = np.cross(offset, edge)
-    v = float(towards @ around) / volume
-    distance = float(other @ around) / volume
-    return distance if u >= 0 and v >= 0 and u + v <= 1 and distance > 0 else float("inf")

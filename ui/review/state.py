@@ -31,10 +31,12 @@ Sheet = Literal["", "board", "placement"]
 """A view laid over the desk, beside that of the block's quality."""
 SHEETS: tuple[Sheet, ...] = ("board", "placement")
 LAYERS: tuple[str, ...] = (
-    "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors",
-    "labels",
+    "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
+    "checks", "ties", "tie_vectors", "labels",
 )  # fmt: skip
 """Layers of the 3D scene that can be switched."""
+RELIEFS = (1.0, 2.0, 5.0)
+"""So many times as high as they are, heights can be drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +66,23 @@ class QueueFilter:
 class SceneOptions:
     """What one seat sees of the 3D scene."""
 
-    hidden: frozenset[str] = frozenset({"ties", "tie_vectors", "labels"})
+    hidden: frozenset[str] = frozenset(
+        {"hillshade", "areas", "ellipses", "ties", "tie_vectors", "labels"}
+    )
     """Layers that are switched off."""
     vector_scale: float = 20.0
     """Residual vectors on screen are this many times as long as on the ground."""
+    relief: float = 1.0
+    """Heights on screen are this many times as large."""
+    photo: str = ""
+    """The chosen photo, whose footprint and points stand out; empty without one."""
+    inside: str = ""
+    """The photo whose perspective centre the eye is in; empty outside."""
+
+    @property
+    def seen_relief(self) -> float:
+        """Exaggeration of heights; none in a perspective centre, where the photo must fit."""
+        return 1.0 if self.inside else self.relief
 
 
 @dataclass(frozen=True, slots=True)

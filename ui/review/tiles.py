@@ -243,10 +243,10 @@ def scan_map(
     return np.einsum("rn,nmc,km->rkc", by_row, nodes, by_column, optimize=True)
 
 
-def overview_of(drawn: DrawnPhoto, read: ScanWindow) -> Overview:
-    """The whole scan, reduced to some hundred pixels a side."""
+def overview_of(drawn: DrawnPhoto, read: ScanWindow, most_px: int = SAMPLE_PX) -> Overview:
+    """The whole scan, reduced to so many pixels a side at most."""
     columns, rows = drawn.photo.size_px
-    reduction = max(1, 2 ** int(np.ceil(np.log2(max(columns, rows) / SAMPLE_PX))))
+    reduction = max(1, 2 ** int(np.ceil(np.log2(max(columns, rows) / most_px))))
     width, height = (side // reduction * reduction for side in (columns, rows))
     return Overview(read(drawn.photo.scan, 0, 0, width, height, reduction), reduction)
 

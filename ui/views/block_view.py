@@ -11,13 +11,28 @@ from viser import transforms
 from core.arrays import Position
 from ui.review import looks
 from ui.review.looks import LOOKS, ShownState, rgb
-from ui.review.scene import FrustumPicture, Points, ScenePicture, Segments, measure_m
+from ui.review.scene import (
+    EDGE_PARTS,
+    FrustumPicture,
+    Points,
+    ScenePicture,
+    Segments,
+    area_lines,
+    ellipse_lines,
+    raised,
+)
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
 from ui.views.meshes import needles_glb
 
 TERRAIN = "/terrain"
+HILLSHADE = "/hillshade"
+VEIL = "/veil"
 FOOTPRINTS = "/footprints"
+CHOSEN = "/chosen"
+AREAS = "/areas"
+ELLIPSES = "/ellipses"
+OTHERS = "/others"
 VECTORS = "/vectors"
 CHECKS = "/checks"
 TIES = "/ties"
@@ -25,8 +40,6 @@ TIE_VECTORS = "/tie_vectors"
 CURRENT = "/current"
 CURRENT_RAY = "/current_ray"
 CURRENT_NAME = "/current_name"
-MEASURE = "/measure"
-MEASURE_NAME = "/measure_name"
 """Names of nodes of the scene, which tests look for as well."""
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
@@ -38,7 +51,14 @@ FIT_SHARE = 1.9
 """Distance of the eye from the block, in extents, when the whole block is in sight."""
 FROM_SOUTH = np.array([0.0, -0.5, 1.0])
 """Where the eye is at first, seen from the middle of the block."""
+UP = np.array([0.0, 0.0, 1.0])
 RING_PARTS = 28
+TIE_PX = 4.0
+"""Size of a tie point on the screen, pixels."""
+ROOM = 1.06
+"""Seen from its perspective centre, a photo has this much room in the window."""
+FLIGHT_STEPS = 14
+"""Places of the eye on its way into a photo."""
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
 
@@ -56,6 +76,11 @@ def points_node(state: ShownState) -> str:
 def label_node(photo_name: str) -> str:
     """Name of a photo."""
     return f"/labels/{_plain(photo_name)}"
+
+
+def reach_pixel_m(reach_m: float) -> float:
+    """Size of a pixel when the whole block is in sight, before the window is known, metres."""
+    return reach_m / 700
 
 
 def _plain(name: str) -> str:
@@ -85,6 +110,53 @@ class Pointed:
     """Perspective centre of the photo it is looked at in."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Where an eye is, and what it sees."""
+
+    position: Position
+    """Of the eye, local frame, metres."""
+    look_at: Position
+    """What it turns about, local frame, metres."""
+    up: Position
+    """What is up on the screen."""
+    fov: float
+    """Opening over the height of the window, radians."""
+
+    def towards(self, other: "Pose", share: float) -> "Pose":
+        """A pose on the way to another one; gently off and gently there."""
+        even = share * share * (3 - 2 * share)
+
+        def between(one: Position, two: Position) -> Position:
+            return one + even * (two - one)
+
+        return Pose(
+            between(self.position, other.position),
+            between(self.look_at, other.look_at),
+            between(self.up, other.up),
+            self.fov + even * (other.fov - self.fov),
+        )
+
+
+def pose_inside(frustum: FrustumPicture, level_m: float, window: float) -> Pose:
+    """The eye in a perspective centre, so that the whole photo is in a window.
+
+    Args:
+        frustum: The photo.
+        level_m: Height of the ground, metres.
+        window: Width of the window over its height.
+    """
+    towards = -frustum.object_from_image[:, 2]
+    above = float(frustum.centre[2]) - level_m
+    half = np.tan(frustum.vertical_fov / 2) * max(1.0, frustum.aspect / window)
+    return Pose(
+        frustum.centre,
+        frustum.centre + towards * above / max(-float(towards[2]), 0.1),
+        frustum.object_from_image[:, 1],
+        2 * float(np.arctan(ROOM * half)),
+    )
+
+
 class BlockView:
     """The nodes of one browser's scene; built once, then only what changed is sent."""
 
@@ -94,55 +166,76 @@ class BlockView:
         self._stage = stage
         self._lift = np.array([0.0, 0.0, LIFT * stage.extent_m])
         self._point_m = POINT_SHARE * stage.extent_m
+        self._pixel_m = reach_pixel_m(stage.extent_m)
         self._sizes: dict[str, float] = {}
         self._pointed: Pointed | None = None
         self._frustums: dict[str, viser.CameraFrustumHandle] = {}
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._labels: dict[str, viser.LabelHandle] = {}
+        self._sheets: dict[str, viser.GlbHandle] = {}
+        self._laid: dict[str, bytes] = {}
         self._sent: dict[str, object] = {}
-        self._terrain: viser.GlbHandle | None = None
         self._needles: viser.GlbHandle | None = None
-        self._terrain_shown = True
+        self._picture, self._options = picture, SceneOptions()
+        self._outside: Pose | None = None
+        self._flight: list[Pose] = []
         self._build(picture)
         self.fit(None)
 
     def show(self, picture: ScenePicture, options: SceneOptions, pointed: Pointed | None) -> None:
         """Bring the scene up to date with a picture and a seat's switches."""
-        hidden = options.hidden
-        self._terrain_shown = "terrain" not in hidden
-        if self._terrain is not None:
-            self._terrain.visible = self._terrain_shown
+        before, hidden = self._options, options.hidden
+        self._picture, self._options = picture, options
+        inside = self._frustum_of(options.inside)
+        for name in self._sheets:
+            self._show_sheet(name)
         for frustum in picture.frustums:
-            self._show_frustum(frustum, picture.depth_m, "photos" not in hidden)
-        for state, points in picture.points.items():
-            self._show_cloud(points_node(state), points, "points" not in hidden)
-        self._show_cloud(CHECKS, picture.checks, "checks" not in hidden)
-        self._show_cloud(TIES, picture.ties, "ties" not in hidden)
+            shown = "photos" not in hidden and inside is None
+            self._show_frustum(frustum, picture.depth_m, shown)
+        self._show_points(picture, options)
         self._show_lines(FOOTPRINTS, picture.footprints, "footprints" not in hidden)
+        self._show_chosen(picture, options.photo)
+        self._show_areas(picture, options)
         self._show_vectors(picture, options)
         self._show_tie_vectors(picture, options)
-        self._show_labels(picture.labels, "labels" not in hidden)
+        self._show_labels(picture.labels, "labels" not in hidden and inside is None)
         self._show_current(pointed)
+        if options.inside != before.inside:
+            self._fly(inside)
 
-    def drape(self, terrain: bytes) -> None:
-        """Lay the terrain, a GLB, under everything."""
-        self._terrain = self._scene.add_glb(
-            TERRAIN, terrain, cast_shadow=False, visible=self._terrain_shown
-        )
+    def lay(self, name: str, sheet: bytes) -> None:
+        """Lay a mesh, a GLB, over or under everything."""
+        if self._laid.get(name) is not sheet:
+            self._laid[name] = sheet
+            self._sheets[name] = self._scene.add_glb(name, sheet, cast_shadow=False)
+            self._sent.pop(f"{name} shown", None)
+        self._show_sheet(name)
+
+    def fly_on(self) -> bool:
+        """The next step of the eye on its way; False once it is there."""
+        if self._flight:
+            self._look(self._flight.pop(0))
+        return bool(self._flight)
 
     def picture(self, photo_id: str, thumbnail: Colour) -> None:
         """Put a photo's small picture, in the film frame, into its frustum."""
         if photo_id in self._frustums:
             self._frustums[photo_id].image = thumbnail
 
-    def seen_from(self, distance_m: float) -> None:
-        """Draw points and ring nearly as large on the screen from wherever they are seen."""
+    def seen_from(self, distance_m: float, pixel_m: float) -> None:
+        """Draw points and ring nearly as large on the screen from wherever they are seen.
+
+        Args:
+            distance_m: Distance of the eye from what it turns about.
+            pixel_m: Size of a pixel of the screen there.
+        """
         reach = self._stage.extent_m
         nearness = min(distance_m / (FIT_SHARE * reach), 2.0)
         self._point_m = POINT_SHARE * reach * nearness**0.7
+        self._pixel_m = pixel_m
         for name, cloud in self._clouds.items():
-            cloud.point_size = self._sizes[name] * self._point_m
+            cloud.point_size = self._size_of(name)
         self._show_current(self._pointed)
 
     def fit(self, pointed: Pointed | None) -> None:
@@ -156,26 +249,50 @@ class BlockView:
         narrower = np.tan(FIELD_OF_VIEW / 2) * min(camera.aspect, 1.0)
         distance = 0.56 * reach / narrower * (1.0 if pointed is None else 0.25)
         away = FROM_SOUTH / np.linalg.norm(FROM_SOUTH) * distance
+        camera.max_orbit_distance = 30 * reach
+        camera.near, camera.far = reach * 1e-3, reach * 40
+        self._outside, self._flight = None, []
+        self._look(Pose(target + away, target, UP, FIELD_OF_VIEW))
+
+    def _look(self, pose: Pose) -> None:
+        """Put the eye somewhere."""
+        camera = self._client.camera
         with self._client.atomic():
-            camera.max_orbit_distance = 30 * reach
-            camera.up_direction = (0.0, 0.0, 1.0)
-            camera.near, camera.far = reach * 1e-3, reach * 40
-            camera.fov = FIELD_OF_VIEW
-            camera.position = target + away
-            camera.look_at = target
+            camera.position = pose.position
+            camera.look_at = pose.look_at
+            camera.up_direction = pose.up
+            camera.fov = pose.fov
+
+    def _fly(self, inside: FrustumPicture | None) -> None:
+        """Send the eye into a perspective centre, or back to where it was before."""
+        camera = self._client.camera
+        here = Pose(camera.position, camera.look_at, camera.up_direction, camera.fov)
+        if inside is None:
+            there, self._outside = self._outside, None
+        else:
+            self._outside = self._outside or here
+            there = pose_inside(inside, self._picture.level_m, camera.aspect)
+        if there is not None:
+            shares = np.linspace(0, 1, FLIGHT_STEPS + 1)[1:]
+            self._flight = [here.towards(there, float(share)) for share in shares]
+
+    def _frustum_of(self, photo_id: str) -> FrustumPicture | None:
+        """The frustum of a photo; None without one."""
+        return next((one for one in self._picture.frustums if one.photo_id == photo_id), None)
 
     def _build(self, picture: ScenePicture) -> None:
         for state, look in LOOKS.items():
             size, shape = look.cloud_size, look.cloud_shape
             self._add_cloud(points_node(state), look.colour, shape, size)
         self._add_cloud(CHECKS, looks.CHECK, "square", 1.1)
-        self._add_cloud(TIES, looks.TIE, "square", 0.3)
+        self._add_cloud(OTHERS, looks.FADED, "square", 0.35)
+        self._add_cloud(TIES, looks.FADED, "square", 1.0)
         for name, colour, thickness in (
             (FOOTPRINTS, looks.FOOTPRINT, 1.4),
-            (VECTORS, looks.CURRENT, 2.4),
+            (CHOSEN, looks.CHOSEN, 3.5),
+            (ELLIPSES, looks.ELLIPSE, 1.6),
             (CURRENT, looks.CURRENT, 3.0),
             (CURRENT_RAY, looks.CURRENT, 1.4),
-            (MEASURE, looks.FOOTPRINT, 3.0),
         ):
             self._lines[name] = self._scene.add_line_segments(
                 name,
@@ -190,9 +307,15 @@ class BlockView:
     def _add_cloud(self, name: str, colour: str, shape: looks.CloudShape, size: float) -> None:
         self._sizes[name] = size
         self._clouds[name] = self._scene.add_point_cloud(
-            name, NOWHERE, rgb(colour), point_size=size * self._point_m, point_shape=shape,
+            name, NOWHERE, rgb(colour), point_size=self._size_of(name), point_shape=shape,
             precision="float32", point_shading="flat", visible=False,
         )  # fmt: skip
+
+    def _size_of(self, name: str) -> float:
+        """Size of a point of a cloud, metres; viser draws points twice as large as told."""
+        if name == TIES:
+            return TIE_PX / 2 * self._pixel_m
+        return self._sizes[name] * self._point_m
 
     def _add_frustum(self, frustum: FrustumPicture, depth_m: float) -> None:
         half = np.tan(frustum.vertical_fov / 2)
@@ -217,6 +340,8 @@ class BlockView:
         handle = self._frustums[frustum.photo_id]
         rotation = frustum.object_from_image @ IMAGE_FROM_OPENCV
         colour = looks.STALE if frustum.stale else looks.PHOTO
+        if frustum.photo_id == self._options.photo:
+            colour = looks.CHOSEN
         shown = (*frustum.centre.tolist(), *rotation.ravel().tolist(), colour)
         if self._is_new(photo_node(frustum.photo_id), shown):
             handle.wxyz = transforms.SO3.from_matrix(rotation).wxyz
@@ -224,56 +349,127 @@ class BlockView:
             handle.color = rgb(colour)
         handle.visible = visible
 
-    def _show_cloud(self, name: str, points: Points, visible: bool) -> None:
+    def _show_sheet(self, name: str) -> None:
+        """A mesh where its layer is on, with heights as large as they are drawn."""
+        sheet, options = self._sheets[name], self._options
+        match name:
+            case "/hillshade":
+                sheet.visible = not options.hidden & {"hillshade", "terrain"}
+            case "/veil":
+                sheet.visible = self._frustum_of(options.inside) is not None
+            case _:
+                sheet.visible = "terrain" not in options.hidden
+        relief, level = options.seen_relief, self._picture.level_m
+        if self._is_new(f"{name} shown", (relief, level)):
+            sheet.scale = (1.0, 1.0, relief)
+            sheet.position = (0.0, 0.0, level * (1 - relief))
+
+    def _show_points(self, picture: ScenePicture, options: SceneOptions) -> None:
+        """Points by state; with a photo chosen only its own, and all others small and grey."""
+        hidden, photo = options.hidden, options.photo
+        clouds = [
+            *((points_node(name), "points", cloud) for name, cloud in picture.points.items()),
+            (CHECKS, "checks", picture.checks),
+        ]
+        others: list[np.ndarray] = [np.zeros((0, 3))]
+        for node, layer, cloud in clouds:
+            chosen = cloud.shown_in(photo)
+            self._show_cloud(node, cloud.points[chosen], layer not in hidden)
+            if layer not in hidden:
+                others.append(np.delete(cloud.points, chosen, axis=0))
+        self._show_cloud(OTHERS, np.concatenate(others), True)
+        chosen = picture.ties.shown_in(photo)
+        if "ties" not in hidden:
+            colours = looks.ray_colours(picture.rays[chosen])
+            self._show_cloud(TIES, picture.ties.points[chosen], True, colours)
+        else:
+            self._clouds[TIES].visible = False
+
+    def _show_cloud(
+        self, name: str, points: Points, visible: bool, colours: looks.Colours | None = None
+    ) -> None:
         handle = self._clouds[name]
-        if len(points) and self._is_new(name, points.tobytes()):
-            handle.points = (points + self._lift).astype(np.float32)
+        if len(points) and self._is_new(name, (points.tobytes(), self._options.seen_relief)):
+            places = self._on_ground(points)
+            if colours is not None:
+                # Viser takes one colour for all, or one for each: a cloud of so many points.
+                handle = self._clouds[name] = self._scene.add_point_cloud(
+                    name, places, colors=colours, point_size=self._size_of(name),
+                    point_shape="circle", precision="float32", point_shading="flat",
+                )  # fmt: skip
+            else:
+                handle.points = places.astype(np.float32)
         handle.visible = visible and len(points) > 0
+
+    def _on_ground(self, places: Points | Segments, lift: float = 1.0) -> np.ndarray:
+        """Places on the ground with heights as they are drawn, a little above the drape."""
+        return raised(places, self._picture.level_m, self._options.seen_relief) + lift * self._lift
 
     def _show_lines(self, name: str, segments: Segments, visible: bool) -> None:
         handle = self._lines[name]
-        if len(segments) and self._is_new(name, segments.tobytes()):
-            handle.points = (segments + self._lift).astype(np.float32)
+        if len(segments) and self._is_new(name, (segments.tobytes(), self._options.seen_relief)):
+            handle.points = self._on_ground(segments).astype(np.float32)
         handle.visible = visible and len(segments) > 0
 
-    def _show_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
-        """Misfits lengthened, coloured by their size up to the length of the arrow of scale."""
-        handle, segments, scale = self._lines[VECTORS], picture.vectors, options.vector_scale
-        measure = measure_m(self._stage.extent_m, scale)
-        if len(segments) and self._is_new(VECTORS, (segments.tobytes(), scale)):
-            start, end = segments[:, 0], segments[:, 1]
-            longer = start + (end - start) * scale
-            points = np.stack([start, longer], axis=1) + 1.2 * self._lift
-            sizes = np.linalg.norm(end - start, axis=1)
-            colours = _seen_as(looks.size_colours(sizes, measure))
-            colours = np.repeat(colours[:, None, :], 2, axis=1)
-            if len(handle.points) == len(points):
-                handle.points, handle.colors = points.astype(np.float32), colours
+    def _show_coloured(
+        self, name: str, segments: Segments, colours: looks.Colours, visible: bool
+    ) -> None:
+        """Lines with a colour each, already where they are drawn."""
+        handle = self._lines.get(name)
+        shown = visible and len(segments) > 0
+        if shown and self._is_new(name, (segments.tobytes(), colours.tobytes())):
+            both = np.repeat(_seen_as(colours)[:, None, :], 2, axis=1)
+            if handle is not None and len(handle.points) == len(segments):
+                handle.points, handle.colors = segments.astype(np.float32), both
             else:
-                handle.remove()
-                handle = self._lines[VECTORS] = self._scene.add_line_segments(
-                    VECTORS, points, colors=colours, thickness=2.4, thickness_units="screen"
+                if handle is not None:
+                    handle.remove()
+                handle = self._lines[name] = self._scene.add_line_segments(
+                    name, segments, colors=both, thickness=2.4, thickness_units="screen"
                 )
-        handle.visible = "vectors" not in options.hidden and len(segments) > 0
-        self._show_measure(measure, scale, bool(handle.visible))
+        if handle is not None:
+            handle.visible = shown
 
-    def _show_measure(self, measure: float, scale: float, visible: bool) -> None:
-        """An arrow of a round length south of the block, as many times longer as the vectors."""
-        reach = self._stage.extent_m
-        start = self._stage.middle + np.array([-0.5 * reach, -0.56 * reach, 0.0])
-        along = np.array([measure * scale, 0.0, 0.0])
-        barb = 0.12 * along[0]
-        tip = start + along
-        barbs = [np.stack([tip, tip + np.array([-barb, side * barb, 0.0])]) for side in (-1, 1)]
-        self._show_lines(MEASURE, np.stack([np.stack([start, tip]), *barbs]), visible)
-        self._show_name(MEASURE_NAME, f"{measure:g} m", tip + self._lift, visible)
+    def _show_chosen(self, picture: ScenePicture, photo: str) -> None:
+        """The outline of the chosen photo."""
+        numbers = [n for n, one in enumerate(picture.frustums) if one.photo_id == photo]
+        each = 4 * EDGE_PARTS
+        lines = [picture.footprints[n * each : (n + 1) * each] for n in numbers]
+        self._show_lines(CHOSEN, np.concatenate([*lines, np.zeros((0, 2, 3))]), True)
+
+    def _show_areas(self, picture: ScenePicture, options: SceneOptions) -> None:
+        """Gruber areas without a point; with a photo chosen, its nine."""
+        shown = "areas" not in options.hidden
+        lines, colours = np.zeros((0, 2, 3)), np.zeros((0, 3), dtype=np.uint8)
+        if shown:
+            lines, served = area_lines(picture.areas(), options.photo)
+            both = np.array([rgb(looks.BARE), rgb(looks.SERVED)], dtype=np.uint8)
+            colours = both[served.astype(np.int64)]
+        self._show_coloured(AREAS, self._on_ground(lines), colours, shown)
+
+    def _show_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
+        """Misfits lengthened and coloured by their size, and error ellipses enlarged as much."""
+        segments, scale = picture.vectors, options.vector_scale
+        if options.photo:
+            segments = segments[np.array(picture.vector_photos) == options.photo]
+        start, end = self._on_ground(segments, 1.2)[:, 0], segments[:, 1] - segments[:, 0]
+        sizes = np.linalg.norm(end, axis=1)
+        colours = looks.size_colours(sizes, picture.vectors_top_m)
+        longer = np.stack([start, start + end * scale], axis=1)
+        self._show_coloured(VECTORS, longer, colours, "vectors" not in options.hidden)
+        rings = ellipse_lines(picture.ellipses, scale)
+        self._show_lines(ELLIPSES, rings, "ellipses" not in options.hidden)
 
     def _show_tie_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
         """Residuals of tie points as one mesh of needles: made when they are first asked for."""
         shown = "tie_vectors" not in options.hidden and len(picture.tie_vectors) > 0
-        if shown and self._is_new(TIE_VECTORS, (id(picture.tie_vectors), options.vector_scale)):
+        drawn = id(picture.tie_vectors), options.vector_scale, options.seen_relief
+        if shown and self._is_new(TIE_VECTORS, drawn):
             width = 0.12 * self._point_m
-            data = needles_glb(picture.tie_vectors, options.vector_scale, width, 1.1 * self._lift)
+            ground = picture.tie_vectors
+            start = self._on_ground(ground[:, :1], 1.1)
+            lifted = start + (ground - ground[:, :1])
+            data = needles_glb(lifted, options.vector_scale, width, np.zeros(3))
             self._needles = self._scene.add_glb(TIE_VECTORS, data, cast_shadow=False)
         if self._needles is not None:
             self._needles.visible = shown
@@ -303,9 +499,12 @@ class BlockView:
             around = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
             ring = pointed.position + around * 1.7 * self._point_m
             self._show_lines(CURRENT, np.stack([ring[:-1], ring[1:]], axis=1), True)
-            ray = np.stack([pointed.position, pointed.centre - self._lift])[None]
-            self._show_lines(CURRENT_RAY, ray, True)
-            self._show_name(CURRENT_NAME, pointed.name, pointed.position + 4 * self._lift, True)
+            (place,) = self._on_ground(pointed.position[None])
+            ray, handle = np.stack([place, pointed.centre])[None], self._lines[CURRENT_RAY]
+            if self._is_new(CURRENT_RAY, ray.tobytes()):
+                handle.points = ray.astype(np.float32)
+            handle.visible = not self._options.inside
+            self._show_name(CURRENT_NAME, pointed.name, place + 3 * self._lift, True)
         else:
             self._show_name(CURRENT_NAME, "", NOWHERE[0], False)
             self._lines[CURRENT].visible = self._lines[CURRENT_RAY].visible = False

@@ -1,4 +1,4 @@
-"""Meshes of the scene as GLB: the DEM draped with the reference ortho, and needles for vectors."""
+"""Meshes of the scene as GLB: the DEM draped with ortho, shade or a photo, and needles."""
 
 import io
 import json
@@ -8,14 +8,17 @@ from typing import Any, Protocol
 
 import numpy as np
 import trimesh
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, UInt8
 from PIL import Image
 from trimesh.exchange.gltf import export_glb
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from core.arrays import Position
+from core.block import footprint
+from core.geometry.crs import Bounds
 from core.raster.grid import Grid
+from ui.review.compare import DrawnPhoto
 from ui.review.looks import TIE_VECTOR, rgb
 from ui.review.scene import Segments
 from ui.review.tiles import Colour, OrthoSource, ortho_tile
@@ -24,6 +27,20 @@ SHOWN = (0, 14, 51, 141, 200, 226)
 GIVEN = (0, 32, 64, 128, 192, 255)
 """Grey values the browser's tone mapping shows for those given (measured): undone beforehand."""
 LEAST_M = 1e-6
+SUN = np.array([-1.0, 1.0, 1.4]) / np.linalg.norm([-1.0, 1.0, 1.4])
+"""Towards the light of the shaded relief: from the north-west, as maps have it."""
+SHADE = 0.75
+"""How dense the shade is at most."""
+VEIL = 140
+"""How dense a photo lies over the terrain, of 255."""
+VEIL_SHARE = 0.015
+"""A photo floats above the terrain by this share of the way to its perspective centre, along its
+rays, so that from there it fits all the same."""
+CLAMPED = 33071
+"""Textures of glTF go on with the colour of their edge."""
+
+
+Colours = UInt8[np.ndarray, "rows columns 4"]
 
 
 class SurfaceSource(Protocol):
@@ -45,15 +62,30 @@ class TerrainOptions:
     jpeg_quality: int = 82
     """Of the texture."""
 
+    shade_px: int = 900
+    """Pixels of the shaded relief along the longer side."""
+    photo_px: int = 1400
+    """Pixels of a photo laid over the terrain, along its side."""
 
-def terrain_glb(
-    ortho: OrthoSource,
-    dem: SurfaceSource,
-    bounds: tuple[float, float, float, float],
-    origin: Position,
-    options: TerrainOptions,
-) -> bytes:
-    """The drape over bounds (west, south, east, north), in the local frame."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A part of the ground as a mesh, and where on a picture of it each vertex lies."""
+
+    vertices: Float64[np.ndarray, "n 3"]
+    """Places, local frame, metres."""
+    sound: Bool[np.ndarray, "rows columns"]
+    """Which of them have a height."""
+    places: Float64[np.ndarray, "n 2"]
+    """On the picture, right and up, 0 to 1."""
+    bounds: Bounds
+    """West, south, east, north of the picture."""
+
+
+def sheet_over(
+    dem: SurfaceSource, bounds: Bounds, origin: Position, options: TerrainOptions
+) -> Sheet:
+    """The ground over bounds (west, south, east, north), in the local frame."""
     longer = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
     nodes = Grid.over(bounds, longer / options.vertices)
     heights = dem.on(nodes)
@@ -65,19 +97,97 @@ def terrain_glb(
         [across.ravel(), down.ravel(), np.where(sound, heights, level).ravel()]
     )
     west, south, east, north = nodes.bounds
-    texture_from = np.column_stack(
-        [(across.ravel() - west) / (east - west), (down.ravel() - south) / (north - south)]
-    )
-    picture = ortho_tile(ortho, Grid.over(nodes.bounds, longer / options.texture_px))
+    places = (vertices[:, :2] - (west, south)) / (east - west, north - south)
+    return Sheet(vertices - origin, sound, places, nodes.bounds)
+
+
+def terrain_glb(
+    ortho: OrthoSource,
+    dem: SurfaceSource,
+    bounds: Bounds,
+    origin: Position,
+    options: TerrainOptions,
+) -> bytes:
+    """The drape over bounds (west, south, east, north), in the local frame."""
+    sheet = sheet_over(dem, bounds, origin, options)
+    longer = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    picture = ortho_tile(ortho, Grid.over(sheet.bounds, longer / options.texture_px))
+    return _sheet_glb(sheet, _as_jpeg(picture, options.jpeg_quality))
+
+
+def hillshade_glb(
+    dem: SurfaceSource, bounds: Bounds, origin: Position, options: TerrainOptions
+) -> bytes:
+    """The shade of the relief, clear where the ground is level: to be seen over the drape.
+
+    Its mesh is that of the drape, so that neither hides the other.
+    """
+    sheet = sheet_over(dem, bounds, origin, options)
+    longer = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    grid = Grid.over(sheet.bounds, longer / options.shade_px)
+    return _sheet_glb(sheet, _as_png(shade_of(dem.on(grid), grid.ground_sample_distance_m)))
+
+
+def shade_of(heights: Float64[np.ndarray, "rows columns"], pixel_m: float) -> Colours:
+    """Light and shadow (red, green, blue, density) of heights; clear on level ground and in gaps.
+
+    Args:
+        heights: Metres, north row first.
+        pixel_m: Their distance, metres.
+    """
+    down, right = np.gradient(heights, pixel_m)
+    normal = np.stack([-right, down, np.ones_like(heights)], axis=2)
+    light = np.nan_to_num(normal @ SUN / np.linalg.norm(normal, axis=2), nan=SUN[2])
+    # Against level ground: black where less light falls, white where more does.
+    dark, bright = 1 - light / SUN[2], (light - SUN[2]) / (1 - SUN[2])
+    density = SHADE * np.where(dark > 0, np.clip(dark, 0, 1), np.clip(bright, 0, 1))
+    shade = np.zeros((*heights.shape, 4), dtype=np.uint8)
+    shade[..., :3] = np.where(dark > 0, 0, 255)[..., None]
+    shade[..., 3] = np.rint(255 * density)
+    return shade
+
+
+def veil_glb(
+    picture: Colour, drawn: DrawnPhoto, dem: SurfaceSource, origin: Position, *,
+    options: TerrainOptions,
+) -> bytes:  # fmt: skip
+    """A photo half transparent over the terrain.
+
+    Args:
+        picture: Its picture area, upright in the film frame.
+        drawn: The photo and its camera.
+        dem: Heights.
+        origin: Of the local frame.
+        options: How fine it is.
+    """
+    photo, camera = drawn.photo, drawn.camera
+    bounds = footprint(photo, camera).bounds
+    room = 0.1 * max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    wide = (bounds[0] - room, bounds[1] - room, bounds[2] + room, bounds[3] + room)
+    sheet = sheet_over(dem, wide, origin, options)
+    ground = sheet.vertices + origin
+    film = photo.interior.film_from_pixel(photo.pixel_from_object(ground, camera))
+    places = film / np.array(camera.frame_mm) + 0.5
+    within = (np.abs(places - 0.5) <= 0.5).all(axis=1).reshape(sheet.sound.shape)
+    floating = ground + VEIL_SHARE * (photo.exterior.centre - ground) - origin
+    laid = Sheet(floating, sheet.sound & within, places, sheet.bounds)
+    return _sheet_glb(laid, _as_jpeg(picture, options.jpeg_quality), VEIL)
+
+
+def _sheet_glb(sheet: Sheet, texture: Image.Image, density: int = 255) -> bytes:
+    """A textured mesh without lights."""
+    clear = density < 255 or texture.mode == "RGBA"
     material = PBRMaterial(
-        baseColorTexture=_as_jpeg(picture, options.jpeg_quality),
+        baseColorTexture=texture,
+        baseColorFactor=[255, 255, 255, density],
+        alphaMode="BLEND" if clear else "OPAQUE",
         metallicFactor=0.0,
         roughnessFactor=1.0,
     )
     mesh = trimesh.Trimesh(
-        vertices=vertices - origin,
-        faces=_faces(sound),
-        visual=TextureVisuals(uv=texture_from, material=material),
+        vertices=sheet.vertices,
+        faces=_faces(sheet.sound),
+        visual=TextureVisuals(uv=sheet.places, material=material),
         process=False,
     )
     data = export_glb(mesh, include_normals=False, tree_postprocessor=_unlit)
@@ -111,12 +221,23 @@ def _as_jpeg(picture: Colour, quality: int) -> Image.Image:
     return Image.open(memory)
 
 
+def _as_png(picture: Colours) -> Image.Image:
+    """The texture as a PNG that trimesh embeds as it is."""
+    memory = io.BytesIO()
+    Image.fromarray(picture).save(memory, format="PNG")
+    memory.seek(0)
+    return Image.open(memory)
+
+
 def _unlit(tree: dict[str, Any]) -> None:
     """No lights: the texture as it is, and 2.8 times as fast in software."""
     tree["extensionsUsed"] = [*tree.get("extensionsUsed", []), "KHR_materials_unlit"]
     for material in tree["materials"]:
         material.setdefault("extensions", {})["KHR_materials_unlit"] = {}
         material["doubleSided"] = True
+    tree["samplers"] = [{"wrapS": CLAMPED, "wrapT": CLAMPED}]
+    for texture in tree["textures"]:
+        texture["sampler"] = 0
 
 
 def needles_glb(segments: Segments, scale: float, width_m: float, lift: Position) -> bytes:

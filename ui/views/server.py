@@ -4,6 +4,8 @@ import hmac
 import io
 import logging
 import secrets
+import threading
+from collections import OrderedDict
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
@@ -22,11 +24,27 @@ from ui.review.gestures import Gesture, RayPicked
 from ui.review.scene import ScenePicture
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
-from ui.views.block_view import BlockView, Pointed, Stage
+from ui.views.block_view import FIELD_OF_VIEW, TERRAIN, BlockView, Pointed, Stage
 
 logger = logging.getLogger(__name__)
 SECRET_HEADER = "X-Gruber-Scene"
 """Only the front knows its value, so that no page in a browser can reach viser directly."""
+STEP_S = 0.035
+"""Between two places of an eye on its way."""
+KEPT_SHEETS = 8
+"""Meshes that are shown on demand, of a few megabytes each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A mesh that a seat wants to see, made when it is first wanted."""
+
+    node: str
+    """Name of its node in the scene."""
+    key: str
+    """Says what it shows: the same key, the same mesh."""
+    make: Callable[[], bytes]
+    """Makes the GLB, in a thread of its own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +57,8 @@ class Shown:
     """The seat's switches."""
     pointed: Pointed | None
     """What is current."""
+    sheets: tuple[Sheet, ...] = ()
+    """Meshes it needs beside the terrain."""
 
 
 class SceneServer:
@@ -57,10 +77,15 @@ class SceneServer:
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
         self._wanted: dict[str, Shown] = {}
-        self._distances: dict[int, float] = {}
+        self._latest: dict[str, Shown] = {}
+        self._distances: dict[int, tuple[float, float]] = {}
+        self._sheets: OrderedDict[str, bytes] = OrderedDict()
+        self._making: set[str] = set()
         self._terrain = b""
         self._pictures: dict[str, Colour] = {}
+        self._closed = threading.Event()
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene")
+        self._maker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="scene-sheets")
         # Viser prints an address that nobody can open; ours is printed by the caller.
         with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
@@ -98,6 +123,8 @@ class SceneServer:
 
     def close(self) -> None:
         """End viser."""
+        self._closed.set()
+        self._maker.shutdown(wait=True, cancel_futures=True)
         self._thread.shutdown(wait=True, cancel_futures=True)
         with redirect_stdout(io.StringIO()):
             self._server.stop()
@@ -139,9 +166,12 @@ class SceneServer:
 
         async def moved(camera: viser.CameraHandle) -> None:
             distance = float(np.linalg.norm(camera.position - camera.look_at))
-            before = self._distances.get(client.client_id, 0.0)
-            if not 0.85 * before < distance < 1.15 * before:
-                self._distances[client.client_id] = distance
+            # As far away as it looks through the ordinary opening.
+            distance *= float(np.tan(camera.fov / 2) / np.tan(FIELD_OF_VIEW / 2))
+            pixel = 2 * distance * float(np.tan(FIELD_OF_VIEW / 2)) / max(camera.image_height, 1)
+            _, before = self._distances.get(client.client_id, (0.0, 0.0))
+            if not 0.85 * before < pixel < 1.15 * before:
+                self._distances[client.client_id] = distance, pixel
                 self._thread.submit(self._told, self._resize, client.client_id)
 
         client.camera.on_update(cast(Any, moved))
@@ -151,6 +181,9 @@ class SceneServer:
         shown = self._wanted.pop(seat_id, None)
         if shown is None:
             return  # A newer picture has been shown already.
+        self._latest[seat_id] = shown
+        for sheet in shown.sheets:
+            self._make(sheet)
         picture = shown.picture()
         for client_id, (sitting, client) in list(self._clients.items()):
             if sitting != seat_id:
@@ -159,23 +192,67 @@ class SceneServer:
             if view is None:
                 view = self._views[client_id] = BlockView(client, self._stage, picture)
                 if self._terrain:
-                    view.drape(self._terrain)
+                    view.lay(TERRAIN, self._terrain)
                 for photo_id, thumbnail in self._pictures.items():
                     view.picture(photo_id, thumbnail)
                 if client_id in self._distances:
-                    view.seen_from(self._distances[client_id])
+                    view.seen_from(*self._distances[client_id])
             with client.atomic():
                 view.show(picture, shown.options, shown.pointed)
+            self._lay(view, shown)
+            self._fly(client_id)
+
+    def _make(self, sheet: Sheet) -> None:
+        """Have a mesh made beside the scene's thread, unless it is there or on its way."""
+        if sheet.key in self._sheets or sheet.key in self._making:
+            return
+
+        def made() -> None:
+            self._told(self._keep, sheet.key, sheet.make)
+            self._making.discard(sheet.key)
+            self._later(self._lay_all)
+
+        self._making.add(sheet.key)
+        self._maker.submit(made)
+
+    def _keep(self, key: str, make: Callable[[], bytes]) -> None:
+        self._sheets[key] = make()
+        while len(self._sheets) > KEPT_SHEETS:
+            self._sheets.popitem(last=False)
+
+    def _lay_all(self) -> None:
+        for client_id, (seat_id, _) in list(self._clients.items()):
+            if client_id in self._views and seat_id in self._latest:
+                self._lay(self._views[client_id], self._latest[seat_id])
+
+    def _lay(self, view: BlockView, shown: Shown) -> None:
+        """What a seat wants and what is made."""
+        for sheet in shown.sheets:
+            if (made := self._sheets.get(sheet.key)) is not None:
+                view.lay(sheet.node, made)
+
+    def _fly(self, client_id: int) -> None:
+        """Move an eye that is on its way, and again after a while."""
+        view = self._views.get(client_id)
+        if view is not None and view.fly_on():
+            timer = threading.Timer(STEP_S, self._later, (self._fly, client_id))
+            timer.daemon = True
+            timer.start()
+
+    def _later(self, function: Callable[..., None], *arguments: Any) -> None:
+        """Run in the scene's thread, unless the desk was closed meanwhile."""
+        if not self._closed.is_set():
+            self._thread.submit(self._told, function, *arguments)
 
     def _resize(self, client_id: int) -> None:
         view = self._views.get(client_id)
         if view is not None:
-            view.seen_from(self._distances[client_id])
+            view.seen_from(*self._distances[client_id])
 
     def _drape(self, terrain: bytes) -> None:
         self._terrain = terrain
         for view in list(self._views.values()):
-            view.drape(terrain)
+            view.lay(TERRAIN, terrain)
 
     def _picture(self, photo_id: str, thumbnail: Colour) -> None:
         self._pictures[photo_id] = thumbnail

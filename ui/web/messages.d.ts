@@ -25,8 +25,8 @@ interface Start {
   /** What the engine says, by the English sentence; empty in English. */
   messages: Record<string, string>;
   keys: [key: string, word: string][];
-  palette: Record<"current" | "check" | "predicted" | "peak", string>
-    & { states: Record<State, { colour: string; glyph: string }> };
+  palette: Record<"current" | "check" | "predicted" | "peak" | "ellipse" | "bare" | "chosen",
+    string> & Record<"sizes" | "rays", string[]> & { states: Record<State, { colour: string; glyph: string }> };
   photos: string[];
   /** Width and height are those of the ortho, metres from the lattice's corner. */
   lattice: {
@@ -230,7 +230,46 @@ interface Placement {
   worst: number | null;
 }
 
-interface SceneSwitches { layers: Record<string, boolean>; scale: number }
+interface SceneSwitches {
+  layers: Record<string, boolean>;
+  scale: number;
+  relief: number;
+  /** The chosen photo, and the one whose perspective centre the eye is in. */
+  photo: string;
+  inside: string;
+  /** Misfit at the end of the ramp of colours, metres. */
+  top: number;
+  /** Height of the ground, metres. */
+  level: number;
+}
+/** What lies under the pointer in the scene: a photo, a point or nothing. */
+interface Card {
+  number: number;
+  photo?: string;
+  rms?: number | null;
+  control?: number;
+  ties?: number;
+  point?: string;
+  role?: string;
+  state?: State | null;
+  misfit_m?: number | null;
+  misfit_px?: number | null;
+  photos?: number;
+}
+interface Sight {
+  number: number;
+  place: number[];
+  photos: [photo: string, nadir: number, pixel: number][];
+}
+/** In the local frame, metres; `slope` is the tangent of half the opening over the height. */
+interface Eye {
+  at: number[];
+  right: number[];
+  up: number[];
+  forward: number[];
+  slope: number;
+  size: Pair;
+}
 /** A key of the catalogue with its values. */
 interface Notice { text: string; values: Record<string, string>; grave: boolean }
 /** The parts of the desk as they were told last. */
@@ -244,6 +283,8 @@ interface Parts {
   board?: Board;
   placement?: Placement;
   scene?: SceneSwitches;
+  card?: Card;
+  sight?: Sight;
 }
 /** Only what changed; the table in pieces `rows/0`, `rows/1` and so on, `rows/count` long. */
 type Message = Parts & { notices?: Notice[]; "rows/count"?: number };
@@ -365,6 +406,8 @@ interface Window {
   gruberKey?: (event: KeyboardEvent) => boolean;
   /** Asked by viser's page: is a hand at work at the desk? */
   gruberAtWork?: () => boolean;
+  /** Told by viser's page after every frame. */
+  gruberEye?: () => void;
   /** What tests look at. */
   gruber?: object;
 }

@@ -171,6 +171,13 @@ class TileStore(ScanTiles):
         stretch = self._stretches.setdefault(photo.photo.scan, fit_stretch(overview.values))
         return frame_picture(photo, overview, stretch)
 
+    def frame(self, photo: DrawnPhoto, width: int) -> Colour:
+        """A photo's picture area, as large as is wanted."""
+        # A reduction by twos leaves at least half of what is asked for.
+        return frame_picture(
+            photo, overview_of(photo, self.read, 2 * width), self._stretch(photo), width
+        )
+
 
 TILE = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
 PHOTO = r"/{photo}/{version:\d+}"

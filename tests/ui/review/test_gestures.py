@@ -12,9 +12,12 @@ from ui.review.gestures import (
     LayerSwitched,
     MarkPlaced,
     Named,
+    PhotoEntered,
     PlacedInScan,
     PlacedOnGround,
     QualityAsked,
+    RayFollowed,
+    ReliefRaised,
     Stepped,
     VectorsScaled,
     gesture_from_message,
@@ -32,6 +35,10 @@ from ui.review.gestures import (
         {"kind": "sort", "column": "colour", "descending": True},
         {"kind": "layer", "layer": "/secret", "shown": True},
         {"kind": "vectors", "scale": None},
+        {"kind": "relief", "relief": 3},
+        {"kind": "hover", "number": 1, "ray": [0, 0, 0, 0, 0, 0]},
+        {"kind": "hover", "number": 1, "ray": [0, 0, 0, 1, 0]},
+        {"kind": "follow", "number": 1, "ray": ["nan", 0, 0, 0, 0, 1]},
     ],
 )
 def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
@@ -56,6 +63,12 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
         ({"kind": "step", "step": -7}, Stepped("s", -1)),
         ({"kind": "layer", "layer": "ties", "shown": 1}, LayerSwitched("s", "ties", True)),
         ({"kind": "vectors", "scale": 1e9}, VectorsScaled("s", 1000.0)),
+        ({"kind": "relief", "relief": 5}, ReliefRaised("s", 5.0)),
+        ({"kind": "enter", "photo": "a"}, PhotoEntered("s", "a")),
+        (
+            {"kind": "follow", "number": 7, "ray": [1, 2, 3, 0, 0, -1]},
+            RayFollowed("s", 7, (1.0, 2.0, 3.0), (0.0, 0.0, -1.0)),
+        ),
         ({"kind": "quality", "shown": True, "pair": [1, 3]}, QualityAsked("s", True, (1, 3))),
         (
             {"kind": "mark", "photo": "a", "name": "1", "place": [3, 4], "snap": True},

@@ -20,13 +20,18 @@ from ui.review.gestures import (
     Dropped,
     Explained,
     Filtered,
+    Fitted,
     Judged,
     JudgedTogether,
     PeakChosen,
+    PhotoEntered,
     PlacedInScan,
     PlacedOnGround,
+    RayFollowed,
+    RayHovered,
     RayPicked,
     Refined,
+    ReliefRaised,
     RoleSwitched,
     Selected,
     Sorted,
@@ -228,6 +233,74 @@ def test_a_ray_through_a_frustum_shows_that_photo__truth(desk, seat):
         found = outcome_of(RayPicked(seat.seat_id, tuple(eye), tuple(target - eye)), seat, desk)
         assert found.seat.current is not None
         assert found.seat.current[1] == photo_id
+        assert found.seat.scene.photo == photo_id
+        let_go = outcome_of(RayPicked(seat.seat_id, tuple(eye), (0.0, 0.0, 1.0)), found.seat, desk)
+        assert let_go.seat.scene.photo == ""
+
+
+def above(desk, photo_id: str) -> tuple[tuple[float, ...], tuple[float, float, float]]:
+    """A ray from the sky down through a photo's frustum."""
+    centre = desk.state.oriented.photos[photo_id].exterior.centre - desk.state.block.origin
+    return tuple(centre + np.array([0.0, 0.0, 3000.0])), (0.0, 0.0, -1.0)
+
+
+def test_a_double_click_flies_into_a_photo_and_the_next_one_out__law(desk, seat):
+    photo_id = "1938_01_015"
+    ray = above(desk, photo_id)
+    inside = outcome_of(RayFollowed(seat.seat_id, 1, *ray), seat, desk).seat
+    assert inside.scene.inside == inside.scene.photo == photo_id
+    assert replace(inside.scene, relief=5.0).seen_relief == 1.0
+    outside = outcome_of(RayFollowed(seat.seat_id, 2, *ray), inside, desk).seat
+    assert outside.scene.inside == ""
+    assert outside.scene.photo == photo_id
+    for gesture in (PhotoEntered(seat.seat_id, ""), Fitted(seat.seat_id, True)):
+        assert outcome_of(gesture, inside, desk).seat.scene.inside == ""
+    assert outcome_of(PhotoEntered(seat.seat_id, "none"), seat, desk).seat == seat
+
+
+def test_a_double_click_on_the_ground_lists_the_photos_that_see_it__truth(desk, seat):
+    bare = replace(seat, scene=replace(seat.scene, hidden=frozenset({"photos"})))
+    eye, down = above(desk, "1938_01_015")
+    found = outcome_of(RayFollowed(seat.seat_id, 9, eye, down), bare, desk)
+    assert found.answer is not None
+    name, part = found.answer
+    assert (name, part["number"]) == ("sight", 9)
+    assert part["photos"][0][0] == "1938_01_015"
+    assert len(part["photos"]) > 1
+    assert found.seat == bare
+
+
+def test_a_card_tells_of_what_lies_under_the_pointer__truth(desk, seat):
+    ray = above(desk, "1938_01_015")
+    name, card = outcome_of(RayHovered(seat.seat_id, 3, *ray), seat, desk).answer
+    assert (name, card["number"], card["photo"]) == ("card", 3, "1938_01_015")
+    used = [
+        key for key, item in desk.state.report.block.measurements.items()
+        if key[1] == card["photo"] and item.used and key not in desk.state.report.rejected
+        and desk.state.block.surveyed[key[0]].role == "control"
+    ]  # fmt: skip
+    assert card["control"] == len(used)
+    assert 0.1 < card["rms"] < 5
+    block = desk.state.oriented
+    point = seat.order[0][0]
+    target = block.surveyed[point].position - block.origin
+    ray = tuple(target + np.array([300.0, -900.0, 1000.0])), (-300.0, 900.0, -1000.0)
+    _, card = outcome_of(RayHovered(seat.seat_id, 4, *ray), seat, desk).answer
+    misfits = [
+        desk.rows[key].misfit_px for key in desk.table.by_point[point]
+        if desk.rows[key].misfit_px is not None
+    ]  # fmt: skip
+    assert card["point"] == point
+    assert card["photos"] == len(desk.table.by_point[point])
+    assert card["misfit_px"] == pytest.approx(max(misfits), abs=0.3)
+    _, card = outcome_of(RayHovered(seat.seat_id, 5, ray[0], (0.0, 0.0, 1.0)), seat, desk).answer
+    assert card == {"number": 5}
+
+
+def test_heights_are_exaggerated_for_one_seat__law(desk, seat):
+    raised = outcome_of(ReliefRaised(seat.seat_id, 5.0), seat, desk).seat
+    assert raised.scene.relief == 5.0
+    assert raised.scene.hidden == seat.scene.hidden
 
 
 def test_selected_must_exist__law(desk, seat):

@@ -37,7 +37,7 @@ def test_every_part_can_be_sent__law(state):
     parts = [
         table.lines,
         queue_part(seat, table.places),
-        scene_part(seat),
+        scene_part(seat, state, {}),
         status_part(state, rows, (), seat),
         point_part(state, seat, rows, Pictured(drawn, dem)),
     ]
@@ -51,7 +51,11 @@ def test_a_block_without_measurements_can_be_shown__law(state):
     assert seat.current is None
     assert NO_ROWS.renewed(empty).lines == []
     assert point_part(empty, seat, {}, Pictured({}, tiny_block().land.dem)) is None
-    assert scene_picture(empty, (), np.zeros((0, 2, 3))).vectors.shape == (0, 2, 3)
+    assert scene_picture(empty, (), np.zeros((0, 2, 3)), tiny_block().land.dem).vectors.shape == (
+        0,
+        2,
+        3,
+    )
 
 
 def test_nothing_on_the_pages_comes_from_elsewhere__law():

@@ -6,22 +6,27 @@ import numpy as np
 import pytest
 
 from core.frames import object_from_local
-from tests.ui.desk_block import outlines, tiny_snapshot
+from tests.ui.desk_block import outlines, tiny_block, tiny_snapshot
 from ui.review.misfit import misfits
 from ui.review.scene import (
-    Picked,
-    frustum_corners,
+    area_lines,
+    ellipse_lines,
     frustum_depth_m,
-    measure_m,
+    ground_level_m,
     misfit_vectors,
-    pick,
     point_states,
+    raised,
+    ramp_top_m,
     readable_scale,
     scene_picture,
     short_names,
     tie_vectors,
 )
-from ui.review.state import DeskState
+from ui.review.sight import Picked, frustum_corners, ground_under, photos_over, pick
+from ui.review.state import DeskState, SceneOptions
+
+DEM = tiny_block().land.dem
+ALL = SceneOptions(frozenset())
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +45,13 @@ def test_a_ray_hits_the_point_it_is_aimed_at__truth(state):
     for name in list(block.surveyed)[::11]:
         target = block.surveyed[name].position - block.origin
         eye = target + np.array([300.0, -900.0, 1000.0])
-        assert pick(tuple(eye), tuple(target - eye), block, ()) == Picked("point", name)
-        assert pick(tuple(eye), tuple(target - eye), block, ("points", "photos")) is None
+        assert pick(tuple(eye), tuple(target - eye), block, ALL) == Picked("point", name)
+        bare = SceneOptions(frozenset({"points", "photos"}))
+        assert pick(tuple(eye), tuple(target - eye), block, bare) is None
 
 
 def test_a_ray_into_the_sky_hits_nothing__truth(state):
-    assert pick((0.0, 0.0, 9000.0), (0.0, 0.0, 1.0), state.oriented, ()) is None
+    assert pick((0.0, 0.0, 9000.0), (0.0, 0.0, 1.0), state.oriented, ALL) is None
 
 
 def test_a_ray_through_a_frustum_hits_its_photo__truth(state):
@@ -54,7 +60,8 @@ def test_a_ray_through_a_frustum_hits_its_photo__truth(state):
     for name in block.photos:
         middle = frustum_corners(block, name, depth).mean(axis=0) - block.origin
         eye = middle + np.array([0.0, 0.0, 5000.0])
-        assert pick(tuple(eye), (0.0, 0.0, -1.0), block, ("points",)) == Picked("photo", name)
+        found = pick(tuple(eye), (0.0, 0.0, -1.0), block, SceneOptions(frozenset({"points"})))
+        assert found == Picked("photo", name)
 
 
 def test_frustums_open_as_the_camera_sees__law(state):
@@ -77,7 +84,8 @@ def test_a_point_shows_its_worst_state__law(state):
 
 
 def test_vectors_begin_at_their_points_and_are_as_long_as_the_misfit__law(state):
-    vectors = misfit_vectors(state)
+    keys, vectors = misfit_vectors(state)
+    assert len(keys) == len(vectors)
     assert len(vectors) > 0
     lengths = np.linalg.norm(vectors[:, 1] - vectors[:, 0], axis=1)
     known = sorted(np.hypot(*one.metres) for one in misfits(state).values())
@@ -104,12 +112,12 @@ def test_vectors_are_drawn_as_long_as_can_be_read__law(state):
 
 
 def test_the_picture_is_in_the_local_frame__law(state):
-    picture = scene_picture(state, ("1938_01_014",), outlines(state))
+    picture = scene_picture(state, ("1938_01_014",), outlines(state), DEM)
     assert [f.photo_id for f in picture.frustums if f.stale] == ["1938_01_014"]
     for frustum in picture.frustums:
         back = object_from_local(frustum.centre[None], state.block.origin)[0]
         assert np.allclose(back, state.oriented.photos[frustum.photo_id].exterior.centre)
-    drawn = sum(len(points) for points in picture.points.values())
+    drawn = sum(len(cloud.points) for cloud in picture.points.values())
     assert drawn == len(point_states(state))
 
 
@@ -120,8 +128,137 @@ def test_photos_are_named_without_what_all_share__truth():
     assert short_names(["left", "right"]) == {"left": "left", "right": "right"}
 
 
-@pytest.mark.parametrize(("extent", "scale"), [(2400.0, 50.0), (900.0, 1000.0), (8e4, 1.0)])
-def test_the_arrow_of_scale_is_round_and_fits_the_block__law(extent, scale):
-    length = measure_m(extent, scale)
-    assert round(length / 10 ** np.floor(np.log10(length) + 1e-9), 6) in (1, 2, 5)
-    assert 0.03 * extent < length * scale <= 0.1 * extent * (1 + 1e-9)
+def test_heights_are_exaggerated_about_the_level_of_the_ground__law():
+    places = np.array([[1.0, 2.0, 300.0], [3.0, 4.0, 250.0]])
+    higher = raised(places, 280.0, 5.0)
+    assert higher.tolist() == [[1.0, 2.0, 380.0], [3.0, 4.0, 130.0]]
+    assert raised(places[None], 280.0, 1.0)[0] == pytest.approx(places)
+
+
+def test_points_are_hit_where_exaggerated_heights_draw_them__truth(state):
+    block = state.oriented
+    steep = replace(ALL, relief=5.0)
+    name = max(block.surveyed, key=lambda name: block.surveyed[name].position[2])
+    target = block.surveyed[name].position - block.origin
+    drawn = raised(target[None], ground_level_m(block), 5.0)[0]
+    assert drawn[2] > target[2] + 20
+    eye = drawn + np.array([300.0, -900.0, 1000.0])
+    assert pick(tuple(eye), tuple(drawn - eye), block, steep) == Picked("point", name)
+
+
+@pytest.mark.parametrize("relief", [1.0, 5.0])
+def test_a_ray_meets_the_ground_where_it_is_drawn__oracle(state, relief):
+    block = state.oriented
+    level, scene = ground_level_m(block), replace(ALL, relief=relief)
+    for east, north in ((-400.0, 300.0), (100.0, -250.0), (350.0, 150.0)):
+        place = block.origin + np.array([east, north, 0.0])
+        place[2] = DEM.heights(place[None, :2])[0]
+        target = raised((place - block.origin)[None], level, relief)[0]
+        eye = target + np.array([200.0, -1500.0, 4000.0])
+        found = ground_under(tuple(eye), tuple(target - eye), block, DEM, scene)
+        assert found == pytest.approx(place, abs=0.5)
+    assert ground_under((0.0, 0.0, 9000.0), (0.0, 0.6, 0.1), block, DEM, scene) is None
+
+
+def test_the_photos_that_see_a_place_come_nearest_to_nadir_first__oracle(state):
+    block = state.oriented
+    place = block.origin.copy()
+    place[2] = DEM.heights(place[None, :2])[0]
+    seen = photos_over(place, block, DEM)
+    inside = set()
+    for name, photo in block.photos.items():
+        pixel = photo.pixel_from_object(place[None], block.camera_of(name))[0]
+        if ((pixel >= 0) & (pixel <= photo.size_px)).all():
+            inside.add(name)
+    assert {one.photo_id for one in seen} == inside
+    assert len(inside) > 1
+    up = [block.photos[one.photo_id].exterior.centre - place for one in seen]
+    angles = [np.degrees(np.arctan2(np.hypot(*ray[:2]), ray[2])) for ray in up]
+    assert angles == sorted(angles)
+    assert angles == pytest.approx([one.nadir_deg for one in seen])
+    assert seen[0].nadir_deg < seen[-1].nadir_deg < 45
+
+
+def test_a_hill_between_hides_a_place__truth(state):
+    block = state.oriented
+    place = block.origin.copy()
+    place[2] = 280.0
+
+    class Wall:
+        def heights(self, points):
+            east = points[:, 0] - block.origin[0]
+            return np.where((east > 20) & (east < 60), 1500.0, 280.0)
+
+    seen = {one.photo_id for one in photos_over(place, block, Wall())}
+    everywhere = {one.photo_id for one in photos_over(place, block, DEM)}
+    east = {name for name in everywhere if block.photos[name].exterior.centre[0] > place[0] + 60}
+    assert east
+    assert not seen & east
+
+
+def test_ellipses_have_the_standard_deviations_as_half_axes__truth(state):
+    picture = scene_picture(state, (), outlines(state), DEM)
+    assert len(picture.ellipses) == len(state.report.surveyed_sigmas_m)
+    rings = ellipse_lines(picture.ellipses, 200.0).reshape(len(picture.ellipses), -1, 3)
+    extent = np.ptp(rings, axis=1) / 2
+    sigmas = np.array(list(state.report.surveyed_sigmas_m.values()))
+    assert extent[:, :2] == pytest.approx(200 * sigmas[:, :2], rel=0.01)
+
+
+def test_areas_are_nine_of_each_photo_and_the_bare_ones_are_crossed__truth(state):
+    name = "1938_01_014"
+    ties = state.report.block.ties
+    number = ties.photo_ids.index(name)
+    kept = (ties.photo != number) | (ties.pixels[:, 0] > 400)
+    fewer = replace(
+        ties, point=ties.point[kept], photo=ties.photo[kept], pixels=ties.pixels[kept],
+        sigma_px=ties.sigma_px[kept],
+    )  # fmt: skip
+    without = {
+        key: item for key, item in state.report.block.measurements.items()
+        if key[1] != name or item.column > 400
+    }  # fmt: skip
+    block = replace(state.report.block, ties=fewer, measurements=without)
+    report = replace(
+        state.report, block=block, tie_residuals_px=state.report.tie_residuals_px[kept]
+    )
+    picture = scene_picture(replace(state, report=report), (), outlines(state), DEM)
+    areas = picture.areas()
+    mine = np.array(areas.photo_ids) == name
+    assert mine.sum() == 9
+    # The scan's left third is empty; rows come from the top, each from the left.
+    assert areas.served[mine].reshape(3, 3).tolist() == [[False, True, True]] * 3
+    lines, served = area_lines(areas, name)
+    ring = areas.outlines.shape[1]
+    assert len(lines) == 9 * ring + 3 * 2
+    assert (~served).sum() == 3 * (ring + 2)
+    bare, _ = area_lines(areas, "")
+    assert len(bare) == (~areas.served).sum() * (ring + 2)
+    outline = outlines(state)[:48, 0]
+    assert np.ptp(areas.outlines[mine].reshape(-1, 3), axis=0)[:2] == pytest.approx(
+        np.ptp(outline, axis=0)[:2], rel=0.12
+    )
+
+
+def test_a_photo_shows_its_own_points_and_ties__law(state):
+    picture = scene_picture(state, (), outlines(state), DEM)
+    for name in state.oriented.photos:
+        own = {point for point, photo in state.block.measurements if photo == name}
+        roles = [state.block.surveyed[point].role for point in own]
+        shown = sum(len(cloud.shown_in(name)) for cloud in picture.points.values())
+        assert shown == roles.count("control")
+        assert len(picture.checks.shown_in(name)) == roles.count("check")
+    chosen = picture.ties.shown_in("1938_01_014")
+    assert 0 < len(chosen) < len(picture.ties.points)
+    assert len(picture.ties.shown_in("")) == len(picture.ties.points)
+    assert picture.rays.min() >= 2
+
+
+def test_few_gross_errors_do_not_stretch_the_ramp__law(state):
+    away = misfits(state)
+    top = ramp_top_m(away)
+    usual = np.median([np.hypot(*one.metres) for one in away.values()])
+    assert 3 * usual <= top <= 7.5 * usual
+    key = next(iter(away))
+    assert ramp_top_m({**away, key: replace(away[key], metres=(500.0, 0.0))}) == top
+    assert ramp_top_m({}) == 1.0

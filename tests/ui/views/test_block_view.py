@@ -7,23 +7,31 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from tests.ui.desk_block import outlines, tiny_snapshot
+from tests.ui.desk_block import outlines, tiny_block, tiny_snapshot
+from ui.review.looks import CHOSEN as CHOSEN_COLOUR
 from ui.review.looks import LOOKS, STALE, rgb
-from ui.review.scene import measure_m, scene_picture
+from ui.review.scene import scene_picture
 from ui.review.state import SceneOptions
 from ui.views.block_view import (
+    AREAS,
+    CHOSEN,
     CURRENT,
     CURRENT_NAME,
+    ELLIPSES,
     FOOTPRINTS,
-    MEASURE,
-    MEASURE_NAME,
+    HILLSHADE,
+    OTHERS,
+    TERRAIN,
+    TIES,
     VECTORS,
+    VEIL,
     BlockView,
     Pointed,
     Stage,
     label_node,
     photo_node,
     points_node,
+    pose_inside,
 )
 
 ALL = SceneOptions(hidden=frozenset(), vector_scale=5.0)
@@ -49,9 +57,10 @@ class Scene:
 @pytest.fixture
 def shown():
     state = tiny_snapshot().state
-    picture = scene_picture(state, ("1938_01_014",), outlines(state))
+    picture = scene_picture(state, ("1938_01_014",), outlines(state), tiny_block().land.dem)
     client = MagicMock(scene=Scene())
     client.camera.aspect = 1.5
+    client.camera.fov = 0.8
     view = BlockView(client, Stage(2400.0, np.zeros(3)), picture)
     view.show(picture, ALL, None)
     return view, picture, client
@@ -106,17 +115,13 @@ def test_what_is_current_is_ringed__truth(shown):
     assert not client.scene.nodes[CURRENT_NAME].visible
 
 
-def test_longer_misfits_have_other_colours_and_an_arrow_tells_their_scale__truth(shown):
+def test_longer_misfits_have_other_colours__truth(shown):
     _, picture, client = shown
     nodes = client.scene.nodes
     sizes = np.linalg.norm(picture.vectors[:, 1] - picture.vectors[:, 0], axis=1)
     colours = np.asarray(nodes[VECTORS].colors)[:, 0]
     assert len(np.unique(colours, axis=0)) > 3
     assert (colours[np.argmin(sizes)] != colours[np.argmax(sizes)]).any()
-    arrow = np.asarray(nodes[MEASURE].points)[0]
-    length = measure_m(2400.0, ALL.vector_scale)
-    assert np.linalg.norm(arrow[1] - arrow[0]) == pytest.approx(5 * length, rel=1e-3)
-    assert nodes[MEASURE_NAME].visible
 
 
 def test_the_eye_is_set_so_that_the_whole_block_is_in_sight__law(shown):
@@ -124,3 +129,93 @@ def test_the_eye_is_set_so_that_the_whole_block_is_in_sight__law(shown):
     view.fit(None)
     away = np.linalg.norm(np.asarray(client.camera.position) - np.asarray(client.camera.look_at))
     assert 2 * away * np.tan(client.camera.fov / 2) > 2400.0
+
+
+def test_the_chosen_photo_stands_out_with_its_points__law(shown):
+    view, picture, client = shown
+    nodes, name = client.scene.nodes, "1938_01_015"
+    assert not nodes[CHOSEN].visible
+    everything = sum(len(cloud.points) for cloud in picture.points.values())
+    view.show(picture, replace(ALL, photo=name), None)
+    assert nodes[CHOSEN].visible
+    assert nodes[photo_node(name)].color == rgb(CHOSEN_COLOUR)
+    own = [len(cloud.shown_in(name)) for cloud in picture.points.values()]
+    clouds = [nodes[points_node(state)] for state in LOOKS]
+    assert own == [len(cloud.points) if cloud.visible else 0 for cloud in clouds]
+    checks = len(picture.checks.points) - len(picture.checks.shown_in(name))
+    assert len(nodes[OTHERS].points) == everything - sum(own) + checks
+    assert len(nodes[VECTORS].points) == picture.vector_photos.count(name)
+    view.show(picture, ALL, None)
+    assert not nodes[OTHERS].visible
+    assert len(nodes[VECTORS].points) == len(picture.vectors)
+
+
+def test_heights_are_drawn_larger_about_the_level_of_the_ground__law(shown):
+    view, picture, client = shown
+    nodes = client.scene.nodes
+    flat = np.asarray(nodes[TIES].points)[:, 2].copy()
+    view.lay(TERRAIN, b"glb")
+    view.show(picture, replace(ALL, relief=5.0), None)
+    steep = np.asarray(nodes[TIES].points)[:, 2]
+    lift = flat[0] - picture.ties.points[0, 2]
+    assert steep - lift - picture.level_m == pytest.approx(
+        5 * (flat - lift - picture.level_m), abs=0.01
+    )
+    drape = nodes[TERRAIN]
+    assert drape.scale == (1.0, 1.0, 5.0)
+    # The level itself stays where it is.
+    assert drape.position[2] + 5 * picture.level_m == pytest.approx(picture.level_m)
+
+
+def test_ties_are_coloured_by_their_rays__law(shown):
+    _, picture, client = shown
+    colours = np.asarray(client.scene.nodes[TIES].colors)
+    assert len(colours) == len(picture.ties.points)
+    for rays in np.unique(picture.rays):
+        assert len(np.unique(colours[picture.rays == rays], axis=0)) == 1
+    assert len(np.unique(colours, axis=0)) == len(np.unique(np.minimum(picture.rays, 6)))
+
+
+def test_shade_areas_and_ellipses_are_shown_when_asked_for__law(shown):
+    view, picture, client = shown
+    nodes = client.scene.nodes
+    view.lay(HILLSHADE, b"shade")
+    assert nodes[HILLSHADE].visible
+    assert nodes[ELLIPSES].visible
+    view.show(picture, SceneOptions(), None)
+    assert not nodes[HILLSHADE].visible
+    assert not nodes[ELLIPSES].visible
+    assert AREAS not in nodes or not nodes[AREAS].visible
+
+
+def test_the_eye_flies_into_a_photo_and_back_to_where_it_was__law(shown):
+    view, picture, client = shown
+    camera = client.camera
+    before = np.asarray(camera.position).copy()
+    view.lay(VEIL, b"veil")
+    assert not client.scene.nodes[VEIL].visible
+    view.show(picture, replace(ALL, inside="1938_01_015"), None)
+    assert client.scene.nodes[VEIL].visible
+    while view.fly_on():
+        pass
+    frustum = next(one for one in picture.frustums if one.photo_id == "1938_01_015")
+    assert np.asarray(camera.position) == pytest.approx(frustum.centre)
+    assert not any(client.scene.nodes[photo_node(one.photo_id)].visible for one in picture.frustums)
+    view.show(picture, ALL, None)
+    while view.fly_on():
+        pass
+    assert np.asarray(camera.position) == pytest.approx(before)
+    assert client.scene.nodes[photo_node("1938_01_015")].visible
+
+
+@pytest.mark.parametrize("window", [0.7, 1.6])
+def test_a_photo_fits_the_window_from_its_perspective_centre__law(shown, window):
+    _, picture, _ = shown
+    frustum = picture.frustums[0]
+    pose = pose_inside(frustum, picture.level_m, window)
+    half = np.tan(pose.fov / 2)
+    assert half >= np.tan(frustum.vertical_fov / 2)
+    assert half * window >= np.tan(frustum.vertical_fov / 2) * frustum.aspect
+    towards = (pose.look_at - pose.position) @ frustum.object_from_image
+    assert towards / np.linalg.norm(towards) == pytest.approx([0, 0, -1])
+    assert pose.look_at[2] == pytest.approx(picture.level_m)

@@ -7,7 +7,16 @@ import pytest
 import trimesh
 
 from tests.ui.desk_block import tiny_block
-from ui.views.meshes import TerrainOptions, needles_glb, terrain_glb
+from ui.review.compare import DrawnPhoto
+from ui.views.meshes import (
+    VEIL_SHARE,
+    TerrainOptions,
+    hillshade_glb,
+    needles_glb,
+    shade_of,
+    terrain_glb,
+    veil_glb,
+)
 
 SEGMENTS = np.array([[[0.0, 0.0, 5.0], [1.0, 0.0, 5.0]], [[9.0, 9.0, 5.0], [9.0, 8.5, 5.0]]])
 OPTIONS = TerrainOptions(vertices=40, texture_px=200)
@@ -61,3 +70,49 @@ def test_the_drape_has_no_faces_over_a_gap__law():
         return sum(len(mesh.faces) for mesh in read(data).geometry.values())
 
     assert faces(land.dem) - faces(Holed()) == 2 * 6 * 6
+
+
+def test_slopes_to_the_light_are_white_and_those_away_from_it_black__truth():
+    down, right = np.mgrid[0:8, 0:8].astype(float)
+    level = shade_of(np.full((8, 8), 300.0), 5.0)
+    assert (level[..., 3] == 0).all()
+    # Rising to the south-east, a slope faces the light in the north-west.
+    facing, turned = shade_of(2 * (down + right), 5.0), shade_of(-2 * (down + right), 5.0)
+    assert (facing[..., 0] == 255).all()
+    assert (turned[..., 0] == 0).all()
+    assert min(facing[..., 3].min(), turned[..., 3].min()) > 30
+    holed = np.where(down == 3, np.nan, 300.0)
+    assert (shade_of(holed, 5.0)[..., 3] == 0).all()
+
+
+def test_shade_lies_on_the_same_mesh_as_the_drape__law():
+    land, origin = tiny_block().land, tiny_block().block.origin
+    bounds = land.today.bounds
+    drape = terrain_glb(land.today, land.dem, bounds, origin, OPTIONS)
+    shade = hillshade_glb(land.dem, bounds, origin, OPTIONS)
+    (one,), (other,) = (read(data).geometry.values() for data in (drape, shade))
+    assert (one.vertices == other.vertices).all()
+    assert (one.faces == other.faces).all()
+    assert other.visual.material.alphaMode == "BLEND"
+
+
+def test_a_photo_laid_over_the_ground_is_where_its_rays_are__oracle():
+    tiny = tiny_block()
+    block, origin = tiny.block, tiny.block.origin
+    name = "1938_01_015"
+    photo, camera = block.photos[name], block.camera_of(name)
+    grey = np.full((50, 50, 3), 90, dtype=np.uint8)
+    data = veil_glb(grey, DrawnPhoto(photo, camera, 1), tiny.land.dem, origin, options=OPTIONS)
+    (mesh,) = read(data).geometry.values()
+    used = np.unique(mesh.faces)
+    vertices, places = mesh.vertices[used] + origin, mesh.visual.uv[used]
+    film = (places - 0.5) * np.array(camera.frame_mm)
+    seen = photo.pixel_from_object(vertices, camera)
+    # Floating above the ground it is the same photo, seen from its centre.
+    assert np.abs(seen - photo.interior.pixel_from_film(film)).max() < 0.3
+    away = np.linalg.norm(vertices - photo.exterior.centre, axis=1)
+    ground = photo.exterior.centre + (vertices - photo.exterior.centre) / (1 - VEIL_SHARE)
+    assert np.abs(tiny.land.dem.heights(ground[:, :2]) - ground[:, 2]).max() < 0.1
+    assert away.min() > 1000
+    assert np.ptp(places, axis=0).min() > 0.9
+    assert mesh.visual.material.baseColorFactor[3] < 255

@@ -1,11 +1,15 @@
 // The room of the 3D scene: its layers, the length of vectors, and when it is loaded.
 import { compareState } from "./compare.js";
-import { all, byId, element, first, focused, number, start, turn, word } from "./words.js";
+import { followEye, showLegend } from "./legend.js";
+import { setUpSight, showInside } from "./sight.js";
+import { all, byId, element, first, focused, start, turn, word } from "./words.js";
 import { send } from "./wire.js";
 
 const LAYERS = [
-  "terrain", "photos", "footprints", "points", "vectors", "checks", "ties", "tie_vectors", "labels",
+  "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
+  "checks", "ties", "tie_vectors", "labels",
 ];
+const RELIEFS = [1, 2, 5]; // as `ui/review/state.py` has them
 const state = { layers: /** @type {Record<string, boolean>} */ ({}) };
 
 const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
@@ -14,7 +18,7 @@ export function setUpScene() {
   for (const layer of LAYERS) {
     const name = word(`layer.${layer}`);
     const onclick = () => send({ kind: "layer", layer, shown: !state.layers[layer] });
-    const title = word("layer.tip", { name });
+    const title = start.words[`layer.${layer}.tip`] ?? word("layer.tip", { name });
     byId("layers").append(element("button", { "data-layer": layer, title, onclick }, name));
   }
   // Twice as far for every six steps: one slider serves both tenths of metres and of pixels.
@@ -23,6 +27,15 @@ export function setUpScene() {
     send({ kind: "vectors", scale: steps === 0 ? 0 : Math.round(2 ** (steps / 6)) });
   });
   byId("vectors").title = word("vectors.tip");
+  for (const relief of RELIEFS) {
+    byId("relief").append(element("button", {
+      "data-relief": relief, title: word("relief.tip"),
+      onclick: () => send({ kind: "relief", relief }),
+    }, `${relief}\u00d7`));
+  }
+  byId("relief").setAttribute("aria-label", word("relief"));
+  setUpSight();
+  window.gruberEye = followEye;
   awaitScene();
 }
 
@@ -42,12 +55,17 @@ function awaitScene() {
 }
 
 /** @param {SceneSwitches} scene */
-export function showScene({ layers, scale }) {
+export function showScene(scene) {
+  const { layers, scale, relief } = scene;
   state.layers = layers;
   for (const button of all("button", byId("layers"))) {
     turn(button, layers[button.dataset.layer ?? ""]);
   }
   const steps = scale ? Math.round(6 * Math.log2(scale)) : 0;
   if (focused() !== slider()) slider().value = `${steps}`;
-  first("#vectors output").textContent = number(scale, 0);
+  for (const button of all("button", byId("relief"))) {
+    turn(button, Number(button.dataset.relief) === relief);
+  }
+  showLegend(scene);
+  showInside(scene);
 }

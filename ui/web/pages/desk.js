@@ -23,6 +23,7 @@ import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
 import { listenToKeys } from "./keys.js";
 import { openScene, setUpScene, showScene } from "./block.js";
+import { closeSight, leavePhoto, showCard, showSight } from "./sight.js";
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import { awaitsAnother, connect, mergeRows, send, takeSeat } from "./wire.js";
@@ -139,7 +140,7 @@ function takeKey(event) {
     switchCompare("adding");
     return true;
   }
-  if (event.key === "Escape" && down && dropDraft()) return true;
+  if (event.key === "Escape" && down && (closeSight() || dropDraft() || leavePhoto())) return true;
   return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);
 }
 
@@ -263,6 +264,8 @@ function receive(message) {
   if (fresh.board) showBoard(fresh.board);
   if (fresh.placement) showPlacement(fresh.placement);
   if (fresh.scene) showScene(fresh.scene);
+  if (fresh.card) showCard(fresh.card);
+  if (fresh.sight) showSight(fresh.sight);
   const point = parts.point ?? null;
   if ("point" in fresh) {
     if (shownNow() !== judged.shown) judged.shown = "";

@@ -98,6 +98,7 @@ function ask(ticket, callback, inFrame) {
     Object.assign(state, { frameAt: now, inside: true });
     callback(time);
     state.inside = false;
+    window.parent.gruberEye?.();
   });
   waiting.set(ticket, { frame });
 }

@@ -1,0 +1,227 @@
+"""What a ray in the 3D scene meets: a point, a photo, the ground; and which photos see a place."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.arrays import Position
+from core.block import Block, Photo
+from core.frames import object_from_local
+from core.geometry.camera import Camera
+from core.quality.assessment import photo_fit
+from ui.review.compare import HeightSource
+from ui.review.looks import short
+from ui.review.scene import FRUSTUM_SHARE, WORST, frustum_depth_m, ground_level_m, raised
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import SceneOptions
+
+POINT_ANGLE = np.radians(0.9)
+"""How far beside a point a click still means it, seen from the eye."""
+RELIEF_SHARE = 0.5
+"""The ground is looked for so many flying heights above and below its mean."""
+STEPS = 600
+"""Places along a ray at which the ground is looked for: between them it is taken as straight."""
+SIGHT_STEPS = 80
+"""Places between ground and photo at which a hill may stand."""
+CLEARANCE = 0.01
+"""A hill hides a place where it rises above the ray by this share of the flying height."""
+Place = tuple[float, float, float]
+Triangles = Float64[np.ndarray, "n 3 3"]
+
+
+@dataclass(frozen=True, slots=True)
+class Picked:
+    """What was hit."""
+
+    kind: Literal["point", "photo"]
+    """Surveyed point or photo."""
+    name: str
+    """Its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A photo that sees a place."""
+
+    photo_id: str
+    """The photo."""
+    nadir_deg: float
+    """Angle of the ray from the vertical, degrees."""
+    pixel_m: float
+    """Size of its pixel on the ground, metres."""
+
+
+def pick(origin: Place, direction: Place, block: Block, scene: SceneOptions) -> Picked | None:
+    """The point or photo under a ray given in the local frame, as the scene is drawn.
+
+    The picture of a frustum hides what lies behind it; through its open sides points are seen, so
+    that these count only where no point is meant. From inside a photo no frustum is seen.
+    """
+    eye, towards = _ray(origin, direction, block)
+    hidden = scene.hidden | {"photos"} if scene.inside else scene.hidden
+    point, beyond = None, np.inf
+    if "points" not in hidden:
+        point, beyond = _nearest_point(eye, towards, block, scene.seen_relief)
+    photos = [] if "photos" in hidden else list(block.photos)
+    picture, before = _nearest_photo(eye, towards, block, photos, sides=False)
+    if picture is not None and before < beyond:
+        return Picked("photo", picture)
+    if point is not None:
+        return Picked("point", point)
+    photo, _ = _nearest_photo(eye, towards, block, photos, sides=True)
+    return None if photo is None else Picked("photo", photo)
+
+
+def ground_under(
+    origin: Place, direction: Place, block: Block, dem: HeightSource, scene: SceneOptions
+) -> Position | None:
+    """Where a ray in the local frame, as the scene is drawn, first meets the ground; or None."""
+    eye, towards = _ray(origin, direction, block)
+    level = ground_level_m(block)
+    # The ground as it is, and the ray lowered instead: the same places lie on it.
+    eye[2] = level + (eye[2] - level) / scene.seen_relief
+    towards[2] /= scene.seen_relief
+    if towards[2] >= 0:
+        return None
+    reach = RELIEF_SHARE * frustum_depth_m(block) / FRUSTUM_SHARE
+    between = (level + reach - eye[2], level - reach - eye[2])
+    first, last = (max(height / towards[2], 0.0) for height in between)
+    path = eye + np.linspace(first, last, STEPS)[:, None] * towards
+    above = path[:, 2] - dem.heights(path[:, :2])
+    below = np.flatnonzero(above <= 0)
+    if not len(below):
+        return None
+    end = max(int(below[0]), 1)
+    share = above[end - 1] / (above[end - 1] - above[end])
+    place = path[end - 1] + (share if np.isfinite(share) else 1.0) * (path[end] - path[end - 1])
+    place[2] = dem.heights(place[None, :2])[0]
+    return place
+
+
+def photos_over(place: Position, block: Block, dem: HeightSource) -> tuple[Sighting, ...]:
+    """Oriented photos that see a place on the ground, nearest to nadir first."""
+    found = [
+        Sighting(name, _nadir_deg(place, photo), photo.ground_pixel_m(block.camera_of(name)))
+        for name, photo in block.photos.items()
+        if photo.oriented and _sees(place, photo, block.camera_of(name), dem)
+    ]
+    return tuple(sorted(found, key=lambda one: one.nadir_deg))
+
+
+def _nadir_deg(place: Position, photo: Photo) -> float:
+    away = place - photo.exterior.centre
+    return float(np.degrees(np.arctan2(np.hypot(away[0], away[1]), -away[2])))
+
+
+def _sees(place: Position, photo: Photo, camera: Camera, dem: HeightSource) -> bool:
+    """True when a place lies in the picture area and no hill stands between."""
+    up = photo.exterior.centre - place
+    if up[2] <= 0:
+        return False
+    film = photo.interior.film_from_pixel(photo.pixel_from_object(place[None], camera))[0]
+    if not (np.abs(film) <= np.array(camera.frame_mm) / 2).all():
+        return False
+    path = place + np.linspace(0, 1, SIGHT_STEPS)[:, None] * up
+    return not bool(np.any(dem.heights(path[:, :2]) - path[:, 2] > CLEARANCE * up[2]))
+
+
+def card_part(found: Picked, desk: DeskSnapshot) -> dict[str, Any]:
+    """What a card says of a photo or a point."""
+    if found.kind == "photo":
+        fit = photo_fit(desk.state.report, found.name)
+        return {"photo": found.name, "rms": short(fit.rms_px, 2), "control": fit.control,
+                "ties": fit.ties}  # fmt: skip
+    keys = desk.table.by_point.get(found.name, ())
+    states = {desk.rows[key].state for key in keys}
+    known = [misfit for key in keys if (misfit := desk.table.figures.misfits.get(key))]
+    worst = max(known, key=lambda one: np.hypot(*one.metres), default=None)
+    return {
+        "point": found.name,
+        "role": desk.state.block.surveyed[found.name].role,
+        "state": next((state for state in WORST if state in states), None),
+        "misfit_m": short(float(np.hypot(*worst.metres)), 2) if worst else None,
+        "misfit_px": short(float(np.hypot(*worst.pixels)), 1) if worst else None,
+        "photos": len(keys),
+    }
+
+
+def sight_part(place: Position, seen: Sequence[Sighting]) -> dict[str, Any]:
+    """The list of photos that see a place."""
+    return {
+        "place": [short(float(value), 1) for value in place],
+        "photos": [[one.photo_id, short(one.nadir_deg, 0), short(one.pixel_m, 2)] for one in seen],
+    }
+
+
+def _ray(origin: Place, direction: Place, block: Block) -> tuple[Position, Position]:
+    """Eye and direction of unit length in the block's CRS."""
+    eye = object_from_local(np.array([origin], dtype=np.float64), block.origin)[0]
+    towards = np.array(direction, dtype=np.float64)
+    return eye, towards / np.linalg.norm(towards)
+
+
+def frustum_corners(block: Block, photo_id: str, depth_m: float) -> np.ndarray:
+    """Four corners of a photo's frustum at a depth before its perspective centre, object frame."""
+    photo, camera = block.photos[photo_id], block.camera_of(photo_id)
+    half = np.array(camera.frame_mm) / 2 / camera.principal_distance_mm * depth_m
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    image = np.column_stack([corners, np.full(4, -depth_m)])
+    return image @ photo.exterior.object_from_image.T + photo.exterior.centre
+
+
+def _nearest_point(
+    eye: Position, towards: Position, block: Block, relief: float
+) -> tuple[str | None, float]:
+    """The point nearest to the ray as the eye sees it, and how far away it is, metres."""
+    names = list(block.surveyed)
+    if not names:
+        return None, float("inf")
+    places = np.array([block.surveyed[name].position for name in names])
+    offset = raised(places, ground_level_m(block), relief) - eye
+    along = offset @ towards
+    beside = np.linalg.norm(offset - along[:, None] * towards, axis=1)
+    angle = np.where(along > 0, np.arctan2(beside, along), np.inf)
+    best = int(np.argmin(angle))
+    return (names[best], float(along[best])) if angle[best] < POINT_ANGLE else (None, float("inf"))
+
+
+def _nearest_photo(
+    eye: Position, towards: Position, block: Block, photo_ids: Sequence[str], sides: bool
+) -> tuple[str | None, float]:
+    """The nearest photo whose picture, or also whose sides, a ray passes; and how far away."""
+    if not photo_ids:
+        return None, float("inf")
+    depth = frustum_depth_m(block)
+    faces: list[np.ndarray] = []
+    for name in photo_ids:
+        corners, centre = frustum_corners(block, name, depth), block.photos[name].exterior.centre
+        faces += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
+        if sides:
+            faces += [np.stack([centre, corners[i], corners[(i + 1) % 4]]) for i in range(4)]
+    distances = _ray_triangles(eye, towards, np.array(faces))
+    best = int(np.argmin(distances))
+    if not np.isfinite(distances[best]):
+        return None, float("inf")
+    return photo_ids[best * len(photo_ids) // len(faces)], float(distances[best])
+
+
+def _ray_triangles(
+    eye: Position, towards: Position, triangles: Triangles
+) -> Float64[np.ndarray, " n"]:
+    """Distances to triangles along a ray (Moeller and Trumbore 1997); infinite where it misses."""
+    first = triangles[:, 0]
+    edge, other = triangles[:, 1] - first, triangles[:, 2] - first
+    normal = np.cross(towards, other)
+    volume = np.sum(edge * normal, axis=1)
+    flat = np.abs(volume) < 1e-12
+    volume = np.where(flat, 1.0, volume)
+    offset = eye - first
+    u = np.sum(offset * normal, axis=1) / volume
+    around = np.cross(offset, edge)
+    v = around @ towards / volume
+    distance = np.sum(other * around, axis=1) / volume
+    met = ~flat & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
+    return np.where(met, distance, np.inf)
