@@ -29,7 +29,7 @@ from ui.review.picture import Part, notice_part
 from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, SceneOptions, Seat
 from ui.review.tiles import CoarseOrtho, Lattice
-from ui.views.block_view import HILLSHADE, VEIL, Pointed, Stage
+from ui.views.block_view import HILLSHADE, LIFT, VEIL, Pointed, Stage
 from ui.views.meshes import hillshade_glb, terrain_glb, veil_glb
 from ui.views.server import SECRET_HEADER, SceneServer, Sheet, Shown
 from ui.web.access import Access
@@ -167,6 +167,8 @@ class _Sheets:
 
     def __init__(self, desk: DeskInputs, bounds: Bounds, tiles: TileStore) -> None:
         self._desk, self._bounds, self._tiles = desk, bounds, tiles
+        # Between terrain and points.
+        self._lift_m = 0.5 * LIFT * max(bounds[2] - bounds[0], bounds[3] - bounds[1])
 
     def of(self, options: SceneOptions, block: Block) -> tuple[Sheet, ...]:
         """Shade of the relief, and the photo whose perspective centre the eye is in."""
@@ -187,7 +189,10 @@ class _Sheets:
     def _veil(self, drawn: DrawnPhoto) -> bytes:
         desk = self._desk
         picture = self._tiles.frame(drawn, desk.terrain.photo_px)
-        return veil_glb(picture, drawn, desk.dem, desk.block.origin, options=desk.terrain)
+        return veil_glb(
+            picture, drawn, desk.dem, desk.block.origin,
+            lift_m=self._lift_m, options=desk.terrain,
+        )  # fmt: skip
 
 
 def _screen(

@@ -23,6 +23,7 @@ from ui.review.scene import (
 )
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
+from ui.views.flight import Pose, flight_between, pose_inside
 from ui.views.meshes import needles_glb
 
 TERRAIN = "/terrain"
@@ -55,10 +56,6 @@ UP = np.array([0.0, 0.0, 1.0])
 RING_PARTS = 28
 TIE_PX = 4.0
 """Size of a tie point on the screen, pixels."""
-ROOM = 1.06
-"""Seen from its perspective centre, a photo has this much room in the window."""
-FLIGHT_STEPS = 14
-"""Places of the eye on its way into a photo."""
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
 
@@ -108,53 +105,6 @@ class Pointed:
     """The surveyed point."""
     centre: Position
     """Perspective centre of the photo it is looked at in."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pose:
-    """Where an eye is, and what it sees."""
-
-    position: Position
-    """Of the eye, local frame, metres."""
-    look_at: Position
-    """What it turns about, local frame, metres."""
-    up: Position
-    """What is up on the screen."""
-    fov: float
-    """Opening over the height of the window, radians."""
-
-    def towards(self, other: "Pose", share: float) -> "Pose":
-        """A pose on the way to another one; gently off and gently there."""
-        even = share * share * (3 - 2 * share)
-
-        def between(one: Position, two: Position) -> Position:
-            return one + even * (two - one)
-
-        return Pose(
-            between(self.position, other.position),
-            between(self.look_at, other.look_at),
-            between(self.up, other.up),
-            self.fov + even * (other.fov - self.fov),
-        )
-
-
-def pose_inside(frustum: FrustumPicture, level_m: float, window: float) -> Pose:
-    """The eye in a perspective centre, so that the whole photo is in a window.
-
-    Args:
-        frustum: The photo.
-        level_m: Height of the ground, metres.
-        window: Width of the window over its height.
-    """
-    towards = -frustum.object_from_image[:, 2]
-    above = float(frustum.centre[2]) - level_m
-    half = np.tan(frustum.vertical_fov / 2) * max(1.0, frustum.aspect / window)
-    return Pose(
-        frustum.centre,
-        frustum.centre + towards * above / max(-float(towards[2]), 0.1),
-        frustum.object_from_image[:, 1],
-        2 * float(np.arctan(ROOM * half)),
-    )
 
 
 class BlockView:
@@ -273,8 +223,7 @@ class BlockView:
             self._outside = self._outside or here
             there = pose_inside(inside, self._picture.level_m, camera.aspect)
         if there is not None:
-            shares = np.linspace(0, 1, FLIGHT_STEPS + 1)[1:]
-            self._flight = [here.towards(there, float(share)) for share in shares]
+            self._flight = flight_between(here, there)
 
     def _frustum_of(self, photo_id: str) -> FrustumPicture | None:
         """The frustum of a photo; None without one."""

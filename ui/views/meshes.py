@@ -33,9 +33,6 @@ SHADE = 0.75
 """How dense the shade is at most."""
 VEIL = 140
 """How dense a photo lies over the terrain, of 255."""
-VEIL_SHARE = 0.015
-"""A photo floats above the terrain by this share of the way to its perspective centre, along its
-rays, so that from there it fits all the same."""
 CLAMPED = 33071
 """Textures of glTF go on with the colour of their edge."""
 
@@ -149,7 +146,7 @@ def shade_of(heights: Float64[np.ndarray, "rows columns"], pixel_m: float) -> Co
 
 def veil_glb(
     picture: Colour, drawn: DrawnPhoto, dem: SurfaceSource, origin: Position, *,
-    options: TerrainOptions,
+    lift_m: float, options: TerrainOptions,
 ) -> bytes:  # fmt: skip
     """A photo half transparent over the terrain.
 
@@ -158,6 +155,8 @@ def veil_glb(
         drawn: The photo and its camera.
         dem: Heights.
         origin: Of the local frame.
+        lift_m: It floats so far above the terrain, along its rays, so that from its perspective
+            centre it fits all the same.
         options: How fine it is.
     """
     photo, camera = drawn.photo, drawn.camera
@@ -169,7 +168,8 @@ def veil_glb(
     film = photo.interior.film_from_pixel(photo.pixel_from_object(ground, camera))
     places = film / np.array(camera.frame_mm) + 0.5
     within = (np.abs(places - 0.5) <= 0.5).all(axis=1).reshape(sheet.sound.shape)
-    floating = ground + VEIL_SHARE * (photo.exterior.centre - ground) - origin
+    up = photo.exterior.centre - ground
+    floating = ground + lift_m / np.maximum(up[:, 2:], lift_m) * up - origin
     laid = Sheet(floating, sheet.sound & within, places, sheet.bounds)
     return _sheet_glb(laid, _as_jpeg(picture, options.jpeg_quality), VEIL)
 

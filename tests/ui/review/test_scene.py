@@ -1,4 +1,4 @@
-"""The 3D scene: where things are drawn, and what a ray hits."""
+"""The 3D scene: where things are drawn."""
 
 from dataclasses import replace
 
@@ -11,8 +11,6 @@ from ui.review.misfit import misfits
 from ui.review.scene import (
     area_lines,
     ellipse_lines,
-    frustum_depth_m,
-    ground_level_m,
     misfit_vectors,
     point_states,
     raised,
@@ -22,11 +20,9 @@ from ui.review.scene import (
     short_names,
     tie_vectors,
 )
-from ui.review.sight import Picked, frustum_corners, ground_under, photos_over, pick
-from ui.review.state import DeskState, SceneOptions
+from ui.review.state import DeskState
 
 DEM = tiny_block().land.dem
-ALL = SceneOptions(frozenset())
 
 
 @pytest.fixture(scope="module")
@@ -38,42 +34,6 @@ def test_footprints_are_closed_outlines__law(state):
     outline = outlines(state)
     assert len(outline) == 6 * 48
     assert np.allclose(outline[47, 1], outline[0, 0])
-
-
-def test_a_ray_hits_the_point_it_is_aimed_at__truth(state):
-    block = state.oriented
-    for name in list(block.surveyed)[::11]:
-        target = block.surveyed[name].position - block.origin
-        eye = target + np.array([300.0, -900.0, 1000.0])
-        assert pick(tuple(eye), tuple(target - eye), block, ALL) == Picked("point", name)
-        bare = SceneOptions(frozenset({"points", "photos"}))
-        assert pick(tuple(eye), tuple(target - eye), block, bare) is None
-
-
-def test_a_ray_into_the_sky_hits_nothing__truth(state):
-    assert pick((0.0, 0.0, 9000.0), (0.0, 0.0, 1.0), state.oriented, ALL) is None
-
-
-def test_a_ray_through_a_frustum_hits_its_photo__truth(state):
-    block = state.oriented
-    depth = frustum_depth_m(block)
-    for name in block.photos:
-        middle = frustum_corners(block, name, depth).mean(axis=0) - block.origin
-        eye = middle + np.array([0.0, 0.0, 5000.0])
-        found = pick(tuple(eye), (0.0, 0.0, -1.0), block, SceneOptions(frozenset({"points"})))
-        assert found == Picked("photo", name)
-
-
-def test_frustums_open_as_the_camera_sees__law(state):
-    block = state.oriented
-    for name, photo in block.photos.items():
-        corners = frustum_corners(block, name, 100.0)
-        film = block.camera_of(name).frame_corners_mm
-        seen = photo.pixel_from_object(corners, block.camera_of(name))
-        expected = photo.interior.pixel_from_film(film)
-        apart = np.linalg.norm(seen[:, None] - expected[None], axis=2)
-        # The drawn pyramid is straight; the air bends the rays of a photo.
-        assert apart.min(axis=1).max() < 0.05
 
 
 def test_a_point_shows_its_worst_state__law(state):
@@ -133,67 +93,6 @@ def test_heights_are_exaggerated_about_the_level_of_the_ground__law():
     higher = raised(places, 280.0, 5.0)
     assert higher.tolist() == [[1.0, 2.0, 380.0], [3.0, 4.0, 130.0]]
     assert raised(places[None], 280.0, 1.0)[0] == pytest.approx(places)
-
-
-def test_points_are_hit_where_exaggerated_heights_draw_them__truth(state):
-    block = state.oriented
-    steep = replace(ALL, relief=5.0)
-    name = max(block.surveyed, key=lambda name: block.surveyed[name].position[2])
-    target = block.surveyed[name].position - block.origin
-    drawn = raised(target[None], ground_level_m(block), 5.0)[0]
-    assert drawn[2] > target[2] + 20
-    eye = drawn + np.array([300.0, -900.0, 1000.0])
-    assert pick(tuple(eye), tuple(drawn - eye), block, steep) == Picked("point", name)
-
-
-@pytest.mark.parametrize("relief", [1.0, 5.0])
-def test_a_ray_meets_the_ground_where_it_is_drawn__oracle(state, relief):
-    block = state.oriented
-    level, scene = ground_level_m(block), replace(ALL, relief=relief)
-    for east, north in ((-400.0, 300.0), (100.0, -250.0), (350.0, 150.0)):
-        place = block.origin + np.array([east, north, 0.0])
-        place[2] = DEM.heights(place[None, :2])[0]
-        target = raised((place - block.origin)[None], level, relief)[0]
-        eye = target + np.array([200.0, -1500.0, 4000.0])
-        found = ground_under(tuple(eye), tuple(target - eye), block, DEM, scene)
-        assert found == pytest.approx(place, abs=0.5)
-    assert ground_under((0.0, 0.0, 9000.0), (0.0, 0.6, 0.1), block, DEM, scene) is None
-
-
-def test_the_photos_that_see_a_place_come_nearest_to_nadir_first__oracle(state):
-    block = state.oriented
-    place = block.origin.copy()
-    place[2] = DEM.heights(place[None, :2])[0]
-    seen = photos_over(place, block, DEM)
-    inside = set()
-    for name, photo in block.photos.items():
-        pixel = photo.pixel_from_object(place[None], block.camera_of(name))[0]
-        if ((pixel >= 0) & (pixel <= photo.size_px)).all():
-            inside.add(name)
-    assert {one.photo_id for one in seen} == inside
-    assert len(inside) > 1
-    up = [block.photos[one.photo_id].exterior.centre - place for one in seen]
-    angles = [np.degrees(np.arctan2(np.hypot(*ray[:2]), ray[2])) for ray in up]
-    assert angles == sorted(angles)
-    assert angles == pytest.approx([one.nadir_deg for one in seen])
-    assert seen[0].nadir_deg < seen[-1].nadir_deg < 45
-
-
-def test_a_hill_between_hides_a_place__truth(state):
-    block = state.oriented
-    place = block.origin.copy()
-    place[2] = 280.0
-
-    class Wall:
-        def heights(self, points):
-            east = points[:, 0] - block.origin[0]
-            return np.where((east > 20) & (east < 60), 1500.0, 280.0)
-
-    seen = {one.photo_id for one in photos_over(place, block, Wall())}
-    everywhere = {one.photo_id for one in photos_over(place, block, DEM)}
-    east = {name for name in everywhere if block.photos[name].exterior.centre[0] > place[0] + 60}
-    assert east
-    assert not seen & east
 
 
 def test_ellipses_have_the_standard_deviations_as_half_axes__truth(state):

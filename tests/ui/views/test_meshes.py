@@ -9,7 +9,6 @@ import trimesh
 from tests.ui.desk_block import tiny_block
 from ui.review.compare import DrawnPhoto
 from ui.views.meshes import (
-    VEIL_SHARE,
     TerrainOptions,
     hillshade_glb,
     needles_glb,
@@ -102,7 +101,9 @@ def test_a_photo_laid_over_the_ground_is_where_its_rays_are__oracle():
     name = "1938_01_015"
     photo, camera = block.photos[name], block.camera_of(name)
     grey = np.full((50, 50, 3), 90, dtype=np.uint8)
-    data = veil_glb(grey, DrawnPhoto(photo, camera, 1), tiny.land.dem, origin, options=OPTIONS)
+    data = veil_glb(
+        grey, DrawnPhoto(photo, camera, 1), tiny.land.dem, origin, lift_m=8.0, options=OPTIONS
+    )
     (mesh,) = read(data).geometry.values()
     used = np.unique(mesh.faces)
     vertices, places = mesh.vertices[used] + origin, mesh.visual.uv[used]
@@ -110,9 +111,8 @@ def test_a_photo_laid_over_the_ground_is_where_its_rays_are__oracle():
     seen = photo.pixel_from_object(vertices, camera)
     # Floating above the ground it is the same photo, seen from its centre.
     assert np.abs(seen - photo.interior.pixel_from_film(film)).max() < 0.3
-    away = np.linalg.norm(vertices - photo.exterior.centre, axis=1)
-    ground = photo.exterior.centre + (vertices - photo.exterior.centre) / (1 - VEIL_SHARE)
-    assert np.abs(tiny.land.dem.heights(ground[:, :2]) - ground[:, 2]).max() < 0.1
-    assert away.min() > 1000
+    up = photo.exterior.centre - vertices
+    ground = vertices - 8.0 / (up[:, 2:] + 8.0) * up
+    assert np.abs(tiny.land.dem.heights(ground[:, :2]) - ground[:, 2]).max() < 1.0
     assert np.ptp(places, axis=0).min() > 0.9
     assert mesh.visual.material.baseColorFactor[3] < 255
