@@ -158,6 +158,8 @@ class Front:
             self.port = runner.addresses[0][1]
             self._ready.set()
             await self._stop.wait()
+            # Before its pages are let go: they come back at once.
+            await site.stop()
             if self._inputs.channel is not None:
                 await self._inputs.channel.close()
         finally:

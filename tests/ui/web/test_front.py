@@ -1,15 +1,21 @@
 """The front: pages with their policy, texts in the browser's language, results to take away."""
 
+import asyncio
 import http.client
 import json
+import threading
+import time
+from contextlib import suppress
 from dataclasses import replace
 
+import aiohttp
 import pytest
 
 from core.errors import PhotogrammetryError
 from tests.ui.desk_block import tiny_block
 from ui.review.tiles import Lattice
 from ui.web.access import Access
+from ui.web.channel import Channel
 from ui.web.front import Front, FrontInputs, as_json
 from ui.web.tiles import Sources, TileStore
 from ui.words.catalogue import KEYS, words
@@ -116,6 +122,40 @@ def test_a_port_that_is_taken_is_an_error__law(inputs):
         other = Front(inputs, "127.0.0.1", visitor.front.port)
         with pytest.raises(PhotogrammetryError, match=r"in use.*--port"):
             other.start()
+
+
+def test_a_page_that_comes_back_at_once_does_not_hold_up_the_end__law(inputs):
+    """As the desk's page does when its channel is closed."""
+    met = []
+
+    async def come_back(front, cookie):
+        headers = {"Cookie": cookie}
+        address = f"http://127.0.0.1:{front.port}/desk/{'s' * 8}"
+        async with aiohttp.ClientSession(headers=headers) as session:
+            with suppress(aiohttp.ClientError):
+                while True:
+                    async with session.ws_connect(address) as page:
+                        await page.receive()
+
+    class Slow(Channel):
+        async def close(self):
+            await super().close()
+            await asyncio.sleep(0.3)
+
+    channel = Slow(met.append, lambda seat: None, list)
+    visitor = Visitor(replace(inputs, channel=channel))
+    page = threading.Thread(
+        target=lambda: asyncio.run(come_back(visitor.front, visitor.cookie)), daemon=True
+    )
+    page.start()
+    while not met:
+        time.sleep(0.01)
+    begun = time.perf_counter()
+    visitor.front.close()
+    # Held up by the page it is two seconds.
+    assert time.perf_counter() - begun < 1.5
+    assert met == ["s" * 8]
+    page.join(timeout=5)
 
 
 def test_json_knows_no_nan__law():
