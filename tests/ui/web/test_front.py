@@ -126,7 +126,7 @@ def test_a_port_that_is_taken_is_an_error__law(inputs):
 
 def test_a_page_that_comes_back_at_once_does_not_hold_up_the_end__law(inputs):
     """As the desk's page does when its channel is closed."""
-    met = []
+    met, here = [], threading.Event()
 
     async def come_back(front, cookie):
         headers = {"Cookie": cookie}
@@ -137,19 +137,22 @@ def test_a_page_that_comes_back_at_once_does_not_hold_up_the_end__law(inputs):
                     async with session.ws_connect(address) as page:
                         await page.receive()
 
+    def taken(seat):
+        met.append(seat)
+        here.set()
+
     class Slow(Channel):
         async def close(self):
             await super().close()
             await asyncio.sleep(0.3)
 
-    channel = Slow(met.append, lambda seat: None, list)
+    channel = Slow(list, taken, lambda seat: None)
     visitor = Visitor(replace(inputs, channel=channel))
     page = threading.Thread(
         target=lambda: asyncio.run(come_back(visitor.front, visitor.cookie)), daemon=True
     )
     page.start()
-    while not met:
-        time.sleep(0.01)
+    assert here.wait(timeout=30)
     begun = time.perf_counter()
     visitor.front.close()
     # Held up by the page it is two seconds.
