@@ -63,7 +63,7 @@ def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part
         "relief": scene.relief,
         "photo": scene.photo,
         "inside": scene.inside,
-        "top": ramp_top_m(away),
+        "top": ramp_top_m(state, away),
         "level": short(ground_level_m(state.oriented), 1),
     }
 

@@ -107,9 +107,10 @@ class ScenePicture:
     """Photo of each of these measurements."""
     vectors_top_m: float
     """Misfit at the end of the ramp of colours, metres."""
-    ellipses: Segments
-    """Middle of each adjusted control point's error ellipse, and its half axes along easting and
-    northing as the end of the diagonal; one standard deviation."""
+    ellipses: Cloud
+    """Control points that took part: middles of error ellipses."""
+    half_axes: Float64[np.ndarray, "n 2"]
+    """Of each ellipse along easting and northing, metres; one standard deviation."""
     areas: Callable[[], Areas]
     """Gruber areas; found when they are first shown."""
     ties: Cloud
@@ -146,6 +147,10 @@ def scene_picture(
     states = point_states(state)
     checks = [name for name, point in state.block.surveyed.items() if point.role == "check"]
     keys, vectors = misfit_vectors(state, away)
+    adjusted = {
+        name: sigma for name, sigma in state.report.surveyed_sigmas_m.items()
+        if name in state.block.surveyed and np.isfinite(sigma[:2]).all()
+    }  # fmt: skip
     ties, rays = tie_cloud(state)
     return ScenePicture(
         depth_m=frustum_depth_m(oriented),
@@ -159,8 +164,9 @@ def scene_picture(
         checks=_cloud(state.block, checks),
         vectors=vectors,
         vector_photos=tuple(photo_id for _, photo_id in keys),
-        vectors_top_m=ramp_top_m(away),
-        ellipses=error_ellipses(state.report, state.block),
+        vectors_top_m=ramp_top_m(state, away),
+        ellipses=_cloud(state.block, adjusted),
+        half_axes=np.array([sigma[:2] for sigma in adjusted.values()]).reshape(-1, 2),
         areas=cache(lambda: gruber_areas(state.report, oriented, dem)),
         ties=ties,
         rays=rays,
@@ -240,54 +246,47 @@ def misfit_vectors(
     state: DeskState, away: Mapping[Key, Misfit] | None = None
 ) -> tuple[list[Key], Segments]:
     """Misfits of all measurements that take part or judge, as displacements on the ground."""
-    keys: list[Key] = []
+    shown = _shown_misfits(state, misfits(state) if away is None else away)
     segments: list[np.ndarray] = []
-    for key, misfit in (misfits(state) if away is None else away).items():
-        if key not in state.block.measurements:
-            continue
-        shown = state.shown_state(state.block.measurements[key])
-        if shown in ("unused", "rejected"):
-            continue
+    for key, misfit in shown.items():
         start = state.block.surveyed[key[0]].position - state.block.origin
-        keys.append(key)
         segments.append(np.array([start, start + np.array([*misfit.metres, 0.0])]))
-    return keys, np.array(segments).reshape(-1, 2, 3)
+    return list(shown), np.array(segments).reshape(-1, 2, 3)
 
 
-def ramp_top_m(away: Mapping[Key, Misfit]) -> float:
+def _shown_misfits(state: DeskState, away: Mapping[Key, Misfit]) -> dict[Key, Misfit]:
+    """Misfits of measurements that take part or judge."""
+    measurements = state.block.measurements
+    return {
+        key: misfit
+        for key, misfit in away.items()
+        if key in measurements
+        and state.shown_state(measurements[key]) not in ("unused", "rejected")
+    }
+
+
+def ramp_top_m(state: DeskState, away: Mapping[Key, Misfit]) -> float:
     """Where the ramp of sizes ends, 1, 2 or 5 of a power of ten, metres.
 
     It hangs on the median, so that a few gross errors do not make all others alike.
     """
-    sizes = np.array([np.hypot(*one.metres) for one in away.values()])
-    usual = float(np.median(sizes)) if len(sizes) else 0.0
-    if usual <= 0:
+    sizes = [np.hypot(*one.metres) for one in _shown_misfits(state, away).values()]
+    most = ORDINARY * float(np.median(sizes)) if sizes else 0.0
+    if most <= 0:
         return 1.0
-    power = 10.0 ** np.floor(np.log10(ORDINARY * usual))
-    return float(min(step * power for step in (1, 2, 5, 10) if step * power >= ORDINARY * usual))
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(min(step * power for step in (1, 2, 5, 10) if step * power >= most))
 
 
-def error_ellipses(report: AdjustmentReport, block: Block) -> Segments:
-    """Middles and half axes of the error ellipses of control points that took part."""
-    found = [
-        (block.surveyed[name].position, sigma)
-        for name, sigma in report.surveyed_sigmas_m.items()
-        if name in block.surveyed and np.isfinite(sigma[:2]).all()
-    ]
-    middles = np.array([position for position, _ in found]).reshape(-1, 3) - block.origin
-    axes = np.array([[*sigma[:2], 0.0] for _, sigma in found]).reshape(-1, 3)
-    return np.stack([middles, middles + axes], axis=1)
-
-
-def ellipse_lines(ellipses: Segments, scale: float) -> Segments:
+def ellipse_lines(middles: Points, half_axes: Float64[np.ndarray, "n 2"], scale: float) -> Segments:
     """Rings of error ellipses, drawn so many times larger than they are.
 
     The adjustment tells standard deviations of coordinates, so that the axes lie along them.
     """
     turn = np.linspace(0, 2 * np.pi, ELLIPSE_PARTS + 1)
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
-    middle, axes = ellipses[:, :1], scale * (ellipses[:, 1:] - ellipses[:, :1])
-    ring = middle + axes * circle
+    axes = scale * np.column_stack([half_axes, np.zeros(len(half_axes))])
+    ring = middles[:, None] + axes[:, None] * circle
     return np.stack([ring[:, :-1], ring[:, 1:]], axis=2).reshape(-1, 2, 3)
 
 

@@ -406,7 +406,9 @@ class BlockView:
         colours = looks.size_colours(sizes, picture.vectors_top_m)
         longer = np.stack([start, start + end * scale], axis=1)
         self._show_coloured(VECTORS, longer, colours, "vectors" not in options.hidden)
-        rings = ellipse_lines(picture.ellipses, scale)
+        chosen = picture.ellipses.shown_in(options.photo)
+        middles, half_axes = picture.ellipses.points[chosen], picture.half_axes[chosen]
+        rings = ellipse_lines(middles, half_axes, scale)
         self._show_lines(ELLIPSES, rings, "ellipses" not in options.hidden)
 
     def _show_tie_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:

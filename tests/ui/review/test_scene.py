@@ -97,8 +97,10 @@ def test_heights_are_exaggerated_about_the_level_of_the_ground__law():
 
 def test_ellipses_have_the_standard_deviations_as_half_axes__truth(state):
     picture = scene_picture(state, (), outlines(state), DEM)
-    assert len(picture.ellipses) == len(state.report.surveyed_sigmas_m)
-    rings = ellipse_lines(picture.ellipses, 200.0).reshape(len(picture.ellipses), -1, 3)
+    middles = picture.ellipses.points
+    assert len(middles) == len(state.report.surveyed_sigmas_m)
+    rings = ellipse_lines(middles, picture.half_axes, 200.0).reshape(len(middles), -1, 3)
+    assert rings.mean(axis=1) == pytest.approx(middles, abs=0.01)
     extent = np.ptp(rings, axis=1) / 2
     sigmas = np.array(list(state.report.surveyed_sigmas_m.values()))
     assert extent[:, :2] == pytest.approx(200 * sigmas[:, :2], rel=0.01)
@@ -155,9 +157,18 @@ def test_a_photo_shows_its_own_points_and_ties__law(state):
 
 def test_few_gross_errors_do_not_stretch_the_ramp__law(state):
     away = misfits(state)
-    top = ramp_top_m(away)
-    usual = np.median([np.hypot(*one.metres) for one in away.values()])
+    _, vectors = misfit_vectors(state, away)
+    top = ramp_top_m(state, away)
+    usual = np.median(np.linalg.norm(vectors[:, 1] - vectors[:, 0], axis=1))
     assert 3 * usual <= top <= 7.5 * usual
-    key = next(iter(away))
-    assert ramp_top_m({**away, key: replace(away[key], metres=(500.0, 0.0))}) == top
-    assert ramp_top_m({}) == 1.0
+    key = next(key for key in away if state.block.measurements[key].status == "auto")
+    assert ramp_top_m(state, {**away, key: replace(away[key], metres=(500.0, 0.0))}) == top
+    # What the program left out is not drawn, and has no say.
+    far = {
+        key: replace(one, metres=(500.0, 0.0))
+        if state.block.measurements[key].status == "unused"
+        else one
+        for key, one in away.items()
+    }
+    assert ramp_top_m(state, far) == top
+    assert ramp_top_m(state, {}) == 1.0

@@ -55,7 +55,7 @@ function showArrow(/** @type {number} */ pixel, /** @type {number} */ scale) {
 export function showLegend(scene) {
   state.scene = scene;
   followEye();
-  const { layers, photo, top } = scene;
+  const { layers, photo, inside, top } = scene;
   const { sizes, rays, bare, ellipse, chosen } = start.palette;
   const rows = /** @type {[boolean, string, () => (Node | string)[]][]} */ ([
     [photo !== "", "legend.photo", () =>
@@ -70,7 +70,8 @@ export function showLegend(scene) {
     [layers.areas, "legend.areas", () => [glyph("bare", bare, 13)]],
   ]);
   const shown = rows.filter(([on]) => on);
-  byId("scene-legend").hidden = !shown.length;
+  // From inside a photo nothing but the photo is looked at.
+  byId("scene-legend").hidden = !shown.length || inside !== "";
   byId("scene-legend").replaceChildren(...shown.map(([, name, parts]) =>
     element("div", { title: word(`${name}.tip`) }, element("span", {}, word(name)), ...parts())));
 }

@@ -1,0 +1,80 @@
+"""The 3D scene under a hand in a real Chromium: cards, flights, lists, and what fits the inset."""
+
+import pytest
+
+from tests.browser.conftest import scene_of
+from tests.browser.hands import grow
+
+pytestmark = pytest.mark.browser
+ON_SCREEN = """name => {
+  const { nodeRefFromName, camera, canvas } = window.__viserMutable;
+  const place = nodeRefFromName[name].getWorldPosition(camera.position.clone()).project(camera);
+  return [(place.x + 1) / 2 * canvas.clientWidth, (1 - place.y) / 2 * canvas.clientHeight];
+}"""
+NODE = "name => !!window.__viserMutable.nodeRefFromName[name]"
+
+
+def test_a_photo_is_named_chosen_entered_and_left__truth(sit):
+    page = sit()
+    scene, room = scene_of(page), page.locator("#scene")
+    grow(page, "block")
+    page.wait_for_selector("#scene-scale:not([hidden])")
+    before = scene.evaluate(ON_SCREEN, "/photos/1938_02_015")
+    box = room.bounding_box()
+    # Just below its perspective centre the pyramid is narrow.
+    photo = box["x"] + before[0], box["y"] + before[1] + 6
+    page.mouse.move(photo[0] - 2, photo[1])
+    page.mouse.move(*photo)
+    page.wait_for_selector("#scene-card:has-text('02_015'):has-text('RMS')")
+    page.mouse.click(*photo)
+    page.wait_for_function("gruber.parts.scene.photo === '1938_02_015'")
+    page.wait_for_selector("#scene-legend:has-text('02_015')")
+    page.mouse.dblclick(*photo)
+    page.wait_for_selector("#scene-leave:has-text('02_015')")
+    assert not page.locator("#scene-legend").is_visible()
+    scene.wait_for_function(NODE, arg="/veil")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#scene-leave", state="hidden")
+    # The eye is back where it was.
+    scene.wait_for_function(
+        f"([name, x, y]) => {{ const [a, b] = ({ON_SCREEN})(name);"
+        " return Math.hypot(a - x, b - y) < 2; }",
+        arg=["/photos/1938_02_015", *before],
+    )
+    page.click('[data-layer="photos"]')
+    page.wait_for_function("!gruber.parts.scene.layers.photos")
+    page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.7)
+    page.wait_for_selector("#scene-list button[data-photo]")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#scene-list", state="hidden")
+    page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.7)
+    first = page.locator("#scene-list button[data-photo]").first
+    name = first.get_attribute("data-photo")
+    first.click()
+    page.wait_for_function("name => gruber.parts.scene.inside === name", arg=name)
+
+
+def test_the_inset_has_only_what_fits__law(sit):
+    page = sit()
+    page.set_viewport_size({"width": 1366, "height": 768})
+    page.wait_for_selector("#scene-scale:not([hidden])")
+    room = page.locator("#scene-room").bounding_box()
+    boxes = [page.locator(part).bounding_box() for part in ("#scene-scale", "#scene-buttons")]
+    for box in boxes:
+        assert room["x"] <= box["x"]
+        assert box["x"] + box["width"] <= room["x"] + room["width"]
+    assert boxes[0]["x"] + boxes[0]["width"] < boxes[1]["x"]
+    for part in ("#scene-legend", "#vectors", "#relief-room"):
+        assert not page.locator(part).is_visible()
+    grow(page, "block")
+    for part in ("#scene-legend", "#vectors", "#relief-room"):
+        assert page.locator(part).is_visible()
+    scene = scene_of(page)
+    for layer in ("hillshade", "ties", "areas", "ellipses"):
+        page.click(f'[data-layer="{layer}"]')
+    scene.wait_for_function(NODE, arg="/hillshade")
+    page.wait_for_selector("#scene-legend:has-text('Rays'):has-text('6+')")
+    page.click('[data-relief="5"]')
+    page.wait_for_selector('[data-relief="5"].on')
+    # Others keep what they chose.
+    assert sit(scene=False).evaluate("gruber.parts.scene.relief") == 1
