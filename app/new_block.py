@@ -104,7 +104,7 @@ class Recognition:
             ("bridges", self.bridges or ""),
             ("control", self.control or ""),
             ("sheets", self.sheets or ""),
-            ("crs", self.crs or ""),
+            ("crs", short_name(CRS.from_user_input(self.crs)) if self.crs else ""),
         )
         return tuple((name, value) for name, value in lines if value)
 

@@ -2,10 +2,12 @@
 
 import shutil
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyogrio
+import pyproj
 import pytest
 import rasterio
 import shapely
@@ -75,6 +77,12 @@ def test_a_usual_folder_is_recognised__truth(folder: Path) -> None:
     assert found.footprints == ("footprints.gpkg", "LMS_TIF_UP")
     assert (found.georeference, found.crs) == ("world-file", "EPSG:5514")
     assert found.notes == ()
+
+
+def test_a_crs_without_a_code_is_told_by_its_projection__truth(folder: Path) -> None:
+    local = pyproj.CRS.from_proj4("+proj=tmerc +lon_0=25 +datum=WGS84 +units=m")
+    found = replace(recognise(folder), crs=local.to_wkt())
+    assert dict(found.found)["crs"] == "an unnamed CRS (Transverse Mercator)"
 
 
 def test_scan_pixel_and_frame_come_from_the_resolution_tag__truth(folder: Path) -> None:

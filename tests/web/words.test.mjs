@@ -3,7 +3,8 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  learnNames, learnPoints, number, numbers, again, shortName, shortPoint, start, tip, word,
+  again, fileSize, learnNames, learnPoints, number, numbers, shortName, shortPoint, start, tip,
+  word,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -18,6 +19,12 @@ test("numbers have a real minus, a narrow space before the unit, a dash for none
   assert.equal(number(0, 1), "0.0");
   assert.equal(number(null, 1, "m"), "\u2013");
   assert.equal(number(undefined, 1), "\u2013");
+});
+
+test("a small file has a size too__truth", () => {
+  start.language = "en";
+  assert.deepEqual([1, 999_999, 1_500_000, 45_600_000].map(fileSize),
+    ["1\u2009kB", "1000\u2009kB", "1.5\u2009MB", "46\u2009MB"]);
 });
 
 test("a count names its form, and Czech has three, with a comma in numbers__truth", () => {

@@ -1,5 +1,5 @@
 // Tables and report, to be opened or taken away.
-import { byId, element, number, start, word } from "./words.js";
+import { byId, element, fileSize, start, word } from "./words.js";
 
 export function setUpResults() {
   const button = byId("results-open");
@@ -36,7 +36,7 @@ const folderOf = (name) => (name.includes("/") ? name.split("/")[0] : "");
 
 /** @param {[name: string, bytes: number]} file */
 const line = ([name, bytes]) => element("li", {}, link(name),
-  element("span", { class: "muted" }, size(bytes)));
+  element("span", { class: "muted" }, fileSize(bytes)));
 
 /** @param {string} name */
 function link(name) {
@@ -47,7 +47,3 @@ function link(name) {
   const href = `/results/${name.split("/").map(encodeURIComponent).join("/")}`;
   return element("a", { href, ...how }, text);
 }
-
-/** @param {number} bytes */
-const size = (bytes) => (bytes > 2 ** 20 ? `${number(bytes / 2 ** 20, 1)} MB`
-  : `${number(Math.ceil(bytes / 1024), 0)} kB`);

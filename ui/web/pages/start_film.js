@@ -1,6 +1,6 @@
 // The film beside the form, the scans as small pictures with their state, and the map of outlines.
 import {
-  again, byId, element, first, learnNames, number, shortName, svg, turn, word,
+  again, byId, element, fileSize, first, learnNames, shortName, svg, turn, word,
 } from "./words.js";
 import { cleared } from "./overlay.js";
 import { drawLayer, onTile, rawLayer } from "./tiles.js";
@@ -69,7 +69,7 @@ export function showScans(scans) {
 function thumbPart(scan) {
   const { photo, file, size, why, bytes } = scan;
   const said = why ? word(why === "gone" ? "start.gone" : "start.unreadable")
-    : `${size?.join("\u00d7")}  ${number((bytes ?? 0) / 1e6, 0, "MB")}`;
+    : `${size?.join("\u00d7")}  ${fileSize(bytes ?? 0)}`;
   return element("button", {
     type: "button", class: `thumb${why ? " bad" : ""}`, "data-photo": photo,
     title: why ? `${file}: ${again(why)}` : file, onclick: () => choose(scan),

@@ -207,6 +207,10 @@ export function number(value, digits, unit = "") {
   return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
 
+/** How large a file is. @param {number} bytes */
+export const fileSize = (bytes) => (bytes >= 1e6 ? number(bytes / 1e6, bytes < 1e7 ? 1 : 0, "MB")
+  : number(Math.ceil(bytes / 1e3), 0, "kB"));
+
 /** Several numbers in a row. @param {(number | null)[]} values @param {number} digits */
 export const numbers = (values, digits) => values.map((value) => number(value, digits))
   .join(between());
