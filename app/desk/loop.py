@@ -28,7 +28,7 @@ from core.doubts import Failure
 from sessions.decisions import AddPoint, Decision, Place, Recorded, Withdraw, standing
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
-from ui.review.gestures import Freed, Gesture
+from ui.review.gestures import AnswerAsked, Freed, Gesture
 from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
 from ui.review.outcome import Act, outcome_of
 from ui.review.pages import Pages
@@ -214,6 +214,8 @@ class ReviewLoop:
         match act:
             case "measure":
                 self._measurer.measure(gesture, self._now)
+            case "answer" if isinstance(gesture, AnswerAsked):
+                self._screen.show(seat.seat_id, {"answered": gesture.number})
             case "free" if isinstance(gesture, Freed) and self._inputs.choose is not None:
                 self._inputs.choose(gesture.cameras, gesture.robust)
                 self._change_state(free=(gesture.cameras, gesture.robust), adjusting=True)
@@ -263,10 +265,12 @@ class ReviewLoop:
             best = max(decision.measured, key=lambda item: item.score)
             seat = replace(seat, current=best.key)
         elif decision and is_overtaken(decision, self._now.recorded[event.known :]):
+            self._screen.tell(event.seat_id, Notice("notice.overtaken"))
             return
         if isinstance(decision, Place):
             draft = Draft((decision.point_id, decision.photo_id), decision)
             if seat.draft_of(draft.key) != event.since:
+                self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = seat.with_draft(draft), None
         if decision is not None:

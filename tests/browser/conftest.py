@@ -23,12 +23,16 @@ INSTALL = (
     "no Chromium: install it with `.venv/bin/python -m playwright install --with-deps chromium`"
 )
 SIZE = {"width": 1600, "height": 1000}
+STAND_IN = """<!doctype html><title>3D</title><script src="/pages/scene.js"></script>
+<script>window.__viserMutable = { nodeRefFromName: { "/terrain": 1 } };</script>"""
+"""In the place of viser, which is not ours: it hands keys up as viser does, and draws nothing."""
+AS_A_PERSON = "Object.defineProperty(navigator, 'webdriver', { get: () => false })"
 TOOLS = Path(os.environ.get("GRUBER_PAGE_TOOLS", Path(sys.prefix) / "pages"))
 AXE = TOOLS / "node_modules" / "axe-core" / "axe.min.js"
 NO_AXE = "no axe-core: `make test` and `make check` install it"
-VIOLATIONS = """async () => {
+VIOLATIONS = """async how => {
   // The frame of the scene is viser's own page.
-  const found = await axe.run({ exclude: [["#scene"]] }, { iframes: false });
+  const found = await axe.run({ exclude: [["#scene"]] }, { iframes: false, ...how });
   return found.violations.map(({ id, nodes }) => `${id}, ${nodes.length} times: `
     + `${nodes[0].html.slice(0, 140)} ${nodes[0].any[0]?.message ?? ""}`);
 }"""
@@ -119,25 +123,34 @@ def toured(url: str) -> dict:
     return {"cookies": [], "origins": [{"origin": origin, "localStorage": [seen]}]}
 
 
+def without_viser(context) -> None:
+    """Spare a browser the scene, which draws with the processor."""
+    stand_in = {"body": STAND_IN, "content_type": "text/html"}
+    context.route("**/scene/*/", lambda route: route.fulfill(**stand_in))
+
+
 @pytest.fixture
 def sit_at(chromium):
     """Open a desk in a browser of its own; every call is another operator's machine.
 
-    Without `scene` its frame stays empty.
+    Without `scene` something stands in for viser.
     """
     contexts = []
 
-    def sit_down(url: str, scene: bool = True):
+    def sit_down(
+        url: str, scene: bool = True, language="en-GB", size=SIZE, ready=".row.current", **how
+    ):
         # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
-        context = chromium.new_context(viewport=SIZE, bypass_csp=True, storage_state=toured(url))
+        how = {"storage_state": toured(url), **how}
+        context = chromium.new_context(viewport=size, bypass_csp=True, locale=language, **how)
         context.set_default_timeout(PATIENCE_MS)
-        contexts.append(context)
+        context.add_init_script(AS_A_PERSON)
         if not scene:
-            # Drawn by the processor it would take most of the time of a test that is not about it.
-            context.route("**/scene/**", lambda route: route.fulfill(body=""))
+            without_viser(context)
+        contexts.append(context)
         page = context.new_page()
         page.goto(url)
-        page.wait_for_selector(".row.current")
+        page.wait_for_selector(ready)
         if scene:
             scene_of(page)
         return page
@@ -150,7 +163,7 @@ def sit_at(chromium):
 @pytest.fixture
 def sit(sit_at, desk):
     """Open the desk on the made-up block, or another."""
-    return lambda url="", scene=True: sit_at(url or desk.url, scene)
+    return lambda url="", scene=True, **how: sit_at(url or desk.url, scene, **how)
 
 
 def scene_of(page):

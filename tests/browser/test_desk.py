@@ -10,6 +10,7 @@ import pytest
 from viser import _messages as viser_messages
 
 from app.desk.wiring import open_desk
+from sessions.decisions import Accept, Reject, SetRole, Withdraw
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
 from tests.browser.hands import becomes, current, grow, look_at, press, sigma, state_of, unfold
@@ -23,18 +24,35 @@ pytestmark = pytest.mark.browser
 REMADE = f".notice:has-text('{words()['notice.remade']}')"
 
 
-def test_a_verdict_ahead_of_the_row_just_chosen_is_not_about_the_old_point__law(sit):
+PRESSED = """keys => keys.forEach(key => key.includes("|")
+  ? document.querySelector(`.row[data-key="${key}"]`).click()
+  : document.body.dispatchEvent(
+    new KeyboardEvent("keydown", { key, view: window, bubbles: true })))"""
+"""Rows clicked and keys pressed, all before the desk can answer the first."""
+
+
+def test_keys_ahead_of_the_row_just_chosen_are_about_it__law(sit, tmp_path):
     page = sit(scene=False)
-    first = current(page)
-    page.evaluate(
-        """() => {
-             document.querySelector(".row:not(.current)").click();
-             document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "n", bubbles: true }));
-           }"""
-    )
-    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=first)
+    first, *rows = page.evaluate("[...document.querySelectorAll('.row')].map(r => r.dataset.key)")
+    one, two, three, four, five = rows[:5]
+    page.evaluate(PRESSED, [one, "n", "2"])
+    page.wait_for_function("gruber.parts.status.decided === 1")
+    page.evaluate(PRESSED, [two, "ArrowRight", "j"])
+    page.wait_for_function("key => gruber.parts.point.key.join('|') === key", arg=three)
+    page.evaluate(PRESSED, [two, "Escape", four, "c"])
+    page.wait_for_function("gruber.parts.status.decided === 2 && !gruber.parts.status.drafts")
+    page.evaluate(PRESSED, [five, "y", "m"])
+    page.wait_for_selector(f".notice:has-text('{words()['notice.ahead']}')")
+    page.wait_for_function("gruber.parts.status.decided === 3")
+    page.keyboard.press("4")
+    page.wait_for_selector(f".notice:has-text('{words()['notice.no-reason']}')")
+    with Session.open(tmp_path, "reader") as session:
+        made = [item.decision for item in session.decisions()]
+    assert made[:2] == [Reject(*one.split("|"), "other"), Withdraw(1)]
+    assert made[2] == Reject(*one.split("|"), "changed")
+    assert (made[3].point_id, type(made[3])) == (four.split("|")[0], SetRole)
+    assert [(type(item), item.point_id) for item in made[4:]] == [(Accept, five.split("|")[0])]
     assert state_of(page, first) == "auto"
-    assert page.evaluate("gruber.parts.status.decided") == 0
 
 
 def test_everything_of_the_block_is_in_the_scene__truth(sit):
@@ -396,6 +414,7 @@ def test_a_hand_ahead_of_the_picture_judges_nothing_twice__law(sit):
         "window.dispatchEvent(new KeyboardEvent('keydown', { key })))"
     )
     page.wait_for_function("gruber.parts.status.decided === 1")
+    page.wait_for_selector(f".notice:has-text('{words()['notice.ahead']}')")
     page.wait_for_timeout(300)
     assert state_of(page, first) == "dubious"
     assert page.evaluate("gruber.parts.status.decided") == 1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser.conftest import PATIENCE_MS, SIZE, toured
+from tests.browser.conftest import SIZE
 from tests.browser.hands import becomes, current, grow
 from ui.words.catalogue import words
 
@@ -46,31 +46,9 @@ SCROLLED = """[...document.querySelectorAll("body, body *")]
 DECIDES = ["#panes", "#off", "#why", "#trial", "#asked", "#acts"]
 
 
-@pytest.fixture
-def sit_small(chromium, desk):
-    """The desk in a language, at 1366 by 768."""
-    contexts = []
-
-    def sit_down(language: str):
-        context = chromium.new_context(
-            locale="cs-CZ" if language == "cs" else "en-GB", bypass_csp=True,
-            viewport={"width": 1366, "height": 768}, storage_state=toured(desk.url),
-        )  # fmt: skip
-        context.set_default_timeout(PATIENCE_MS)
-        contexts.append(context)
-        page = context.new_page()
-        page.goto(desk.url)
-        page.wait_for_selector(".row.current")
-        return page
-
-    yield sit_down
-    for context in contexts:
-        context.close()
-
-
 @pytest.mark.parametrize("language", ["en", "cs"])
-def test_nothing_is_cut_off_at_any_width__law(sit_small, language):
-    page = sit_small(language)
+def test_nothing_is_cut_off_at_any_width__law(sit, language):
+    page = sit(scene=False, language=language, size={"width": 1366, "height": 768})
     assert page.evaluate("document.documentElement.lang") == language
     assert page.text_content("#queue h2") == words(language)["queue"]
     wait = words(language)["trial.wait"]

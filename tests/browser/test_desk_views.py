@@ -45,6 +45,12 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
         " return Math.hypot(a - x, b - y) < 0.4; }",
         arg=[name, *before["place"]],
     )
+    # A nudge is of the mark it was made on, though the next one is shown before the hand pauses.
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("j")
+    beside = page.evaluate(CELL, "|".join(page.evaluate("gruber.boardState().current")))
+    page.wait_for_timeout(600)
+    assert page.evaluate(CELL, "|".join(page.evaluate("gruber.boardState().current"))) == beside
     photo, mark = name.split("|")
     last = real_desk.session.decisions()[-1].decision
     assert (last.photo_id, last.name) == (photo, mark)

@@ -305,6 +305,14 @@ class MarkJudged:
 
 
 @dataclass(frozen=True, slots=True)
+class AnswerAsked:
+    """The page is to be told when everything it sent before is done."""
+
+    seat_id: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Freed:
     """What the adjustment estimates from now on."""
 
@@ -319,11 +327,12 @@ Gesture = (
     | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | RayHovered
     | RayFollowed | PhotoEntered | ReliefRaised | LayerSwitched | VectorsScaled | Fitted
     | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | QualityAsked | Freed
-    | SheetAsked | MarkPlaced | MarkJudged
+    | SheetAsked | MarkPlaced | MarkJudged | AnswerAsked
 )  # fmt: skip
 LOOKING = (
     Stepped, Selected, Sorted, Filtered, RayPicked, RayHovered, RayFollowed, PhotoEntered,
     ReliefRaised, LayerSwitched, VectorsScaled, Fitted, QualityAsked, SheetAsked,
+    AnswerAsked,
 )  # fmt: skip
 """What a guest may do: look at everything, change nothing that others see."""
 LONGEST_NAME = 40
@@ -479,4 +488,5 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
         seat, str(message["photo"]), str(message["name"]), bool(message["use"])
     ),
     "cancel": lambda seat, message: RemakeCancelled(seat),
+    "answer": lambda seat, message: AnswerAsked(seat, int(message["number"])),
 }

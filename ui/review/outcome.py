@@ -27,6 +27,7 @@ from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
 from ui.review.drafts import is_to_be_asked
 from ui.review.gestures import (
+    AnswerAsked,
     Dropped,
     Explained,
     Filtered,
@@ -78,7 +79,17 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
 
 Act = Literal[
-    "", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current", "measure", "free"
+    "",
+    "amend",
+    "undo",
+    "redo",
+    "remake",
+    "cancel",
+    "fit whole",
+    "fit current",
+    "measure",
+    "free",
+    "answer",
 ]
 """What the loop shall do beyond recording a decision."""
 
@@ -115,7 +126,14 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
         case (
-            Undone() | Redone() | Dropped() | RemakeAsked() | RemakeCancelled() | Fitted() | Freed()
+            Undone()
+            | Redone()
+            | Dropped()
+            | RemakeAsked()
+            | RemakeCancelled()
+            | Fitted()
+            | Freed()
+            | AnswerAsked()
         ):
             return _act(gesture, seat)
         case TakenBack(decision_id=decision_id):
@@ -127,7 +145,15 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
 
 
 def _act(
-    gesture: Undone | Redone | Dropped | RemakeAsked | RemakeCancelled | Fitted | Freed, seat: Seat
+    gesture: Undone
+    | Redone
+    | Dropped
+    | RemakeAsked
+    | RemakeCancelled
+    | Fitted
+    | Freed
+    | AnswerAsked,
+    seat: Seat,
 ) -> Outcome:
     """What only the loop can do, and drafts given up."""
     match gesture:
@@ -135,6 +161,8 @@ def _act(
             return Outcome(seat.without_draft(key))
         case Freed():
             return Outcome(seat, act="free")
+        case AnswerAsked():
+            return Outcome(seat, act="answer")
         case Undone() if (draft := seat.draft_of(seat.current)) is not None:
             # What was done last is taken back first.
             return Outcome(seat.without_draft(draft.key))
@@ -293,7 +321,7 @@ def _place(
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     if gesture.key not in desk.rows or photo_id not in desk.drawn:
         return Outcome(seat)
-    seat = replace(seat, current=gesture.key, explaining=None)
+    seat = replace(seat, explaining=None)
     if isinstance(gesture, PeakChosen):
         measurement = desk.state.block.measurements[gesture.key]
         if not 0 <= gesture.index < len(measurement.peaks):
@@ -318,12 +346,16 @@ def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> O
     if isinstance(gesture, PointAsked):
         return Outcome(seat, act="measure")
     block = desk.state.block
+    if gesture.key in desk.state.extra.measurements:
+        return Outcome(seat, notice=Notice("notice.yes-or-no"))
     if gesture.key not in block.measurements or gesture.key[0] not in block.surveyed:
         return Outcome(seat)
     return Outcome(replace(seat, current=gesture.key, explaining=None), act="measure")
 
 
 def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    if gesture.point_id in desk.state.extra.kinds:
+        return Outcome(seat, notice=Notice("notice.yes-or-no"))
     point = desk.state.block.surveyed.get(gesture.point_id)
     if point is None:
         return Outcome(seat)

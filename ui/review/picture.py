@@ -25,7 +25,7 @@ DIGITS = {
 """Digits behind the point of the figure in a reason for doubt; 2 by default."""
 AHEAD = 2
 """Measurements whose pictures are fetched before they are needed."""
-Part = dict[str, Any] | list[Any] | None
+Part = dict[str, Any] | list[Any] | int | None
 
 
 def order_part(seat: Seat, places: Mapping[Key, int]) -> Part:

@@ -15,6 +15,7 @@ from sessions.session import Session
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
 from ui.review.compare import made_with
 from ui.review.gestures import (
+    AnswerAsked,
     Explained,
     Judged,
     JudgedTogether,
@@ -211,6 +212,14 @@ def test_reopened_the_desk_is_where_it_was__law(desk, tmp_path):
     assert again.glass.status()["sigma"] == pytest.approx(sigma, abs=2e-4)
     assert [row[3] for row in again.glass.parts["anna-1"]["rows"]] == [row[3] for row in rows]
     again.close()
+
+
+def test_a_page_is_told_when_what_it_sent_before_is_done__law(desk):
+    before = desk.glass.current()
+    desk.loop.submit(Stepped("anna-1", 1))
+    desk.loop.submit(AnswerAsked("anna-1", 7))
+    desk.glass.until(lambda glass: glass.parts["anna-1"].get("answered") == 7)
+    assert desk.glass.current() != before
 
 
 def test_a_hundred_gestures_keep_their_order__law(desk):

@@ -7,6 +7,7 @@ import pytest
 from ui.review.gestures import (
     LONGEST_NAME,
     LOOKING,
+    AnswerAsked,
     Gesture,
     Judged,
     LayerSwitched,
@@ -61,6 +62,7 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
             PlacedOnGround("s", ("J1", "a"), 1.0, 2.0),
         ),
         ({"kind": "step", "step": -7}, Stepped("s", -1)),
+        ({"kind": "answer", "number": 7}, AnswerAsked("s", 7)),
         ({"kind": "layer", "layer": "ties", "shown": 1}, LayerSwitched("s", "ties", True)),
         ({"kind": "vectors", "scale": 1e9}, VectorsScaled("s", 1000.0)),
         ({"kind": "relief", "relief": 5}, ReliefRaised("s", 5.0)),

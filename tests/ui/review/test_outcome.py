@@ -41,7 +41,7 @@ from ui.review.gestures import (
 from ui.review.outcome import outcome_of
 from ui.review.queue import next_open, seat_down, showing, visible, with_filter
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, QueueFilter, Seat
+from ui.review.state import Draft, Extra, QueueFilter, Seat
 
 
 @pytest.fixture(scope="module")
@@ -169,6 +169,25 @@ def test_enter_waits_there_for_what_is_measured__law(desk, seat):
     assert (found.decisions, found.act) == ((), "measure")
     assert (found.seat.current, found.seat.explaining) == (key, None)
     assert outcome_of(Refined(seat.seat_id, ("J1", "none")), seat, desk).act == ""
+
+
+def test_a_place_does_not_call_back_a_hand_that_has_gone_on__law(desk, seat):
+    left = next(key for key in visible(desk.rows, seat) if key != seat.current)
+    found = outcome_of(PlacedInScan(seat.seat_id, left, 400.0, 400.0), seat, desk)
+    assert found.seat.current == seat.current
+    assert [draft.key for draft in found.seat.drafts] == [left]
+
+
+def test_what_does_not_apply_to_a_tie_point_is_told__law(desk, seat):
+    key = "tie 7", seat.current[1]
+    tie = replace(desk.state.block.measurements[seat.current], point_id=key[0])
+    extra = Extra({}, {key: tie}, {key[0]: "tie"})
+    there = replace(desk, state=replace(desk.state, extra=extra))
+    for gesture in (Refined(seat.seat_id, key), RoleSwitched(seat.seat_id, key[0])):
+        found = outcome_of(gesture, seat, there)
+        assert (found.decisions, found.act) == ((), "")
+        assert found.notice is not None
+        assert found.notice.text == "notice.yes-or-no"
 
 
 def test_a_peak_is_chosen_only_if_it_is_there__law(desk, seat):

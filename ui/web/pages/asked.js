@@ -1,6 +1,6 @@
 // What the desk asks or says above the buttons that decide: a draft to keep or drop, the reason of
 // a rejection, or how a point is placed.
-import { byId, element, number, shortName, stateGlyph, word } from "./words.js";
+import { byId, element, number, renew, shortName, stateGlyph, word } from "./words.js";
 import { send } from "./wire.js";
 
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
@@ -59,7 +59,7 @@ function showReasons([name, photo]) {
   const choices = [1, 2, 3, 4, 5].map((digit) => element("button",
     { class: "small", onclick: () => explain(digit) },
     element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
-  byId("reasons").replaceChildren(
+  renew(byId("reasons"),
     element("p", { title: `${name} \u00b7 ${photo}` },
       stateGlyph("rejected", 13), word("reason.ask", { scan: shortName(photo) })), ...choices);
 }
@@ -76,7 +76,7 @@ function showDraft({ key, draft, figures, trial }) {
   const act = (/** @type {string} */ name, /** @type {string} */ cap,
     /** @type {() => void} */ onclick) =>
     element("button", { class: "small", onclick }, word(name), element("kbd", {}, cap));
-  byId("keep").replaceChildren(element("p", { title: said }, said),
+  renew(byId("keep"), element("p", { title: said }, said),
     act("draft.keep", "Y", () => send({ kind: "judge", key, verdict: "accept" })),
     act("draft.drop", "Esc", dropDraft));
 }

@@ -1,7 +1,7 @@
 // The fiducial board: every photo by every fiducial, worst first; one large, to be corrected.
 import {
-  again, all, byId, element, first, focused, number, numbers, shortName, start, stateGlyph, svg,
-  tip, turn, word,
+  again, all, byId, element, first, focused, number, numbers, renew, shortName, start, stateGlyph,
+  svg, tip, turn, word,
 } from "./words.js";
 import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
@@ -72,7 +72,7 @@ export function showBoard(fresh) {
   if (opened && fresh.photos.length) state.current = worst ? [worst.photo, worst.name] : null;
   const { scrollTop = 0, scrollLeft = 0 } = sheet.querySelector(".sheet") ?? {};
   const onTable = focused()?.classList.contains("mark");
-  first(".view-body", sheet).replaceChildren(head(fresh), body(fresh));
+  renew(first(".view-body", sheet), head(fresh), body(fresh));
   const scroller = sheet.querySelector(".sheet");
   if (scroller) Object.assign(scroller, { scrollTop, scrollLeft });
   if (state.current) choose(...state.current, false);
@@ -253,7 +253,7 @@ function showLarge() {
   const large = /** @type {HTMLElement | null} */ (room.querySelector(".magnified"))
     ?? paneElement("magnified");
   const doubts = (cell.why.length ? cell.why : row.why.slice(0, 2)).map(again);
-  room.replaceChildren(
+  renew(room,
     element("h3", {}, stateGlyph(LOOKS[cell.state], 14), element("b", {}, cell.name),
       element("span", { class: "muted" }, shortName(row.photo)),
       element("span", { class: "stretch" }),
@@ -280,13 +280,9 @@ function decided(said) {
       word("history.back")))];
 }
 
-/** @param {Pair} place */
-function put(place, snapped = false) {
-  const shown = now();
-  if (!shown) return;
-  const { row: { photo }, cell: { name } } = shown;
+/** @param {Pair} place @param {string} photo @param {string} name */
+const put = (place, photo, name, snapped = false) =>
   send({ kind: "mark", photo, name, place, snap: snapped });
-}
 
 /** @param {boolean} wanted */
 function use(wanted) {
@@ -298,9 +294,9 @@ function use(wanted) {
 }
 
 function snap() {
-  const cell = now()?.cell;
+  const { row, cell } = now() ?? {};
   const place = cell?.place ?? cell?.expected;
-  if (place) put(place, true);
+  if (row && cell && place) put(place, row.photo, cell.name, true);
 }
 
 /** To the next doubtful fiducial, or the one before. @param {number} by */

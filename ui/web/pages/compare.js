@@ -13,7 +13,7 @@ import {
   Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf,
 } from "./view.js";
 import { drawTogether } from "./together.js";
-import { send } from "./wire.js";
+import { finishBefore, send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
 /** @typedef {{ ground: Pair, raw: Pair | null }} Place raw: pixels, where the raw scan is shown */
@@ -173,8 +173,8 @@ export function nudge(right, down) {
 const sendNudge = afterPause((/** @type {Key} */ key, /** @type {Pair} */ place,
   /** @type {string} */ frame) => send({ kind: "place", key, frame, place }));
 
-/** A verdict is about the place the hand has nudged to, though it has not paused yet. */
-export const finishNudge = () => sendNudge.now();
+// A verdict is about the place the hand has nudged to, though it has not paused yet.
+finishBefore(sendNudge.now);
 
 /** @param {string} mode */
 function setMode(mode) {

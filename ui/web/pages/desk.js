@@ -6,8 +6,7 @@ import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./q
 import { showPoint } from "./point.js";
 import { askAbout, askWhy, dropDraft, explain } from "./asked.js";
 import {
-  blink, comparePoint, compareState, finishNudge, fitCompare, nudge,
-  setUpCompare, switchCompare, zoomCompare,
+  blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
 import { showStatus } from "./status.js";
 import { setUpPeople, showPeople } from "./people.js";
@@ -26,45 +25,42 @@ import { openScene, setUpScene, showScene } from "./block.js";
 import { closeSight, leavePhoto, showCard, showSight } from "./sight.js";
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
-import { awaitsAnother, connect, mergeRows, send, takeSeat } from "./wire.js";
+import { connect, finish, inTurn, isAhead, mergeRows, send, takeSeat } from "./wire.js";
 
 /** @typedef {{ key: Key | null, filter: Filter, sort: Sort }} Seen where one was in the queue */
 
-const SAME_MS = 2000; // design: a second press on what is still shown is a slip
 const NOTICE_MS = 3500; // design: one sentence is read
 const GRAVE_MS = 30000; // design: what went wrong is not missed
 const state = {
   parts: /** @type {Parts} */ ({}),
   /** Where one was before a desk that was opened anew, until it is there again. */
   wanted: /** @type {Seen | null} */ (null),
-  judged: { shown: "", at: 0 },
+  /** True from a decision until the desk is done with it. */
+  deciding: false,
   handAt: -Infinity,
 };
 
-function shownNow() {
-  const { key, state: shown, draft } = state.parts.point ?? {};
-  return JSON.stringify([key, shown, draft]);
-}
-
 /**
- * One verdict on what is shown: a hand ahead of the picture must not judge the same point twice.
- * @param {string} verdict
+ * A decision waits for the row that was chosen. After another decision it would be about a point
+ * that nobody has seen: then nothing is decided.
+ * @param {() => unknown} act
  */
-function judge(verdict) {
-  finishNudge();
-  const many = markedKeys();
-  if (many.length) {
-    send({ kind: "judge", keys: many, verdict });
-    clearMarked();
+function decide(act) {
+  if (state.deciding && isAhead()) {
+    tell({ text: "notice.ahead", values: {}, grave: false });
     return;
   }
-  const { parts: { point }, judged } = state;
-  if (!point || awaitsAnother(point.key)) return;
-  const shown = shownNow();
-  if (judged.shown === shown && Date.now() - judged.at < SAME_MS) return;
-  state.judged = { shown, at: Date.now() };
-  send({ kind: "judge", key: point.key, verdict });
+  state.deciding = true;
+  inTurn(act);
 }
+
+/** One verdict on what is shown, or on all that is marked. @param {string} verdict */
+const judge = (verdict) => decide(() => {
+  const keys = markedKeys();
+  if (keys.length) send({ kind: "judge", keys, verdict });
+  else sendOf(({ key }) => ({ kind: "judge", key, verdict }));
+  clearMarked();
+});
 
 /** About the current point, if there is one. @param {(point: Point) => object} message */
 function sendOf(message) {
@@ -77,7 +73,7 @@ const ACTS = {
   reject: () => judge("reject"),
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
-  role: () => sendOf(({ key }) => ({ kind: "role", point: key[0] })),
+  role: () => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] }))),
   undo: () => send({ kind: "undo" }),
   redo: () => send({ kind: "redo" }),
   next: () => send({ kind: "step", step: 1, undecided: true }),
@@ -88,7 +84,7 @@ const ACTS = {
   edges: () => switchCompare("edges"),
   flicker: () => switchCompare("flicker"),
   together: () => switchCompare("together"),
-  refine: () => sendOf(({ key }) => ({ kind: "refine", key })),
+  refine: () => inTurn(() => sendOf(({ key }) => ({ kind: "refine", key }))),
   marks: () => switchCompare("marks"),
   fit: () => {
     fitCompare();
@@ -140,7 +136,11 @@ function takeKey(event) {
     switchCompare("adding");
     return true;
   }
-  if (event.key === "Escape" && down && (closeSight() || dropDraft() || leavePhoto())) return true;
+  if (event.key === "Escape" && down) {
+    finish();
+    if (!closeSight()) inTurn(() => dropDraft() || leavePhoto());
+    return true;
+  }
   return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);
 }
 
@@ -168,7 +168,14 @@ function pictureKey(event, down) {
     if (down) arrow(event);
     return true;
   }
-  return /^[1-5]$/.test(event.key) && down && !event.repeat && explain(Number(event.key));
+  if (!/^[1-5]$/.test(event.key)) return false;
+  if (down && !event.repeat) inTurn(() => reason(Number(event.key)));
+  return true;
+}
+
+/** @param {number} digit */
+function reason(digit) {
+  if (!explain(digit)) tell({ text: "notice.no-reason", values: {}, grave: false });
 }
 
 /** @param {KeyboardEvent} event @param {boolean} down @param {string | undefined} name */
@@ -183,12 +190,14 @@ function actKey(event, down, name) {
 function arrow(event) {
   const [right, down] = ARROWS[event.key];
   if (byId("queue").contains(focused())) {
-    if (down && event.shiftKey) markCurrent();
-    if (down) send({ kind: "step", step: down });
+    inTurn(() => {
+      if (down && event.shiftKey) markCurrent();
+      if (down) send({ kind: "step", step: down });
+    });
     return;
   }
   const step = event.shiftKey ? 1 : 0.1;
-  nudge(right * step, down * step);
+  inTurn(() => nudge(right * step, down * step));
 }
 
 // Asked by the scene, whose frames wait where drawing is slow.
@@ -247,7 +256,7 @@ function label(button, text, mark) {
 /** @param {Message} message */
 function receive(message) {
   const { notices = [], ...fresh } = message;
-  const { parts, judged, wanted } = state;
+  const { parts, wanted } = state;
   const rows = mergeRows(parts.rows ?? [], fresh);
   if (rows) fresh.rows = rows;
   Object.assign(parts, fresh);
@@ -268,16 +277,13 @@ function receive(message) {
   if (fresh.sight) showSight(fresh.sight);
   const point = parts.point ?? null;
   if ("point" in fresh) {
-    if (shownNow() !== judged.shown) judged.shown = "";
     showPoint(point);
     askAbout(point);
     comparePoint(point);
   }
   notices.forEach(tell);
-  if (notices.some((notice) => notice.grave)) {
-    judged.shown = "";
-    comparePoint(point, true);
-  }
+  if (notices.some((notice) => notice.grave)) comparePoint(point, true);
+  if (!isAhead()) state.deciding = false;
   if (wanted) comeBack(wanted);
   state.wanted = null;
 }

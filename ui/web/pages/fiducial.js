@@ -3,6 +3,7 @@ import { focused, numbers, start } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
 import { Pane, View, afterPause, oncePerFrame } from "./view.js";
 import { image, levelFor, onTile } from "./tiles.js";
+import { finishBefore } from "./wire.js";
 
 /** @typedef {{ left: number, top: number, side: number, address: string }} ScanWindow */
 
@@ -11,7 +12,7 @@ const state = {
   pane: /** @type {Pane | null} */ (null),
   // design: from a whole scan at once to 60 pixels of the screen for one of the scan.
   view: new View(0.02, 60),
-  place: /** @type {(place: Pair) => void} */ (() => {}),
+  place: /** @type {(place: Pair, photo: string, name: string) => void} */ (() => {}),
   row: /** @type {ScanRow | null} */ (null),
   cell: /** @type {Fiducial | null} */ (null),
   colour: "#ffffff",
@@ -32,14 +33,15 @@ const HAND = {
     redraw();
   },
   click: (pane, screen) => {
-    if (start.guest) return;
+    const { row, cell } = state;
+    if (start.guest || !row || !cell) return;
     state.nudged = pane.layerFromScreen(screen);
     redraw();
-    state.place(state.nudged);
+    state.place(state.nudged, row.photo, cell.name);
   },
 };
 
-/** @param {HTMLElement} room @param {(place: Pair) => void} place */
+/** @param {HTMLElement} room @param {typeof state.place} place */
 export function openFiducial(room, place) {
   state.place = place;
   if (state.pane?.room === room) return;
@@ -77,15 +79,19 @@ export function zoomFiducial(factor) {
   redraw();
 }
 
-const placeLater = afterPause((/** @type {Pair} */ place) => state.place(place));
+// About the mark it was nudged on: the next one may be shown by then.
+const placeLater = afterPause((/** @type {Parameters<typeof state.place>} */ ...put) =>
+  state.place(...put));
+finishBefore(placeLater.now);
 
 /** @param {number} right @param {number} down scan pixels */
 export function nudgeFiducial(right, down) {
-  const from = state.nudged ?? state.cell?.place ?? state.cell?.expected;
-  if (!from || start.guest) return;
+  const { row, cell } = state;
+  const from = state.nudged ?? cell?.place ?? cell?.expected;
+  if (!row || !cell || !from || start.guest) return;
   const target = [from[0] + right, from[1] + down];
   state.nudged = target;
-  placeLater(target);
+  placeLater(target, row.photo, cell.name);
   redraw();
 }
 

@@ -114,7 +114,9 @@ function table(films, rolls, one, again) {
     ];
     return element("tr",
       { class: film === one ? "on" : "", "data-film": film.photo, onclick: choose },
-      element("td", { class: "name", title: film.photo }, shortName(film.photo)),
+      element("td", { class: "name", title: film.photo },
+        element("button", { class: "link", "aria-pressed": `${film === one}` },
+          shortName(film.photo))),
       ...cells.map((text) => element("td", {}, text)));
   });
   const means = Object.entries(rolls).map(([camera, roll]) => roll && mean(camera, roll))

@@ -1,6 +1,6 @@
 // Who sits at the desk, under which name one decides, and who looks at the same point.
 import { byId, element, start, word } from "./words.js";
-import { send } from "./wire.js";
+import { isOpen, send } from "./wire.js";
 
 export function setUpPeople() {
   byId("who").addEventListener("click", askName);
@@ -16,7 +16,8 @@ export function setUpPeople() {
 
 /** The wire may not be open yet. @param {string} name */
 function sendLater(name, tries = 20) {
-  if (!send({ kind: "name", name }) && tries) setTimeout(() => sendLater(name, tries - 1), 250);
+  if (isOpen()) send({ kind: "name", name });
+  else if (tries) setTimeout(() => sendLater(name, tries - 1), 250);
 }
 
 function askName() {

@@ -1,5 +1,7 @@
 // Placement on the map: footprints by the given georeference and as placed, over the ortho.
-import { again, byId, element, first, number, shortName, start, tip, word } from "./words.js";
+import {
+  again, byId, element, first, number, renew, shortName, start, tip, word,
+} from "./words.js";
 import { cleared, halo, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
 import { Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
@@ -60,7 +62,7 @@ export function showPlacement(found) {
   }
   state.pane ??= new Pane(paneElement("map-room"), state.view, HAND);
   const rooms = element("div", { class: "two-rooms placement" }, state.pane.room, side(found));
-  first(".view-body", sheet).replaceChildren(head(found), rooms);
+  renew(first(".view-body", sheet), head(found), rooms);
   first(".shifts", sheet).scrollTop = kept;
   if (fresh) fit();
   redraw();

@@ -1,6 +1,6 @@
 // The placing page: the same places clicked in one photo and in the ortho, saved beside the scan.
 import {
-  again, byId, element, fillWords, first, learnNames, number, shortName, start, word,
+  again, byId, element, fillWords, first, learnNames, number, renew, shortName, start, word,
 } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark, text } from "./overlay.js";
 import {
@@ -247,7 +247,7 @@ function showScans(scan) {
       { class: kind, "data-scan": photo, title: photo, onclick: () => choose(one) },
       element("span", {}, shortName(photo)), element("span", { class: "muted" }, said));
   });
-  byId("placing-scans").replaceChildren(element("h3", {}, word("placing.scans")),
+  renew(byId("placing-scans"), element("h3", {}, word("placing.scans")),
     element("div", { class: "scans" }, ...lines));
 }
 
@@ -265,7 +265,7 @@ function showPairs(scan) {
   const act = (
     /** @type {string} */ name, /** @type {string} */ letter, /** @type {object} */ attributes,
   ) => element("button", { ...attributes }, word(name), element("kbd", {}, letter));
-  byId("placing-pairs").replaceChildren(
+  renew(byId("placing-pairs"),
     element("h3", {}, word("placing.pairs", { scan: shortName(scan.photo) })),
     element("p", { class: "next" }, word(`placing.now.${next}`)),
     element("table", {}, ...lines), ...figures(count),
@@ -325,7 +325,7 @@ function showRun() {
   const button = now === "running"
     ? element("button", { disabled: start.guest, onclick: cancelRun }, word("remake.cancel"))
     : element("button", rerun, word("placing.run"));
-  byId("placing-run").replaceChildren(
+  renew(byId("placing-run"),
     element("h3", {}, word("placing.run.title")), ...runLines("placing.done"),
     element("div", { class: "acts" }, button),
     element("p", { class: "muted" }, word("placing.run.hint", { command: start.command })));

@@ -1,5 +1,7 @@
 // The quality of the block: verdict with reasons, maps, photos worst first; printable.
-import { all, byId, element, first, number, shortName, start, svg, tip, word } from "./words.js";
+import {
+  all, byId, element, first, number, renew, shortName, start, svg, tip, word,
+} from "./words.js";
 import { send } from "./wire.js";
 
 const MOST_SHIFTS = 12; // design: the photos that moved furthest; the rest says nothing more
@@ -36,7 +38,7 @@ export function showQuality(found) {
   state.shown = shape;
   const kept = sheet.querySelector(".sheet")?.scrollTop ?? 0;
   const parts = [verdict, maps, flight, photos, overlaps, adjustments].map((make) => make(found));
-  sheet.replaceChildren(head(found), element("div", { class: "sheet" }, ...parts));
+  renew(sheet, head(found), element("div", { class: "sheet" }, ...parts));
   first(".sheet", sheet).scrollTop = kept;
 }
 

@@ -1,5 +1,5 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
-import { again, all, byId, element, fillWords, first, start, word } from "./words.js";
+import { again, all, byId, element, fillWords, first, renew, start, word } from "./words.js";
 import { beginRun, cancelRun, lookAgain, post, runLines, runNow, tell, watchRun } from "./run.js";
 import { fillFields, formShown, formValues, showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
@@ -29,7 +29,7 @@ function show() {
   showScans(found.scans);
   drawMap(byId("map"), found);
   showForm(found.form, judgeSoon);
-  byId("files").replaceChildren(...folderPart(found), ...dropPart(),
+  renew(byId("files"), ...folderPart(found), ...dropPart(),
     element("div", { id: "holdings" }, ...holdings(found)));
   showGo(found.form);
 }
@@ -195,7 +195,7 @@ async function browse(path) {
         done();
       },
     }, word(name));
-  dialog.replaceChildren(element("h2", {}, word("start.link")),
+  renew(dialog, element("h2", {}, word("start.link")),
     element("p", { class: "path" }, here),
     element("p", {}, word(block ? "start.folder.block" : "start.folder.holds", { count: files })),
     element("ul", {}, step("\u2191 ..", parent),
@@ -220,7 +220,7 @@ const judgeSoon = afterPause(async () => {
   if (!answer.ok) return tell(answer.error, true);
   fillFields(answer);
   showGo(answer);
-  if (state.found) byId("holdings").replaceChildren(...holdings(state.found));
+  if (state.found) renew(byId("holdings"), ...holdings(state.found));
 });
 
 /** What is missing, what was checked, and the buttons. @param {Judged} judged */
@@ -243,7 +243,7 @@ function showGo({ missing, errors, ready }) {
     /** @type {object} */ more = {}) => element("button",
     { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(name));
   const running = now === "running" || now === "done";
-  byId("go").replaceChildren(...whole, ...lacks,
+  renew(byId("go"), ...whole, ...lacks,
     element("ul", { class: "holds" }, ...said), ...ahead,
     element("div", { class: "acts" },
       running ? act("remake.cancel", cancelRun)

@@ -1,6 +1,6 @@
 // The film beside the form, the scans as small pictures with their state, and the map of outlines.
 import {
-  again, byId, element, fileSize, first, learnNames, shortName, svg, turn, word,
+  again, byId, element, fileSize, first, learnNames, renew, shortName, svg, turn, word,
 } from "./words.js";
 import { cleared } from "./overlay.js";
 import { drawLayer, onTile, rawLayer } from "./tiles.js";
@@ -59,7 +59,7 @@ export function showScans(scans) {
   learnNames(scans.map(({ photo }) => photo));
   const readable = scans.filter(({ size }) => size);
   state.scan = readable.find(({ photo }) => photo === before?.photo) ?? readable[0] ?? null;
-  byId("thumbs").replaceChildren(...scans.map(thumbPart));
+  renew(byId("thumbs"), ...scans.map(thumbPart));
   if (!scans.length) byId("thumbs").append(element("p", { class: "muted" }, word("start.noscans")));
   if (state.scan?.photo !== before?.photo) look("whole");
   redraw();

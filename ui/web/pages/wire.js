@@ -4,29 +4,55 @@ import { byId, element, start, word } from "./words.js";
 const PIECE = 50; // as `ui/web/channel.py` cuts the table
 const FIRST_WAIT_MS = 250; // design: a short break is not noticed
 const LONGEST_WAIT_MS = 1000; // design: nobody waits longer for a desk that is back
-const CHOSEN_MS = 5000; // design: a choice that was not followed by then was refused
 const state = {
-  chosen: { key: "", at: 0 },
   socket: /** @type {WebSocket | null} */ (null),
   waiting: FIRST_WAIT_MS,
   receive: /** @type {(message: Message) => void} */ (() => {}),
+  /** Numbers of the last gesture, and of the last one that the desk is done with. */
+  sent: 0,
+  answered: 0,
+  /** What was asked for behind a gesture that the desk is not done with. */
+  turns: /** @type {(() => unknown)[]} */ ([]),
+  taking: false,
+  finish: /** @type {(() => void)[]} */ ([]),
 };
+
+export const isOpen = () => state.socket?.readyState === WebSocket.OPEN;
+
+/** True while the hand is ahead of the picture. */
+export const isAhead = () => state.turns.length > 0 || state.answered < state.sent;
 
 /** A gesture to the desk; true when the wire was open. @type {Send} */
 export function send(message) {
-  const open = state.socket?.readyState === WebSocket.OPEN;
-  const key = message.kind === "select" ? String(message.key) : "";
-  if (key || message.kind === "step" || message.kind === "filter") {
-    state.chosen = { key, at: Date.now() };
+  finish();
+  if (state.turns.length && !state.taking) return Boolean(state.turns.push(() => send(message)));
+  if (!isOpen()) {
+    state.receive({ notices: [{ text: "notice.wire", values: {}, grave: true }] });
+    return false;
   }
-  if (open) state.socket?.send(JSON.stringify(message));
-  return open;
+  state.socket?.send(JSON.stringify(message));
+  // A clock: greater than any number of a page that sat here before.
+  state.sent = Math.max(state.sent + 1, Date.now());
+  state.socket?.send(JSON.stringify({ kind: "answer", number: state.sent }));
+  return true;
 }
 
-/** True while another point was chosen than the one on show. @param {Key} shown */
-export function awaitsAnother(shown) {
-  const { key, at } = state.chosen;
-  return key !== "" && key !== String(shown) && Date.now() - at < CHOSEN_MS;
+/** About what is shown once the desk is done with all before it. @param {() => unknown} act */
+export function inTurn(act) {
+  if (isAhead()) state.turns.push(act);
+  else act();
+}
+
+/** Done before any other gesture. @param {() => void} act sends what waits for the hand to pause */
+export const finishBefore = (act) => state.finish.push(act);
+
+/** What waits for the hand to pause is sent now. */
+export const finish = () => state.finish.forEach((act) => act());
+
+function takeTurns() {
+  state.taking = true;
+  while (state.turns.length && state.answered >= state.sent) state.turns.shift()?.();
+  state.taking = false;
 }
 
 /** A reload keeps its own seat; a new tab takes this browser's last one if nobody sits there. */
@@ -73,9 +99,16 @@ function openSocket() {
     showWire(true);
     showLost("");
   };
-  socket.onmessage = (event) => state.receive(JSON.parse(event.data));
+  socket.onmessage = (event) => {
+    const { answered = state.answered, ...message } = JSON.parse(event.data);
+    state.answered = answered;
+    state.receive(message);
+    takeTurns();
+  };
   socket.onclose = () => {
     showWire(false);
+    if (isAhead()) state.receive({ notices: [{ text: "notice.wire", values: {}, grave: true }] });
+    Object.assign(state, { answered: state.sent, turns: [] });
     tryLater();
   };
 }

@@ -133,6 +133,17 @@ export function turn(button, on) {
   button.setAttribute("aria-pressed", `${on}`);
 }
 
+/**
+ * Made anew, a part keeps the focus on what stands in the same place, for who goes by keys.
+ * @param {HTMLElement} room @param {(Node | string)[]} children
+ */
+export function renew(room, ...children) {
+  const stops = () => all("button, input, select, summary", room);
+  const place = stops().findIndex((stop) => stop === focused());
+  room.replaceChildren(...children);
+  if (place >= 0) stops()[place]?.focus({ preventScroll: true });
+}
+
 export const focused = () => /** @type {HTMLElement | null} */ (document.activeElement);
 
 /** @param {string} shape @param {string} colour @returns {Node} */
