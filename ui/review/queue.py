@@ -56,6 +56,8 @@ class Row:
     """Why it is doubtful, heaviest first."""
     disputed_m: float = math.nan
     """Where a human accepted what the block contradicts: how far apart, metres; else NaN."""
+    sigmas: float = math.nan
+    """The misfit in its standard deviations; NaN when it is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +150,8 @@ def _differing(one: Mapping[Key, object], other: Mapping[Key, object]) -> set[Ke
 def row_line(row: Row) -> list[Any]:
     """One line of the table."""
     return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
-            short(row.misfit_px, 2), short(row.score, 2), short(row.disputed_m, 1)]  # fmt: skip
+            short(row.misfit_px, 2), short(row.score, 2), short(row.disputed_m, 1),
+            short(row.sigmas, 1)]  # fmt: skip
 
 
 def queue_figures(state: DeskState, gains: Gains | None = None) -> QueueFigures:
@@ -337,6 +340,7 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
         doubt=doubt,
         gain=gain,
         misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
+        sigmas=misfit.ratio if misfit else math.nan,
         score=math.nan if by_hand(measurement) else measurement.score,
         controlled=controlled,
         grounds=grounds,
@@ -367,6 +371,7 @@ def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None
         doubt=doubt,
         gain=0.0 if human else doubt,
         misfit_px=math.hypot(*misfit.pixels) if misfit else math.nan,
+        sigmas=misfit.ratio if misfit else math.nan,
         score=math.nan,
         controlled=None,
         grounds=(reason,) if reason else (),
@@ -388,10 +393,10 @@ def _grounds(
 
 
 def _ground_of_misfit(misfit: Misfit | None) -> DoubtReason | None:
-    """Misfit against its standard deviation: normal below one, certain trouble from 3.5."""
+    """Misfit against its standard deviation: one good point in ten is beyond 1.5, none at 3.5."""
     if misfit is None:
         return None
-    return DoubtReason("doubt.misfit", misfit.ratio, _share((misfit.ratio - 0.8) / 2.7))
+    return DoubtReason("doubt.misfit", misfit.ratio, _share((misfit.ratio - 1.5) / 2.0))
 
 
 def _ground_of_peaks(measurement: Measurement) -> DoubtReason | None:

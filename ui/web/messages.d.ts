@@ -42,9 +42,9 @@ interface Start {
   command: string;
 }
 
-/** point, photo, role, state, decided by hand, doubt, misfit px, score */
+/** point, photo, role, state, decided by hand, doubt, misfit px, score; metres in dispute, misfit in sigmas */
 type Row = [string, string, string, State, number, number, number | null, number | null,
-  disputed: number | null];
+  disputed: number | null, sigmas: number | null];
 interface Filter { state: string; photo: string; role: string }
 interface Sort { column: string; descending: boolean }
 interface Queue {

@@ -125,7 +125,7 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert seat.order[0] == key
     assert rows[key].disputed_m == pytest.approx(metres, abs=1.5)
     assert rows[key].grounds[0].text == "doubt.disputed"
-    assert row_line(rows[key])[-1] == round(rows[key].disputed_m, 1)
+    assert row_line(rows[key])[-2] == round(rows[key].disputed_m, 1)
     # Rejected, it is not disputed any more.
     after = replace(state, block=block.with_measurement(replace(wrong, status="rejected")))
     assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)
@@ -153,6 +153,9 @@ def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
     assert row.grounds[0].text == "doubt.misfit"
     assert row.grounds[0].value == 20.0
     assert row.doubt > 0.95 > calm.doubt
+    assert row_line(row)[-1] == 20.0
+    usual = replace(figures, misfits={**figures.misfits, key: Misfit((9.0, 0.0), (1.0, 0.0), 1.4)})
+    assert "doubt.misfit" not in {g.text for g in queue_row(desk.state, usual, key).grounds}
     poor = replace(desk.state.block.measurements[key], score=0.1)
     state = replace(desk.state, block=desk.state.block.with_measurement(poor))
     assert "doubt.score" in {ground.text for ground in queue_row(state, figures, key).grounds}
@@ -160,6 +163,6 @@ def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
 
 def test_a_line_holds_what_the_page_expects__law(desk):
     row = next(iter(desk.rows.values()))
-    line = row_line(replace(row, misfit_px=np.pi, score=float("nan")))
+    line = row_line(replace(row, misfit_px=np.pi, score=float("nan"), sigmas=1.25))
     assert line[:2] == list(row.key)
-    assert line[6:] == [3.14, None, None]
+    assert line[6:] == [3.14, None, None, 1.2]

@@ -1,7 +1,7 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
-  all, between, byId, element, first, number, numbers, roleGlyph, shortName, shortPoint, start,
-  stateGlyph, tip, word,
+  MARKED_SIGMA, all, between, byId, element, first, number, numbers, roleGlyph, shortName,
+  shortPoint, start, stateGlyph, tip, word,
 } from "./words.js";
 import { send } from "./wire.js";
 
@@ -12,7 +12,6 @@ const PARTS = [
   "figures", "off", "why", "trial", "doubts", "neighbours", "peaks", "point-name", "history",
 ];
 const LINES = 2; // design: what fits in sight, the rest is folded
-const MARKED_SIGMA = 3; // as the desk asks about a draft
 
 /** @param {Point | null} point */
 export function showPoint(point) {

@@ -1,7 +1,7 @@
 // The queue: a virtual table; only the rows in sight exist.
 import {
-  byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start, stateGlyph, turn,
-  word,
+  MARKED_SIGMA, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start,
+  stateGlyph, turn, word,
 } from "./words.js";
 import { send } from "./wire.js";
 
@@ -14,9 +14,8 @@ const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check"];
-const LARGE_PX = 3;
-const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED] =
-  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8]);
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS] =
+  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
 const PLAIN = ["all", "disputed"]; // filters that are no state of a row
 
 const state = {
@@ -297,7 +296,7 @@ function write(line, index, { current, drafted, isTaken }) {
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;
   const misfit = row[MISFIT] ?? 0;
   const byHand = row[SCORE] === null && POINTS.includes(row[ROLE]);
-  const large = misfit > LARGE_PX && row[STATE] !== "unused" ? " large" : "";
+  const large = (row[SIGMAS] ?? 0) > MARKED_SIGMA && row[STATE] !== "unused" ? " large" : "";
   line.replaceChildren(
     stateGlyph(row[STATE]),
     roleGlyph(row[ROLE], 12),

@@ -218,6 +218,9 @@ export function number(value, digits, unit = "") {
   return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
 
+/** A misfit beyond so many sigmas is marked, as the desk asks about a draft. */
+export const MARKED_SIGMA = 3;
+
 /** How large a file is. @param {number} bytes */
 export const fileSize = (bytes) => (bytes >= 1e6 ? number(bytes / 1e6, bytes < 1e7 ? 1 : 0, "MB")
   : number(Math.ceil(bytes / 1e3), 0, "kB"));
