@@ -178,7 +178,8 @@ class _Sheets:
         if (photo := block.photos.get(options.inside)) is not None:
             drawn = DrawnPhoto(photo, block.camera_of(options.inside), 1)
             exterior = photo.exterior
-            key = f"{options.inside} {exterior.centre} {exterior.omega} {exterior.kappa}"
+            angles = exterior.omega, exterior.phi, exterior.kappa
+            key = f"{options.inside} {exterior.centre.tolist()} {angles}"
             found.append(Sheet(VEIL, key, lambda: self._veil(drawn)))
         return tuple(found)
 
@@ -229,9 +230,7 @@ def _pointed(seat: Seat, block: Block) -> Pointed | None:
     point, photo = block.surveyed.get(seat.current[0]), block.photos.get(seat.current[1])
     if point is None or photo is None:
         return None
-    return Pointed(
-        seat.current[0], point.position - block.origin, photo.exterior.centre - block.origin
-    )
+    return Pointed(point.position - block.origin, photo.exterior.centre - block.origin)
 
 
 def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:

@@ -58,8 +58,6 @@ PHOTO = "#9fb4cc"
 """Frustums."""
 SIZES = ("#4c6fd8", "#3fa7b0", "#7cc46b", "#e6d14a", "#ee6a2c")
 """Misfits from nothing to the largest usual one: one ramp, darker where less is told."""
-TIE_VECTOR = "#c9a86a"
-"""Residuals of tie points."""
 FEWEST_RAYS = 2
 RAYS = tuple(reversed(SIZES))
 """Tie points of two rays, three and so on; the last also those with more."""

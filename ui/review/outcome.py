@@ -403,8 +403,8 @@ def _follow(gesture: RayFollowed, seat: Seat, desk: DeskSnapshot) -> Outcome:
         return Outcome(_with_photo(seat, seat.scene.photo))
     block, scene = desk.state.oriented, seat.scene
     ray = gesture.origin, gesture.direction
-    found = pick(*ray, block, replace(scene, hidden=scene.hidden | {"points"}))
-    if found is not None:
+    found = pick(*ray, block, scene)
+    if found is not None and found.kind == "photo":
         return Outcome(_with_photo(seat, found.name, inside=True))
     place = ground_under(*ray, block, desk.dem, scene)
     if place is None:

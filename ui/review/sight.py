@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float64
 
-from core.arrays import Position
+from core.arrays import ObjectPoints, Position
 from core.block import Block, Photo
 from core.frames import object_from_local
 from core.geometry.camera import Camera
@@ -19,7 +19,7 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import SceneOptions
 
 POINT_ANGLE = np.radians(0.9)
-"""How far beside a point a click still means it, seen from the eye."""
+"""How far beside a point or a perspective centre a click still means it, seen from the eye."""
 RELIEF_SHARE = 0.5
 """The ground is looked for so many flying heights above and below its mean."""
 STEPS = 600
@@ -57,18 +57,25 @@ class Sighting:
 def pick(origin: Place, direction: Place, block: Block, scene: SceneOptions) -> Picked | None:
     """The point or photo under a ray given in the local frame, as the scene is drawn.
 
-    The picture of a frustum hides what lies behind it; through its open sides points are seen, so
-    that these count only where no point is meant. From inside a photo no frustum is seen.
+    A perspective centre and the picture of a frustum hide what lies behind them; through its open
+    sides points are seen, so that these count only where no point is meant. From inside a photo no
+    frustum is seen.
     """
     eye, towards = _ray(origin, direction, block)
     hidden = scene.hidden | {"photos"} if scene.inside else scene.hidden
     point, beyond = None, np.inf
     if "points" not in hidden:
-        point, beyond = _nearest_point(eye, towards, block, scene.seen_relief)
+        places = np.array([one.position for one in block.surveyed.values()]).reshape(-1, 3)
+        drawn = raised(places, ground_level_m(block), scene.seen_relief)
+        point, beyond = _nearest(list(block.surveyed), drawn, eye, towards)
     photos = [] if "photos" in hidden else list(block.photos)
-    picture, before = _nearest_photo(eye, towards, block, photos, sides=False)
-    if picture is not None and before < beyond:
-        return Picked("photo", picture)
+    centres = np.array([block.photos[name].exterior.centre for name in photos]).reshape(-1, 3)
+    for picture, before in (
+        _nearest(photos, centres, eye, towards),
+        _nearest_photo(eye, towards, block, photos, sides=False),
+    ):
+        if picture is not None and before < beyond:
+            return Picked("photo", picture)
     if point is not None:
         return Picked("point", point)
     photo, _ = _nearest_photo(eye, towards, block, photos, sides=True)
@@ -172,15 +179,13 @@ def frustum_corners(block: Block, photo_id: str, depth_m: float) -> np.ndarray:
     return image @ photo.exterior.object_from_image.T + photo.exterior.centre
 
 
-def _nearest_point(
-    eye: Position, towards: Position, block: Block, relief: float
+def _nearest(
+    names: Sequence[str], places: ObjectPoints, eye: Position, towards: Position
 ) -> tuple[str | None, float]:
-    """The point nearest to the ray as the eye sees it, and how far away it is, metres."""
-    names = list(block.surveyed)
+    """The place nearest to the ray as the eye sees it, and how far away it is, metres."""
     if not names:
         return None, float("inf")
-    places = np.array([block.surveyed[name].position for name in names])
-    offset = raised(places, ground_level_m(block), relief) - eye
+    offset = places - eye
     along = offset @ towards
     beside = np.linalg.norm(offset - along[:, None] * towards, axis=1)
     angle = np.where(along > 0, np.arctan2(beside, along), np.inf)

@@ -40,7 +40,6 @@ TIES = "/ties"
 TIE_VECTORS = "/tie_vectors"
 CURRENT = "/current"
 CURRENT_RAY = "/current_ray"
-CURRENT_NAME = "/current_name"
 """Names of nodes of the scene, which tests look for as well."""
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
@@ -99,8 +98,6 @@ class Stage:
 class Pointed:
     """What is current, in the local frame."""
 
-    name: str
-    """Name of the surveyed point."""
     position: Position
     """The surveyed point."""
     centre: Position
@@ -187,6 +184,10 @@ class BlockView:
         for name, cloud in self._clouds.items():
             cloud.point_size = self._size_of(name)
         self._show_current(self._pointed)
+        inside, camera = self._frustum_of(self._options.inside), self._client.camera
+        if inside is not None and not self._flight and np.allclose(camera.position, inside.centre):
+            # The window may have another shape than before.
+            self._look(pose_inside(inside, self._picture.level_m, camera.aspect))
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""
@@ -406,10 +407,12 @@ class BlockView:
         colours = looks.size_colours(sizes, picture.vectors_top_m)
         longer = np.stack([start, start + end * scale], axis=1)
         self._show_coloured(VECTORS, longer, colours, "vectors" not in options.hidden)
-        chosen = picture.ellipses.shown_in(options.photo)
-        middles, half_axes = picture.ellipses.points[chosen], picture.half_axes[chosen]
-        rings = ellipse_lines(middles, half_axes, scale)
-        self._show_lines(ELLIPSES, rings, "ellipses" not in options.hidden)
+        rings = np.zeros((0, 2, 3))
+        if "ellipses" not in options.hidden:
+            chosen = picture.ellipses.shown_in(options.photo)
+            middles, half_axes = picture.ellipses.points[chosen], picture.half_axes[chosen]
+            rings = ellipse_lines(middles, half_axes, scale)
+        self._show_lines(ELLIPSES, rings, True)
 
     def _show_tie_vectors(self, picture: ScenePicture, options: SceneOptions) -> None:
         """Residuals of tie points as one mesh of needles: made when they are first asked for."""
@@ -419,28 +422,28 @@ class BlockView:
             width = 0.12 * self._point_m
             ground = picture.tie_vectors
             start = self._on_ground(ground[:, :1], 1.1)
-            lifted = start + (ground - ground[:, :1])
-            data = needles_glb(lifted, options.vector_scale, width, np.zeros(3))
+            away = ground[:, 1] - ground[:, 0]
+            sizes = np.linalg.norm(away, axis=1)
+            colours = looks.size_colours(sizes, picture.vectors_top_m)
+            lifted = np.stack([start[:, 0], start[:, 0] + away], axis=1)
+            data = needles_glb(lifted, colours, options.vector_scale, width)
             self._needles = self._scene.add_glb(TIE_VECTORS, data, cast_shadow=False)
         if self._needles is not None:
             self._needles.visible = shown
 
     def _show_labels(self, labels: Mapping[str, Position], visible: bool) -> None:
-        """Names of photos are made when they are first asked for."""
+        """Names of photos; each is made when it is first asked for, for names are the slowest."""
         for name, position in labels.items():
-            self._show_name(label_node(name), name, position, visible)
-
-    def _show_name(self, node: str, text: str, position: Position, visible: bool) -> None:
-        """A name at a place; a node is made when it is first seen, for names are the slowest."""
-        label = self._labels.get(node)
-        if visible and self._is_new(node, (text, *np.asarray(position).tolist())):
+            node = label_node(name)
+            label = self._labels.get(node)
+            if visible and self._is_new(node, position.tolist()):
+                if label is not None:
+                    label.remove()
+                label = self._labels[node] = self._scene.add_label(
+                    node, name, position=position, font_screen_scale=0.85
+                )
             if label is not None:
-                label.remove()
-            label = self._labels[node] = self._scene.add_label(
-                node, text, position=position, font_screen_scale=0.85
-            )
-        if label is not None:
-            label.visible = visible
+                label.visible = visible
 
     def _show_current(self, pointed: Pointed | None) -> None:
         """A ring about the current point, and its ray to the photo it is looked at in."""
@@ -455,9 +458,7 @@ class BlockView:
             if self._is_new(CURRENT_RAY, ray.tobytes()):
                 handle.points = ray.astype(np.float32)
             handle.visible = not self._options.inside
-            self._show_name(CURRENT_NAME, pointed.name, place + 3 * self._lift, True)
         else:
-            self._show_name(CURRENT_NAME, "", NOWHERE[0], False)
             self._lines[CURRENT].visible = self._lines[CURRENT_RAY].visible = False
 
     def _is_new(self, name: str, shown: object) -> bool:

@@ -18,8 +18,8 @@ from core.arrays import Position
 from core.block import footprint
 from core.geometry.crs import Bounds
 from core.raster.grid import Grid
+from ui.review import looks
 from ui.review.compare import DrawnPhoto
-from ui.review.looks import TIE_VECTOR, rgb
 from ui.review.scene import Segments
 from ui.review.tiles import Colour, OrthoSource, ortho_tile
 
@@ -240,14 +240,14 @@ def _unlit(tree: dict[str, Any]) -> None:
         texture["sampler"] = 0
 
 
-def needles_glb(segments: Segments, scale: float, width_m: float, lift: Position) -> bytes:
+def needles_glb(segments: Segments, colours: looks.Colours, scale: float, width_m: float) -> bytes:
     """A GLB with one triangle for each vector: broad at the start, a tip at the end.
 
     Args:
         segments: Start and end of each vector, local frame, metres, (n, 2, 3).
+        colours: How each is to be seen.
         scale: How many times longer than life they are drawn.
         width_m: Width at the start, metres.
-        lift: Added to every place.
     """
     start, end = segments[:, 0], segments[:, 1]
     tip = start + (end - start) * scale
@@ -255,33 +255,45 @@ def needles_glb(segments: Segments, scale: float, width_m: float, lift: Position
     length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), LEAST_M)
     across = np.column_stack([-along[:, 1:], along[:, :1]]) / length * width_m / 2
     beside = np.column_stack([across, np.zeros(len(across))])
-    corners = np.stack([start - beside, start + beside, tip], axis=1) + lift
-    return _glb(corners.reshape(-1, 3).astype("<f4"))
+    corners = np.stack([start - beside, start + beside, tip], axis=1)
+    # Undone beforehand: the tone mapping, then the curve of sRGB that glTF takes colours without.
+    linear = (np.interp(colours, SHOWN, GIVEN) / 255) ** 2.2
+    vertices = np.zeros(3 * len(corners), dtype=[("place", "<f4", 3), ("colour", "u1", 4)])
+    vertices["place"] = corners.reshape(-1, 3)
+    vertices["colour"][:, :3] = np.repeat(np.rint(255 * linear), 3, axis=0)
+    vertices["colour"][:, 3] = 255
+    return _glb(vertices)
 
 
 def _glb(vertices: np.ndarray) -> bytes:
-    """Plain triangles of one colour without lights, as binary glTF 2.0."""
-    red, green, blue = (channel / 255 for channel in rgb(TIE_VECTOR))
-    data = vertices.tobytes()
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    """Plain triangles without lights, a colour at each corner, as binary glTF 2.0."""
+    data, places = vertices.tobytes(), vertices["place"]
+    whole = {"bufferView": 0, "count": len(vertices)}
     tree = {
         "asset": {"version": "2.0"},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0, "mode": 4}]}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0, "mode": 4}
+        ]}],
         "materials": [{
-            "pbrMetallicRoughness": {"baseColorFactor": [red, green, blue, 1.0],
-                                     "metallicFactor": 0.0, "roughnessFactor": 1.0},
+            "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
             "doubleSided": True, "extensions": {"KHR_materials_unlit": {}},
         }],
         "buffers": [{"byteLength": len(data)}],
-        "bufferViews": [{"buffer": 0, "byteLength": len(data), "target": 34962}],
-        "accessors": [{
-            "bufferView": 0, "componentType": 5126, "count": len(vertices), "type": "VEC3",
-            "min": low.tolist(), "max": high.tolist(),
+        "bufferViews": [{
+            "buffer": 0, "byteLength": len(data), "byteStride": vertices.itemsize, "target": 34962,
         }],
+        "accessors": [
+            {
+                **whole, "componentType": 5126, "type": "VEC3",
+                "min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist(),
+            },
+            {**whole, "componentType": 5121, "normalized": True, "type": "VEC4",
+             "byteOffset": places.itemsize * 3},
+        ],
     }  # fmt: skip
     head = json.dumps(tree, separators=(",", ":")).encode()
     head += b" " * (-len(head) % 4)

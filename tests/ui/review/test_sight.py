@@ -66,6 +66,17 @@ def test_points_are_hit_where_exaggerated_heights_draw_them__truth(state):
     assert pick(tuple(eye), tuple(drawn - eye), block, steep) == Picked("point", name)
 
 
+def test_a_perspective_centre_is_meant_before_the_point_behind_it__truth(state):
+    block = state.oriented
+    name, photo = next(iter(block.photos.items()))
+    centre = photo.exterior.centre - block.origin
+    point = next(iter(block.surveyed.values())).position - block.origin
+    eye = centre + 2.0 * (centre - point)
+    assert pick(tuple(eye), tuple(point - eye), block, ALL) == Picked("photo", name)
+    inside = replace(ALL, inside=name)
+    assert pick(tuple(eye), tuple(point - eye), block, inside).kind == "point"
+
+
 @pytest.mark.parametrize("relief", [1.0, 5.0])
 def test_a_ray_meets_the_ground_where_it_is_drawn__oracle(state, relief):
     block = state.oriented

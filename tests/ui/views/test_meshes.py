@@ -26,19 +26,23 @@ def read(data: bytes) -> trimesh.Scene:
 
 
 def test_needles_are_triangles_from_start_to_lengthened_end__oracle():
-    lift = np.array([0.0, 0.0, 2.0])
-    (mesh,) = read(needles_glb(SEGMENTS, 10.0, 0.4, lift)).geometry.values()
+    colours = np.array([[76, 111, 216], [226, 0, 0]], dtype=np.uint8)
+    (mesh,) = read(needles_glb(SEGMENTS, colours, 10.0, 0.4)).geometry.values()
     corners = mesh.vertices.reshape(-1, 3, 3)
-    assert corners[:, 2] == pytest.approx(np.array([[10.0, 0.0, 7.0], [9.0, 4.0, 7.0]]))
+    assert corners[:, 2] == pytest.approx(np.array([[10.0, 0.0, 5.0], [9.0, 4.0, 5.0]]))
     middle = corners[:, :2].mean(axis=1)
-    assert middle == pytest.approx(SEGMENTS[:, 0] + lift)
+    assert middle == pytest.approx(SEGMENTS[:, 0])
     width = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
     assert width == pytest.approx([0.4, 0.4])
+    given = mesh.visual.vertex_attributes["color"].reshape(2, 3, -1)[:, 0, :3]
+    # The tone mapping of the browser shows a full channel as 226.
+    assert given[1].tolist() == [255, 0, 0]
+    assert given[0, 0] < given[0, 1] < given[0, 2]
 
 
 def test_needles_of_no_length_are_no_needles_without_numbers__law():
-    still = np.zeros((1, 2, 3))
-    (mesh,) = read(needles_glb(still, 10.0, 0.4, np.zeros(3))).geometry.values()
+    still, colours = np.zeros((1, 2, 3)), np.zeros((1, 3), dtype=np.uint8)
+    (mesh,) = read(needles_glb(still, colours, 10.0, 0.4)).geometry.values()
     assert np.isfinite(mesh.vertices).all()
 
 

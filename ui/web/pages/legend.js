@@ -63,7 +63,8 @@ export function showLegend(scene) {
     [layers.points, "legend.points", () =>
       STATES.flatMap((name) => [stateGlyph(name, 12), word(`state.${name}`)])],
     [layers.checks, "legend.checks", () => [roleGlyph("check", 12)]],
-    [layers.vectors, "legend.vectors", () => ["0", ramp(sizes), number(top, top < 1 ? 2 : 0, "m")]],
+    [layers.vectors || layers.tie_vectors, "legend.vectors", () =>
+      ["0", ramp(sizes), number(top, top < 1 ? 2 : 0, "m")]],
     [layers.ellipses, "legend.ellipses", () => [glyph("circle", ellipse, 13)]],
     [layers.ties, "legend.rays", () => rays.flatMap((colour, i) => [dot(colour),
       `${i + FEWEST_RAYS}${i === rays.length - 1 ? "+" : ""}`])],

@@ -24,6 +24,7 @@ export function setUpSight() {
     const inside = frame.contentWindow;
     inside?.addEventListener("pointermove", rest);
     inside?.addEventListener("pointerdown", hideCard);
+    inside?.addEventListener("wheel", hideCard, { passive: true });
     inside?.document.addEventListener("pointerleave", hideCard);
     inside?.addEventListener("dblclick", ({ clientX, clientY }) => {
       ask("follow", [clientX, clientY]);
@@ -52,7 +53,7 @@ function rest({ clientX, clientY, buttons }) {
   }, REST_MS);
 }
 
-export function hideCard() {
+function hideCard() {
   clearTimeout(state.timer);
   card().hidden = true;
 }
