@@ -59,7 +59,7 @@ class TerrainOptions:
     jpeg_quality: int = 82
     """Of the texture."""
 
-    shade_px: int = 900
+    shade_px: int = 640
     """Pixels of the shaded relief along the longer side."""
     photo_px: int = 1400
     """Pixels of a photo laid over the terrain, along its side."""
