@@ -28,6 +28,10 @@ SIGHT_STEPS = 80
 """Places between ground and photo at which a hill may stand."""
 CLEARANCE = 0.01
 """A hill hides a place where it rises above the ray by this share of the flying height."""
+PICTURE = np.array([[1, 2, 3], [1, 3, 4]])
+"""Triangles of a frustum's picture: numbers of its corners, 0 being the perspective centre."""
+SIDES = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
+"""Triangles of its open sides."""
 Place = tuple[float, float, float]
 Triangles = Float64[np.ndarray, "n 3 3"]
 
@@ -69,16 +73,16 @@ def pick(origin: Place, direction: Place, block: Block, scene: SceneOptions) -> 
         drawn = raised(places, ground_level_m(block), scene.seen_relief)
         point, beyond = _nearest(list(block.surveyed), drawn, eye, towards)
     photos = [] if "photos" in hidden else list(block.photos)
-    centres = np.array([block.photos[name].exterior.centre for name in photos]).reshape(-1, 3)
+    pyramids = _pyramids(block, photos)
     for picture, before in (
-        _nearest(photos, centres, eye, towards),
-        _nearest_photo(eye, towards, block, photos, sides=False),
+        _nearest(photos, pyramids[:, 0], eye, towards),
+        _nearest_face(photos, pyramids[:, PICTURE], eye, towards),
     ):
         if picture is not None and before < beyond:
             return Picked("photo", picture)
     if point is not None:
         return Picked("point", point)
-    photo, _ = _nearest_photo(eye, towards, block, photos, sides=True)
+    photo, _ = _nearest_face(photos, pyramids[:, SIDES], eye, towards)
     return None if photo is None else Picked("photo", photo)
 
 
@@ -193,24 +197,28 @@ def _nearest(
     return (names[best], float(along[best])) if angle[best] < POINT_ANGLE else (None, float("inf"))
 
 
-def _nearest_photo(
-    eye: Position, towards: Position, block: Block, photo_ids: Sequence[str], sides: bool
-) -> tuple[str | None, float]:
-    """The nearest photo whose picture, or also whose sides, a ray passes; and how far away."""
-    if not photo_ids:
-        return None, float("inf")
+def _pyramids(block: Block, photo_ids: Sequence[str]) -> Float64[np.ndarray, "n 5 3"]:
+    """Perspective centre and four corners of each frustum."""
     depth = frustum_depth_m(block)
-    faces: list[np.ndarray] = []
-    for name in photo_ids:
-        corners, centre = frustum_corners(block, name, depth), block.photos[name].exterior.centre
-        faces += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
-        if sides:
-            faces += [np.stack([centre, corners[i], corners[(i + 1) % 4]]) for i in range(4)]
-    distances = _ray_triangles(eye, towards, np.array(faces))
-    best = int(np.argmin(distances))
-    if not np.isfinite(distances[best]):
+    found = [
+        np.vstack([block.photos[name].exterior.centre, frustum_corners(block, name, depth)])
+        for name in photo_ids
+    ]
+    return np.array(found).reshape(-1, 5, 3)
+
+
+def _nearest_face(
+    names: Sequence[str],
+    faces: Float64[np.ndarray, "n faces 3 3"],
+    eye: Position,
+    towards: Position,
+) -> tuple[str | None, float]:
+    """Whose triangles a ray meets first, and how far away that is, metres."""
+    distances = _ray_triangles(eye, towards, faces.reshape(-1, 3, 3))
+    best = int(np.argmin(distances)) if len(distances) else 0
+    if not len(distances) or not np.isfinite(distances[best]):
         return None, float("inf")
-    return photo_ids[best * len(photo_ids) // len(faces)], float(distances[best])
+    return names[best // faces.shape[1]], float(distances[best])
 
 
 def _ray_triangles(
