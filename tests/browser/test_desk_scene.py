@@ -19,6 +19,10 @@ def test_a_photo_is_named_chosen_entered_and_left__truth(sit):
     scene, room = scene_of(page), page.locator("#scene")
     grow(page, "block")
     page.wait_for_selector("#scene-scale:not([hidden])")
+    scene.wait_for_function(
+        "innerWidth > 1000 && "
+        "Math.abs(__viserMutable.camera.aspect - innerWidth / innerHeight) < 0.01"
+    )
     before = scene.evaluate(ON_SCREEN, "/photos/1938_02_015")
     box = room.bounding_box()
     # Just below its perspective centre the pyramid is narrow.
