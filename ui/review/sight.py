@@ -218,7 +218,8 @@ def _nearest_face(
     best = int(np.argmin(distances)) if len(distances) else 0
     if not len(distances) or not np.isfinite(distances[best]):
         return None, float("inf")
-    return names[best // faces.shape[1]], float(distances[best])
+    each = len(distances) // len(names)
+    return names[best // each], float(distances[best])
 
 
 def _ray_triangles(
