@@ -25,7 +25,7 @@ from app.report.drawing import (
     short_names,
 )
 from app.report.model import ReportContent, gather
-from app.report.plots import draw_film, draw_histogram, longest_mean
+from app.report.plots import draw_film, draw_histogram, draw_trend, longest_mean
 from app.report.summary import requirements
 from app.report.wording import (
     WORST,
@@ -137,6 +137,7 @@ def render(
         stage_name=lambda name: tell(f"stage.{name}"),
         draw_histogram=lambda bars: draw_histogram(bars, tell),
         draw_film=draw_film,
+        draw_trend=lambda trend, unit: draw_trend(trend, unit, tell),
         longest_px=longest_mean(films),
         film_places=film_places(figures["interior"]),
         worst=WORST,

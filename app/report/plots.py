@@ -59,6 +59,31 @@ def _expected(figures: Figures, number: int) -> float:
     return figures["count"] * (above - below) / 2
 
 
+def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:
+    """Mean radial residuals with twice their standard deviation to either side."""
+    along, means, sigmas = figures["along"], figures["mean_px"], figures["sigma_px"]
+    reach = max(abs(m) + 2 * s for m, s in zip(means, sigmas, strict=True)) or 1.0
+    low, span = along[0], along[-1] - along[0] or 1.0
+
+    def place(at: float, value: float) -> tuple[float, float]:
+        return EDGE + WIDE * (at - low) / span, 10 + TALL * (1 - value / reach) / 2
+
+    parts = [tag("line", x1=EDGE, y1=10 + TALL / 2, x2=EDGE + WIDE, y2=10 + TALL / 2,
+                 class_="axis")]  # fmt: skip
+    for at, mean, sigma in zip(along, means, sigmas, strict=True):
+        (x, top), (_, foot) = place(at, mean + 2 * sigma), place(at, mean - 2 * sigma)
+        parts.append(tag("line", x1=x, y1=top, x2=x, y2=foot, class_="vector controlline"))
+        parts.append(tag("circle", cx=x, cy=place(at, mean)[1], r=2.5, class_="filmdot"))
+    for at in (along[0], along[-1]):
+        text = f"{tell.number(at, '.0f')} {unit}"
+        parts.append(tag("text", text, x=place(at, 0)[0], y=10 + TALL + 17, class_="barname"))
+    for share in (1, -1):
+        text = f"{tell.number(share * reach, '+.2g')} px"
+        y = place(low, share * reach)[1] + 4
+        parts.append(tag("text", text, x=EDGE + WIDE / 2, y=y, class_="barname"))
+    return chart(parts, WIDE + 2 * EDGE, TALL + 34)
+
+
 def longest_mean(films: Mapping[str, Figures]) -> float:
     """The longest mean residual of all photos, pixels: one scale for all plots."""
     lengths = [

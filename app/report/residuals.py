@@ -7,7 +7,7 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Scalars
-from core.quality.assessment import film_patterns
+from core.quality.residuals import film_patterns, residual_trends
 
 FEW = 3
 """A mean of fewer residuals is not drawn."""
@@ -18,7 +18,7 @@ REACH = 4.0
 
 
 def residual_figures(report: AdjustmentReport) -> dict[str, Any]:
-    """Histograms by class, and the mean residuals of each photo by parts of its film."""
+    """Histograms by class, trends, and the mean residuals of each photo by parts of its film."""
     ties = report.tie_residuals_px
     used = [report.residuals_px[key] for key in report.redundancy_numbers]
     classes = {
@@ -27,6 +27,15 @@ def residual_figures(report: AdjustmentReport) -> dict[str, Any]:
     }
     return {
         "histograms": {name: _histogram(values) for name, values in classes.items() if len(values)},
+        "trends": {
+            name: {
+                "along": trend.along.tolist(),
+                "mean_px": trend.mean_px.tolist(),
+                "sigma_px": trend.sigma_px.tolist(),
+                "count": trend.count,
+            }
+            for name, trend in residual_trends(report).items()
+        },
         "films": _films(report),
     }
 

@@ -1,33 +1,37 @@
 """What there is to judge in a block: flight, overlaps, ties, control, systematic residuals."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.positioning import MEASURED_M
-from core.arrays import Indices, ObjectPoints, PixelPoints, Position
+from core.arrays import ObjectPoints, Position
 from core.block import Block, footprint
 from core.quality.control_count import ControlCount, count_control, known_names
 from core.quality.ray_counts import ray_counts_of
+from core.quality.residuals import (
+    CELLS,
+    CellCounts,
+    FilmCounts,
+    UsedRays,
+    Vectors,
+    count_by_cell,
+    mean_pattern,
+    rays_taking_part,
+    rms_of,
+    used_rays,
+    worst_pattern,
+)
 
-CELLS = 3  # source: the nine Gruber areas of a photo.
-"""Cells a side in which the coverage of a photo is counted."""
-PATTERN_CELLS = 6  # design: 30 mm of a film of 18 cm, which lens and film bend over.
-"""Cells a side of the film in which residuals are averaged."""
-MEAN_OF = 20  # design: their mean is four times as sure as one residual.
-"""Residuals at least that a cell's mean is taken from."""
 Footprints = Mapping[str, shapely.Polygon]
 """Ground polygon of each photo, metres."""
-CellCounts = Int64[np.ndarray, "side side"]
-FilmCounts = Int64[np.ndarray, "cells cells"]
-Vectors = Float64[np.ndarray, "cells cells 2"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,13 +120,13 @@ def assess_block(report: AdjustmentReport, footprints: Footprints | None = None)
         cameras = report.block.camera_of
         used = {n: p for n, p in report.block.photos.items() if p.oriented}
         footprints = {name: footprint(photo, cameras(name)) for name, photo in used.items()}
-    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
+    taking_part = rays_taking_part(report)
     overlaps = _overlaps(report.block, footprints, taking_part)
-    rays = _used_rays(report, taking_part)
+    rays = used_rays(report)
     photos = tuple(
         _photo(report, name, overlaps, rays[name], footprints) for name in report.block.photos
     )
-    pattern, counts, _ = _pattern(report.block, rays)
+    pattern, counts, _ = mean_pattern(report.block, rays)
     plan, heights = known_names(report)
     counts_of = ray_counts_of(report)
     side = _side_m(report.block)
@@ -132,7 +136,7 @@ def assess_block(report: AdjustmentReport, footprints: Footprints | None = None)
         rays=Counter(counts_of.within) + Counter(counts_of.across),
         pattern_px=pattern,
         pattern_counts=counts,
-        pattern_worst=_pattern_worst(report.block, rays),
+        pattern_worst=worst_pattern(report.block, rays),
         parts=_parts(report, taking_part),
         side_m=side,
         known_plan=tuple(plan),
@@ -144,92 +148,11 @@ def assess_block(report: AdjustmentReport, footprints: Footprints | None = None)
     )
 
 
-def film_patterns(report: AdjustmentReport) -> dict[str, tuple[Vectors, FilmCounts]]:
-    """Mean residual (column, row; pixels) by cell of each photo's film, and how many make it.
-
-    Args:
-        report: The adjustment.
-    """
-    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
-    rays = _used_rays(report, taking_part)
-    return {name: _pattern(report.block, {name: used})[:2] for name, used in rays.items()}
-
-
-def area_counts(report: AdjustmentReport) -> dict[str, CellCounts]:
-    """Measurements in use in the nine Gruber areas of each photo, top row first.
-
-    Args:
-        report: The adjustment.
-    """
-    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
-    rays = _used_rays(report, taking_part)
-    return {name: _cells(report.block, name, used.pixels, CELLS) for name, used in rays.items()}
-
-
-@dataclass(frozen=True, slots=True)
-class PhotoFit:
-    """How well one photo fits what is measured in it."""
-
-    rms_px: float
-    """RMS residual per coordinate of everything used in it, pixels; NaN without any."""
-    control: int
-    """Control measurements in use."""
-    ties: int
-    """Rays of tie points in use."""
-
-
-def photo_fit(report: AdjustmentReport, photo_id: str) -> PhotoFit:
-    """Residuals of one photo of an adjusted block.
-
-    Args:
-        report: The adjustment.
-        photo_id: The photo.
-    """
-    taking_part = np.all(np.isfinite(report.tie_residuals_px), axis=1)
-    used = _used_rays(report, taking_part, (photo_id,))[photo_id]
-    return PhotoFit(_rms(used.residuals), used.control, len(used.pixels) - used.control)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rays:
-    """What is used in one photo."""
-
-    pixels: PixelPoints
-    residuals: PixelPoints
-    control: int
-
-
-def _used_rays(
-    report: AdjustmentReport, taking_part: np.ndarray, names: Collection[str] | None = None
-) -> dict[str, _Rays]:
-    """Pixels and residuals of control and ties in use, by photo; of all photos by default."""
-    block, ties = report.block, report.block.ties
-    numbers = {name: number for number, name in enumerate(ties.photo_ids)}
-    wanted = block.photos if names is None else names
-    control: dict[str, list[tuple[float, ...]]] = {name: [] for name in wanted}
-    for key, item in block.measurements.items():
-        point, residual = block.surveyed.get(key[0]), report.residuals_px.get(key)
-        if point is None or residual is None or not item.used or key in report.rejected:
-            continue
-        if point.role == "control" and key[1] in control:
-            control[key[1]].append((item.column, item.row, *residual))
-    found: dict[str, _Rays] = {}
-    for name in wanted:
-        mine: Indices = np.flatnonzero(taking_part & (ties.photo == numbers.get(name, -1)))
-        points = np.array(control[name], dtype=np.float64).reshape(-1, 4)
-        found[name] = _Rays(
-            np.vstack([points[:, :2], ties.pixels[mine]]),
-            np.vstack([points[:, 2:], report.tie_residuals_px[mine]]),
-            len(points),
-        )
-    return found
-
-
 def _photo(
     report: AdjustmentReport,
     name: str,
     overlaps: tuple[Overlap, ...],
-    rays: _Rays,
+    rays: UsedRays,
     footprints: Footprints,
 ) -> PhotoQuality:
     photo, sigmas = report.block.photos[name], report.exterior_sigmas.get(name)
@@ -239,17 +162,12 @@ def _photo(
         oriented=photo.oriented,
         tilt_deg=float(np.degrees(np.arccos(np.clip(axis[2], -1.0, 1.0)))),
         crab_deg=_crab_deg(report.block, name, overlaps),
-        rms_px=_rms(rays.residuals),
+        rms_px=rms_of(rays.residuals),
         control=rays.control,
         ties=len(rays.pixels) - rays.control,
         sigma_m=float("nan") if sigmas is None else float(np.max(sigmas.centre_m)),
-        cells=tuple(_cells(report.block, name, rays.pixels, CELLS).ravel().tolist()),
+        cells=tuple(count_by_cell(report.block, name, rays.pixels).ravel().tolist()),
     )
-
-
-def _rms(residuals: PixelPoints) -> float:
-    """Per coordinate; NaN without any."""
-    return float(np.sqrt(np.mean(residuals**2))) if len(residuals) else float("nan")
 
 
 def _crab_deg(block: Block, name: str, overlaps: tuple[Overlap, ...]) -> float:
@@ -321,56 +239,6 @@ def _unit(block: Block, one: str, other: str) -> np.ndarray:
     line = (block.photos[other].exterior.centre - block.photos[one].exterior.centre)[:2]
     # design: two photos at one place have no direction.
     return line / max(float(np.linalg.norm(line)), 1e-9)
-
-
-def _cells(block: Block, name: str, pixels: PixelPoints, side: int) -> CellCounts:
-    """Measurements in the cells of a photo's frame, top row first."""
-    across, down = _cell_numbers(block, name, pixels, side)
-    counts = np.zeros((side, side), dtype=np.int64)
-    np.add.at(counts, (down, across), 1)
-    return counts
-
-
-def _cell_numbers(
-    block: Block, name: str, pixels: PixelPoints, side: int
-) -> tuple[Indices, Indices]:
-    frame = np.array(block.camera_of(name).frame_mm)
-    share = block.photos[name].interior.film_from_pixel(pixels) / frame + 0.5
-    numbers = np.clip((share * side).astype(np.int64), 0, side - 1)
-    return numbers[:, 0], side - 1 - numbers[:, 1]
-
-
-def _pattern(block: Block, rays: Mapping[str, _Rays]) -> tuple[Vectors, FilmCounts, Vectors]:
-    """Residuals of all photos averaged by cell of the film: what is left is systematic.
-
-    Also each mean in its standard deviations, nought where few residuals make it.
-    """
-    side = PATTERN_CELLS
-    sums, counts = np.zeros((side, side, 2)), np.zeros((side, side), dtype=np.int64)
-    for name, used in rays.items():
-        across, down = _cell_numbers(block, name, used.pixels, side)
-        np.add.at(sums, (down, across), used.residuals)
-        np.add.at(counts, (down, across), 1)
-    mean = sums / np.maximum(counts, 1)[..., None]
-    every = np.concatenate([np.zeros((0, 2)), *(used.residuals for used in rays.values())])
-    spread = float(np.sqrt(np.mean(every**2))) if len(every) else 0.0
-    # design: residuals of nought have no pattern.
-    test = np.abs(mean) * np.sqrt(counts)[..., None] / max(spread, 1e-9)
-    test[counts < MEAN_OF] = 0.0
-    mean[counts == 0] = np.nan
-    return mean, counts, test
-
-
-def _pattern_worst(block: Block, rays: Mapping[str, _Rays]) -> tuple[str, float, float]:
-    """The camera whose films have the surest pattern, its test, and the largest mean in pixels."""
-    found = ("", 0.0, 0.0)
-    for camera in sorted({photo.camera for photo in block.photos.values()}):
-        own = {name: used for name, used in rays.items() if block.photos[name].camera == camera}
-        mean, counts, test = _pattern(block, own)
-        lengths = np.linalg.norm(mean[counts >= MEAN_OF], axis=1)
-        if test.max() >= found[1]:
-            found = camera, float(test.max()), float(lengths.max(initial=0.0))
-    return found
 
 
 def _parts(

@@ -13,7 +13,7 @@ from core.arrays import Indices, ObjectPoints, Position
 from core.block import Block, Photo
 from core.frames import local_from_object
 from core.geometry.camera import Camera
-from core.quality.assessment import CELLS, area_counts
+from core.quality.residuals import CELLS, area_counts
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.looks import LOOKS, ShownState
 from ui.review.misfit import Misfit, misfits

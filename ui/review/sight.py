@@ -11,7 +11,7 @@ from core.arrays import ObjectPoints, Position
 from core.block import Block, Photo
 from core.frames import object_from_local
 from core.geometry.camera import Camera
-from core.quality.assessment import photo_fit
+from core.quality.residuals import photo_fit
 from ui.review.compare import HeightSource
 from ui.review.looks import short
 from ui.review.scene import FRUSTUM_SHARE, WORST, frustum_depth_m, ground_level_m, raised

@@ -1,0 +1,54 @@
+"""What there is to judge: residuals that hang together with radius or height."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
+from core.quality.residuals import MEAN_OF, TREND_PARTS, residual_trends
+from tests.flights import FlightPlan, fly
+
+
+@pytest.fixture(scope="module")
+def report():
+    flight = fly(FlightPlan(ties=400, control=30, check=0), np.random.default_rng(4))
+    return adjust_block(flight.block, AdjustmentOptions())
+
+
+def test_without_distortion_no_part_stands_out__truth(report):
+    trends = residual_trends(report)
+    assert set(trends) == {"radius", "height"}
+    for trend in trends.values():
+        assert len(trend.along) == TREND_PARTS
+        assert np.all(np.diff(trend.along) > 0)
+        assert np.abs(trend.mean_px / trend.sigma_px).max() < 4.5
+
+
+def test_distortion_put_in_is_the_trend_along_the_radius__truth(report):
+    """Every ray of a tie is moved outwards by a cubic of its radius, known in pixels."""
+    block = report.block
+    moved = report.tie_residuals_px.copy()
+    radius = np.zeros(len(moved))
+    for number, name in enumerate(block.ties.photo_ids):
+        photo, camera = block.photos[name], block.camera_of(name)
+        mine = block.ties.photo == number
+        middle = np.array([camera.principal_point_mm])
+        away = block.ties.pixels[mine] - photo.interior.pixel_from_film(middle)
+        film = photo.interior.film_from_pixel(block.ties.pixels[mine]) - middle
+        radius[mine] = np.linalg.norm(film, axis=1)
+        outwards = away / np.linalg.norm(away, axis=1, keepdims=True)
+        moved[mine] += outwards * (radius[mine, None] / 100) ** 3
+    plain, bent = (
+        residual_trends(replace(report, tie_residuals_px=rays, residuals_px={}))["radius"]
+        for rays in (report.tie_residuals_px, moved)
+    )
+    np.testing.assert_allclose(bent.mean_px - plain.mean_px, (bent.along / 100) ** 3, atol=0.05)
+    assert bent.mean_px[-1] / bent.sigma_px[-1] > 10
+
+
+def test_too_few_residuals_are_no_trend__law(report):
+    none = np.full_like(report.tie_residuals_px, np.nan)
+    none[: TREND_PARTS * MEAN_OF - 1] = 0.0
+    assert residual_trends(replace(report, tie_residuals_px=none, residuals_px={})) == {}
