@@ -58,13 +58,13 @@ def draw_map(figures: Figures, tell: Teller) -> tuple[Markup, float | None]:
     box = f"0 0 {WIDTH:.0f} {sheet.height:.0f}"
     scale = None if enlarged is None else enlarged / sheet.per_metre
     drawn = tag("g", Markup("").join(parts), id=MAP)
-    return tag("svg", drawn, viewBox=box, class_="map", role="img"), scale
+    return _picture(drawn, box, tell("report.chapter.block")), scale
 
 
-def draw_map_again(figures: Figures) -> Markup:
+def draw_map_again(figures: Figures, tell: Teller) -> Markup:
     """The block figure once more, of any size: it refers to the one that was drawn."""
     box = f"0 0 {WIDTH:.0f} {_sheet(figures).height:.0f}"
-    return tag("svg", tag("use", href=f"#{MAP}"), viewBox=box, class_="map", role="img")
+    return _picture(tag("use", href=f"#{MAP}"), box, tell("report.chapter.block"))
 
 
 def draw_symbols(tell: Teller) -> dict[str, Markup]:
@@ -82,12 +82,13 @@ def draw_symbols(tell: Teller) -> dict[str, Markup]:
     }
 
 
-def draw_mosaic(mosaic: Figures, picture: str) -> Markup:
+def draw_mosaic(mosaic: Figures, picture: str, tell: Teller) -> Markup:
     """The picture of the mosaic with seams and holes over it.
 
     Args:
         mosaic: Figures of the mosaic.
         picture: The picture as a data URI.
+        tell: Puts its name into words.
     """
     west, south, east, north = mosaic["bounds"]
     names = short_names([seam["scan"] for seam in mosaic["seams"]])
@@ -122,14 +123,19 @@ def draw_mosaic(mosaic: Figures, picture: str) -> Markup:
         for hole in mosaic["holes"]
     ]
     drawn = tag("g", Markup("").join(parts), id=MOSAIC)
-    return tag("svg", drawn, viewBox=f"0 0 {wide:.0f} {tall:.0f}", class_="map", role="img")
+    return _picture(drawn, f"0 0 {wide:.0f} {tall:.0f}", tell("report.chapter.mosaic"))
 
 
-def draw_mosaic_again(mosaic: Figures) -> Markup:
+def draw_mosaic_again(mosaic: Figures, tell: Teller) -> Markup:
     """The mosaic once more, of any size: it refers to the one that was drawn."""
     west, south, east, north = mosaic["bounds"]
     box = f"0 0 {WIDTH:.0f} {WIDTH * (north - south) / (east - west):.0f}"
-    return tag("svg", tag("use", href=f"#{MOSAIC}"), viewBox=box, class_="map", role="img")
+    return _picture(tag("use", href=f"#{MOSAIC}"), box, tell("report.chapter.mosaic"))
+
+
+def _picture(drawn: Markup, box: str, name: str) -> Markup:
+    """A drawing as wide as its room, with a name for those who do not see it."""
+    return tag("svg", drawn, viewBox=box, class_="map", role="img", **{"aria-label": name})
 
 
 def draw_bars(counts: dict[str, int], tell: Teller) -> Markup:

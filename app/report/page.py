@@ -127,7 +127,7 @@ def render(
         chapters=[name for name in CHAPTERS if mosaic or name != "mosaic"],
         short=short_names([row["scan"] for row in figures["exterior"]]),
         block_map=block_map,
-        small_map=draw_map_again(figures["map"]),
+        small_map=draw_map_again(figures["map"], tell),
         symbols=draw_symbols(tell),
         statuses=status_counts(figures["control"]["by_status"], tell),
         checks_told=checks_told,
@@ -145,8 +145,8 @@ def render(
         rays=draw_bars(figures["ties"]["points_by_rays"], tell),
         reliability=draw_reliability(figures["reliability"]["bins"], tell),
         draw_coverage=draw_coverage,
-        mosaic=draw_mosaic(mosaic, mosaic_jpeg) if mosaic else "",
-        small_mosaic=draw_mosaic_again(mosaic) if mosaic else "",
+        mosaic=draw_mosaic(mosaic, mosaic_jpeg, tell) if mosaic else "",
+        small_mosaic=draw_mosaic_again(mosaic, tell) if mosaic else "",
         longest=LONGEST_TABLE,
     )
 

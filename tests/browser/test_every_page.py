@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from tests.browser.conftest import PATIENCE_MS
+from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
 from tests.browser.walk import Ear, files_of, open_rooms, walk_once
 
 pytestmark = pytest.mark.browser
@@ -162,6 +162,35 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
         known = len(session.decisions())
         page.keyboard.press("u")
         wait_until(lambda known=known: len(session.decisions()) > known)
+
+
+@pytest.mark.parametrize("language", ["en-GB", "cs-CZ"])
+def test_axe_finds_nothing_on_pages_with_content__oracle(rooms, enter, axe, language):
+    """What only a block that was run has, in both themes."""
+    found = {}
+
+    def look(name: str, page) -> None:
+        for theme in ("one", "other"):
+            page.wait_for_timeout(100)
+            found[name, theme] = page.evaluate(VIOLATIONS)
+            page.evaluate("document.querySelector('[data-act=theme]')?.click()")
+
+    for kind in ("PlacingWalk", "ReportWalk"):
+        page = enter(rooms[kind], language=language)
+        page.evaluate(axe)
+        look(kind, page)
+    page = enter(rooms["DeskWalk"], language=language)
+    page.evaluate(axe)
+    page.keyboard.press("i")
+    page.wait_for_selector("#board[open] table.marks")
+    look("board", page)
+    page.click('#board [data-tab="film"]')
+    look("film", page)
+    page.keyboard.press("Escape")
+    page.click("#results-open")
+    page.wait_for_selector("#results[open]")
+    look("results", page)
+    assert {name: lines for name, lines in found.items() if lines} == {}
 
 
 def wait_until(condition) -> None:

@@ -37,7 +37,7 @@ def test_bars_are_as_high_as_their_numbers__truth():
 def test_coverage_and_seams_are_drawn__law(written):
     assert parts_of(draw_coverage(written[1]["coverage"][0]))[0] == "svg"
     mosaic = {**written[1]["mosaic"], "holes": [{"area_m2": 900.0, "east": 0.0, "north": 0.0}]}
-    parts = parts_of(draw_mosaic(mosaic, "data:image/jpeg;base64,"))
+    parts = parts_of(draw_mosaic(mosaic, "data:image/jpeg;base64,", TELL))
     assert parts[0] == "svg"
     assert parts.count("polygon") == sum(len(seam["rings"]) for seam in mosaic["seams"])
     assert parts.count("circle") == 1

@@ -247,7 +247,7 @@ function showScans(scan) {
       { class: kind, "data-scan": photo, title: photo, onclick: () => choose(one) },
       element("span", {}, shortName(photo)), element("span", { class: "muted" }, said));
   });
-  renew(byId("placing-scans"), element("h3", {}, word("placing.scans")),
+  renew(byId("placing-scans"), element("h2", {}, word("placing.scans")),
     element("div", { class: "scans" }, ...lines));
 }
 
@@ -266,7 +266,7 @@ function showPairs(scan) {
     /** @type {string} */ name, /** @type {string} */ letter, /** @type {object} */ attributes,
   ) => element("button", { ...attributes }, word(name), element("kbd", {}, letter));
   renew(byId("placing-pairs"),
-    element("h3", {}, word("placing.pairs", { scan: shortName(scan.photo) })),
+    element("h2", {}, word("placing.pairs", { scan: shortName(scan.photo) })),
     element("p", { class: "next" }, word(`placing.now.${next}`)),
     element("table", {}, ...lines), ...figures(count),
     ...doubts.map((why) => element("p", { class: "doubted" }, again(why ?? ""))),
@@ -326,7 +326,7 @@ function showRun() {
     ? element("button", { disabled: start.guest, onclick: cancelRun }, word("remake.cancel"))
     : element("button", rerun, word("placing.run"));
   renew(byId("placing-run"),
-    element("h3", {}, word("placing.run.title")), ...runLines("placing.done"),
+    element("h2", {}, word("placing.run.title")), ...runLines("placing.done"),
     element("div", { class: "acts" }, button),
     element("p", { class: "muted" }, word("placing.run.hint", { command: start.command })));
 }
