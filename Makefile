@@ -45,8 +45,8 @@ demo: install  ## make a synthetic block, run every stage, open the desk (HEADLE
 
 test: install $(TOOLS)/.installed  ## run all tests, in a real browser too
 	tests/browser/provide_chromium.sh
-	$(UNSEEN)
-	$(BIN)/python -m pytest -m browser
+	made=$$(mktemp -d) && trap 'rm -rf "$$made"' EXIT && export GRUBER_MADE="$$made" && \
+	    $(UNSEEN) && $(BIN)/python -m pytest -m browser
 
 lint: install $(TOOLS)/.installed  ## format, style, types, import contracts; of the pages too
 	$(BIN)/ruff format --check .

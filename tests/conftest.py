@@ -35,9 +35,13 @@ def shared_data() -> Path:
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
-    """A folder that one of the workers makes and all may read."""
+    """A folder that one of the workers makes and all may read.
+
+    `make test` runs pytest twice: GRUBER_MADE names what both may use.
+    """
     base = factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    shared = Path(os.environ.get("GRUBER_MADE", shared))
     folder, done = shared / name, shared / f"{name}.done"
     with (shared / f"{name}.lock").open("w") as lock:
         flock(lock, LOCK_EX)

@@ -300,6 +300,8 @@ def gross_points(report: AdjustmentReport) -> dict[str, str]:
     gross = sorted((name for name in sizes if sizes[name] > GROSS), key=lambda name: -sizes[name])
     worst = gross[: max(1, len(sizes) // 10)]
     return {
-        name: f"the block contradicts its ground position ({sizes[name]:.1f} sigma)"
+        name: say(
+            "the block contradicts its ground position ({sigmas:.1f} sigma)", sigmas=sizes[name]
+        )
         for name in worst
     }

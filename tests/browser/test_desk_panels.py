@@ -32,7 +32,7 @@ def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     page = sit(scene=False)
     first = current(page)
     page.keyboard.press("m")
-    page.wait_for_function("gruber.parts.status.decided === 1")
+    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=first)
     page.keyboard.press("y")
     page.wait_for_function("gruber.parts.status.decided === 2")
     look_at(page, first)
@@ -121,7 +121,7 @@ def test_two_people_see_names_and_where_the_other_is__law(sit):
     anna.wait_for_selector("#also-here", state="hidden")
     anna.wait_for_selector(".row.taken")
     berta.reload()
-    berta.wait_for_function("gruber.parts.status?.operator === 'Berta'")
+    berta.wait_for_function("window.gruber?.parts.status?.operator === 'Berta'")
 
 
 def test_light_and_dark_and_the_tour__law(sit):

@@ -56,11 +56,12 @@ FOCUSED = """() => {
 AIM = """index => {
   const e = window.controls[index];
   window.presses = 0;
-  if (!e.counted) e.addEventListener("click", event => {
+  // On the document: the control may be drawn anew before it is pressed.
+  if (!window.counting) document.addEventListener("click", event => {
     window.presses += 1;
-    if (e.tagName === "A") event.preventDefault();
-  });
-  e.counted = true;
+    if (event.target.closest("a")) event.preventDefault();
+  }, true);
+  window.counting = true;
   e.focus();
 }"""
 

@@ -76,9 +76,10 @@ def test_what_the_engine_left_out_waits_behind_its_own_button__law(real_desk, si
     page = sit_at(real_desk.desk.url, scene=False)
     tally = page.evaluate("gruber.parts.queue.counts")
     assert page.evaluate("gruber.parts.queue.shown.length") == tally["open"]
-    doubts = page.evaluate("gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])")
-    half = len(doubts) // 2
-    assert statistics.mean(doubts[:half]) > statistics.mean(doubts[half:])
+    page.select_option("#sort-column", "doubt")
+    shown = "gruber.parts.queue.shown.map(place => gruber.parts.rows[place][5])"
+    page.wait_for_function(f"{shown}.every((doubt, n, all) => !n || doubt <= all[n - 1])")
+    assert page.evaluate(f"{shown}[0]") > 0
     page.click('.chip[data-state="unused"]')
     page.wait_for_selector('#state-badge:has-text("Unused")')
     assert page.locator("#why .remark").inner_text().startswith("Left out: ")

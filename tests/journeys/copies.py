@@ -140,10 +140,12 @@ def reviewing(folder: Path) -> Generator[str]:
         "review", folder, "--port", "0", "--no-browser", "--log-json", preexec_fn=allow, bufsize=1
     )
     assert program.stdout is not None
-    said = json.loads(program.stdout.readline())["text"]
-    yield next(word for word in said.split() if word.startswith("http://"))
-    program.send_signal(signal.SIGINT)
-    program.communicate(timeout=60)
+    try:
+        said = json.loads(program.stdout.readline())["text"]
+        yield next(word for word in said.split() if word.startswith("http://"))
+    finally:
+        program.send_signal(signal.SIGINT)
+        program.communicate(timeout=60)
 
 
 def stages_walked(folder: Path) -> int:

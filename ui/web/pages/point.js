@@ -1,16 +1,14 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
   MARKED_SIGMA, all, between, byId, element, first, number, numbers, roleGlyph, shortName,
-  shortPoint, start, stateGlyph, tip, word,
+  shortPoint, shows, start, stateGlyph, tip, word,
 } from "./words.js";
 import { send } from "./wire.js";
 
 const UNCHECKED = 0.1; // design: less than a tenth of an error would show in the residual
 /** @type {Partial<Record<State, string>>} */
 const STATE_ACTS = { accepted: "accept", rejected: "reject", dubious: "dubious" };
-const PARTS = [
-  "figures", "off", "why", "trial", "doubts", "neighbours", "peaks", "point-name", "history",
-];
+const PARTS = ["figures", "off", "why", "trial", "doubts", "neighbours", "point-name"];
 const LINES = 2; // design: what fits in sight, the rest is folded
 
 /** @param {Point | null} point */
@@ -22,6 +20,8 @@ export function showPoint(point) {
     button.toggleAttribute("disabled", !point);
   }
   showOthers(point);
+  showPeaks(point);
+  showHistory(point?.history ?? []);
   if (!point) return;
   const { key: [name, photo], role, state } = point;
   const badge = { class: "badge", id: "state-badge", title: word(`state.${state}.long`) };
@@ -36,8 +36,6 @@ export function showPoint(point) {
   showFigures(point.figures);
   showWhy(point);
   showTrial(point);
-  showPeaks(point);
-  showHistory(point.history);
 }
 
 /**
@@ -45,6 +43,9 @@ export function showPoint(point) {
  * @param {HistoryItem[]} history
  */
 function showHistory(history) {
+  const room = byId("history");
+  if (shows(room, history)) return;
+  room.replaceChildren();
   if (!history.length) return;
   const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
     const title = by ? `${when} \u00b7 ${word("history.by", { who: by })}` : when;
@@ -55,7 +56,7 @@ function showHistory(history) {
       span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""),
       span(word(...detail), "faint"), span(who, "muted"), element("button", button, word(turn)));
   });
-  byId("history").append(element("h3", {}, word("history")), element("ul", {}, ...lines));
+  room.append(element("h3", {}, word("history")), element("ul", {}, ...lines));
 }
 
 /** @param {Pair | null} pair */
@@ -157,17 +158,21 @@ function showTrial({ draft, role, trial }) {
     ? [element("h3", {}, word("trial.neighbours")), ...beside] : []));
 }
 
-/** @param {Point} point */
-function showPeaks({ key, peaks }) {
-  if (!peaks.length) return;
-  byId("peaks").append(element("h3", {}, word("peaks")));
+/** @param {Point | null} point */
+function showPeaks(point) {
+  const room = byId("peaks");
+  if (shows(room, point && [point.key, point.peaks])) return;
+  room.replaceChildren();
+  if (!point?.peaks.length) return;
+  const { key, peaks } = point;
+  room.append(element("h3", {}, word("peaks")));
   peaks.forEach(({ away, operator, score }, index) => {
     const here = away < 0.05;
     const place = here ? word("mark.measured")
       : word("peak.away", { distance: number(away, 1) });
     const title = `${operator} \u00b7 ${word("peak.tip")}`;
     const choose = () => send({ kind: "peak", key, index });
-    byId("peaks").append(element("button",
+    room.append(element("button",
       { class: `peak${here ? " on" : ""}`, "aria-pressed": `${here}`, title, onclick: choose },
       element("span", {}, `${index + 1}`),
       element("b", {}, operator === "operator" ? word("peak.hand") : number(score, 1)),
@@ -178,9 +183,7 @@ function showPeaks({ key, peaks }) {
 /** @param {Point | null} point */
 function showOthers(point) {
   const strip = byId("others");
-  const shape = JSON.stringify(point && [point.key, point.others, point.marks.surveyed]);
-  if (strip.dataset.shape === shape) return;
-  strip.dataset.shape = shape;
+  if (shows(strip, point && [point.key, point.others, point.marks.surveyed])) return;
   strip.replaceChildren();
   if (!point) return;
   const { key: [name, current], marks: { surveyed } } = point;

@@ -134,6 +134,17 @@ export function turn(button, on) {
 }
 
 /**
+ * Whether a part shows this already. Made anew between press and release, a button loses its click.
+ * @param {HTMLElement} room @param {unknown} what
+ */
+export function shows(room, what) {
+  const shape = JSON.stringify(what);
+  const same = room.dataset.shape === shape;
+  room.dataset.shape = shape;
+  return same;
+}
+
+/**
  * Made anew, a part keeps the focus on what stands in the same place, for who goes by keys.
  * @param {HTMLElement} room @param {(Node | string)[]} children
  */
