@@ -1,0 +1,12 @@
+"""Every format that `gruber export` and `gruber import` know, by its name."""
+
+from collections.abc import Mapping
+
+from core.formats.exchange import ExchangeFormat
+
+FORMATS: Mapping[str, ExchangeFormat] = {
+    one.name: one
+    for one in (
+    )
+}  # fmt: skip
+"""By the name that `--to` and `--from` take."""
