@@ -15,11 +15,12 @@ from app.block_schema import OPERATOR_NAMES, USUAL_NAMES
 from app.block_sections import adjustment_options, read_camera
 from app.block_toml import FILE, Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
-from core.block import UNKNOWN_M, SurveyedPoint
+from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
 from core.errors import CrsError, ProjectError
-from core.formats.csv_lists import ListedPoint, read_control_points
+from core.formats.csv_lists import read_control_points
 from core.formats.micmac_measures import read_image_measures
+from core.formats.point_list import ListedPoint
 from core.geometry.camera import Camera
 from core.geometry.crs import check_range, parse_crs, read_crs
 from core.georeference import archive
@@ -403,7 +404,7 @@ def described(project: Project) -> BlockInput:
             ortho_sigma_m=reference.ortho_sigma_m,
             dem_sigma_m=reference.dem_sigma_m,
         ),
-        surveyed=tuple(surveyed(point) for point in listed),
+        surveyed=tuple(surveyed_point(point) for point in listed),
         preset=project.control.preset,
         localisation=LocalisationOptions(orientation=orientation),
         control=ControlStageOptions(orientation=orientation),
@@ -419,16 +420,3 @@ def listed_points(file: Path | None, crs: str) -> tuple[ListedPoint, ...]:
     places = np.array([(point.easting, point.northing) for point in listed]).reshape(-1, 2)
     check_range(read_crs(crs, file), places, file)
     return listed
-
-
-def surveyed(point: ListedPoint) -> SurveyedPoint:
-    """A point of the user's list; what its role says is not known gets no weight."""
-    plan = UNKNOWN_M if point.role == "height" else point.sigma_plan_m
-    height = UNKNOWN_M if point.role == "plan" else point.sigma_height_m
-    return SurveyedPoint(
-        point.point_id,
-        np.array([point.easting, point.northing, point.height]),
-        np.array([plan, plan, height]),
-        "check" if point.role == "check" else "control",
-        "surveyed",
-    )

@@ -9,6 +9,7 @@ import numpy as np
 from shapely import Polygon
 
 from core.arrays import FilmPoints, Indices, ObjectPoints, PixelPoints, Position, Scalars, locked
+from core.formats.point_list import ListedPoint
 from core.geometry.camera import Camera
 from core.geometry.collinearity import Atmosphere, atmosphere_of, film_from_object, object_from_film
 from core.geometry.crs import Bounds
@@ -117,10 +118,35 @@ class SurveyedPoint:
     """Control steers, check only judges."""
     source: Source
     """Road junction, salient ortho point, surveyed by the user, or chosen at the desk."""
+    description: str = ""
+    """What it is, in the surveyor's words."""
+    sketch: str = ""
+    """Name of the file with its sketch or photograph."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", locked(self.position))
         object.__setattr__(self, "sigma_m", locked(self.sigma_m))
+
+
+def surveyed_point(point: ListedPoint) -> SurveyedPoint:
+    """A point of the user's list; what its role says is not known gets no weight."""
+    east, north, height = point.sigma_m
+    plan = point.role == "height"
+    return SurveyedPoint(
+        point.point_id,
+        np.array([point.easting, point.northing, point.height]),
+        np.array(
+            [
+                UNKNOWN_M if plan else east,
+                UNKNOWN_M if plan else north,
+                UNKNOWN_M if point.role == "plan" else height,
+            ]
+        ),
+        "check" if point.role == "check" else "control",
+        "surveyed",
+        point.description,
+        point.sketch,
+    )
 
 
 @dataclass(frozen=True, slots=True)

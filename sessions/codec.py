@@ -39,6 +39,7 @@ from core.block import (
 from core.control.calibration_check import Bin
 from core.control.stage import ControlFound
 from core.doubts import Doubt, Failure
+from core.formats.point_list import ListedPoint
 from core.geometry.camera import Camera
 from core.geometry.collinearity import Atmosphere
 from core.geometry.exterior import ExteriorOrientation
@@ -90,6 +91,7 @@ REGISTERED: tuple[type, ...] = (
     Grid,
     Hole,
     InteriorOrientation,
+    ListedPoint,
     Localised,
     Measurement,
     MosaicProduct,

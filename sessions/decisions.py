@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from core.block import Measurement, Role
+from core.formats.point_list import ListedPoint
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
 """Why a measurement is rejected."""
@@ -122,6 +123,16 @@ class AddPoint:
 
 
 @dataclass(frozen=True, slots=True)
+class BringPoints:
+    """Surveyed points of the user's own, new or in place of those of the same names."""
+
+    points: tuple[ListedPoint, ...]
+    """The points, in the block's CRS."""
+    source: str
+    """Name of the list they came from; empty where they were typed."""
+
+
+@dataclass(frozen=True, slots=True)
 class JudgeTie:
     """A tie point is right, or is not to be used."""
 
@@ -183,7 +194,9 @@ PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChooseP
 """A decision about one point in one photo."""
 FiducialDecision = JudgeFiducial | PlaceFiducial
 """A decision about one fiducial of one scan."""
-Decision = PhotoDecision | SetRole | AddPoint | JudgeTie | JudgePhoto | FiducialDecision | Withdraw
+PointsDecision = SetRole | AddPoint | BringPoints
+"""A decision about surveyed points themselves."""
+Decision = PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | Withdraw
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)
 

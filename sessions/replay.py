@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block import Block, Measurement, Peak, Photo, SurveyedPoint, TiePoints
+from core.block import Block, Measurement, Peak, Photo, SurveyedPoint, TiePoints, surveyed_point
 from core.geometry.interior import InteriorOrientation
 from core.results import BlockInput
 from core.scans.corrected_marks import (
@@ -21,6 +21,7 @@ from sessions.decisions import (
     NOT_VISIBLE,
     Accept,
     AddPoint,
+    BringPoints,
     ChoosePeak,
     Decision,
     FiducialDecision,
@@ -32,6 +33,7 @@ from sessions.decisions import (
     PhotoDecision,
     Place,
     PlaceFiducial,
+    PointsDecision,
     Recorded,
     Reject,
     SetRole,
@@ -173,14 +175,16 @@ def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = No
     known_photos, unmatched = block.photos, list[Recorded]()
     marks: dict[str, dict[str, MarkChange]] = {}
     known = {recorded.decision_id for recorded in decisions}
+    # What was measured of a point holds whenever its list comes in again.
+    for recorded in standing(decisions):
+        if isinstance(recorded.decision, BringPoints):
+            _bring_points(surveyed, recorded.decision)
     for recorded in standing(decisions):
         match recorded.decision:
             case Withdraw(decision_id):
                 matched = decision_id in known
-            case SetRole() as decision:
-                matched = _set_role(surveyed, decision)
-            case AddPoint() as decision:
-                matched = _add_point(known_photos, surveyed, measurements, decision)
+            case SetRole() | AddPoint() | BringPoints() as decision:
+                matched = _change_points(known_photos, surveyed, measurements, decision)
             case JudgeTie() | JudgePhoto() as decision:
                 after = judged(block, decision)
                 matched, block = after is not None, after or block
@@ -213,6 +217,22 @@ def with_place(decision: Decision, block: Block) -> Decision:
     return replace(decision, column=peak.column, row=peak.row)
 
 
+def _change_points(
+    photos: Mapping[str, Photo],
+    surveyed: dict[str, SurveyedPoint],
+    measurements: dict[tuple[str, str], Measurement],
+    decision: PointsDecision,
+) -> bool:
+    """Change the points themselves; False when the decision has nothing to hold on to."""
+    match decision:
+        case SetRole():
+            return _set_role(surveyed, decision)
+        case AddPoint():
+            return _add_point(photos, surveyed, measurements, decision)
+        case BringPoints():
+            return _bring_points(surveyed, decision)
+
+
 def _set_role(surveyed: dict[str, SurveyedPoint], decision: SetRole) -> bool:
     """Give the point its role; False when there is no such point."""
     point = surveyed.get(decision.point_id)
@@ -240,6 +260,17 @@ def _add_point(
         if measured.photo_id in photos:
             measurements[measured.key] = measured
     return True
+
+
+def _bring_points(surveyed: dict[str, SurveyedPoint], decision: BringPoints) -> bool:
+    """The user's points under their names; False when another kind of point has one of these."""
+    free = [
+        point
+        for point in decision.points
+        if point.point_id not in surveyed or surveyed[point.point_id].source == "surveyed"
+    ]
+    surveyed.update((point.point_id, surveyed_point(point)) for point in free)
+    return len(free) == len(decision.points)
 
 
 def _decide(

@@ -14,6 +14,7 @@ KINDS = {
     "MarkNotVisible": "rejected",
     "MarkDubious": "unsure",
     "AddPoint": "points added",
+    "BringPoints": "points brought",
     "SetRole": "roles set",
     "JudgeTie": "ties judged",
     "JudgePhoto": "photos judged",

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from core.errors import ProjectError
+from core.formats.point_list import ROLES, ListedPoint, ListedRole, Triple
 from core.said import say
 
 POSITION = ("X", "Y", "Z")
@@ -20,10 +21,7 @@ ANGLES = ("omega", "phi", "kappa")
 # source: definition of degree and gon.
 RADIANS = {"_deg": np.pi / 180, "_gon": np.pi / 200}
 REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."
-Triple = tuple[float, float, float]
 POINT_COLUMNS = ("id", "X", "Y", "Z")
-ROLES = ("control", "plan", "height", "check")
-"""plan: control in X and Y alone; height: control in Z alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,26 +181,6 @@ def scan_stem(name: str) -> str:
     return stem if dot and extension.lower() in known else plain
 
 
-@dataclass(frozen=True, slots=True)
-class ListedPoint:
-    """One row."""
-
-    point_id: str
-    """Name."""
-    easting: float
-    """Metres."""
-    northing: float
-    """Metres."""
-    height: float
-    """Metres."""
-    sigma_plan_m: float
-    """Standard deviation of easting and northing each, metres."""
-    sigma_height_m: float
-    """Standard deviation of the height, metres."""
-    role: str
-    """control, plan, height or check."""
-
-
 def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
     """Read a list of surveyed points.
 
@@ -244,11 +222,12 @@ def read_control_points(path: Path) -> tuple[ListedPoint, ...]:
 
 def _read_point(path: Path, line: int, row: dict[str, str | None]) -> ListedPoint:
     """One row as a value."""
-    role = (row.get("role") or "control").strip()
-    if role not in ROLES:
+    said = (row.get("role") or "control").strip()
+    role: ListedRole | None = next((known for known in ROLES if known == said), None)
+    if role is None:
         raise ProjectError(
             path,
-            say("line {line}: the role {role!r} is unknown.", line=line, role=role),
+            say("line {line}: the role {role!r} is unknown.", line=line, role=said),
             "It is control, plan, height or check.",
         )
     try:
@@ -277,4 +256,4 @@ def _read_point(path: Path, line: int, row: dict[str, str | None]) -> ListedPoin
             ),
             "Coordinates are finite; standard deviations are in metres and above 0.",
         )
-    return ListedPoint(name, east, north, height, plan, vertical, role)
+    return ListedPoint(name, east, north, height, (plan, plan, vertical), role)

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.project import described, read_project, surveyed
+from app.project import described, read_project
+from core.block import UNKNOWN_M, surveyed_point
 from core.errors import PhotogrammetryError
-from core.formats.csv_lists import ListedPoint
+from core.formats.point_list import ListedPoint, ListedRole
 
 
 def own_toml(tiny_block: Path, folder: Path, more: str = "") -> Path:
@@ -57,7 +58,18 @@ def test_points_of_another_country_are_told__truth(tiny_block, tmp_path):
 
 
 def test_a_listed_point_is_a_surveyed_one__law():
-    point = surveyed(ListedPoint("A", 1.0, 2.0, 3.0, 0.1, 0.2, "check"))
+    given = ListedPoint("A", 1.0, 2.0, 3.0, (0.1, 0.2, 0.3), "check", "stone", "a.jpg")
+    point = surveyed_point(given)
     np.testing.assert_array_equal(point.position, [1, 2, 3])
-    np.testing.assert_array_equal(point.sigma_m, [0.1, 0.1, 0.2])
+    np.testing.assert_array_equal(point.sigma_m, [0.1, 0.2, 0.3])
     assert (point.role, point.source) == ("check", "surveyed")
+    assert (point.description, point.sketch) == ("stone", "a.jpg")
+
+
+@pytest.mark.parametrize(
+    ("role", "sigma"), [("plan", [0.1, 0.2, UNKNOWN_M]), ("height", [UNKNOWN_M, UNKNOWN_M, 0.3])]
+)
+def test_what_a_role_leaves_open_is_not_known__truth(role: ListedRole, sigma: list[float]):
+    point = surveyed_point(ListedPoint("A", 1.0, 2.0, 3.0, (0.1, 0.2, 0.3), role))
+    np.testing.assert_array_equal(point.sigma_m, sigma)
+    assert point.role == "control"

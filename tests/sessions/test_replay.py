@@ -8,10 +8,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from core.block import Block, Measurement, Peak
+from core.formats.point_list import ROLES, ListedPoint
 from sessions.codec import encode
 from sessions.decisions import (
     REASONS,
     Accept,
+    BringPoints,
     ChoosePeak,
     Decision,
     MarkDubious,
@@ -26,6 +28,10 @@ from sessions.replay import replay, with_place
 
 points, photos = st.sampled_from(["P1", "P2", "P3", "gone"]), st.sampled_from(["A", "B", "gone"])
 pixel = st.floats(0, 12000)
+listed = st.builds(
+    ListedPoint, points, pixel, pixel, pixel, st.tuples(*[st.floats(0.01, 9)] * 3),
+    st.sampled_from(ROLES),
+)  # fmt: skip
 decisions: st.SearchStrategy[Decision] = st.one_of(
     st.builds(Accept, points, photos, st.none(), st.none()),
     st.builds(Accept, points, photos, pixel, pixel),
@@ -35,6 +41,7 @@ decisions: st.SearchStrategy[Decision] = st.one_of(
     st.builds(Place, points, photos, pixel, pixel),
     st.builds(ChoosePeak, points, photos, st.integers(-1, 3)),
     st.builds(SetRole, points, st.sampled_from(["control", "check"])),
+    st.builds(BringPoints, st.lists(listed, max_size=3).map(tuple), st.just("list.csv")),
 )
 some = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -165,3 +172,36 @@ def test_thousands_of_decisions_replay_within_a_keystroke__truth(block: Block) -
     last = log[-1].decision
     assert isinstance(last, Place)
     assert replay(block, log).block.measurements["P1", "A"].column == last.column
+
+
+MINE = ListedPoint("M1", 10.0, 20.0, 30.0, (0.05, 0.05, 0.08), "check", "stone", "m1.jpg")
+
+
+def test_brought_points_stand_as_surveyed_and_go_with_their_list__truth(block: Block) -> None:
+    log = number([BringPoints((MINE, replace(MINE, point_id="M2")), "list.csv")])
+    brought = replay(block, log)
+    point = brought.block.surveyed["M1"]
+    assert (point.position.tolist(), point.sigma_m.tolist()) == ([10, 20, 30], [0.05, 0.05, 0.08])
+    assert (point.role, point.source) == ("check", "surveyed")
+    assert (point.description, point.sketch) == ("stone", "m1.jpg")
+    assert set(brought.block.surveyed) - set(block.surveyed) == {"M1", "M2"}
+    assert not brought.unmatched
+    gone = replay(block, [*log, Recorded(2, "", "ada", Withdraw(1))]).block
+    assert set(gone.surveyed) == set(block.surveyed)
+
+
+def test_a_corrected_point_keeps_what_was_measured_of_it__law(block: Block) -> None:
+    first, moved = BringPoints((MINE,), "a.csv"), BringPoints((replace(MINE, height=31.0),), "")
+    log = [first, Place("M1", "A", 5.0, 6.0), moved]
+    for decisions in (log, [log[0], log[1], Withdraw(1), moved]):
+        after_all = replay(block, number(decisions)).block
+        assert after_all.surveyed["M1"].position[2] == 31.0
+        assert after_all.measurements["M1", "A"].column == 5.0
+
+
+def test_a_brought_point_never_takes_the_name_of_another_kind__truth(block: Block) -> None:
+    taken = BringPoints((MINE, replace(MINE, point_id="P1")), "list.csv")
+    replayed = replay(block, number([taken]))
+    assert replayed.block.surveyed["P1"].source == "junction"
+    assert "M1" in replayed.block.surveyed
+    assert [item.decision for item in replayed.unmatched] == [taken]

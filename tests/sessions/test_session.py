@@ -11,10 +11,12 @@ import pytest
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.errors import StorageError
+from core.formats.point_list import ListedPoint
 from sessions.decisions import (
     DECISIONS,
     Accept,
     AddPoint,
+    BringPoints,
     ChoosePeak,
     Decision,
     JudgeFiducial,
@@ -43,6 +45,7 @@ EVERY: tuple[Decision, ...] = (
     ChoosePeak("P1", "A", 1),
     SetRole("Křižovatka 1", "check"),
     AddPoint("H1", 1.5, 2.5, 3.5, (0.25, 0.25, 0.5), (Measurement("H1", "A", 7.5, 8.5, 0.5),)),
+    BringPoints((ListedPoint("Sv. Jiří", 1.5, 2.5, 3.5, (0.1, 0.1, 0.2), "plan", "věž"),), "a.csv"),
     JudgeTie("A", 10.25, 11.5, use=False),
     JudgePhoto("A", use=True),
     JudgeFiducial("A", "3", use=False),

@@ -10,6 +10,7 @@ from core.geometry.camera import Camera
 from sessions.decisions import (
     REASONS,
     AddPoint,
+    BringPoints,
     Decision,
     JudgeFiducial,
     JudgePhoto,
@@ -80,6 +81,8 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
             return key_of_verdict(extra, decision) == key
         case SetRole(point_id=point_id) | AddPoint(point_id=point_id):
             return point_id == key[0]
+        case BringPoints(points=points):
+            return any(point.point_id == key[0] for point in points)
         case _:
             return (decision.point_id, decision.photo_id) == key
 
@@ -87,7 +90,7 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
 def key_of(decision: Decision, extra: Extra) -> Key | None:
     """The measurement a decision is about; None where it is about more than one."""
     match decision:
-        case Withdraw() | SetRole():
+        case Withdraw() | SetRole() | BringPoints():
             return None
         case AddPoint(point_id=point_id, measured=measured):
             return (point_id, measured[0].photo_id) if measured else None
@@ -105,6 +108,9 @@ def subject_of(decision: Decision) -> str:
             | PlaceFiducial(photo_id=photo_id, name=name)
         ):
             return f"{name} \u00b7 {photo_id}"
+        case BringPoints(points=points):
+            rest = f" + {len(points) - 1}" if len(points) > 1 else ""
+            return points[0].point_id + rest if points else ""
         case _:
             return getattr(decision, "point_id", "")
 
@@ -136,6 +142,8 @@ def _detail(decision: Decision) -> tuple[str, dict[str, str]]:
             return f"role.{role}", {}
         case JudgeTie(use=use) | JudgePhoto(use=use) | JudgeFiducial(use=use):
             return "detail.used" if use else "detail.left-out", {}
+        case BringPoints(source=source):
+            return ("detail.list", {"file": source}) if source else ("detail.typed", {})
         case AddPoint(measured=measured):
             return "detail.scans", {"count": str(len(measured))}
         case _:

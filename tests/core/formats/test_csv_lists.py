@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.errors import ProjectError
-from core.formats.csv_lists import ListedPoint, read_control_points, read_eo_list, scan_stem
+from core.formats.csv_lists import read_control_points, read_eo_list, scan_stem
+from core.formats.point_list import ListedPoint
 
 place = st.floats(-1e7, 1e7, allow_nan=False)
 angle = st.floats(-3.14, 3.14, allow_nan=False)
@@ -100,7 +101,7 @@ def test_every_column_of_a_row__truth(tmp_path):
         "GCP 1,-580000.25,-1190000.5,201.125,0.05,0.08,control\n"
         "7,-580100,-1190100,205,0.5,1,check\n",
     )
-    assert points[0] == ListedPoint("GCP 1", -580000.25, -1190000.5, 201.125, 0.05, 0.08, "control")
+    assert points[0] == ListedPoint("GCP 1", -580000.25, -1190000.5, 201.125, (0.05, 0.05, 0.08))
     assert points[1].point_id == "7"
     assert points[1].role == "check"
 
@@ -112,7 +113,7 @@ def test_what_is_left_out_has_a_default__truth(tmp_path):
         "role,Z,Y,X,id,note\n,3,2,1, A ,seen\n",
         "id,X,Y,Z,sigma_xy,sigma_z,role\nA,1,2,3\n",
     ):
-        assert listed(tmp_path, text) == (ListedPoint("A", 1.0, 2.0, 3.0, 0.1, 0.1, "control"),)
+        assert listed(tmp_path, text) == (ListedPoint("A", 1.0, 2.0, 3.0, (0.1, 0.1, 0.1)),)
 
 
 def test_a_list_saved_by_a_spreadsheet_has_a_byte_order_mark__truth(tmp_path):

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.formats.point_list import ListedPoint
 from sessions.decisions import (
     REASONS,
     Accept,
     AddPoint,
+    BringPoints,
     JudgePhoto,
     Place,
     Recorded,
@@ -32,6 +34,7 @@ from ui.review.state import NO_EXTRA
 from ui.words.catalogue import words
 
 KEY = ("J101", "a")
+LISTED = ListedPoint("J101", 0.0, 0.0, 0.0, (0.1, 0.1, 0.1))
 
 
 def said(*decisions, who="anna") -> tuple[Recorded, ...]:
@@ -69,6 +72,8 @@ def test_a_withdrawn_decision_says_by_whom__law():
         (SetRole("J101", "check"), "Check"),
         (Accept(*KEY), ""),
         (AddPoint("J101", 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), ()), "0 scans"),
+        (BringPoints((LISTED,), "body.txt"), "from body.txt"),
+        (BringPoints((LISTED,), ""), "typed in"),
     ],
 )
 def test_details_read_as_they_were_decided__truth(decision, detail):
@@ -89,6 +94,9 @@ def test_the_measurement_a_decision_is_about__truth():
     assert key_of(SetRole("J101", "check"), NO_EXTRA) is None
     assert key_of(JudgePhoto("a", use=False), NO_EXTRA) is None
     assert subject_of(SetRole("J101", "check")) == "J101"
+    assert key_of(BringPoints((LISTED,), ""), NO_EXTRA) is None
+    assert subject_of(BringPoints((LISTED,), "")) == "J101"
+    assert subject_of(BringPoints((LISTED,) * 3, "")) == "J101 + 2"
 
 
 def test_a_reason_belongs_to_the_rejection_before_it__law():
