@@ -135,7 +135,7 @@ class ExchangeTies:
     """Column and row of each ray."""
     names: tuple[str, ...] = ()
     """Names of the points; empty when they have none."""
-    positions: ObjectPoints | None = None
+    positions: Float64[np.ndarray, "points 3"] | None = None
     """Object points, metres, one a tie point, NaN where unknown; None when no point is known."""
     sigma_px: Scalars | None = None
     """Standard deviation per axis of each ray, pixels."""
@@ -228,6 +228,8 @@ class ExchangeFormat:
     curved: bool = True
     """Whether it leaves the Earth's curvature to whoever reads it; else measurements are given
     as a flat Earth would show them."""
+    refracts: bool = False
+    """Whether whoever reads it corrects refraction himself; else the camera takes it up."""
 
 
 def image_from_ideal(ideal: FilmPoints, camera: ExchangeCamera) -> FilmPoints:
