@@ -11,6 +11,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app import verbs
+from app.exchange import format_names
 from app.settings import Settings
 from app.terminal import JsonLines, Terminal, Voice
 from core.errors import Cancelled, PhotogrammetryError
@@ -82,7 +83,9 @@ def parser() -> argparse.ArgumentParser:
     add_log(top, default=False)
     add_language(top, default="")
     added = top.add_subparsers(title="verbs", required=True, metavar="VERB")
-    for build in (add_new, add_run, add_review, add_report, add_demo, add_doctor):
+    for build in (
+        add_new, add_run, add_review, add_report, add_export, add_import, add_demo, add_doctor,
+    ):  # fmt: skip
         build(added)
     return top
 
@@ -103,7 +106,7 @@ def add_verb(
     # Understood before the verb and after it; left out here, what stood before it holds.
     add_log(verb, default=argparse.SUPPRESS)
     add_language(verb, default=argparse.SUPPRESS)
-    verb.set_defaults(verb=getattr(verbs, name))
+    verb.set_defaults(verb=getattr(verbs, "bring" if name == "import" else name))
     return verb
 
 
@@ -166,6 +169,48 @@ def add_report(added: Verbs) -> None:
     )
     add_block(verb)
     verb.set_defaults(workers=Settings().workers)
+
+
+def add_export(added: Verbs) -> None:
+    """`export`."""
+    examples = {
+        "gruber export kobyli-1938 --to micmac": "into results/export",
+        "gruber export kobyli-1938 --to colmap --pictures": "the scans laid upright go along",
+        "gruber export kobyli-1938 --to odm --out gcp_list.txt": "one file where you want it",
+    }
+    summary = "write the block as it stands in the format of another program"
+    verb = add_verb(added, "export", summary, examples)
+    add_block(verb)
+    verb.add_argument(
+        "--to", dest="format", choices=format_names(reads=False), required=True, metavar="FORMAT",
+        help=f"one of {', '.join(format_names(reads=False))}",
+    )  # fmt: skip
+    verb.add_argument(
+        "--out", type=Path, default=None, metavar="PATH",
+        help="file or folder to write (results/export/...)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--pictures", action="store_true",
+        help="write the scans laid upright, where the format cannot hold film",
+    )  # fmt: skip
+    add_workers(verb)
+
+
+def add_import(added: Verbs) -> None:
+    """`import`."""
+    examples = {
+        "gruber import kobyli-1938 --from odm gcp_list.txt": "points and their measurements",
+        "gruber import kobyli-1938 --from micmac project": "orientations and fiducials, too",
+    }
+    summary = "take over points, measurements, orientations and fiducials from another program"
+    verb = add_verb(added, "import", summary, examples)
+    add_block(verb)
+    verb.add_argument("path", type=Path, metavar="PATH", help="file or folder of that program")
+    verb.add_argument(
+        "--from", dest="format", choices=format_names(reads=True), required=True,
+        metavar="FORMAT", help=f"one of {', '.join(format_names(reads=True))}",
+    )  # fmt: skip
+    add_operator(verb)
 
 
 def add_demo(added: Verbs) -> None:
@@ -241,11 +286,16 @@ def add_desk(verb: argparse.ArgumentParser) -> None:
         "--host", default=settings.host, metavar="H",
         help="address the desk listens at (%(default)s: this machine only)",
     )  # fmt: skip
+    add_operator(verb)
+    verb.add_argument("--no-browser", action="store_true", help="print the address only")
+
+
+def add_operator(verb: argparse.ArgumentParser) -> None:
+    """Who decides."""
     verb.add_argument(
-        "--operator", default=settings.operator, metavar="NAME",
+        "--operator", default=Settings().operator, metavar="NAME",
         help="name under which decisions are recorded (%(default)s)",
     )  # fmt: skip
-    verb.add_argument("--no-browser", action="store_true", help="print the address only")
 
 
 def add_language(parsed: argparse.ArgumentParser, default: str) -> None:

@@ -18,6 +18,7 @@ from pyproj.transformer import TransformerGroup
 
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
+from app.exchange import export_block, import_into
 from app.new_block import recognise, write_block_toml
 from app.placing import open_placing, placeable
 from app.project import Project, described, read_project
@@ -160,6 +161,39 @@ def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first."""
     walk = walked(given.block, voice, run_options(given))
     voice.say(str(walk.session.results / "report.html"))
+
+
+def export(given: argparse.Namespace, voice: Voice) -> None:
+    """The block as it stands in the format of another program; adjusted first where need be."""
+    project = read_project(given.block)
+    with Session.open(project.folder, "gruber") as session:
+        walk = Run(project, session, voice, replace(run_options(given), last="adjustment"))
+        walk.walk()
+        progress = voice.stage("export", "The block for another program")
+        began = time.monotonic()
+        report = walk.adjusted
+        done = export_block(
+            session, report.block, report, given.format, given.out,
+            pictures=given.pictures, progress=progress,
+        )  # fmt: skip
+        voice.ended(
+            "export", "The block for another program", time.monotonic() - began, str(done.path)
+        )
+    for note in done.notes:
+        voice.say(note)
+
+
+def bring(given: argparse.Namespace, voice: Voice) -> None:
+    """What another program knows, into a block."""
+    project = read_project(given.block)
+    with Session.open(project.folder, given.operator) as session:
+        brought = import_into(project, session, given.format, given.path)
+    for what, count in brought.counts.items():
+        voice.say(voice.tell(f"brought.{what}", count=count))
+    if not brought.counts:
+        voice.say(voice.tell("brought.nothing"))
+    for note in brought.notes:
+        voice.say(note)
 
 
 def demo(given: argparse.Namespace, voice: Voice) -> None:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Generator, Hashable
+from collections.abc import Callable, Generator, Hashable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
@@ -138,7 +138,7 @@ class OpenFiles:
             match = next((i for i, (held, _) in enumerate(self._idle) if held == key), None)
             dataset = None if match is None else self._idle.pop(match)[1]
         if dataset is None:
-            dataset = _open(path, options)
+            dataset = open_plain(path, options)
         try:
             yield dataset
         except BaseException:
@@ -152,13 +152,13 @@ class OpenFiles:
             dataset.close()
 
 
-def _open(path: Path, options: dict[str, str]) -> Any:
+def open_plain(path: Path, options: Mapping[str, Any]) -> Any:
     """A file newly open; that it may lie nowhere on the ground is its reader's business."""
     # Python's warning filters belong to all threads, so only one may put them aside at a time.
     with OPENING, warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         set_gdal_config("GDAL_CACHEMAX", GDAL_BYTES)
-        return rasterio.open(path, **cast(dict[str, Any], options))
+        return rasterio.open(path, **options)
 
 
 OPENING = Lock()

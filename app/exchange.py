@@ -1,0 +1,334 @@
+"""`gruber export` and `gruber import`: a block to other programs and from them."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from app.block_writing import with_values
+from app.project import Project
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
+from core.errors import CrsError, ProjectError
+from core.exchange import exchanged, upright_frame
+from core.formats.csv_lists import scan_stem
+from core.formats.exchange import ExchangeBlock, ExchangeFormat, ExchangePhoto, ExchangePoint
+from core.formats.exchange_formats import FORMATS
+from core.formats.micmac_measures import image_measures_name, write_image_measures
+from core.formats.point_list import ListedPoint
+from core.geometry.crs import operation_between, read_crs
+from core.geometry.exterior import (
+    ExteriorOrientation,
+    angles_from_rotation,
+    rotation_from_angles,
+)
+from core.progress import Part, Progress
+from core.raster.upright import write_upright
+from core.said import say
+from sessions.atomic_write import whole_file, whole_folder
+from sessions.decisions import BringPoints, Decision, Place
+from sessions.session import Session
+
+BROUGHT = "brought"
+"""Folder of the block into which foreign lists are put in our own form."""
+EXPORTS = "export"
+"""Folder of the results for what goes out."""
+PICTURES = "photos"
+"""Folder of an export with the scans laid upright."""
+USUAL_SIGMA_M = 0.1
+"""Standard deviation of a point whose file says none, metres: as for lists of points."""
+USUAL_SIGMA_PX = 0.5
+"""Standard deviation of a measurement whose file says none: as one by hand."""
+EO_COLUMNS = (
+    "scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg", "sigma_X", "sigma_Y", "sigma_Z",
+    "sigma_omega_deg", "sigma_phi_deg", "sigma_kappa_deg",
+)  # fmt: skip
+
+
+def format_named(name: str, *, reads: bool) -> ExchangeFormat:
+    """A format by its name; the command line offers no other."""
+    form = FORMATS[name]
+    assert (form.read if reads else form.write) is not None
+    return form
+
+
+def format_names(*, reads: bool) -> tuple[str, ...]:
+    """Formats that can be read, or written."""
+    return tuple(
+        name for name, form in FORMATS.items() if (form.read if reads else form.write) is not None
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What an export wrote."""
+
+    path: Path
+    """File or folder."""
+    notes: tuple[str, ...]
+    """What was left out or is to be known, a sentence each."""
+
+
+def export_block(
+    session: Session,
+    block: Block,
+    report: AdjustmentReport | None,
+    name: str,
+    out: Path | None,
+    *,
+    pictures: bool,
+    progress: Progress,
+) -> Exported:
+    """Write a block in a foreign format, whole or not at all.
+
+    Args:
+        session: Where results are kept.
+        block: The block as it stands.
+        report: Its adjustment.
+        name: The format.
+        out: Where to; None for `results/export/NAME`.
+        pictures: Whether the scans go along, laid upright, where the format needs that.
+        progress: Told per scan.
+
+    Raises:
+        StorageError: The disk is full or may not be written.
+    """
+    form = format_named(name, reads=False)
+    assert form.write is not None
+    target = out or session.results / EXPORTS / (form.default_name or name)
+    left = exchanged(block, report, form)
+    if form.folder:
+        with whole_folder(target) as temporary:
+            notes = form.write(temporary, left)
+            if pictures and form.holds == "upright":
+                _write_pictures(block, temporary / PICTURES, progress)
+    else:
+        with whole_file(target) as temporary:
+            notes = form.write(temporary, left)
+    return Exported(target, (*left.notes, *notes, *_pictures_note(block, form, pictures)))
+
+
+def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:
+    """Every scan laid upright."""
+    folder.mkdir()
+    photos = list(block.photos.values())
+    for done, photo in enumerate(photos):
+        frame = upright_frame(photo, block.camera_of(photo.photo_id))
+        part = Part(progress, done / len(photos), (done + 1) / len(photos))
+        if frame is not None:
+            write_upright(
+                photo.scan,
+                folder / f"{photo.scan.stem}.tif",
+                photo.interior.film_from_pixel_matrix,
+                (frame.size_px, frame.pixel_mm, frame.corner_mm),
+                part,
+            )
+
+
+def _pictures_note(block: Block, form: ExchangeFormat, pictures: bool) -> tuple[str, ...]:
+    """A word on pixels that are not those of the scans."""
+    if form.holds != "upright" or pictures:
+        return ()
+    if not any(upright_frame(photo, block.camera_of(name)) for name, photo in block.photos.items()):
+        return ()
+    return (
+        say(
+            "Pixels are those of the scans laid upright on their fiducials; --pictures writes "
+            "these as well."
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Brought:
+    """What an import took over."""
+
+    counts: Mapping[str, int]
+    """How many of what: `points`, `measurements`, `exteriors`, `fiducials`."""
+    notes: tuple[str, ...]
+    """What was left out, a sentence each."""
+
+
+def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
+    """Take over from a foreign file what this block can use.
+
+    Points and measurements are decisions, undone at once. Exterior orientations and fiducials
+    become files in the block's folder that `block.toml` names.
+
+    Raises:
+        PhotogrammetryError: The file cannot be read, is in a CRS that cannot be brought into the
+            block's, or knows none of its scans.
+    """
+    form = format_named(name, reads=True)
+    assert form.read is not None
+    foreign = in_block_crs(form.read(path), project.block.crs, path)
+    names = {scan.photo_id.lower(): scan.photo_id for scan in project.scans.listed}
+    own = _known_photos(foreign, names)
+    if foreign.photos and not own:
+        raise ProjectError(
+            path,
+            say(
+                "knows no scan of this block; it names {theirs}.",
+                theirs=", ".join(list(foreign.photos)[:3]),
+            ),
+            say("The scans of the block are {ours}.", ours=", ".join(list(names.values())[:3])),
+        )
+    decisions = decisions_of(foreign, own, path.name)
+    changes = write_lists(project.folder, foreign, own, path, name)
+    if changes:
+        text = project.file.read_text(encoding="utf-8")
+        with whole_file(project.file) as temporary:
+            temporary.write_text(with_values(text, changes), encoding="utf-8")
+    if decisions:
+        session.record_all(decisions)
+    counts = {
+        "points": len(foreign.points),
+        "measurements": sum(isinstance(one, Place) for one in decisions),
+        "exteriors": sum(foreign.photos[theirs].exterior is not None for theirs in own),
+        "fiducials": sum(bool(foreign.photos[theirs].fiducials_px) for theirs in own),
+    }
+    return Brought(
+        {what: count for what, count in counts.items() if count},
+        (*foreign.notes, *_left_out(foreign, own)),
+    )
+
+
+def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
+    """Points and orientations in the block's CRS; heights stay as they are.
+
+    A projection turns the axes: photos turn by the angle between both grid norths.
+
+    Raises:
+        CrsError: A CRS that is not known, or orientations in one that is no map projection.
+    """
+    if not foreign.crs or read_crs(foreign.crs, path) == read_crs(crs, path):
+        return foreign
+    oriented = {n: p.exterior for n, p in foreign.photos.items() if p.exterior is not None}
+    if oriented and not read_crs(foreign.crs, path).is_projected:
+        raise CrsError(
+            path,
+            say(
+                "its orientations are in {theirs}, which is no map projection.", theirs=foreign.crs
+            ),
+            say("Export them in {ours}.", ours=crs),
+        )
+    places = [point.position for point in foreign.points.values()]
+    places += [tuple(exterior.centre.tolist()) for exterior in oriented.values()]
+    plan = np.array(places).reshape(-1, 3)[:, :2]
+    operation = operation_between(foreign.crs, crs, plan, path)
+    moved = operation.forward(plan)
+    # design: over a kilometre a projection is a turn to a hundredth of a second of arc.
+    ahead = operation.forward(plan + np.array([1000.0, 0.0])) - moved
+    turns = np.arctan2(ahead[:, 1], ahead[:, 0])
+    count = len(foreign.points)
+    points = {
+        name: replace(point, position=(float(east), float(north), point.position[2]))
+        for (name, point), (east, north) in zip(foreign.points.items(), moved[:count], strict=True)
+    }
+    photos = dict(foreign.photos)
+    for (name, exterior), place, turn in zip(
+        oriented.items(), moved[count:], turns[count:], strict=True
+    ):
+        # R_omega R_phi R_kappa turned about the vertical; angles of the whole are taken anew.
+        turned = rotation_from_angles(0.0, 0.0, float(turn)) @ exterior.object_from_image
+        centre = np.array([*place, exterior.centre[2]])
+        moved_exterior = ExteriorOrientation(centre, *angles_from_rotation(turned))
+        photos[name] = replace(photos[name], exterior=moved_exterior)
+    return replace(foreign, crs=crs, points=points, photos=photos)
+
+
+def _known_photos(foreign: ExchangeBlock, names: Mapping[str, str]) -> dict[str, str]:
+    """Photos of the block by the foreign name."""
+    found: dict[str, str] = {}
+    for theirs, photo in foreign.photos.items():
+        for candidate in (theirs, scan_stem(theirs), scan_stem(photo.file)):
+            if candidate.lower() in names:
+                found[theirs] = names[candidate.lower()]
+                break
+    return found
+
+
+def decisions_of(
+    foreign: ExchangeBlock, own: Mapping[str, str], source: str
+) -> tuple[Decision, ...]:
+    """Points and their measurements as decisions."""
+    made: list[Decision] = []
+    if foreign.points:
+        made.append(BringPoints(tuple(map(listed, foreign.points.values())), source))
+    made += [
+        Place(one.point_id, own[one.photo_id], one.column, one.row, one.sigma_px or USUAL_SIGMA_PX)
+        for one in foreign.measurements
+        if one.photo_id in own
+    ]
+    return tuple(made)
+
+
+def listed(point: ExchangePoint) -> ListedPoint:
+    """A foreign point as one of the user's own."""
+    sigma = point.sigma_m or (USUAL_SIGMA_M, USUAL_SIGMA_M, USUAL_SIGMA_M)
+    return ListedPoint(point.point_id, *point.position, sigma, point.role)
+
+
+def write_lists(
+    folder: Path, foreign: ExchangeBlock, own: Mapping[str, str], path: Path, name: str
+) -> dict[tuple[str, str], object]:
+    """Orientations and fiducials as files of the block; the keys of `block.toml` that name them."""
+    changes: dict[tuple[str, str], object] = {}
+    oriented = {
+        ours: foreign.photos[theirs]
+        for theirs, ours in own.items()
+        if foreign.photos[theirs].exterior is not None
+    }
+    if oriented:
+        file = folder / BROUGHT / f"{name}-{path.stem}.csv"
+        with whole_file(file) as temporary:
+            write_eo_list(temporary, oriented)
+        changes["scans", "exterior"] = file.relative_to(folder).as_posix()
+    marked = {
+        ours: foreign.photos[theirs]
+        for theirs, ours in own.items()
+        if foreign.photos[theirs].fiducials_px
+    }
+    for photo in marked.values():
+        image = Path(photo.file).name
+        with whole_file(folder / BROUGHT / image_measures_name(image)) as temporary:
+            write_image_measures(temporary, image, photo.fiducials_px)
+    if marked:
+        changes["scans", "fiducial_measures"] = f"{BROUGHT}/{image_measures_name('*')}"
+    return changes
+
+
+def write_eo_list(path: Path, photos: Mapping[str, ExchangePhoto]) -> None:
+    """Exterior orientations as the block's own list, every digit kept."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(EO_COLUMNS)
+        for name, photo in photos.items():
+            exterior = photo.exterior
+            assert exterior is not None
+            angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa])
+            sigmas: Sequence[object] = photo.sigma_centre_m or ("", "", "")
+            turns = photo.sigma_angles
+            own: Sequence[object] = ("", "", "") if turns is None else np.degrees(turns).tolist()
+            writer.writerow([name, *exterior.centre.tolist(), *angles.tolist(), *sigmas, *own])
+
+
+def _left_out(foreign: ExchangeBlock, own: Mapping[str, str]) -> tuple[str, ...]:
+    """What this block has no place for."""
+    notes: list[str] = []
+    unknown = [name for name in foreign.photos if name not in own]
+    if unknown:
+        notes.append(
+            say(
+                "{count:# photo is|# photos are} no scan of this block: {names}.",
+                count=len(unknown),
+                names=unknown[:5],
+            )
+        )
+    if len(foreign.ties.point):
+        notes.append(say("Tie points are not taken over; the run measures its own in the scans."))
+    if foreign.cameras:
+        notes.append(say("The cameras of block.toml stay as they are."))
+    return tuple(notes)

@@ -1,0 +1,61 @@
+"""A scan laid upright: resampled once into square pixels along the film's own axes, by windows."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from affine import Affine
+from rasterio.crs import CRS
+from rasterio.enums import Resampling
+from rasterio.vrt import WarpedVRT
+from rasterio.windows import Window
+
+from core.arrays import Affine2
+from core.progress import Progress
+from core.raster.files import FILES, open_plain
+
+# source: any CRS in metres will do; the film's millimetres are no place on Earth.
+PLANE = CRS.from_wkt('LOCAL_CS["film",UNIT["metre",1]]')
+# design: a tile of the result and what it is made of stay below a few megabytes.
+TILE_PX = 512
+
+
+def write_upright(
+    scan: Path,
+    target: Path,
+    film_from_pixel: Affine2,
+    frame: tuple[tuple[int, int], float, tuple[float, float]],
+    progress: Progress,
+) -> None:
+    """Write a scan as its film lies, bicubic, tiled and deflated.
+
+    Args:
+        scan: The scan.
+        target: GeoTIFF to write.
+        film_from_pixel: 2 x 3, millimetres of film from pixels of the scan.
+        frame: Columns and rows, side of a pixel (mm), and film point of the outer corner (mm).
+        progress: Told per row of tiles.
+    """
+    (columns, rows), pixel_mm, (left, top) = frame
+    own = Affine(*np.asarray(film_from_pixel, dtype=float).ravel().tolist())
+    upright = Affine(pixel_mm, 0.0, left, 0.0, -pixel_mm, top)
+    with FILES.borrow(scan) as source:
+        profile: dict[str, Any] = {
+            "driver": "GTiff", "width": columns, "height": rows, "count": source.count,
+            "dtype": source.dtypes[0], "tiled": True, "blockxsize": TILE_PX,
+            "blockysize": TILE_PX, "compress": "deflate", "bigtiff": "if_safer",
+        }  # fmt: skip
+        with (
+            WarpedVRT(
+                source, src_crs=PLANE, crs=PLANE, src_transform=own, transform=upright,
+                width=columns, height=rows, resampling=Resampling.cubic,
+            ) as laid,
+            open_plain(target, {"mode": "w", **profile}) as written,
+        ):  # fmt: skip
+            for row in range(0, rows, TILE_PX):
+                progress.report(row, rows, scan.name)
+                for column in range(0, columns, TILE_PX):
+                    width, height = min(TILE_PX, columns - column), min(TILE_PX, rows - row)
+                    window = Window(column, row, width, height)  # pyright: ignore[reportCallIssue]
+                    written.write(laid.read(window=window), window=window)
+    progress.report(rows, rows, scan.name)

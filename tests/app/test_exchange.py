@@ -1,0 +1,190 @@
+"""Blocks go out whole or not at all, and what comes in is undone at once."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app import exchange
+from app.exchange import export_block, import_into, in_block_crs
+from app.project import read_project
+from core.adjustment.adjusted import AdjustmentReport
+from core.errors import CrsError, ProjectError
+from core.exchange import upright_frame
+from core.formats.csv_lists import read_eo_list
+from core.formats.exchange import (
+    Conventions,
+    ExchangeBlock,
+    ExchangeFormat,
+    ExchangeMeasurement,
+    ExchangePhoto,
+    ExchangePoint,
+)
+from core.geometry.exterior import ExteriorOrientation
+from core.progress import SILENT
+from core.raster.files import FILES
+from sessions.decisions import BringPoints, Place, standing
+from sessions.session import Session
+from tests.journeys.copies import BlockCopy, copied
+from tests.tiny import Tiny
+
+HOW = Conventions("", "", "", "", "", "", "")
+POINT = ExchangePoint("P1", (-544_000.0, -1_159_000.0, 300.0), (0.02, 0.02, 0.05), "check")
+EXTERIOR = ExteriorOrientation(np.array([-544_000.0, -1_159_000.0, 3000.0]), 0.01, -0.02, 1.5)
+
+
+@pytest.fixture
+def block(tiny_block: Path, tmp_path: Path) -> BlockCopy:
+    copy = copied(tiny_block, tmp_path / "block", 2)
+    copy.own("block.toml")
+    return copy
+
+
+def taking(monkeypatch: pytest.MonkeyPatch, foreign: ExchangeBlock) -> None:
+    """A format `any` whose every file holds this."""
+    form = ExchangeFormat("any", "", HOW, "film", read=lambda path: foreign)
+    monkeypatch.setattr(exchange, "FORMATS", {"any": form})
+
+
+def giving(
+    monkeypatch: pytest.MonkeyPatch, write: Callable[[Path, ExchangeBlock], tuple[str, ...]]
+) -> None:
+    """A format `any` of upright pixels that is written so."""
+    form = ExchangeFormat("any", "", HOW, "upright", write=write)
+    monkeypatch.setattr(exchange, "FORMATS", {"any": form})
+
+
+def foreign_of(block: BlockCopy, **changes: object) -> ExchangeBlock:
+    """One photo with orientation and a mark, one point measured in it."""
+    scan = block.scans[0]
+    photo = ExchangePhoto(
+        scan.stem.upper(), scan.name, exterior=EXTERIOR, sigma_centre_m=(0.1, 0.2, 0.3),
+        fiducials_px={"1": (10.25, 20.5)},
+    )  # fmt: skip
+    measured = ExchangeMeasurement("P1", photo.photo_id, 400.5, 300.25, 0.3)
+    whole = ExchangeBlock(
+        photos={photo.photo_id: photo}, points={"P1": POINT}, measurements=(measured,)
+    )
+    return replace(whole, **changes)
+
+
+def test_points_measurements_orientations_and_marks_come_in__truth(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taking(monkeypatch, foreign_of(block))
+    project = read_project(block.folder)
+    with Session.open(block.folder, "anna") as session:
+        brought = import_into(project, session, "any", Path("list.xml"))
+        decided = [one.decision for one in session.decisions()]
+    assert brought.counts == {"points": 1, "measurements": 1, "exteriors": 1, "fiducials": 1}
+    name = block.scans[0].stem
+    assert isinstance(decided[0], BringPoints)
+    assert decided[0].points[0].role == "check"
+    assert decided[0].points[0].sigma_m == POINT.sigma_m
+    assert decided[1] == Place("P1", name, 400.5, 300.25, 0.3)
+    again = read_project(block.folder)
+    record = read_eo_list(again.scans.exterior)[name]
+    assert record.centre == tuple(EXTERIOR.centre)
+    assert record.angles == pytest.approx((0.01, -0.02, 1.5), abs=1e-15)
+    assert record.sigma_centre_m == (0.1, 0.2, 0.3)
+    assert [file.name for file in again.scans.fiducial_measures] == [
+        f"MeasuresIm-{block.scans[0].name}.xml"
+    ]
+
+
+def test_an_import_is_undone_at_once__law(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taking(monkeypatch, foreign_of(block))
+    with Session.open(block.folder, "anna") as session:
+        import_into(read_project(block.folder), session, "any", Path("list.xml"))
+        session.undo()
+        left = [one.decision for one in standing(session.decisions())]
+    assert not [one for one in left if isinstance(one, BringPoints | Place)]
+
+
+def test_a_file_of_another_block_changes_nothing__law(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = ExchangePhoto("DSC_0001", "DSC_0001.JPG", exterior=EXTERIOR)
+    taking(monkeypatch, foreign_of(block, photos={"DSC_0001": other}, measurements=()))
+    before = (block.folder / "block.toml").read_text()
+    with Session.open(block.folder, "anna") as session:
+        with pytest.raises(ProjectError, match=r"knows no scan of this block.*DSC_0001"):
+            import_into(read_project(block.folder), session, "any", Path("list.xml"))
+        assert not session.decisions()
+    assert (block.folder / "block.toml").read_text() == before
+
+
+def test_another_projection_turns_the_photos__oracle(block: BlockCopy) -> None:
+    """Grid norths of S-JTSK and UTM differ there by what pyproj says of their convergences."""
+    from pyproj import Proj
+
+    at_home = foreign_of(block, crs="EPSG:5514")
+    out = in_block_crs(at_home, "EPSG:32633", Path("list.xml"))
+    back = in_block_crs(out, "EPSG:5514", Path("list.xml"))
+    name = next(iter(out.photos))
+    longitude, latitude = Proj("EPSG:32633")(*out.photos[name].exterior.centre[:2], inverse=True)
+    turns = [
+        Proj(crs).get_factors(longitude, latitude).meridian_convergence
+        for crs in ("EPSG:5514", "EPSG:32633")
+    ]
+    change = np.degrees(out.photos[name].exterior.kappa - EXTERIOR.kappa)
+    assert abs(abs(change) - abs(turns[0] - turns[1])) < 0.01
+    assert np.allclose(back.photos[name].exterior.centre, EXTERIOR.centre, atol=1e-3)
+    assert np.allclose(
+        back.photos[name].exterior.object_from_image, EXTERIOR.object_from_image, atol=1e-6
+    )
+
+
+def test_orientations_in_degrees_are_refused__law(block: BlockCopy) -> None:
+    with pytest.raises(CrsError, match="no map projection"):
+        in_block_crs(foreign_of(block, crs="EPSG:4326"), "EPSG:5514", Path("list.xml"))
+
+
+def last_report(tiny_run: Tiny) -> AdjustmentReport:
+    with Session.open(tiny_run.folder, "anna") as session:
+        return session.products.latest_value("adjustment")
+
+
+def test_scans_laid_upright_show_what_the_measurements_say__truth(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The grey value of a place is the same in the scan and in the upright photo."""
+    monkeypatch.setattr(exchange, "FORMATS", {})
+    giving(monkeypatch, lambda path, block: ())
+    report = last_report(tiny_run)
+    with Session.open(tiny_run.folder, "anna") as session:
+        done = export_block(
+            session, report.block, report, "any", tmp_path / "out", pictures=True, progress=SILENT
+        )
+    for name, photo in report.block.photos.items():
+        frame = upright_frame(photo, report.block.camera_of(name))
+        places = np.random.default_rng(3).uniform(0.3, 0.7, (400, 2)) * photo.size_px
+        moved = frame.pixel_from_film(photo.interior.film_from_pixel(places))
+        with FILES.borrow(photo.scan) as scan:
+            here = scan.read(1)[tuple(places.astype(int).T[::-1])].astype(float)
+        with FILES.borrow(done.path / "photos" / f"{name}.tif") as laid:
+            there = laid.read(1)[tuple(moved.astype(int).T[::-1])].astype(float)
+        assert np.corrcoef(here, there)[0, 1] > 0.9
+
+
+def test_an_export_that_fails_leaves_nothing__law(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+        (path / "half.txt").write_text("half")
+        raise ProjectError(path, "no.", "No.")
+
+    giving(monkeypatch, half)
+    report = last_report(tiny_run)
+    with (
+        Session.open(tiny_run.folder, "anna") as session,
+        pytest.raises(ProjectError),
+    ):
+        export_block(
+            session, report.block, report, "any", tmp_path / "out", pictures=False, progress=SILENT
+        )
+    assert not list(tmp_path.iterdir())
