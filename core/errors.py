@@ -43,6 +43,10 @@ class OrientationError(PhotogrammetryError):
     """A block that cannot be oriented with what is there."""
 
 
+class ExchangeError(PhotogrammetryError):
+    """A file of another program that cannot be read, or a block that its format cannot hold."""
+
+
 class StorageError(PhotogrammetryError):
     """A disk that is full or may not be written."""
 

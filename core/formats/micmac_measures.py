@@ -11,15 +11,16 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from defusedxml.ElementTree import fromstring
 
 from core.errors import ScanError
+from core.formats.xml_files import write_xml
 from core.frames import HALF_PIXEL
 from core.said import say
 
-Places = Mapping[str, tuple[float, float]]
+Pair = tuple[float, float]
+Places = Mapping[str, Pair]
 PREFIX, SUFFIX = "MeasuresIm-", ".xml"
-FORBIDDEN = ("<!DOCTYPE", "<!ENTITY")
-"""Entities can be nested until memory ends; no such file holds any."""
 
 
 def read_image_measures(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
@@ -41,12 +42,28 @@ def read_camera_measures(path: Path) -> dict[str, tuple[float, float]]:
         ScanError: Missing, no XML, or without marks.
     """
     marks = next(iter(_read(path).values()))
-    places = np.array(list(marks.values()))
-    if (places >= 0).all():
-        # The origin is arbitrary there: the middle of the box of marks stands for the centre.
-        middle = (places.min(axis=0) + places.max(axis=0)) / 2
-        places = (places - middle) * np.array([1.0, -1.0])
+    origin, factors = _film_frame(marks)
+    places = (np.array(list(marks.values())) - np.array(origin)) * np.array(factors)
     return {name: (float(x), float(y)) for name, (x, y) in zip(marks, places, strict=True)}
+
+
+def film_from_written(path: Path) -> tuple[Pair, Pair]:
+    """Origin of the film frame in a camera's file, and the factors of its axes.
+
+    Raises:
+        ScanError: Missing, no XML, or without marks.
+    """
+    return _film_frame(next(iter(_read(path).values())))
+
+
+def _film_frame(marks: Places) -> tuple[Pair, Pair]:
+    """Origin and factors of the axes, by the signs of the marks."""
+    places = np.array(list(marks.values()))
+    if (places < 0).any():
+        return (0.0, 0.0), (1.0, 1.0)
+    # The origin is arbitrary there: the middle of the box of marks stands for the centre.
+    x, y = (places.min(axis=0) + places.max(axis=0)) / 2
+    return (float(x), float(y)), (1.0, -1.0)
 
 
 def write_image_measures(path: Path, image: str, marks: Places) -> None:
@@ -64,9 +81,14 @@ def write_image_measures(path: Path, image: str, marks: Places) -> None:
 def write_camera_measures(path: Path, marks: Places) -> None:
     """Write the camera's marks: millimetres from the upper left of their box, y downwards."""
     places = np.array(list(marks.values()), dtype=np.float64)
-    corner = np.array([places[:, 0].min(), places[:, 1].max()])
-    moved = (places - corner) * np.array([1.0, -1.0])
+    moved = (places - np.array(corner_of(marks))) * np.array([1.0, -1.0])
     _write(path, "Glob", dict(zip(marks, map(tuple, moved.tolist()), strict=True)), wrapped=False)
+
+
+def corner_of(marks: Places) -> Pair:
+    """Upper left of the box of certified marks, x right, y up."""
+    places = np.array(list(marks.values()), dtype=np.float64)
+    return float(places[:, 0].min()), float(places[:, 1].max())
 
 
 def image_measures_name(image: str) -> str:
@@ -85,9 +107,7 @@ def _read(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
             "Check the file.",
         ) from error
     try:
-        if any(word in text for word in FORBIDDEN):
-            raise ValueError("it declares entities")
-        root = ElementTree.fromstring(text)  # entities are refused above
+        root: ElementTree.Element = fromstring(text, forbid_dtd=True)
         found = {
             _text(one, "NameIm") or path.stem.removeprefix(PREFIX): {
                 _text(mark, "NamePt"): _pair(_text(mark, "PtIm"))
@@ -127,10 +147,9 @@ def _write(path: Path, image: str, marks: Places, wrapped: bool) -> None:
     for name, (x, y) in marks.items():
         mark = ElementTree.SubElement(one, "OneMesureAF1I")
         ElementTree.SubElement(mark, "NamePt").text = name
-        ElementTree.SubElement(mark, "PtIm").text = f"{x:.6f} {y:.6f}"
+        ElementTree.SubElement(mark, "PtIm").text = f"{x!r} {y!r}"
     root = one
     if wrapped:
         root = ElementTree.Element("SetOfMesureAppuisFlottants")
         root.append(one)
-    ElementTree.indent(root, "     ")
-    path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
+    write_xml(path, root)

@@ -1,0 +1,208 @@
+"""MicMac's surveyed points (XML and `#F=` text) and their measurements (S2D) (FORMATS 4.1, 4.2).
+
+Pixels count from the centre of the first pixel there, from its outer corner here. `1 1 1` as
+standard deviations is what MicMac writes where nobody said any, and is read as none.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path, PurePath
+from typing import Literal
+
+from core.errors import ExchangeError
+from core.formats.exchange import ExchangeMeasurement, ExchangePoint, Triple
+from core.formats.xml_files import (
+    AGAIN,
+    add,
+    digits,
+    number_of,
+    numbers_in,
+    numbers_of,
+    read_text,
+    read_xml,
+    text_of,
+    write_xml,
+)
+from core.frames import HALF_PIXEL
+from core.said import say
+
+POINTS, MEASURES, IMAGE = (
+    "DicoAppuisFlottant",
+    "SetOfMesureAppuisFlottants",
+    "MesureAppuiFlottant1Im",
+)
+# source: what MicMac's own files hold.
+UNSAID: Triple = (1.0, 1.0, 1.0)
+"""What MicMac writes where nobody said a standard deviation."""
+HEAD = "#F="
+"""How the first line of a text of points begins."""
+PLACE, SPREAD = ("X", "Y", "Z"), ("Ix", "Iy", "Iz")
+
+
+def read_points_xml(path: Path) -> dict[str, ExchangePoint]:
+    """Surveyed points of a DicoAppuisFlottant; those of a file named `...check...` are check.
+
+    Raises:
+        ExchangeError: Damaged, a point without name or place, or two of one name.
+    """
+    found: list[ExchangePoint] = []
+    for one in read_xml(path, POINTS, "Global").iter("OneAppuisDAF"):
+        sigma = None
+        if one.find("Incertitude") is not None:
+            sigma = said_sigma(numbers_of(one, "Incertitude", 3, path))
+        x, y, z = numbers_of(one, "Pt", 3, path)
+        found.append(ExchangePoint(text_of(one, "NamePt", path), (x, y, z), sigma, _role(path)))
+    return by_name(path, found)
+
+
+def read_points_text(path: Path) -> dict[str, ExchangePoint]:
+    """Surveyed points of a text whose first line is such as `#F= N X Y Z Ix Iy Iz`.
+
+    Raises:
+        ExchangeError: No such first line, a row that does not fit it, or two points of one name.
+    """
+    lines = read_text(path).splitlines()
+    head = lines[0].strip() if lines else ""
+    columns = head.replace(HEAD, "").split()
+    if not head.startswith(HEAD) or not {"N", *PLACE} <= set(columns):
+        raise ExchangeError(
+            path,
+            "Its first line does not say what its columns are.",
+            "Begin it with a line such as #F= N X Y Z.",
+        )
+    return by_name(path, _rows(path, lines[1:], columns))
+
+
+def _rows(path: Path, lines: list[str], columns: list[str]) -> Iterator[ExchangePoint]:
+    """A point for each row."""
+    for number, line in enumerate(lines, start=2):
+        row = line.split()
+        if not row or row[0].startswith("#"):
+            continue
+        if len(row) < len(columns):
+            raise ExchangeError(
+                path,
+                say(
+                    "Line {number} has {found} of {wanted} columns.",
+                    number=number,
+                    found=len(row),
+                    wanted=len(columns),
+                ),
+                "Give every point all columns of the first line.",
+            )
+        cells = dict(zip(columns, row, strict=False))
+        where = f"{path}:{number}"
+        x, y, z = numbers_in(" ".join(cells[n] for n in PLACE), 3, "X Y Z", Path(where))
+        sigma = None
+        if set(SPREAD) <= set(cells):
+            written = " ".join(cells[name] for name in SPREAD)
+            sigma = said_sigma(numbers_in(written, 3, "Ix Iy Iz", Path(where)))
+        yield ExchangePoint(cells["N"], (x, y, z), sigma, _role(path))
+
+
+def _role(path: Path) -> Literal["control", "check"]:
+    """MicMac has no roles; a file of its own keeps check points apart."""
+    return "check" if "check" in path.stem.lower() else "control"
+
+
+def said_sigma(values: tuple[float, ...]) -> Triple | None:
+    """Three standard deviations; None where they are MicMac's stopgap."""
+    x, y, z = values
+    return None if (x, y, z) == UNSAID else (x, y, z)
+
+
+def by_name(path: Path, points: Iterable[ExchangePoint]) -> dict[str, ExchangePoint]:
+    """Points by name.
+
+    Raises:
+        ExchangeError: Two of one name lie in different places.
+    """
+    found: dict[str, ExchangePoint] = {}
+    for point in points:
+        if found.setdefault(point.point_id, point).position != point.position:
+            raise ExchangeError(
+                path,
+                say("The point {name} has two places.", name=point.point_id),
+                "Rename one of the two, or take it away.",
+            )
+    return found
+
+
+def write_points(folder: Path, points: Mapping[str, ExchangePoint]) -> None:
+    """GCPs.xml and GCPs.txt, and GCPs-check.xml for those that only judge."""
+    for name, role in (("GCPs", "control"), ("GCPs-check", "check")):
+        chosen = [point for point in points.values() if point.role == role]
+        if not chosen:
+            continue
+        root = ElementTree.Element(POINTS)
+        lines = [f"{HEAD} N X Y Z Ix Iy Iz"]
+        for point in chosen:
+            place, sigma = digits(point.position), digits(point.sigma_m or UNSAID)
+            one = add(root, "OneAppuisDAF")
+            add(one, "Pt", place)
+            add(one, "NamePt", point.point_id)
+            add(one, "Incertitude", sigma)
+            lines.append(f"{point.point_id.replace(' ', '_')} {place} {sigma}")
+        write_xml(folder / f"{name}.xml", root)
+        (folder / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_measures(path: Path) -> list[tuple[str, ExchangeMeasurement]]:
+    """Measurements of an S2D file, each with the file name of its scan.
+
+    Raises:
+        ExchangeError: Damaged, without names or pixels, or a point measured twice in a scan.
+    """
+    found: list[tuple[str, ExchangeMeasurement]] = []
+    seen: set[tuple[str, str]] = set()
+    for image in read_xml(path, MEASURES, IMAGE).iter(IMAGE):
+        file = text_of(image, "NameIm", path)
+        common = _sigma(image, "PrecPointeByIm", path)
+        for one in image.findall("OneMesureAF1I"):
+            name = text_of(one, "NamePt", path)
+            column, row = numbers_of(one, "PtIm", 2, path)
+            sigma = _sigma(one, "PrecPointe", path) or common
+            place = (column + HALF_PIXEL, row + HALF_PIXEL)
+            if (file, name) in seen:
+                raise ExchangeError(
+                    path,
+                    say("{name} is measured twice in {scan}.", name=name, scan=file),
+                    "Take one of the two away.",
+                )
+            seen.add((file, name))
+            found.append((file, ExchangeMeasurement(name, PurePath(file).stem, *place, sigma)))
+    return found
+
+
+def _sigma(element: ElementTree.Element, tag: str, path: Path) -> float | None:
+    """A standard deviation where there is one."""
+    if element.find(tag) is None:
+        return None
+    value = number_of(element, tag, path)
+    if value <= 0:
+        raise ExchangeError(path, say("{tag} is not above nought.", tag=tag), AGAIN)
+    return value
+
+
+def write_measures(
+    path: Path, measurements: Iterable[ExchangeMeasurement], files: Mapping[str, str]
+) -> None:
+    """Write an S2D file.
+
+    Args:
+        path: The file, `...-S2D.xml` by custom.
+        measurements: Any number, in any order.
+        files: File names of the scans by photo.
+    """
+    root = ElementTree.Element(MEASURES)
+    images: dict[str, ElementTree.Element] = {}
+    for one in measurements:
+        if one.photo_id not in images:
+            images[one.photo_id] = add(root, IMAGE)
+            add(images[one.photo_id], "NameIm", files[one.photo_id])
+        mark = add(images[one.photo_id], "OneMesureAF1I")
+        add(mark, "NamePt", one.point_id)
+        add(mark, "PtIm", digits((one.column - HALF_PIXEL, one.row - HALF_PIXEL)))
+        if one.sigma_px is not None:
+            add(mark, "PrecPointe", digits((one.sigma_px,)))
+    write_xml(path, root)
