@@ -15,7 +15,7 @@ from core.arrays import Affine2, Position
 from core.block import ExteriorPrior
 from core.doubts import Doubt
 from core.errors import CrsError, ProjectError, ScanError
-from core.formats.csv_lists import EoRecord
+from core.formats.eo_list import EoRecord
 from core.formats.footprints import Footprint
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from core.doubts import Doubt, Failure
-from core.formats.csv_lists import EoRecord, read_eo_list
+from core.formats.eo_list import EoRecord, read_eo_list
 from core.formats.footprints import Footprint, Footprints, read_footprints
 from core.formats.qgis_points import find_qgis_points, read_qgis_points
 from core.formats.world_file import read_georeference

@@ -1,0 +1,335 @@
+"""Exterior orientation lists as exchange formats: read, written, and told apart.
+
+`eo` reads what a list says of itself and writes omega, phi, kappa in degrees; `eo-opk-gon` and its
+like write and read one way of counting, whatever the list leaves unsaid.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from core.errors import ProjectError
+from core.formats.eo_list import ASKED, EoList, EoRecord, is_steep, read_eo_records
+from core.formats.exchange import (
+    Conventions,
+    ExchangeBlock,
+    ExchangeFormat,
+    ExchangePhoto,
+    Triple,
+    pixels_of,
+)
+from core.formats.rotations import CONVENTIONS, RADIANS, AngleConvention, angles_of
+from core.geometry.exterior import ExteriorOrientation
+from core.said import say
+
+PLAIN = AngleConvention("omega-phi-kappa", "deg")
+"""What `eo` writes."""
+# design: a survey photo looks within some degrees of straight down, an oblique one beyond 30.
+STEEP = np.radians(30)
+"""Photos that look further from straight down are told: oblique, or columns mixed up."""
+# design: a wrong convention misses by a hundred times as much as a right one.
+CLEARLY = 3.0
+"""How many times worse the second way of counting must fit for the first to be taken."""
+
+# design: no block is so wide; swapped axes move Czechia by hundreds of kilometres.
+FAR_M = 50_000.0
+"""Photos this far from all that is known of the block do not belong to it, metres."""
+
+
+def read_eo_block(
+    path: Path, said: AngleConvention | None = None, known: ExchangeBlock | None = None
+) -> ExchangeBlock:
+    """The orientations of a list.
+
+    Args:
+        path: The list.
+        said: How its angles count, where somebody said it.
+        known: What is known of the same photos: measurements of points that have coordinates, or
+            approximate orientations. Where neither list nor caller says how angles count, the way
+            that fits these is taken, if it is the only one that does.
+
+    Raises:
+        ProjectError: The list cannot be used, or nothing tells how it counts.
+    """
+    told = ""
+    try:
+        listed = read_eo_records(path, said)
+    except ProjectError as error:
+        if error.remedy != ASKED or known is None:
+            raise
+        best, told = fitting_convention(path, known)
+        listed = read_eo_records(path, best)
+    if known is not None:
+        _check_axes(path, listed, known)
+    photos = {name: _photo(record) for name, record in listed.records.items() if record.angles}
+    notes = [told] if told else []
+    bare = len(listed.records) - len(photos)
+    if bare:
+        notes.append(
+            say("{count:# row gives|# rows give} a position without angles: left out.", count=bare)
+        )
+    steep = list(is_steep(listed.records, STEEP))
+    if steep:
+        notes.append(
+            say(
+                "{count:# photo looks|# photos look} more than 30 degrees from straight down "
+                "({names}): oblique photos, or columns mixed up?",
+                count=len(steep),
+                names=", ".join(steep[:3]),
+            )
+        )
+    return ExchangeBlock(crs=listed.crs, photos=photos, notes=tuple(notes))
+
+
+def _photo(record: EoRecord) -> ExchangePhoto:
+    assert record.angles is not None
+    exterior = ExteriorOrientation(np.array(record.centre), *record.angles)
+    return ExchangePhoto(
+        record.scan,
+        record.file,
+        exterior=exterior,
+        sigma_centre_m=record.sigma_centre_m,
+        sigma_angles=record.sigma_angles,
+    )
+
+
+def _check_axes(path: Path, listed: EoList, known: ExchangeBlock) -> None:
+    """Refuse a list that comes to lie where the block is only when its axes are swapped."""
+    places = [point.position for point in known.points.values()]
+    places += [
+        tuple(photo.exterior.centre.tolist())
+        for photo in known.photos.values()
+        if photo.exterior is not None
+    ]
+    if not places or not listed.records:
+        return
+    there = np.median(np.array(places)[:, :2], axis=0)
+    here = np.median([record.centre[:2] for record in listed.records.values()], axis=0)
+    given, *others = (
+        float(np.hypot(*(there - place))) for place in (here, here[::-1], -here[::-1], -here)
+    )
+    if given > FAR_M and min(others) * CLEARLY < given:
+        raise ProjectError(
+            path,
+            say(
+                "The photos lie {far:,.0f} km from the block; with axes swapped or signs turned "
+                "{near:,.0f} km.",
+                far=given / 1000,
+                near=min(others) / 1000,
+            ),
+            "Give X as easting and Y as northing in the CRS of the block (for S-JTSK that is "
+            "EPSG:5514, both negative).",
+        )
+
+
+def fitting_convention(path: Path, known: ExchangeBlock) -> tuple[AngleConvention, str]:
+    """The one way of counting that agrees with what is known, and a sentence that says how well.
+
+    Raises:
+        ProjectError: Nothing is known of the photos of the list, or several ways fit alike.
+    """
+    fits: list[tuple[float, AngleConvention, str]] = []
+    refused: ProjectError | None = None
+    for convention in CONVENTIONS:
+        try:
+            misfit, unit = _misfit(read_eo_block(path, convention), known)
+        except ProjectError as error:
+            refused = error
+            continue
+        if np.isfinite(misfit):
+            fits.append((misfit, convention, unit))
+    if not fits and refused is not None:
+        raise refused
+    fits.sort(key=lambda fit: fit[0])
+    if not fits:
+        raise ProjectError(
+            path, "Nothing that is known of these photos tells how the list counts angles.", ASKED
+        )
+    best, second = fits[0], fits[1] if len(fits) > 1 else None
+    if second is not None and second[0] < CLEARLY * best[0]:
+        raise ProjectError(
+            path,
+            say(
+                "Angles fit as {best} ({first:.3g} {unit}) and as {other} ({second:.3g} {unit}).",
+                best=f"eo-{best[1].name}",
+                first=best[0],
+                other=f"eo-{second[1].name}",
+                second=second[0],
+                unit=best[2],
+            ),
+            ASKED,
+        )
+    told = say(
+        "Angles are read as {order} in {angle_unit}: they fit within {misfit:.3g} {unit}; "
+        "the next best way, {other}, is off by {second:.3g}.",
+        order=best[1].order,
+        angle_unit=best[1].unit,
+        misfit=best[0],
+        unit=best[2],
+        other="-" if second is None else f"eo-{second[1].name}",
+        second=np.inf if second is None else second[0],
+    )
+    return best[1], told
+
+
+def _misfit(listed: ExchangeBlock, known: ExchangeBlock) -> tuple[float, str]:
+    """How far a list is from what is known: pixels where points are measured, else degrees."""
+    distances = _distances(listed, known)
+    if len(distances):
+        return float(np.median(distances)), "px"
+    turns: list[float] = []
+    for name, photo in listed.photos.items():
+        prior = known.photos[name].exterior if name in known.photos else None
+        if prior is not None and photo.exterior is not None:
+            turn = photo.exterior.object_from_image.T @ prior.object_from_image
+            turns.append(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))))
+    return (float(np.degrees(np.median(turns))), "deg") if turns else (np.inf, "deg")
+
+
+def _distances(listed: ExchangeBlock, known: ExchangeBlock) -> list[float]:
+    """Pixels between measured points and where the list puts them; infinite behind the camera."""
+    places: dict[str, list[tuple[Triple, float, float]]] = {}
+    for one in known.measurements:
+        if one.point_id in known.points:
+            place = (known.points[one.point_id].position, one.column, one.row)
+            places.setdefault(one.photo_id, []).append(place)
+    ties = known.ties
+    if ties.positions is not None:
+        for point, photo, pixel in zip(ties.point, ties.photo, ties.pixels, strict=True):
+            east, north, height = ties.positions[point].tolist()
+            place = ((east, north, height), float(pixel[0]), float(pixel[1]))
+            places.setdefault(ties.photo_ids[photo], []).append(place)
+    distances: list[float] = []
+    for name, seen in places.items():
+        photo, model = listed.photos.get(name), known.photos.get(name)
+        if photo is None or model is None or model.pixel_from_image is None:
+            continue
+        oriented = ExchangePhoto(
+            name, model.file, model.camera, model.pixel_from_image, photo.exterior
+        )
+        points = np.array([position for position, _, _ in seen], dtype=np.float64)
+        pixels = pixels_of(points, oriented, known.camera_of(name))
+        off = np.hypot(*(pixels - np.array([[c, r] for _, c, r in seen])).T)
+        distances += np.where(np.isfinite(off), off, np.inf).tolist()
+    return distances
+
+
+def write_eo_block(
+    path: Path, block: ExchangeBlock, convention: AngleConvention = PLAIN
+) -> tuple[str, ...]:
+    """Write the oriented photos of a block, one a row, every digit.
+
+    Returns:
+        What was left out.
+    """
+    unit, names = convention.unit, convention.order.split("-")
+    plain = convention.order == PLAIN.order
+    sigmas = [f"sigma_{name}" for name in "XYZ"]
+    if plain:
+        sigmas += [f"sigma_{name}_{unit}" for name in names]
+    lines = [f"# CRS: {block.crs}"] if block.crs else []
+    lines.append(f"# angles: {convention.order}, {unit}")
+    lines.append(",".join(["scan", "X", "Y", "Z", *(f"{n}_{unit}" for n in names), *sigmas]))
+    oriented = {name: photo for name, photo in block.photos.items() if photo.exterior is not None}
+    for photo in oriented.values():
+        assert photo.exterior is not None
+        rotation = photo.exterior.object_from_image
+        angles = np.array(angles_of(convention.order, rotation)) / RADIANS[unit]
+        cells = [photo.file or photo.photo_id]
+        cells += [repr(float(value)) for value in (*photo.exterior.centre, *angles)]
+        cells += _values(photo.sigma_centre_m, 1.0)
+        if plain:
+            cells += _values(photo.sigma_angles, RADIANS[unit])
+        lines.append(",".join(cells))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return left_out(block, oriented=len(oriented), turned=plain)
+
+
+def _values(sigma: Triple | None, unit: float) -> list[str]:
+    return ["", "", ""] if sigma is None else [repr(float(value / unit)) for value in sigma]
+
+
+def left_out(block: ExchangeBlock, *, oriented: int, turned: bool = True) -> tuple[str, ...]:
+    """What of a block a list of orientations does not hold, a sentence each."""
+    notes: list[str] = []
+    missing = len(block.photos) - oriented
+    if missing:
+        notes.append(
+            say("{count:# photo has|# photos have} no orientation: left out.", count=missing)
+        )
+    if not turned and any(photo.sigma_angles for photo in block.photos.values()):
+        notes.append(
+            say("Standard deviations are those of omega, phi, kappa: angles carry none here.")
+        )
+    if block.points or block.measurements or len(block.ties.point) or block.cameras:
+        notes.append(say("The list holds orientations alone: no cameras, points or measurements."))
+    return tuple(notes)
+
+
+def _reader(said: AngleConvention | None) -> Callable[[Path], ExchangeBlock]:
+    return lambda path: read_eo_block(path, said)
+
+
+def _writer(convention: AngleConvention) -> Callable[[Path, ExchangeBlock], tuple[str, ...]]:
+    return lambda path, block: write_eo_block(path, block, convention)
+
+
+ROTATIONS = {
+    "omega-phi-kappa": "R = R_x(omega) R_y(phi) R_z(kappa) turns image space into object space",
+    "phi-omega-kappa": "R = R_y(phi) R_x(omega) R_z(kappa) turns image space into object space",
+    "yaw-pitch-roll": "yaw clockwise from grid north, pitch lifts the photo's upper edge, roll "
+    "lowers its right edge; all nought looks straight down with the upper edge north",
+}
+"""Each order in words."""
+UNIT_NAMES = {"deg": "degrees", "gon": "gon", "rad": "radians"}
+"""Each unit in words."""
+
+
+def _conventions(convention: AngleConvention, reads: str) -> Conventions:
+    sigmas = "centre, metres"
+    if convention.order == PLAIN.order:
+        sigmas += f"; omega, phi, kappa, {UNIT_NAMES[convention.unit]}"
+    return Conventions(
+        pixels="none",
+        object_space="easting, northing, height, metres; the CRS in a comment",
+        rotation=f"{ROTATIONS[convention.order]}; {UNIT_NAMES[convention.unit]}{reads}",
+        camera="none",
+        sigmas=sigmas,
+        lost="cameras, interior orientations, points, measurements, ties; photos not oriented",
+        tested="ERDAS (Addis Ababa, radians) and IGN (opk-alex, degrees) lists of photos whose "
+        "measurements are known"
+        if convention.order == PLAIN.order
+        else "untested on real files",
+    )
+
+
+def _format(convention: AngleConvention) -> ExchangeFormat:
+    return ExchangeFormat(
+        name=f"eo-{convention.name}",
+        title=f"Exterior orientations: {convention.order}, {UNIT_NAMES[convention.unit]}",
+        conventions=_conventions(convention, ""),
+        holds="nothing",
+        write=_writer(convention),
+        read=_reader(convention),
+        default_name="exterior.csv",
+        folder=False,
+    )
+
+
+EO_FORMATS: tuple[ExchangeFormat, ...] = (
+    ExchangeFormat(
+        name="eo",
+        title="Exterior orientations: a list that says how it counts",
+        conventions=_conventions(
+            PLAIN, "; lists that say so are read in any order and unit, others are asked about"
+        ),
+        holds="nothing",
+        write=_writer(PLAIN),
+        read=_reader(None),
+        default_name="exterior.csv",
+        folder=False,
+    ),
+    *(_format(convention) for convention in CONVENTIONS),
+)
+"""`eo`, and one format for each order and unit."""

@@ -1,0 +1,251 @@
+"""Measurements on film: for programs that know image coordinates in millimetres and no pixels.
+
+Image coordinates are given from the principal point, x right, y up, free of lens distortion. What
+such a program wrote comes back with micrometres of film in place of pixels.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from core.errors import ProjectError
+from core.formats.exchange import (
+    ExchangeBlock,
+    ExchangeCamera,
+    ExchangeMeasurement,
+    ExchangePhoto,
+    ExchangePoint,
+    ExchangeTies,
+    frame_camera,
+    ideal_from_image,
+    pixels_of,
+)
+from core.said import say
+
+# design: rounds of ten micrometres are what film is scanned with.
+NOMINAL_PIXEL_MM = 0.01
+"""Size of a pixel of a camera whose principal distance is known in pixels alone."""
+MICROMETRES = 1000.0  # source: definition.
+"""Pixels that stand for a millimetre of film."""
+MOST_DIGITS = 15  # source: PCI on PAT-B, names of at most 15 characters.
+"""Digits that a number may have where nothing else is a name."""
+UNTESTED = (
+    "This format was written by its description: no file of the program itself was to be had, so "
+    "check the first import there."
+)
+"""What the user is told of a format that was not tested on real files."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmRay:
+    """One point in one photo."""
+
+    point_id: str
+    """The point, surveyed or tie."""
+    photo_id: str
+    """The photo."""
+    x_mm: float
+    """From the principal point, to the right."""
+    y_mm: float
+    """From the principal point, upwards."""
+    sigma_mm: float | None = None
+    """Standard deviation per axis."""
+
+
+def principal_distance_mm(block: ExchangeBlock, photo_id: str) -> float:
+    """Principal distance of a photo's camera; at a nominal pixel where only pixels are known."""
+    camera = block.camera_of(photo_id)
+    if camera.principal_distance_mm is not None:
+        return camera.principal_distance_mm
+    return frame_camera(block.photos[photo_id], camera).focal_px * NOMINAL_PIXEL_MM
+
+
+def film_rays(block: ExchangeBlock) -> tuple[list[FilmRay], tuple[str, ...]]:
+    """All measurements on film, ties too, and what could not be given (a sentence each)."""
+    places: dict[str, list[tuple[str, float, float, float | None]]] = {}
+    for one in block.measurements:
+        places.setdefault(one.photo_id, []).append(
+            (one.point_id, one.column, one.row, one.sigma_px)
+        )
+    names = tie_names(block)
+    ties = block.ties
+    for index, (point, photo) in enumerate(zip(ties.point, ties.photo, strict=True)):
+        column, row = ties.pixels[index].tolist()
+        sigma = None if ties.sigma_px is None else float(ties.sigma_px[index])
+        places.setdefault(ties.photo_ids[photo], []).append((names[point], column, row, sigma))
+    rays: list[FilmRay] = []
+    lost: list[str] = []
+    for name, seen in places.items():
+        photo = block.photos.get(name)
+        if photo is None or photo.pixel_from_image is None or photo.camera not in block.cameras:
+            lost.append(name)
+            continue
+        rays += _on_film(block, photo, seen)
+    if not lost:
+        return rays, ()
+    told = say(
+        "{count:# photo has|# photos have} no interior orientation: measurements there left out.",
+        count=len(lost),
+    )
+    return rays, (told,)
+
+
+def _on_film(
+    block: ExchangeBlock,
+    photo: ExchangePhoto,
+    seen: Sequence[tuple[str, float, float, float | None]],
+) -> Iterable[FilmRay]:
+    """The measurements of one photo."""
+    assert photo.pixel_from_image is not None
+    distance = principal_distance_mm(block, photo.photo_id)
+    linear, shift = photo.pixel_from_image[:, :2], photo.pixel_from_image[:, 2]
+    pixels = np.array([[column, row] for _, column, row, _ in seen])
+    image = np.linalg.solve(linear, (pixels - shift).T).T
+    film = ideal_from_image(image, block.camera_of(photo.photo_id)) * distance
+    pixel_mm = distance / float(np.sqrt(abs(np.linalg.det(linear))))
+    for (name, _, _, sigma), (x, y) in zip(seen, film.tolist(), strict=True):
+        yield FilmRay(name, photo.photo_id, x, y, None if sigma is None else sigma * pixel_mm)
+
+
+def tie_names(block: ExchangeBlock) -> list[str]:
+    """A name for every tie point that no surveyed point bears."""
+    count = 1 + max(block.ties.point.tolist(), default=-1)
+    given = block.ties.names or tuple(f"T{number}" for number in range(count))
+    return [f"T-{name}" if name in block.points else name for name in given]
+
+
+def block_of_rays(
+    photos: Sequence[tuple[ExchangePhoto, float]],
+    points: Mapping[str, ExchangePoint],
+    rays: Sequence[FilmRay],
+    crs: str = "",
+) -> ExchangeBlock:
+    """A block whose pixels are micrometres of film, from the principal point.
+
+    Args:
+        photos: Photos and the principal distances of their cameras, millimetres.
+        points: Surveyed points; a ray to any other is one of a tie point.
+        rays: Measurements.
+        crs: CRS of the coordinates, where it is known.
+    """
+    cameras: dict[str, ExchangeCamera] = {}
+    made: dict[str, ExchangePhoto] = {}
+    for photo, distance in photos:
+        camera = photo.camera or f"{distance:g} mm"
+        cameras[camera] = ExchangeCamera(camera, principal_distance_mm=distance)
+        size = distance * MICROMETRES
+        affine = np.array([[size, 0.0, 0.0], [0.0, -size, 0.0]])
+        made[photo.photo_id] = replace(photo, camera=camera, pixel_from_image=affine)
+    measured = [
+        ExchangeMeasurement(
+            ray.point_id,
+            ray.photo_id,
+            ray.x_mm * MICROMETRES,
+            -ray.y_mm * MICROMETRES,
+            None if ray.sigma_mm is None else ray.sigma_mm * MICROMETRES,
+        )
+        for ray in rays
+        if ray.point_id in points
+    ]
+    told = say("The program knows no pixels: columns and rows are micrometres of film.")
+    return ExchangeBlock(
+        crs,
+        cameras,
+        made,
+        dict(points),
+        tuple(measured),
+        ties_of([ray for ray in rays if ray.point_id not in points]),
+        (told,),
+    )
+
+
+def ties_of(rays: Sequence[FilmRay]) -> ExchangeTies:
+    """Rays of tie points, their pixels micrometres of film."""
+    photos = tuple(dict.fromkeys(ray.photo_id for ray in rays))
+    names = tuple(dict.fromkeys(ray.point_id for ray in rays))
+    of_photo = {name: number for number, name in enumerate(photos)}
+    of_point = {name: number for number, name in enumerate(names)}
+    sigmas = [np.nan if ray.sigma_mm is None else ray.sigma_mm * MICROMETRES for ray in rays]
+    return ExchangeTies(
+        photos,
+        np.array([of_point[ray.point_id] for ray in rays], dtype=np.int64),
+        np.array([of_photo[ray.photo_id] for ray in rays], dtype=np.int64),
+        np.array([[ray.x_mm, -ray.y_mm] for ray in rays]).reshape(-1, 2) * MICROMETRES,
+        names,
+        sigma_px=np.array(sigmas) if sigmas and np.isfinite(sigmas).all() else None,
+    )
+
+
+def refuse_twice(path: Path, rays: Sequence[FilmRay]) -> None:
+    """Refuse a point that is measured twice in a photo.
+
+    Raises:
+        ProjectError: It is.
+    """
+    seen: set[tuple[str, str]] = set()
+    for ray in rays:
+        if (ray.point_id, ray.photo_id) in seen:
+            raise ProjectError(
+                path,
+                say(
+                    "Point {point} is measured twice in photo {photo}.",
+                    point=ray.point_id,
+                    photo=ray.photo_id,
+                ),
+                "Leave one measurement of a point in every photo.",
+            )
+        seen.add((ray.point_id, ray.photo_id))
+
+
+def refuse_unknown(path: Path, rays: Sequence[FilmRay], photos: Iterable[str]) -> None:
+    """Refuse measurements in photos that the block does not have.
+
+    Raises:
+        ProjectError: There are some.
+    """
+    known = set(photos)
+    for ray in rays:
+        if ray.photo_id not in known:
+            raise ProjectError(
+                path,
+                say(
+                    "Point {point} is measured in photo {photo}, which is unknown.",
+                    point=ray.point_id,
+                    photo=ray.photo_id,
+                ),
+                "Give the photo, or take its measurements out.",
+            )
+
+
+def median_misfit(block: ExchangeBlock) -> float:
+    """Median distance, in pixels, of measured surveyed points from where the block shows them.
+
+    Infinite where nothing can be compared.
+    """
+    distances: list[float] = []
+    for one in block.measurements:
+        photo = block.photos.get(one.photo_id)
+        point = block.points.get(one.point_id)
+        if photo is None or point is None:
+            continue
+        if photo.exterior is None or photo.pixel_from_image is None:
+            continue
+        pixel = pixels_of(np.array([point.position]), photo, block.camera_of(one.photo_id))[0]
+        off = float(np.hypot(pixel[0] - one.column, pixel[1] - one.row))
+        distances.append(off if np.isfinite(off) else np.inf)
+    return float(np.median(distances)) if distances else np.inf
+
+
+def numbered(names: Iterable[str], most: int = MOST_DIGITS) -> dict[str, str]:
+    """A number for every name, for programs that take nothing else: numbers stay what they are.
+
+    Args:
+        names: What is to be numbered.
+        most: Digits that a number may have.
+    """
+    every = list(dict.fromkeys(names))
+    plain = {name for name in every if name.isdecimal() and len(name) <= most}
+    free = (str(number) for number in range(1, 2 * len(every) + 2) if str(number) not in plain)
+    return {name: name if name in plain else next(free) for name in every}
