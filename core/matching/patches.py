@@ -13,7 +13,7 @@ from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.matching.reference import Reference
 from core.matching.template_search import Image
-from core.raster.dem import Dem
+from core.raster.dem import HeightSource
 from core.raster.grid import Grid
 from core.raster.scan_file import ScanFile, read_window
 
@@ -129,7 +129,9 @@ class OpenPhoto:
         return self.photo.width_m(self.camera)
 
 
-def object_on_ground(photo: Photo, camera: Camera, pixels: PixelPoints, dem: Dem) -> ObjectPoints:
+def object_on_ground(
+    photo: Photo, camera: Camera, pixels: PixelPoints, dem: HeightSource
+) -> ObjectPoints:
     """Follow scan pixels down to the DEM; NaN heights where the ray finds none.
 
     Fixed-point iteration on the height, halved when it swings, which converges as long as the

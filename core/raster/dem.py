@@ -6,6 +6,7 @@ Small gaps are closed by the smoothest surface through what surrounds them.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
@@ -50,6 +51,15 @@ NO_WEIGHT = 1e-9
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
+
+
+@runtime_checkable
+class HeightSource(Protocol):
+    """Whatever knows the height of the ground."""
+
+    def heights(self, points: PlanePoints) -> Scalars:
+        """Height of each place, metres; NaN where it is not known."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,30 +7,22 @@ after every decision. Everything laid over it passes through the same drawn orie
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float64
 
-from core.arrays import ObjectPoints, PixelPoints, Scalars
+from core.arrays import ObjectPoints, PixelPoints
 from core.block import Block, Photo
 from core.control.likeness import Likeness
 from core.doubts import Failure
 from core.geometry.camera import Camera
+from core.raster.dem import HeightSource
 from ui.review.state import DeskState, Key, Made
 
 REDRAW_PX = 0.3
 """A photo is drawn anew when the newest orientation moves it by more than this, scan pixels."""
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
-
-
-class HeightSource(Protocol):
-    """What the desk asks of a DEM."""
-
-    def heights(self, points: PlanePoints) -> Scalars:
-        """Heights at eastings and northings, metres; NaN outside and in gaps."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

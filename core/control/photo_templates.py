@@ -1,0 +1,282 @@
+"""What one photo shows of a place, as another photo would see it, and where that lies there.
+
+Both orientations and a plane through the ground say how one scan is turned, stretched and sheared
+against the other; so a place measured in a photo is a template for all others, whichever way their
+scans lie and whatever their scale. Least squares matching finds what the plane did not know.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from core.arrays import Mask, PixelPoints, Position
+from core.frames import HALF_PIXEL
+from core.geometry.resection import PhotoModel
+from core.matching.local_search import LEAST_KNOWN, LEAST_USABLE, RIM_PX
+from core.matching.operators import FusedOperator, HighPassOperator, Operator
+from core.matching.patches import OpenPhoto, Window, read_scan
+from core.matching.peaks import ScoreMap, level_and_spread
+from core.matching.precision import place_covariance, sharpness_of
+from core.matching.template_search import Image
+from core.ties.refinement import PatchSize, patch_centres, refine_rays
+
+OPERATORS: tuple[Operator, ...] = (HighPassOperator(), FusedOperator())
+"""Grey values, as of photos of one day, and directions of edges, which outlast contrast and years.
+"""
+# design: windows of 51 px are safe after warping, as those of control (METHODS 4.2).
+HALF_PX = 35
+"""Templates are 2 n + 1 pixels wide."""
+# design: detail as fine as the scan's pixels at one end, pictures of which compression left little
+# at the other.
+PASSES = (14, 7, 1)
+"""Least squares matching is done with the patches of features from scans so far reduced, the
+smoothest first."""
+FINEST_PX = PatchSize.at_reduction(PASSES[-1]).radius_px
+# design: a peak is a whole pixel or two off where the ground is not the plane.
+MOST_SHIFT_PX = 2.0
+"""So far a place may move from the peak of likeness by least squares, scan pixels."""
+
+Plane = Float64[np.ndarray, "2 2"]
+Wider = Float32[np.ndarray, "wide_rows wide_columns"]
+Surfaces = tuple[ScoreMap, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """A place of the ground in a photo."""
+
+    opened: OpenPhoto
+    """The photo."""
+    pixel: PixelPoints
+    """Where it is measured or expected, scan pixels, (1, 2)."""
+    by_plane: Plane
+    """Scan pixels (column, row) for a metre of its ground plane east and north."""
+    half_px: int = HALF_PX
+    """So far about it the scan shows what belongs to the place, pixels of the pass."""
+
+    @staticmethod
+    def of(opened: OpenPhoto, position: Position, slope: Float64[np.ndarray, "2"]) -> "Shown":
+        """As the orientation has it.
+
+        Args:
+            opened: The photo.
+            position: The place, metres.
+            slope: Rise of the ground there for a metre east and north.
+        """
+        photo = opened.photo
+        model = PhotoModel(photo.interior, opened.camera, photo.atmosphere)
+        pixels, derivatives = model.linearised(position[None], photo.exterior)
+        by_object = derivatives[0, :, :3]
+        return Shown(opened, pixels, by_object[:, :2] + np.outer(by_object[:, 2], slope))
+
+    def at(self, pixel: PixelPoints) -> "Shown":
+        """The same place elsewhere in the scan."""
+        return replace(self, pixel=pixel)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Template:
+    """What a photo shows about a place, turned as another photo lies."""
+
+    grey: Image
+    """Grey values, the place in the very middle of the middle pixel."""
+    usable: Mask
+    """Where the scan is photograph."""
+
+    def within(self, half: int) -> bool:
+        """Whether enough of its middle is photograph."""
+        side = self.usable.shape[0] // 2
+        return bool(self.usable[side - half : side + half + 1].mean() >= LEAST_KNOWN)
+
+
+def template_of(source: Shown, target: Shown, half: int, reduction: int) -> Template:
+    """A window of the source's scan as the target's would show it.
+
+    Args:
+        source: Where the place is measured.
+        target: The photo whose geometry is wanted.
+        half: The template has 2 n + 1 pixels a side.
+        reduction: Pixels of the target's scan to one of the template.
+    """
+    linear = source.by_plane @ np.linalg.inv(target.by_plane)
+    steps = np.arange(-half, half + 1, dtype=np.float64) * reduction
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    pixels = source.pixel + offsets @ linear.T
+    # As fine as the template or finer: reading coarser pixels keeps the grain out.
+    size = max(1, int(float(np.sqrt(abs(np.linalg.det(linear)))) * reduction))
+    low = np.floor(pixels.min(axis=0)).astype(np.int64) - 2 * size
+    columns, rows = (np.ceil((pixels.max(axis=0) - low) / size).astype(np.int64) + 3).tolist()
+    part = read_scan(source.opened, Window(int(low[0]), int(low[1]), columns, rows, size))
+    side = len(steps)
+    places = (part.window.window_from_pixel(pixels) - HALF_PIXEL).astype(np.float32)
+    right, down = places[:, 0].reshape(side, side), places[:, 1].reshape(side, side)
+    grey = cv2.remap(part.grey, right, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    usable = cv2.remap(part.usable.astype(np.uint8), right, down, cv2.INTER_NEAREST)
+    return Template(np.asarray(grey, np.float32), usable > 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Looked:
+    """How alike a place of some photos and every place of a window of another are."""
+
+    surface: ScoreMap
+    """Mean over photos and operators, each in its own robust deviations."""
+    chance: Surfaces
+    """The same of the templates mirrored: nothing there is right, unless the template is the same
+    in a mirror."""
+    centre: PixelPoints
+    """Scan pixel of the middle value, (1, 2)."""
+    reduction: int
+    """Scan pixels from one value to the next."""
+
+    def pixel_of(self, column: float, row: float) -> PixelPoints:
+        """Scan pixel (1, 2) of a place of the surface."""
+        half = np.array(self.surface.shape[::-1]) // 2
+        return self.centre + (np.array([[column, row]]) - half) * self.reduction
+
+
+def looked(
+    sources: Sequence[Shown], target: Shown, search: tuple[int, int], reduction: int
+) -> Looked | None:
+    """Compare what some photos show of a place with a window of another.
+
+    Args:
+        sources: Where the place is measured.
+        target: Where it is expected.
+        search: Half width and height of the window of places, pixels of the pass.
+        reduction: Scan pixels to a pixel of the pass.
+
+    Returns:
+        The surface; None where too little of either is photograph.
+    """
+    inner_px = min(source.half_px for source in sources)
+    margin = max(inner_px // 2, RIM_PX)
+    reach = inner_px + margin
+    templates = [template_of(source, target, reach, reduction) for source in sources]
+    templates = [template for template in templates if template.within(inner_px)]
+    corner = np.floor(target.pixel[0] / reduction).astype(np.int64) - reach - np.array(search)
+    size = 2 * (np.array(search) + reach) + 1
+    low = corner * reduction
+    window = Window(int(low[0]), int(low[1]), int(size[0]), int(size[1]), reduction)
+    part = read_scan(target.opened, window)
+    middle = np.array(part.usable.shape) // 2
+    first, last = middle - inner_px, middle + inner_px + 1
+    inside = part.usable[first[0] : last[0], first[1] : last[1]]
+    if not templates or inside.mean() < LEAST_USABLE:
+        return None
+    inner = slice(margin, -margin)
+    scans = [
+        tuple(layer[inner, inner] for layer in operator.of_scan(part.grey, inner_px))
+        for operator in OPERATORS
+    ]
+    flips = (np.s_[:, :], np.s_[:, ::-1], np.s_[::-1, :])
+    surfaces = [
+        _mean_surface([template.grey[flip] for template in templates], scans, inner)
+        for flip in flips
+    ]
+    centre = window.pixel_from_window(np.array([middle[::-1]]) + HALF_PIXEL)
+    return Looked(surfaces[0], tuple(surfaces[1:]), centre, reduction)
+
+
+def _mean_surface(
+    templates: Sequence[Image], scans: Sequence[tuple[np.ndarray, ...]], inner: slice
+) -> ScoreMap:
+    """Mean over templates and operators, each in its own robust deviations."""
+    half = templates[0].shape[0] // 2 - int(inner.start)
+    total: list[ScoreMap] = []
+    for template in templates:
+        nothing = np.zeros_like(template)
+        for operator, scan in zip(OPERATORS, scans, strict=True):
+            described = operator.of_reference(np.ascontiguousarray(template), nothing, half)
+            patch = tuple(np.ascontiguousarray(layer[inner, inner]) for layer in described)
+            around = tuple(np.ascontiguousarray(layer) for layer in scan)
+            scores = operator.scores(around, patch)
+            level, spread = level_and_spread(scores)
+            total.append((scores - level) / np.float32(spread))
+    return np.asarray(np.mean(total, axis=0), np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FinePlace:
+    """A place by least squares matching."""
+
+    pixel: PixelPoints
+    """Scan pixel, (1, 2)."""
+    sigma_px: float
+    """Standard deviation per axis, from what the template leaves unexplained there."""
+    correlation: float
+    """How alike both patches are in the end."""
+
+
+def finely(source: Shown, target: Shown) -> FinePlace | None:
+    """Lay what one photo shows of a place onto another by least squares.
+
+    Done with smooth, wide patches first and with fine ones from where these lie; the place that is
+    known best stands.
+
+    Args:
+        source: Where the place is measured.
+        target: Where it lies to a pixel or two.
+    """
+    best: FinePlace | None = None
+    for reduction in PASSES:
+        size = PatchSize.at_reduction(reduction)
+        if size.radius_px > max(source.half_px, FINEST_PX):
+            continue
+        start = target.at(best.pixel) if best is not None else target
+        found = _refined(source, start, size)
+        if found is None or np.hypot(*(found.pixel - target.pixel)[0]) > MOST_SHIFT_PX:
+            continue
+        if best is None or found.sigma_px < best.sigma_px:
+            best = found
+    return best
+
+
+def peak_sigma_px(source: Shown, target: Shown) -> float:
+    """Standard deviation per axis of a place that only the peak of likeness tells, scan pixels.
+
+    Args:
+        source: Where the place is measured.
+        target: Where its peak lies.
+    """
+    size = PatchSize.at_reduction(PASSES[-2])
+    fixed, searched, middle = _patches(source, target, size)
+    return _sigma_px(fixed, searched, (target.pixel - middle)[0], size)
+
+
+def _patches(source: Shown, target: Shown, size: PatchSize) -> tuple[Image, Wider, PixelPoints]:
+    """What the source shows as the target lies, a wider window of the target, and its middle."""
+    fixed = template_of(source, target, size.radius_px, 1)
+    wide = size.searched_radius_px
+    left, top = (np.floor(target.pixel[0]).astype(np.int64) - wide).tolist()
+    searched = read_scan(target.opened, Window(left, top, 2 * wide + 1, 2 * wide + 1, 1))
+    return fixed.grey, searched.grey, patch_centres(target.pixel)
+
+
+def _refined(source: Shown, target: Shown, size: PatchSize) -> FinePlace | None:
+    """With patches of one size; None where they do not agree."""
+    fixed, searched, middle = _patches(source, target, size)
+    start = np.column_stack([np.eye(2), (target.pixel - middle)[0]])
+    found = refine_rays(
+        fixed[None], searched[None], start[None], max_shift_px=MOST_SHIFT_PX, size=size
+    )
+    if not found.good[0]:
+        return None
+    sigma = _sigma_px(fixed, searched, found.pixels[0], size)
+    return FinePlace(middle + found.pixels, sigma, float(found.correlation[0]))
+
+
+def _sigma_px(fixed: Image, searched: Wider, shift: np.ndarray, size: PatchSize) -> float:
+    """Standard deviation per axis of a match, from what the fixed patch leaves of the other."""
+    smooth = [cv2.GaussianBlur(grey, (0, 0), size.smooth_px) for grey in (fixed, searched)]
+    side, middle = fixed.shape[0], (searched.shape[0] - 1) / 2
+    place = (middle + float(shift[0]), middle + float(shift[1]))
+    shown = cv2.getRectSubPix(smooth[1], (side, side), place)
+    sharpness = sharpness_of((smooth[0] - smooth[0].mean(),))
+    if sharpness is None:
+        return float("inf")
+    covariance = place_covariance(sharpness, (shown - shown.mean(),))
+    return float(np.sqrt(np.trace(covariance) / 2))

@@ -1,0 +1,459 @@
+"""A point measured in some photos, proposed in all others that show it: place to place.
+
+Its rays, and the height of the ground where one ray alone is known, say where every other photo
+should show it, and how surely. What the measured photos show there is sought about that place
+(`core/control/photo_templates.py`), all of them voting, and laid onto it by least squares. How
+probable a proposal is, the search itself tells, as that of control does
+(`core/matching/probability.py`): peaks too far from the prediction, and those of mirrored
+templates, say what chance brings about in these very windows. Nothing is learned beforehand.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.adjustment.adjusted import ExteriorSigmas
+from core.arrays import Position
+from core.block import UNKNOWN_M, Block, Measurement, Peak, Photo, SurveyedPoint
+from core.control.photo_templates import FinePlace, Looked, Shown, finely, looked, peak_sigma_px
+from core.control.search import decoys_outside
+from core.doubts import Failure
+from core.geometry.intersection import Intersection, OrientedRay, intersect
+from core.geometry.resection import PhotoModel
+from core.matching.local_search import SEPARATION_PX
+from core.matching.patches import OpenPhoto, object_on_ground
+from core.matching.peaks import ScorePeak, detect_peaks, level_and_spread
+from core.matching.probability import GATE, Searches, probabilities
+from core.raster.dem import HeightSource
+from core.raster.scan_file import ScanFile
+from core.said import say
+
+Plane = Float64[np.ndarray, "2 2"]
+Space = Float64[np.ndarray, "3 3"]
+
+# design: a house or a tree; what is measured need not stand on the bare ground.
+ABOVE_GROUND_M = 5.0
+"""Standard deviation of a point's height against that of the terrain, metres."""
+# design: the relief of hilly country; as the adjustment holds points at first.
+RELIEF = 0.05
+"""The same where no terrain is known, as a share of the flying height."""
+# design: over a few metres slopes of the ground show, over more its bends.
+SLOPE_M = 10.0
+"""The plane of the ground is laid through heights this far about a point, metres."""
+# design: chance needs room to show itself: some sixty peaks of two surfaces and more.
+LEAST_SEARCH_PX = 28
+"""Least half-width of a search, pixels of the pass."""
+# design: time; a wider search begins on a reduced scan.
+MOST_SEARCH_PX = 60
+"""Greatest half-width of a search, pixels of the pass."""
+# design: more than one in eight is right nowhere that anything is found at all.
+CANDIDATES = 8
+"""So many peaks near a prediction are weighed against each other."""
+# design: what a peak of a pass is off by, before it is refined.
+PEAK_PX = 1.0
+"""Standard deviation per axis of a peak's place, pixels of the pass."""
+# design: 5 mm of a frame of 230 mm at 15 micrometres are 300 px; less is still photograph.
+EDGE_PX = 8.0
+"""Nearer than this to the edge of a scan nothing is proposed, pixels."""
+# design: what an operator sees at once; decisions hold on to a place that near as well.
+RIGHT_PX = 2.0
+"""A proposal is right when it lies no further than this from the place, scan pixels."""
+# design: with ten pixels a proposal is right one time in fifty at best.
+MOST_SIGMA_PX = 10.0
+"""A place known no better than this is none, scan pixels."""
+OPERATOR = "photo"
+"""What the peaks of a proposal say they were found by."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transferred:
+    """Where other photos show a point, and why some do not."""
+
+    point_id: str
+    """The point."""
+    proposals: tuple[Measurement, ...]
+    """One of each photo in which something was found, most probable first: `dubious` until somebody
+    accepts it, `score` the probability that it is right, every candidate among its peaks."""
+    failures: Mapping[str, Failure]
+    """Why nothing is proposed, by photo; of photos that cannot show it at all there is no word."""
+
+    def probability(self, photo_id: str) -> float:
+        """Probability that the proposal in a photo is right; nought without one."""
+        return next((item.score for item in self.proposals if item.photo_id == photo_id), 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """What a transfer needs to know besides the point."""
+
+    block: Block
+    """Photos as they are oriented, cameras, surveyed points."""
+    scans: Mapping[str, ScanFile]
+    """Opened scans by photo; photos without one are left out."""
+    sigmas: Mapping[str, ExteriorSigmas]
+    """How well the photos are oriented; those not in it, as their prior says."""
+    heights: HeightSource | None = None
+    """The terrain; without one, the mean height under each photo."""
+
+    def opened(self, photo_id: str) -> OpenPhoto:
+        """A photo with its camera and its scan at hand."""
+        camera = self.block.camera_of(photo_id)
+        return OpenPhoto(self.block.photos[photo_id], camera, self.scans[photo_id])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """Where a point is on the ground as far as is known."""
+
+    position: Position
+    """Easting, northing, height, metres."""
+    covariance: Space
+    """Square metres."""
+    slope: Float64[np.ndarray, "2"]
+    """Rise of the ground for a metre east and north."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """A point searched in one photo."""
+
+    photo_id: str
+    target: Shown
+    covariance: Plane
+    looked: Looked
+    peaks: tuple[ScorePeak, ...]
+    heights: tuple[float, ...]
+    sigmas: tuple[float, ...]
+    decoys: tuple[float, ...]
+    decoy_area_px2: float
+
+
+def transfer_point(
+    around: Surroundings, point_id: str, measured: Sequence[Measurement]
+) -> Transferred | Failure:
+    """Propose a point in all photos that show it and in which it is not measured yet.
+
+    Args:
+        around: The block and its scans.
+        point_id: The point; need not be among the surveyed ones.
+        measured: Where it is measured, one or more photos; all of them vote.
+
+    Returns:
+        The proposals, or why the point cannot be looked for at all.
+    """
+    sources = [item for item in measured if usable(around, item.photo_id)]
+    if not sources:
+        return Failure("the point is measured in no oriented photo")
+    where = located(around, sources, around.block.surveyed.get(point_id))
+    if isinstance(where, Failure):
+        return where
+    votes = [shown(around, where, item) for item in sources]
+    done = {item.photo_id for item in measured}
+    return proposed(around, point_id, where, votes, done, pointing_px(sources))
+
+
+def located(
+    around: Surroundings, measured: Sequence[Measurement], point: SurveyedPoint | None
+) -> Located | Failure:
+    """Where the rays of a point meet; where a single one meets the ground.
+
+    Args:
+        around: The block; the orientations' own errors count with the rays.
+        measured: Measurements in oriented photos, one or more.
+        point: Where its height comes from if that is known.
+    """
+    if len(measured) > 1:
+        met = _met(around, measured)
+        if isinstance(met, Intersection):
+            return Located(met.position, met.covariance, slope_at(around, met.position))
+    opened, pixel = around.opened(measured[0].photo_id), measured[0].pixel
+    height, sigma = _height(around, opened, pixel, point)
+    position = opened.photo.object_from_pixel(pixel, np.array([height]), opened.camera)[0]
+    if not np.isfinite(position).all():
+        return Failure("its ray does not meet the ground")
+    by_object, spread = _derivatives(around, opened.photo, position)
+    spread = spread + np.eye(2) * measured[0].sigma_px ** 2
+    to_plane = np.linalg.inv(by_object[:, :2])
+    along = np.append(-to_plane @ by_object[:, 2], 1.0)
+    covariance = sigma**2 * np.outer(along, along)
+    covariance[:2, :2] += to_plane @ spread @ to_plane.T
+    return Located(position, covariance, slope_at(around, position))
+
+
+def pointing_px(measured: Sequence[Measurement]) -> float:
+    """What the pointing at the place carries over to all other photos, pixels."""
+    return float(np.sum([item.sigma_px**-2 for item in measured]) ** -0.5)
+
+
+def _met(around: Surroundings, measured: Sequence[Measurement]) -> Intersection | Failure:
+    """The intersection of two rays or more."""
+    block = around.block
+    photos = [block.photos[item.photo_id] for item in measured]
+    film = [p.interior.film_from_pixel(m.pixel) for p, m in zip(photos, measured, strict=True)]
+    rays = [OrientedRay(p.exterior, block.cameras[p.camera], p.atmosphere) for p in photos]
+    sigma = [p.interior.pixel_size_mm * m.sigma_px for p, m in zip(photos, measured, strict=True)]
+    first = intersect(np.concatenate(film), np.array(sigma), rays)
+    if isinstance(first, Failure):
+        return first
+    wider = [
+        np.hypot(own, p.interior.pixel_size_mm * _typical(_derivatives(around, p, first.position)))
+        for own, p in zip(sigma, photos, strict=True)
+    ]
+    return intersect(np.concatenate(film), np.array(wider), rays)
+
+
+def _typical(derivatives: tuple[Float64[np.ndarray, "2 3"], Plane]) -> float:
+    """Standard deviation per axis of the orientation's part, pixels."""
+    return float(np.sqrt(np.trace(derivatives[1]) / 2))
+
+
+def _derivatives(
+    around: Surroundings, photo: Photo, position: Position
+) -> tuple[Float64[np.ndarray, "2 3"], Plane]:
+    """Pixels by the point (2, 3), and their covariance from the photo's orientation."""
+    camera = around.block.cameras[photo.camera]
+    model = PhotoModel(photo.interior, camera, photo.atmosphere)
+    by_all = model.linearised(position[None], photo.exterior)[1][0]
+    known = around.sigmas.get(photo.photo_id)
+    centre = photo.prior.sigma_centre_m if known is None else known.centre_m
+    angles = photo.prior.sigma_angles if known is None else known.angles
+    variances = np.concatenate([centre, angles]) ** 2
+    return by_all[:, :3], (by_all * variances) @ by_all.T
+
+
+def _height(
+    around: Surroundings, opened: OpenPhoto, pixel: np.ndarray, point: SurveyedPoint | None
+) -> tuple[float, float]:
+    """Height of a point on a ray, and its standard deviation, metres."""
+    if point is not None and point.sigma_m[2] < UNKNOWN_M:
+        return float(point.position[2]), float(point.sigma_m[2])
+    photo = opened.photo
+    if around.heights is not None:
+        ground = object_on_ground(photo, opened.camera, pixel, around.heights)
+        if np.isfinite(ground).all():
+            return float(ground[0, 2]), ABOVE_GROUND_M
+    above = float(photo.exterior.centre[2]) - photo.ground_height_m
+    return photo.ground_height_m, RELIEF * above
+
+
+def slope_at(around: Surroundings, position: Position) -> Float64[np.ndarray, "2"]:
+    """Rise of the terrain for a metre east and north; level where it is not known."""
+    if around.heights is None:
+        return np.zeros(2)
+    steps = SLOPE_M * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    heights = around.heights.heights(position[:2] + steps)
+    return np.nan_to_num(np.array([heights[0] - heights[1], heights[2] - heights[3]])) / (
+        2 * SLOPE_M
+    )
+
+
+def usable(around: Surroundings, photo_id: str) -> bool:
+    """Whether a photo is oriented and its scan at hand."""
+    photo = around.block.photos.get(photo_id)
+    return photo is not None and photo.oriented and photo_id in around.scans
+
+
+def shown(around: Surroundings, where: Located, item: Measurement) -> Shown:
+    """The place of a measurement, as its photo lies over the ground there."""
+    place = Shown.of(around.opened(item.photo_id), where.position, where.slope)
+    return place.at(item.pixel)
+
+
+def proposed(
+    around: Surroundings,
+    point_id: str,
+    where: Located,
+    sources: Sequence[Shown],
+    done: set[str],
+    pointing: float,
+) -> Transferred:
+    """Search all photos that should show the place, and judge what is found together."""
+    failures: dict[str, Failure] = {}
+    searches: list[_Search] = []
+    for photo_id in around.block.photos:
+        if photo_id in done or not usable(around, photo_id):
+            continue
+        target = Shown.of(around.opened(photo_id), where.position, where.slope)
+        if not _inside(target):
+            continue
+        by_object, spread = _derivatives(around, target.opened.photo, where.position)
+        covariance = by_object @ where.covariance @ by_object.T + spread
+        found = _searched(photo_id, sources, target, covariance)
+        if isinstance(found, Failure):
+            failures[photo_id] = found
+        else:
+            searches.append(found)
+    proposals: list[Measurement] = []
+    for search, right in zip(searches, _judged(searches), strict=True):
+        made = _measurement(point_id, search, right, sources, pointing)
+        if isinstance(made, Failure):
+            failures[search.photo_id] = made
+        else:
+            proposals.append(made)
+    proposals.sort(key=lambda item: -item.score)
+    return Transferred(point_id, tuple(proposals), failures)
+
+
+def _inside(target: Shown) -> bool:
+    """Whether the place is on the photograph, away from the edge of the scan."""
+    pixel, photo = target.pixel, target.opened.photo
+    size = np.array(photo.size_px)
+    if not (np.isfinite(pixel).all() and ((pixel > EDGE_PX) & (pixel < size - EDGE_PX)).all()):
+        return False
+    off = np.abs(photo.interior.film_from_pixel(pixel)[0])
+    usable = target.opened.scan.usable
+    on_film = bool((off < np.array(target.opened.camera.frame_mm) / 2).all())
+    return on_film and (usable is None or bool(usable.at(pixel)[0]))
+
+
+def _searched(
+    photo_id: str, sources: Sequence[Shown], target: Shown, covariance: Plane
+) -> _Search | Failure:
+    """Look for the place in one photo, no further away than it can be."""
+    reach = GATE * np.sqrt(np.diag(covariance))
+    reduction = max(1, int(np.ceil(float(reach.max()) / MOST_SEARCH_PX)))
+    covariance = covariance + np.eye(2) * (PEAK_PX * reduction) ** 2
+    half = np.maximum(np.ceil(reach / reduction) + 2 * SEPARATION_PX, LEAST_SEARCH_PX)
+    found = looked(sources, target, (int(half[0]), int(half[1])), reduction)
+    if found is None:
+        return Failure("too little of its surroundings is photograph here")
+    distance = _distances(found, target, covariance)
+    level, spread = level_and_spread(found.surface)
+    peaks = tuple(
+        peak
+        for peak in detect_peaks(found.surface, 4 * CANDIDATES, SEPARATION_PX)
+        if distance[round(peak.row), round(peak.column)] <= GATE
+    )[:CANDIDATES]
+    if not peaks:
+        return Failure("nothing like it is seen where it should be")
+    decoys, area = _chance(found, distance > GATE, peaks[0])
+    return _Search(
+        photo_id,
+        target,
+        covariance,
+        found,
+        peaks,
+        tuple((peak.value - level) / spread for peak in peaks),
+        tuple(float(distance[round(peak.row), round(peak.column)]) for peak in peaks),
+        decoys,
+        area * reduction**2,
+    )
+
+
+def _distances(
+    found: Looked, target: Shown, covariance: Plane
+) -> Float64[np.ndarray, "rows columns"]:
+    """How far every place of a surface is from the prediction, in standard deviations."""
+    rows, columns = np.indices(found.surface.shape)
+    places = found.pixel_of(0.0, 0.0) - target.pixel
+    across = places[0, 0] + columns * found.reduction
+    down = places[0, 1] + rows * found.reduction
+    inverse = np.linalg.inv(covariance)
+    squared = inverse[0, 0] * across**2 + inverse[1, 1] * down**2
+    return np.sqrt(squared + 2 * inverse[0, 1] * across * down)
+
+
+def _chance(found: Looked, outside: np.ndarray, best: ScorePeak) -> tuple[tuple[float, ...], float]:
+    """Heights of peaks that are certainly wrong, and the area they were found on, pixels.
+
+    The place itself may look alike in a mirror: there mirrored templates say nothing.
+    """
+    rows, columns = np.indices(found.surface.shape)
+    away = np.hypot(rows - best.row, columns - best.column) > 2 * SEPARATION_PX
+    heights, area = list[float](), 0.0
+    for surface, wrong in ((found.surface, outside), *((other, away) for other in found.chance)):
+        if wrong.sum() > SEPARATION_PX**2:
+            heights += decoys_outside(surface, wrong, SEPARATION_PX)[0]
+            area += float(wrong.sum())
+    return tuple(heights), area
+
+
+def _judged(searches: Sequence[_Search]) -> list[np.ndarray]:
+    """Probability of each candidate of each search, by what all searches of the point say."""
+    if not searches:
+        return []
+    counts = [len(search.peaks) for search in searches]
+    scale = np.concatenate(
+        [np.full(len(s.peaks), np.linalg.det(s.covariance) ** 0.25) for s in searches]
+    )
+    distance = np.concatenate([np.array(search.sigmas) for search in searches])
+    together = Searches(
+        np.repeat(np.arange(len(searches)), counts),
+        np.array([height for search in searches for height in search.heights]),
+        distance * scale,
+        scale,
+        len(searches),
+        np.array([height for search in searches for height in search.decoys]),
+        float(sum(search.decoy_area_px2 for search in searches)),
+    )
+    right, _ = probabilities(together)
+    return np.split(right, np.cumsum(counts)[:-1])
+
+
+def _measurement(
+    point_id: str, search: _Search, right: np.ndarray, sources: Sequence[Shown], pointing: float
+) -> Measurement | Failure:
+    """The most probable candidate, finely measured."""
+    best = int(np.argmax(right))
+    pixel, sigma = _refined(search, search.peaks[best], sources)
+    place, sigma = (float(pixel[0, 0]), float(pixel[0, 1])), float(np.hypot(sigma, pointing))
+    first = Peak(*place, sigma, search.heights[best], OPERATOR)
+    others = [_peak(search, number) for number in range(len(search.peaks)) if number != best]
+    if not sigma < MOST_SIGMA_PX:
+        return Failure("nothing there looks like the place that was measured")
+    # source: Rayleigh's law of the length of a normal error in the plane.
+    near = 1.0 - np.exp(-0.5 * (RIGHT_PX / sigma) ** 2)
+    probability = float(right[best] * near)
+    names = ", ".join(sorted(source.opened.photo.photo_id for source in sources))
+    reason = say(
+        "proposed from {photos}, right with probability {probability:.2f}",
+        photos=names,
+        probability=probability,
+    )
+    return Measurement(
+        point_id, search.photo_id, *place, sigma, probability, "dubious", reason,
+        (first, *others),
+    )  # fmt: skip
+
+
+def _peak(search: _Search, number: int) -> Peak:
+    """A candidate as it was found."""
+    found, reduction = search.peaks[number], search.looked.reduction
+    column, row = search.looked.pixel_of(found.column, found.row)[0].tolist()
+    return Peak(column, row, PEAK_PX * reduction, search.heights[number], OPERATOR)
+
+
+def _refined(
+    search: _Search, peak: ScorePeak, sources: Sequence[Shown]
+) -> tuple[np.ndarray, float]:
+    """The place of a candidate to a part of a pixel, (1, 2), and its standard deviation."""
+    reduction = search.looked.reduction
+    pixel = search.looked.pixel_of(peak.column, peak.row)
+    while reduction > 1:
+        finer = max(1, reduction // 3)
+        half = 2 * reduction // finer + SEPARATION_PX + 1
+        again = looked(sources, search.target.at(pixel), (half, half), finer)
+        peaks = () if again is None else detect_peaks(again.surface, 1, SEPARATION_PX)
+        if again is None or not peaks:
+            return pixel, PEAK_PX * reduction
+        pixel, reduction = again.pixel_of(peaks[0].column, peaks[0].row), finer
+    fine = [finely(source, search.target.at(pixel)) for source in sources]
+    places = [place for place in fine if place is not None]
+    if places:
+        return _mean(places)
+    there = search.target.at(pixel)
+    return pixel, min(max(peak_sigma_px(source, there), PEAK_PX) for source in sources)
+
+
+def _mean(places: Sequence[FinePlace]) -> tuple[np.ndarray, float]:
+    """Weighted mean of what several photos say; where they differ by more, that is its sigma."""
+    pixels = np.concatenate([place.pixel for place in places])
+    weights = np.array([place.sigma_px**-2 for place in places])
+    mean = weights @ pixels / weights.sum()
+    formal = weights.sum() ** -0.5
+    if len(places) < 2:
+        return mean[None], float(formal)
+    spread = weights @ np.sum((pixels - mean) ** 2, axis=1) / weights.sum() / 2
+    return mean[None], float(max(formal, np.sqrt(spread / (len(places) - 1))))

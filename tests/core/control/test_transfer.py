@@ -1,0 +1,236 @@
+"""Points measured in one photo, proposed in the others: truth says how many lie where they are."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from core.adjustment.adjusted import ExteriorSigmas
+from core.block import Block, Measurement, SurveyedPoint
+from core.control.signals import centre_of_signal, transfer_example
+from core.control.transfer import RIGHT_PX, Surroundings, Transferred, transfer_point
+from core.doubts import Failure
+from core.geometry.exterior import ExteriorOrientation
+from core.raster.scan_file import open_scan
+from tests.core.ties.rendered import CAMERA, rendered_block, terrain, write
+
+pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+RELIEF_M = 40.0
+CENTRE_M, ANGLE = 0.5, 3e-4
+"""How far the orientations are off, metres and radians."""
+POINTING_PX = 0.3
+CROSS_PX = 9
+
+
+def as_adjusted(true: Block, rng: np.random.Generator) -> Surroundings:
+    """The block with orientations that are off by what is said of them."""
+    photos = {
+        name: photo.with_exterior(
+            ExteriorOrientation(
+                photo.exterior.centre + rng.normal(0, CENTRE_M, 3),
+                photo.exterior.omega + float(rng.normal(0, ANGLE)),
+                photo.exterior.phi + float(rng.normal(0, ANGLE)),
+                photo.exterior.kappa + float(rng.normal(0, ANGLE)),
+            ),
+            oriented=True,
+        )
+        for name, photo in true.photos.items()
+    }
+    sigmas = {name: ExteriorSigmas(np.full(3, CENTRE_M), np.full(3, ANGLE)) for name in photos}
+    scans = {name: open_scan(photo.scan) for name, photo in photos.items()}
+    return Surroundings(true.with_photos(photos), scans, sigmas)
+
+
+def aged(block: Block, rng: np.random.Generator) -> None:
+    """Prints of differing contrast, one darkened at a side, and scratches."""
+    for number, photo in enumerate(block.photos.values()):
+        grey = cv2.imread(str(photo.scan), cv2.IMREAD_GRAYSCALE).astype(np.float32)
+        grey = 255 * (grey / 255) ** (0.6, 1.0, 1.7, 1.2, 0.8)[number]
+        grey *= np.linspace(0.6, 1.0, grey.shape[1])
+        for _ in range(12):
+            first, second = rng.integers(0, 900, (2, 2)).tolist()
+            cv2.line(grey, first, second, 230.0, 1)
+        write(photo.scan, grey)
+
+
+def grounds(rng: np.random.Generator, count: int) -> np.ndarray:
+    plan = rng.uniform(350, 1150, (count, 2))
+    return np.column_stack([plan, terrain(plan[:, 0], plan[:, 1], RELIEF_M)])
+
+
+def pixels_of(true: Block, ground: np.ndarray) -> dict[str, np.ndarray]:
+    """True place in every photo that shows a point, 20 pixels from its edge at least."""
+    places = {
+        name: photo.pixel_from_object(ground[None], CAMERA) for name, photo in true.photos.items()
+    }
+    return {name: at for name, at in places.items() if ((at > 20) & (at < 880)).all()}
+
+
+def pointed(point_id: str, photo_id: str, pixel: np.ndarray, rng) -> Measurement:
+    column, row = (pixel[0] + rng.normal(0, POINTING_PX, 2)).tolist()
+    return Measurement(point_id, photo_id, column, row, POINTING_PX, status="accepted")
+
+
+def judged(around: Surroundings, true: Block, rng, *, votes: int, listed: bool) -> np.ndarray:
+    """Error and probability of every proposal of forty points."""
+    rows: list[tuple[float, float]] = []
+    missing = 0
+    for number, ground in enumerate(grounds(rng, 40)):
+        places = pixels_of(true, ground)
+        names = rng.permutation(sorted(places)).tolist()
+        if len(names) <= votes:
+            continue
+        name = f"P{number}"
+        known = {name: SurveyedPoint(name, ground, np.full(3, 0.1), "control", "surveyed")}
+        block = replace(around.block, surveyed=known if listed else {})
+        measured = [pointed(name, photo, places[photo], rng) for photo in names[:votes]]
+        found = transfer_point(replace(around, block=block), name, measured)
+        assert isinstance(found, Transferred)
+        assert not {item.photo_id for item in found.proposals} & set(names[:votes])
+        for item in found.proposals:
+            if item.photo_id in places:
+                off = float(np.hypot(*(item.pixel - places[item.photo_id])[0]))
+                rows.append((off, item.score))
+        missing += len(found.failures)
+    return np.array([*rows, *[(np.inf, 0.0)] * missing])
+
+
+@pytest.mark.parametrize(("votes", "listed"), [(1, True), (1, False), (2, False)])
+def test_proposals_lie_where_the_point_truly_is__truth(tmp_path, votes, listed):
+    """Strips in opposite directions, 40 m of relief, grain, contrast and scratches."""
+    rng = np.random.default_rng(11)
+    _, true = rendered_block(tmp_path, RELIEF_M, noise=25.0, seed=4)
+    aged(true, rng)
+    off, probability = judged(as_adjusted(true, rng), true, rng, votes=votes, listed=listed).T
+    sure = probability >= 0.9
+    # The promise is 80 % and 10 %; the run gives 100 % and none wrong.
+    assert np.mean(off < RIGHT_PX) >= 0.8
+    assert sure.mean() >= 0.5
+    assert np.mean(off[sure] > RIGHT_PX) <= 0.1
+
+
+def test_probabilities_of_a_film_block_are_borne_out__truth(tiny):
+    """The synthetic archive: film of 1938, trees, houses; of proposals said to be right with a mean
+    probability so many are."""
+    rng = np.random.default_rng(3)
+    around = as_adjusted(tiny.block, rng)
+    around = replace(around, heights=tiny.reference.dem)
+    centres = np.array([photo.exterior.centre[:2] for photo in tiny.photos.values()])
+    plan = rng.uniform(centres.min(axis=0) - 150, centres.max(axis=0) + 150, (40, 2))
+    ground = np.column_stack([plan, np.zeros(40)])
+    ground[:, 2] = tiny.truth.heights_at(ground)
+    rows = []
+    for number, place in enumerate(ground):
+        at = {
+            name: photo.pixel_from_object(place[None], tiny.truth.camera)
+            for name, photo in tiny.photos.items()
+        }
+        seen = [n for n, p in at.items() if ((p > 60) & (p < tiny.photos[n].size_px)).all()]
+        if len(seen) < 2:
+            continue
+        first = str(rng.choice(seen))
+        found = transfer_point(around, f"P{number}", [pointed("P", first, at[first], rng)])
+        assert isinstance(found, Transferred)
+        rows += [
+            (float(np.hypot(*(item.pixel - at[item.photo_id])[0])), item.score)
+            for item in found.proposals
+        ]
+    off, probability = np.array(rows).T
+    right, sure = off < RIGHT_PX, probability >= 0.9
+    assert len(off) > 40
+    assert right.mean() >= 0.8
+    assert np.mean(~right[sure]) <= 0.1
+    # Binomial: three deviations of fifty-odd proposals of which nine in ten are right.
+    assert probability.mean() == pytest.approx(right.mean(), abs=0.13)
+
+
+def test_a_place_that_is_gone_is_not_proposed_as_sure__truth(tmp_path):
+    rng = np.random.default_rng(5)
+    _, true = rendered_block(tmp_path, RELIEF_M, noise=10.0, seed=2)
+    changed = true.photos["a2"]
+    write(changed.scan, rng.normal(120, 30, (900, 900)))
+    around = as_adjusted(true, rng)
+    told = []
+    for ground in grounds(rng, 15):
+        places = pixels_of(true, ground)
+        if "a1" in places and "a2" in places:
+            found = transfer_point(around, "P", [pointed("P", "a1", places["a1"], rng)])
+            assert isinstance(found, Transferred)
+            told.append(found.probability("a2"))
+    assert len(told) >= 4
+    assert max(told) < 0.5
+
+
+def test_without_an_oriented_photo_it_says_why__law(tmp_path):
+    _, true = rendered_block(tmp_path, RELIEF_M, seed=2)
+    around = as_adjusted(true, np.random.default_rng(1))
+    found = transfer_point(around, "P", [Measurement("P", "nowhere", 1.0, 1.0, 0.5)])
+    assert isinstance(found, Failure)
+    example = Measurement("P", "a1", 400.0, 400.0, 0.5)
+    assert isinstance(transfer_example(around, "P", example, CROSS_PX), Failure)
+
+
+def with_crosses(true: Block, crosses: np.ndarray) -> None:
+    """White crosses painted over what each photo shows of some points, turned as it lies."""
+    for photo in true.photos.values():
+        grey = cv2.imread(str(photo.scan), cv2.IMREAD_GRAYSCALE)
+        for ground in crosses:
+            middle = photo.pixel_from_object(ground[None], CAMERA)[0]
+            arms = np.array([[3.5, 0, 0], [-3.5, 0, 0], [0, 3.5, 0], [0, -3.5, 0]])
+            ends = photo.pixel_from_object(ground + arms, CAMERA)
+            if ((middle > 20) & (middle < 880)).all():
+                for one, other in (ends[:2], ends[2:]):
+                    both = [np.round((end - 0.5) * 16).astype(int).tolist() for end in (one, other)]
+                    cv2.line(grey, *both, 255, 2, cv2.LINE_AA, 4)
+        write(photo.scan, grey)
+
+
+def test_a_cross_measured_once_finds_the_others__truth(tmp_path):
+    rng = np.random.default_rng(8)
+    _, true = rendered_block(tmp_path, RELIEF_M, noise=8.0, seed=6)
+    crosses = grounds(rng, 12)
+    with_crosses(true, crosses)
+    around = as_adjusted(true, rng)
+    sigma = np.full(3, 0.1)
+    surveyed = {
+        f"S{row}": SurveyedPoint(f"S{row}", place, sigma, "control", "surveyed")
+        for row, place in enumerate(crosses)
+    }
+    around = replace(around, block=replace(around.block, surveyed=surveyed))
+    first = pixels_of(true, crosses[0])
+    name = min(first)
+    example = pointed("S0", name, first[name], rng)
+    off, sure = [], []
+    for point_id, ground in zip(surveyed, crosses, strict=True):
+        found = transfer_example(around, point_id, example, CROSS_PX)
+        assert isinstance(found, Transferred)
+        places = pixels_of(true, ground)
+        for item in found.proposals:
+            if item.photo_id in places:
+                off.append(float(np.hypot(*(item.pixel - places[item.photo_id])[0])))
+                sure.append(item.score >= 0.9)
+    assert np.mean(np.array(off) < RIGHT_PX) >= 0.8
+    assert np.mean(np.array(off)[sure] > RIGHT_PX) <= 0.1
+
+
+def test_the_middle_of_a_plate_is_found_to_a_part_of_a_pixel__truth(tmp_path):
+    rng = np.random.default_rng(2)
+    off, told = [], []
+    for number in range(20):
+        middle = 40 + rng.uniform(-0.5, 0.5, 2)
+        rows, columns = np.indices((80, 80)) + 0.5
+        away = np.hypot(columns - middle[0], rows - middle[1])
+        grey = 90 + 120 * np.clip(5.5 - away, 0, 1) + rng.normal(0, 4, (80, 80))
+        path = tmp_path / f"{number}.tif"
+        write(path, grey)
+        found = centre_of_signal(open_scan(path), np.floor(middle)[None] + 1.5, 8.0)
+        assert not isinstance(found, Failure)
+        off.append((found.column - middle[0], found.row - middle[1]))
+        told.append(found.sigma_px)
+    assert np.abs(off).max() < 0.25
+    # Forty values: their RMS lies within a third of the deviation told, wide for its own spread.
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(np.mean(told), rel=0.5)
+    flat = tmp_path / "flat.tif"
+    write(flat, rng.normal(100, 20, (80, 80)))
+    assert isinstance(centre_of_signal(open_scan(flat), np.full((1, 2), 40.0), 8.0), Failure)
