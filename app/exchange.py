@@ -48,10 +48,11 @@ EO_COLUMNS = (
 
 
 def format_named(name: str, *, reads: bool) -> ExchangeFormat:
-    """A format by its name; the command line offers no other."""
-    form = FORMATS[name]
-    assert (form.read if reads else form.write) is not None
-    return form
+    """A format by its name; raises ValueError where there is none, with those there are."""
+    names = format_names(reads=reads)
+    if name not in names:
+        raise ValueError(f"{name!r} is no format; it is one of {', '.join(names)}")
+    return FORMATS[name]
 
 
 def format_names(*, reads: bool) -> tuple[str, ...]:

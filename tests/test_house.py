@@ -24,7 +24,7 @@ from sessions.layers import FOOTPRINTS, MEASUREMENTS, PHOTOS, POINTS
 from ui.words.catalogue import KEYS, words
 
 HOME = Path(__file__).resolve().parents[1]
-ROOMS = ("app", "core", "sessions", "ui")
+ROOMS = ("gruber", "app", "core", "sessions", "ui")
 LONGEST_FILE, LONGEST_FUNCTION, LONGEST_LINE = 500, 60, 100
 MOST_WORDS = 9_000
 """Of the manual: what a user reads in an hour."""

@@ -1,0 +1,163 @@
+"""One block on disk: run it, look at it, decide, adjust, export."""
+
+from pathlib import Path
+
+from app.exchange import Brought, Exported, export_block, import_into
+from app.project import Project, read_project
+from app.run import Run, RunOptions
+from app.terminal import LastingConsole, Terminal
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block as BlockValue
+from core.block import Role
+from core.progress import SILENT
+from gruber import tables
+from sessions.decisions import Accept, Decision, Place, Reason, Recorded, Reject, SetRole
+from sessions.session import Session
+
+
+def open_block(folder: str | Path, operator: str = "notebook", *, quiet: bool = False) -> "Block":
+    """Open a block.
+
+    Args:
+        folder: The folder with a `block.toml`, or that file.
+        operator: Name under which decisions are recorded.
+        quiet: Whether runs say nothing.
+
+    Raises:
+        PhotogrammetryError: `block.toml` holds something that cannot be used.
+    """
+    return Block(read_project(Path(folder)), operator, quiet=quiet)
+
+
+class Block:
+    """A block's folder. Every call reads what is there and leaves it on disk; nothing is held."""
+
+    def __init__(self, project: Project, operator: str, *, quiet: bool) -> None:
+        self.project, self.operator, self.quiet = project, operator, quiet
+
+    @property
+    def folder(self) -> Path:
+        """The block's folder."""
+        return self.project.folder
+
+    @property
+    def results(self) -> Path:
+        """Folder of tables, orthos, mosaic and report."""
+        return self.folder / "results"
+
+    @property
+    def crs(self) -> str:
+        """The block's CRS."""
+        return self.project.block.crs
+
+    def run(self, first: str | None = None, last: str | None = None, workers: int = 2) -> None:
+        """Run the stages; what is fresh is kept.
+
+        Args:
+            first: Make this stage and all after it anew.
+            last: Stop after this stage.
+            workers: Pieces of a stage that run side by side.
+
+        Raises:
+            PhotogrammetryError: The data cannot be used.
+        """
+        self._walk(RunOptions(first, last, workers))
+
+    def adjust(self) -> AdjustmentReport:
+        """The block adjusted with all decisions; what that needs and is not fresh is run first.
+
+        Raises:
+            PhotogrammetryError: The data cannot be used.
+        """
+        return self._walk(RunOptions(last="adjustment")).adjusted
+
+    def orientations(self) -> tables.Table:
+        """Exterior orientations; see `gruber.tables.orientations`."""
+        return tables.orientations(*self._standing())
+
+    def points(self) -> tables.Table:
+        """Surveyed points; see `gruber.tables.points`."""
+        return tables.points(self._standing()[0])
+
+    def measurements(self) -> tables.Table:
+        """Measurements of surveyed points; see `gruber.tables.measurements`."""
+        return tables.measurements(*self._standing())
+
+    def ties(self) -> tables.Table:
+        """Adjusted tie points; see `gruber.tables.ties`."""
+        return tables.ties(self._standing()[1])
+
+    def accept(self, point: str, photo: str) -> Recorded:
+        """The measurement is right."""
+        return self.decide(Accept(point, photo))
+
+    def reject(self, point: str, photo: str, reason: Reason = "other") -> Recorded:
+        """The measurement is wrong."""
+        return self.decide(Reject(point, photo, reason))
+
+    def place(self, point: str, photo: str, column: float, row: float) -> Recorded:
+        """A measurement of one's own: pixels, outer corner of the first pixel (0, 0)."""
+        return self.decide(Place(point, photo, column, row))
+
+    def set_role(self, point: str, role: Role) -> Recorded:
+        """Control steers, check only judges."""
+        return self.decide(SetRole(point, role))
+
+    def decide(self, decision: Decision) -> Recorded:
+        """Record any decision of `sessions.decisions`; it is on the disk when this returns."""
+        seen = self._standing()[0]
+        with Session.open(self.folder, self.operator) as session:
+            return session.record(decision, seen)
+
+    def undo(self) -> Recorded | None:
+        """Take back the operator's last decision; None when none stands."""
+        with Session.open(self.folder, self.operator) as session:
+            return session.undo()
+
+    def decisions(self) -> tuple[Recorded, ...]:
+        """Everything that was decided, by whomever, withdrawn or not."""
+        with Session.open(self.folder, self.operator) as session:
+            return session.decisions()
+
+    def export(
+        self, form: str, out: str | Path | None = None, *, pictures: bool = False
+    ) -> Exported:
+        """Write the adjusted block for another program, as `gruber export` does.
+
+        Raises:
+            PhotogrammetryError: The data cannot be used, or the disk not be written.
+            ValueError: There is no such format.
+        """
+        block, report = self._standing()
+        with Session.open(self.folder, self.operator) as session:
+            target = None if out is None else Path(out)
+            return export_block(
+                session, block, report, form, target, pictures=pictures, progress=SILENT
+            )
+
+    def bring(self, form: str, path: str | Path) -> Brought:
+        """Take over what a file of another program knows, as `gruber import` does.
+
+        Raises:
+            PhotogrammetryError: The file cannot be used.
+            ValueError: There is no such format.
+        """
+        with Session.open(self.folder, self.operator) as session:
+            brought = import_into(self.project, session, form, Path(path))
+        self.project = read_project(self.project.file)
+        return brought
+
+    def _standing(self) -> tuple[BlockValue, AdjustmentReport]:
+        """The block as adjusted with all decisions."""
+        report = self.adjust()
+        return report.block, report
+
+    def _walk(self, options: RunOptions) -> Run:
+        voice = Terminal(LastingConsole(quiet=True) if self.quiet else None)
+        with Session.open(self.folder, self.operator) as session:
+            walk = Run(self.project, session, voice, options)
+            try:
+                walk.walk()
+            finally:
+                voice.close()
+        return walk

@@ -1,0 +1,60 @@
+"""The Python door: its examples run, and it says what tables and session say."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gruber
+from sessions.session import Session
+from tests.tiny import Tiny
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "python" / "examples.md"
+
+
+def test_the_examples_run__law(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "gruber-demo").symlink_to(tiny_run.folder)
+    monkeypatch.chdir(tmp_path)
+    pieces = re.findall(r"```python\n(.*?)```", EXAMPLES.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(pieces) == 4
+    known: dict[str, object] = {}
+    for piece in pieces:
+        exec(compile(piece, str(EXAMPLES), "exec"), known)
+    said = capsys.readouterr().out
+    assert "6 photos" in said
+    assert "sigma nought" in said
+
+
+def test_tables_are_those_of_the_results__law(tiny_run: Tiny) -> None:
+    block = gruber.open_block(tiny_run.folder, quiet=True)
+    report = block.adjust()
+    photos = block.orientations()
+    for row in photos:
+        assert np.array_equal(
+            [row[axis] for axis in "XYZ"], report.block.photos[row["photo"]].exterior.centre
+        )
+    assert len(block.measurements()) == len(report.block.measurements)
+    ties = block.ties()
+    assert ties["rays"].sum() == len(report.block.ties.point)
+
+
+def test_a_decision_is_on_the_disk_and_undone__law(tiny_run: Tiny) -> None:
+    block = gruber.open_block(tiny_run.folder, operator="door", quiet=True)
+    measured = block.measurements()
+    row = measured[measured["status"] == "auto"][0]
+    recorded = block.reject(str(row["point"]), str(row["photo"]), "blurred")
+    with Session.open(tiny_run.folder, "another") as session:
+        assert recorded in session.decisions()
+    after = block.measurements()
+    same = after[(after["point"] == row["point"]) & (after["photo"] == row["photo"])]
+    assert same["status"] == "rejected"
+    block.undo()
+    assert np.array_equal(block.measurements()["status"], measured["status"])
+
+
+def test_an_unknown_format_is_named__law() -> None:
+    with pytest.raises(ValueError, match="one of"):
+        gruber.read("a.txt", "no such format")
