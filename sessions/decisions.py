@@ -74,8 +74,8 @@ class Place:
     row: float
     """Pixels, corner origin."""
     sigma_px: float | None = None
-    """Standard deviation per axis, pixels, of a measurement moved onto the peak it lay beside; None
-    where a hand placed it."""
+    """Standard deviation per axis, pixels, of a measurement moved onto the peak it lay beside, or
+    of a proposal that was accepted; None where a hand placed it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -192,7 +192,7 @@ def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = No
                 matched = knows(block, decision)
                 changed(marks, decision)
             case decision:
-                matched = _decide(known_photos, surveyed, measurements, decision, who=recorded.who)
+                matched = _decide(block, surveyed, measurements, decision, who=recorded.who)
         if not matched:
             unmatched.append(recorded)
     block = with_changes(block, with_effect(marks), found)
@@ -274,7 +274,7 @@ def _bring_points(surveyed: dict[str, SurveyedPoint], decision: BringPoints) -> 
 
 
 def _decide(
-    photos: Mapping[str, Photo],
+    block: Block,
     surveyed: Mapping[str, SurveyedPoint],
     measurements: dict[tuple[str, str], Measurement],
     decision: PhotoDecision,
@@ -282,14 +282,27 @@ def _decide(
     who: str,
 ) -> bool:
     """Change the measurement the decision is about; False when there is nothing to change."""
-    if decision.point_id not in surveyed or decision.photo_id not in photos:
+    if decision.point_id not in surveyed or decision.photo_id not in block.photos:
         return False
     key = decision.point_id, decision.photo_id
-    decided = _decided(measurements.get(key), decision, who)
+    known = measurements.get(key)
+    if known is None and isinstance(decision, MarkNotVisible):
+        known = _expected(block, surveyed[decision.point_id], decision.photo_id)
+    decided = _decided(known, decision, who)
     if decided is None:
         return False
     measurements[key] = decided
     return True
+
+
+def _expected(block: Block, point: SurveyedPoint, photo_id: str) -> Measurement | None:
+    """Where a point that nobody measured ought to lie, for who says that it cannot be seen."""
+    camera = block.camera_of(photo_id)
+    pixel = block.photos[photo_id].pixel_from_object(point.position[None], camera)[0]
+    if not np.isfinite(pixel).all():
+        return None
+    column, row = (float(value) for value in pixel)
+    return Measurement(point.point_id, photo_id, column, row, HAND_SIGMA_PX, 0.0, "unused")
 
 
 def _decided(proposed: Measurement | None, decision: PhotoDecision, who: str) -> Measurement | None:
@@ -324,13 +337,14 @@ def _placed(proposed: Measurement | None, decision: Place, who: str) -> Measurem
             status="accepted", reason=f"refined by {who}",
         )  # fmt: skip
     peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
-    hand = Peak(decision.column, decision.row, HAND_SIGMA_PX, 1.0, "operator")
+    sigma = HAND_SIGMA_PX if decision.sigma_px is None else decision.sigma_px
+    hand = Peak(decision.column, decision.row, sigma, 1.0, "operator")
     return Measurement(
         decision.point_id,
         decision.photo_id,
         decision.column,
         decision.row,
-        HAND_SIGMA_PX,
+        sigma,
         score=1.0,
         status="accepted",
         reason=f"placed by {who}",

@@ -8,9 +8,10 @@ from core.block import Block
 from ui.review.compare import redrawn, stale_photos
 from ui.review.doubtful import extra_of
 from ui.review.history import with_adjustment
-from ui.review.queue import Gains
 from ui.review.scene import Footprints, tie_vectors
 from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Evidence
+from ui.review.to_measure import with_predictions, with_waiting
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,8 +20,8 @@ class AfterAdjustment:
 
     desk: DeskSnapshot
     """The desk as the block was handed over."""
-    gains: Callable[[AdjustmentReport], Gains]
-    """What looking at each measurement is expected to bring."""
+    evidence: Callable[[AdjustmentReport], Evidence]
+    """What the equations tell beside the report."""
     stale_m: float
     """An ortho is stale when the photo moved by more than this on the ground, metres."""
     footprints: Footprints
@@ -33,9 +34,12 @@ class AfterAdjustment:
     def conclude(self, report: AdjustmentReport) -> DeskSnapshot:
         """The captured desk with all that follows from the report."""
         desk = self.desk
-        state = replace(desk.state, report=report, before=desk.state.report, adjusting=False)
+        state = replace(
+            desk.state, report=report, before=desk.state.report, adjusting=False,
+            evidence=self.evidence(report),
+        )  # fmt: skip
         extra = extra_of(state, desk.base, desk.recorded, desk.doubts, desk.dem)
-        state = replace(state, extra=extra)
+        state = with_predictions(replace(state, extra=extra))
         drawn = redrawn(desk.drawn, state.oriented)
         return replace(
             desk,
@@ -44,16 +48,18 @@ class AfterAdjustment:
             stale=stale_photos(state, self.stale_m),
             outlines=self.footprints.of(drawn, state.oriented.origin),
             tie_vectors=tie_vectors(state),
-            table=desk.table.renewed(state, self.gains(report)),
+            table=desk.table.renewed(state),
         )
 
 
 def adopt_adjustment(now: DeskSnapshot, found: DeskSnapshot, stale_m: float) -> DeskSnapshot:
     """The desk as it stands now, with what follows from the newest adjustment."""
     then = found.state
-    state = replace(
-        now.state, report=then.report, before=then.before, adjusting=False, extra=then.extra
-    )
+    predictions = then.to_measure.predictions
+    state = with_waiting(replace(
+        now.state, report=then.report, before=then.before, adjusting=False, extra=then.extra,
+        evidence=then.evidence, to_measure=replace(now.state.to_measure, predictions=predictions),
+    ))  # fmt: skip
     # Orthos may have been made meanwhile.
     same = now.state.made is then.made
     fresh = replace(
@@ -66,4 +72,6 @@ def adopt_adjustment(now: DeskSnapshot, found: DeskSnapshot, stale_m: float) -> 
         trials={},
         adjustments=with_adjustment(now.adjustments, then.report, state),
     )
-    return fresh.with_table(found.table)
+    # Proposals may have come meanwhile.
+    same = state.to_measure.waiting == then.to_measure.waiting
+    return fresh.with_table(found.table if same else found.table.renewed(state))

@@ -16,12 +16,14 @@ from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terr
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
-from core.adjustment.expected_gain import Gain, expected_gains
+from core.adjustment.expected_gain import expected_gains
 from core.adjustment.influence import influence_of
+from core.adjustment.measuring_gain import measuring_gains
 from core.adjustment.weights import Terrain
 from core.arrays import ObjectPoints
 from core.block import Block, Photo
 from core.control.likeness import Likeness, likeness_about, search_options
+from core.control.prediction import covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.doubts import Doubt, Failure
 from core.errors import ProjectError
@@ -40,10 +42,17 @@ from core.said import say
 from core.scans.stage import ScanSet
 from sessions.session import HIDDEN, Session
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
-from ui.review.queue import Gains
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import NOTHING_INITIAL, DeskState, InitialState, Made
+from ui.review.state import (
+    NO_EVIDENCE,
+    NOTHING_INITIAL,
+    DeskState,
+    Evidence,
+    InitialState,
+    Made,
+)
 from ui.review.tiles import OrthoSource, ScanWindow
+from ui.review.to_measure import points_of_user
 from ui.views.meshes import SurfaceSource, TerrainOptions
 
 SEARCH_M = 12.0
@@ -62,9 +71,9 @@ def keep_nothing(report: AdjustmentReport) -> None:
     """Adjustments are not kept."""
 
 
-def no_gains(report: AdjustmentReport) -> Gains:
-    """Nothing is known of what looking at a measurement brings."""
-    return {}
+def no_evidence(report: AdjustmentReport) -> Evidence:
+    """Nothing is known beside the report."""
+    return NO_EVIDENCE
 
 
 def no_mosaic() -> Holes:
@@ -126,8 +135,8 @@ class DeskInputs:
     """What the photos began from: scans as they were found."""
     choose: Callable[[bool, bool], None] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
-    gains: Callable[[AdjustmentReport], Gains] = no_gains
-    """What looking at each measurement is expected to bring in an adjustment."""
+    evidence: Callable[[AdjustmentReport], Evidence] = no_evidence
+    """What the equations of an adjustment tell beside its report."""
     holes: Callable[[], Holes] = no_mosaic
     """Holes inside the mosaic on disk."""
     results: Path | None = None
@@ -186,7 +195,7 @@ def desk_inputs(
         read_scan=scans,
         adjust=adjusting,
         choose=adjusting.choose,
-        gains=adjusting.gains,
+        evidence=adjusting.evidence,
         initial=initial,
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
@@ -238,10 +247,20 @@ class Adjusting:
             return adjust_block(block, options, progress, self._terrain)
         return adjusted_without_gross(block, options, progress, self._terrain)
 
-    def gains(self, report: AdjustmentReport) -> dict[tuple[str, str], Gain]:
-        """What looking at each control measurement is expected to bring."""
+    def evidence(self, report: AdjustmentReport) -> Evidence:
+        """What looking at each measurement and measuring more is expected to bring."""
         influence = influence_of(report, self._options, SILENT, self._terrain)
-        return {} if influence is None else expected_gains(influence)
+        if influence is None:
+            return NO_EVIDENCE
+        block, covariances = report.block, covariances_of(influence)
+        points = points_of_user(block)
+        shown = predict_points(block, points, covariances)
+        wanted = [(block.surveyed[key[0]], key[1]) for key in shown]
+        return Evidence(
+            expected_gains(influence),
+            covariances,
+            measuring_gains(influence, wanted, len(report.checks)),
+        )
 
     def choose(self, cameras: bool, robust: bool) -> None:
         """Estimate the cameras or not, look for gross errors or not, from now on."""

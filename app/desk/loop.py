@@ -36,6 +36,7 @@ from ui.review.queue import seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat
+from ui.review.to_measure import kept_up, with_predictions
 from ui.review.trial import Trial, TrialWork
 
 
@@ -63,10 +64,13 @@ class ReviewLoop:
     def start(self) -> None:
         """Begin: lay earlier decisions over the block, and adjust if there are any."""
         now, state = self._now, self._now.state
+        state = replace(state, evidence=self._inputs.evidence(state.report))
+        state = with_predictions(state)
         self._screen.publish(now.drawn)
         self._now = replace(
             now,
-            table=now.table.renewed(state, self._inputs.gains(state.report)),
+            state=state,
+            table=now.table.renewed(state),
             stale=stale_photos(state, self._inputs.stale_m),
             outlines=self._footprints.of(now.drawn, state.oriented.origin),
             tie_vectors=tie_vectors(state),
@@ -151,14 +155,14 @@ class ReviewLoop:
         block = self._session.replayed(now.base, now.initial.films)
         state = replace(now.state, block=block, decided=len(plain))
         extra = extra_of(state, now.base, recorded, now.doubts, now.dem)
-        state = replace(state, extra=extra)
+        state = kept_up(now.state, replace(state, extra=extra))
         table = now.table.with_changes(now.state, state)
         self._now = replace(now, state=state, recorded=recorded).with_table(table)
 
     def _adjust(self) -> None:
         """Capture the desk and hand it to the worker, in place of what it may be doing."""
         inputs = self._inputs
-        self._work = AfterAdjustment(self._now, inputs.gains, inputs.stale_m, self._footprints)
+        self._work = AfterAdjustment(self._now, inputs.evidence, inputs.stale_m, self._footprints)
         self._trial = None
         self._worker.submit(self._work)
 

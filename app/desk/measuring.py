@@ -9,6 +9,7 @@ import numpy as np
 from app.desk.messages import Deliver, Measured, MeasuringBegun
 from core.block import Measurement, Peak
 from core.control.likeness import OPERATOR, Likeness
+from core.control.prediction import EDGE_MM, shown_in
 from core.doubts import Failure
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
@@ -21,8 +22,6 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice
 
 NAME = re.compile(r"H(\d+)")
-EDGE_MM = 2.0
-"""So near the border of the frame nothing is measured where another photo shows the place."""
 SURE, AGREEING_PX = 0.7, 0.3
 """Likeness and agreement of its two ways that make a mark an example for others."""
 SAME_PIXEL = 0.02
@@ -75,8 +74,11 @@ class MeasuringTool:
         """
         seat_id, key, known = gesture.seat_id, gesture.key, len(desk.recorded)
         draft = desk.seats[seat_id].draft_of(key) if seat_id in desk.seats else None
-        measured = desk.state.block.measurements[key]
-        start = with_drafted(desk.state, draft).block.measurements[key] if draft else measured
+        measured = desk.state.measurement_of(key)
+        drafted = with_drafted(desk.state, draft).measurement_of(key) if draft else None
+        start = drafted or measured
+        assert start is not None, "only what has a row is refined"
+        assert measured is not None, "only what has a row is refined"
         point, oriented = desk.state.block.surveyed[gesture.key[0]], desk.state.oriented
         photo, camera = oriented.photos[gesture.key[1]], oriented.camera_of(gesture.key[1])
         found = Failure("there is nothing to compare with")
@@ -94,7 +96,8 @@ class MeasuringTool:
             "row": f"{moved[1]:+.2f}",
         }
         away = np.hypot(column - measured.column, row - measured.row)
-        sigma = measured.sigma_px if away < SAME_PLACE_PX else None
+        own = away < SAME_PLACE_PX and not desk.state.is_waiting(key)
+        sigma = measured.sigma_px if own else None
         decision = Place(*key, column, row, sigma)
         return Measured(seat_id, decision, Notice("notice.refined", values), draft, known)
 
@@ -151,13 +154,9 @@ def photos_showing(
         return found
     for name, photo in oriented.photos.items():
         camera = oriented.camera_of(name)
-        pixel = photo.pixel_from_object(position, camera)
-        if not photo.oriented or not np.isfinite(pixel).all():
-            continue
-        beyond = np.abs(photo.interior.film_from_pixel(pixel)[0]) - np.array(camera.frame_mm) / 2
-        on_scan = np.all((pixel[0] > 0) & (pixel[0] < np.array(photo.size_px)))
-        if on_scan and beyond.max() < 0:
-            (found if beyond.max() < -EDGE_MM else at_edge)[name] = pixel
+        pixel, margin = shown_in(photo, camera, position)
+        if photo.oriented and margin[0] > 0:
+            (found if margin[0] > EDGE_MM else at_edge)[name] = pixel
     return found or at_edge
 
 

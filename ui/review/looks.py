@@ -9,8 +9,8 @@ from jaxtyping import Int64, UInt8
 
 from core.arrays import Scalars
 
-ShownState = Literal["auto", "accepted", "rejected", "dubious", "unused"]
-"""State of a measurement as the desk shows it."""
+ShownState = Literal["auto", "accepted", "rejected", "dubious", "unused", "predicted", "proposed"]
+"""State of a measurement as the desk shows it; the last two of what is to be measured yet."""
 CloudShape = Literal["square", "diamond", "circle", "rounded", "sparkle"]
 """Shapes a point of a point cloud can have on screen."""
 
@@ -26,7 +26,7 @@ class Look:
     colour: str
     """CSS colour, from the palette of Okabe and Ito, lightened for a dark ground."""
     glyph: str
-    """Shape on the pages: `circle`, `disc`, `cross`, `diamond` or `square`."""
+    """Shape on the pages: `circle`, `disc`, `cross`, `diamond`, `square`, `dashed`, `target`."""
     cloud_shape: CloudShape
     """Shape in the 3D scene."""
     cloud_size: float
@@ -39,6 +39,8 @@ LOOKS: dict[ShownState, Look] = {
     "rejected": Look("#ee6a2c", "cross", "sparkle", 1.3),
     "dubious": Look("#f0d34a", "diamond", "diamond", 1.25),
     "unused": Look("#8a93a0", "square", "square", 0.7),
+    "predicted": Look("#e69fd0", "dashed", "circle", 0.7),
+    "proposed": Look("#c3e88d", "target", "circle", 0.7),
 }
 """Every state's look; shapes differ as well as colours."""
 

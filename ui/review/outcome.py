@@ -64,8 +64,10 @@ from ui.review.gestures import (
     VectorsScaled,
     Verdict,
 )
+from ui.review.looks import ShownState
 from ui.review.picture import Part
 from ui.review.queue import (
+    UNDECIDED,
     coming,
     neighbour,
     next_open,
@@ -77,6 +79,7 @@ from ui.review.queue import (
 from ui.review.sight import Picked, card_part, ground_under, photos_over, pick, sight_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
+from ui.review.to_measure import WAITING
 
 Act = Literal[
     "",
@@ -196,6 +199,8 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     if extra and verdict not in ("accept", "reject"):
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     draft = seat.draft_of(key) if verdict == "accept" else None
+    if not draft and (notice := _not_measured(desk.rows[key].state, verdict)):
+        return Outcome(seat, notice=notice)
     if draft and is_to_be_asked(desk.state, seat, draft):
         return Outcome(replace(seat, asking=draft))
     stands = not draft and _standing_verdict(measurement.status, measurement.reason) == verdict
@@ -203,11 +208,13 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
     rejected = verdict == "reject" and not stands and not extra
     after = replace(after.without_draft(key), explaining=key if rejected else None)
-    last = here and desk.rows[key].state == "auto" and not coming(desk.rows, seat)
+    last = here and desk.rows[key].state in UNDECIDED and not coming(desk.rows, seat)
     if draft:
         decided = draft.decision
     elif extra:
         decided = verdict_on(desk.state.extra, key, verdict == "accept")
+    elif desk.state.is_waiting(key) and verdict == "accept":
+        decided = Place(*key, measurement.column, measurement.row, measurement.sigma_px)
     else:
         decided = _decision_of(verdict, key)
     return Outcome(
@@ -215,6 +222,13 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
         () if stands or decided is None else (decided,),
         notice=Notice("notice.queue-done") if last else None,
     )
+
+
+def _not_measured(state: ShownState, verdict: Verdict) -> Notice | None:
+    """Why a verdict says nothing of a point that is not measured yet; None where it does."""
+    if verdict == "invisible" or state not in WAITING or (state, verdict) == ("proposed", "accept"):
+        return None
+    return Notice("notice.place-first")
 
 
 def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -323,8 +337,8 @@ def _place(
         return Outcome(seat)
     seat = replace(seat, explaining=None)
     if isinstance(gesture, PeakChosen):
-        measurement = desk.state.block.measurements[gesture.key]
-        if not 0 <= gesture.index < len(measurement.peaks):
+        measurement = desk.state.measurement_of(gesture.key)
+        if measurement is None or not 0 <= gesture.index < len(measurement.peaks):
             return Outcome(seat)
         return _drafted(seat, ChoosePeak(point_id, photo_id, gesture.index))
     if isinstance(gesture, PlacedOnGround):
@@ -345,10 +359,9 @@ def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> O
     """What is looked for in the scans, and so in the background; a refined point is waited for."""
     if isinstance(gesture, PointAsked):
         return Outcome(seat, act="measure")
-    block = desk.state.block
     if gesture.key in desk.state.extra.measurements:
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
-    if gesture.key not in block.measurements or gesture.key[0] not in block.surveyed:
+    if gesture.key not in desk.rows or gesture.key[0] not in desk.state.block.surveyed:
         return Outcome(seat)
     return Outcome(replace(seat, current=gesture.key, explaining=None), act="measure")
 

@@ -8,13 +8,15 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Measurement
-from ui.review.compare import Drawn, HeightSource, Overlay, overlay_of
+from sessions.decisions import NOT_VISIBLE
+from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, overlay_of
 from ui.review.drafts import by_hand, with_drafted
 from ui.review.looks import short, shortened
 from ui.review.misfit import Misfit, misfits
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Seat
+from ui.review.to_measure import by_view
 from ui.review.trial import Trial
 
 IN_USE = ("auto", "accepted")
@@ -23,6 +25,9 @@ DIGITS = {
     "doubt.peaks": 0, "doubt.misfit": 1, "doubt.tie": 1, "doubt.rays": 0, "doubt.fiducial": 0,
 }  # fmt: skip
 """Digits behind the point of the figure in a reason for doubt; 2 by default."""
+# design: one in ninety lies outside, of two coordinates together.
+ELLIPSE_SIGMAS = 3.0
+"""The ellipse about a predicted place has so many standard deviations."""
 AHEAD = 2
 """Measurements whose pictures are fetched before they are needed."""
 Part = dict[str, Any] | list[Any] | int | None
@@ -153,6 +158,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
             "pixel": short(oriented.photos[key[1]].ground_pixel_m(oriented.camera_of(key[1])), 4),
         },
         "marks": _marks(overlay),
+        "ellipse": _ellipse(state, key),
         "raw": _raw(overlay),
         "draft": None if draft is None else {
             **_draft(overlay_of(shown, drawn, pictured.dem, key)),
@@ -161,7 +167,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "figures": _figures(state, shown, row),
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
         "peaks": _peaks(measurement, shown.measurement_of(key) or measurement),
-        "others": _others(rows, drawn, pictured.beside or (key,)),
+        "others": _others(state, rows, pictured, pictured.beside or (key,)),
         "ahead": _ahead(state, seat, rows, drawn),
         "trial": _trial(state, pictured.trial),
         "history": list(pictured.history),
@@ -204,6 +210,15 @@ def _marks(overlay: Overlay) -> Part:
     }
 
 
+def _ellipse(state: DeskState, key: Key) -> Part:
+    """Where a point of the user lies in all likelihood: what a unit circle becomes, scan pixels."""
+    expected = state.to_measure.predictions.get(key)
+    if expected is None:
+        return None
+    root = ELLIPSE_SIGMAS * np.linalg.cholesky(expected.covariance)
+    return [[short(value, 3) for value in line] for line in root]
+
+
 def _raw(overlay: Overlay) -> Part:
     """The same places in pixels of the raw scan, and how ground maps into it nearby."""
     return {
@@ -226,7 +241,8 @@ def _figures(state: DeskState, shown: DeskState, row: Row) -> Part:
     measurement, point = shown.measurement_of(row.key), shown.point_of(row.key[0])
     assert measurement is not None, "rows are about measurements"
     assert point is not None, "rows are about points"
-    now = misfits(shown, (row.key,)).get(row.key)
+    unplaced = row.state == "predicted" and not drafted
+    now = None if unplaced else misfits(shown, (row.key,)).get(row.key)
     before = state.report if drafted else state.before
     old = misfits(state, (row.key,), before).get(row.key) if before else None
     return {
@@ -259,18 +275,39 @@ def _peaks(measurement: Measurement, shown: Measurement) -> Part:
     ]
 
 
-def _others(rows: Mapping[Key, Row], drawn: Drawn, keys: Iterable[Key]) -> Part:
-    """Every scan that shows the point, the current one among them."""
+def _others(
+    state: DeskState, rows: Mapping[Key, Row], pictured: Pictured, keys: Iterable[Key]
+) -> Part:
+    """Every scan that shows the point, the current one among them; the best view first."""
+    drawn, dem = pictured.drawn, pictured.dem
     return [
         {
             "photo": key[1],
             "state": rows[key].state,
+            "at": _place_in(state, drawn, dem, key),
+            "hidden": is_hidden(state.block.measurements.get(key)),
+            "score": short(rows[key].score, 2),
             "misfit": short(rows[key].misfit_px, 1),
             "version": drawn[key[1]].version,
         }
-        for key in keys
+        for key in by_view(state.to_measure, keys)
         if key in rows and key[1] in drawn
     ]
+
+
+def _place_in(state: DeskState, drawn: Drawn, dem: HeightSource, key: Key) -> Part:
+    """Where a warped scan shows a point of the user, metres east and north; None of others."""
+    measurement, point = state.measurement_of(key), state.point_of(key[0])
+    if key not in state.to_measure.predictions or measurement is None or point is None:
+        return None
+    height_m = float(point.position[2])
+    place = ground_from_pixel(measurement.pixel, drawn[key[1]], dem, height_m)[0, :2]
+    return shortened(place, 2) if np.isfinite(place).all() else None
+
+
+def is_hidden(measurement: Measurement | None) -> bool:
+    """True where somebody said that the point cannot be seen."""
+    return measurement is not None and measurement.reason == NOT_VISIBLE
 
 
 def _ahead(state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn) -> Part:

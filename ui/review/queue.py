@@ -19,7 +19,9 @@ from ui.review.state import (
     QueueFilter,
     Seat,
     Sorting,
+    StateFilter,
 )
+from ui.review.to_measure import WAITING, worth_of_rows
 
 Gains = Mapping[Key, Gain]
 INFLUENCE_FLOOR = 0.4
@@ -28,6 +30,8 @@ MOVES_NOTHING = 0.02
 """So much of the gain by rule of thumb counts where others are known in metres."""
 UNUSED_GAIN = 1e-6
 """What the engine left out comes after what steers the block."""
+UNDECIDED = ("auto", *WAITING)
+"""States of what there is to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +76,8 @@ class QueueFigures:
     """What looking at one is expected to bring; empty where that was not found."""
     disputed: Mapping[Key, float] = field(default_factory=dict[Key, float])
     """How far the block puts an accepted measurement from where it is, metres."""
+    worth: Mapping[Key, float] = field(default_factory=dict[Key, float])
+    """What measuring a point in a photo where nobody did would bring, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,12 +95,12 @@ class QueueTable:
     figures: QueueFigures
     """What the rows were made of."""
 
-    def renewed(self, state: DeskState, gains: Gains | None = None) -> "QueueTable":
+    def renewed(self, state: DeskState) -> "QueueTable":
         """After an adjustment, or when rows came or went.
 
         Lines that say the same are the same objects, so that they are not written again.
         """
-        figures = queue_figures(state, self.figures.gains if gains is None else gains)
+        figures = queue_figures(state)
         rows = {row.key: row for row in queue_rows(state, figures)}
         by_point: dict[str, list[Key]] = {}
         for key in rows:
@@ -129,6 +135,8 @@ def changed_keys(before: DeskState, after: DeskState) -> set[Key] | None:
     one, other = before.block, after.block
     if one.measurements.keys() != other.measurements.keys():
         return None
+    if before.to_measure.waiting is not after.to_measure.waiting:
+        return None
     extra, fresh = before.extra.measurements, after.extra.measurements
     if extra.keys() != fresh.keys():
         return None
@@ -154,19 +162,26 @@ def row_line(row: Row) -> list[Any]:
             short(row.sigmas, 1)]  # fmt: skip
 
 
-def queue_figures(state: DeskState, gains: Gains | None = None) -> QueueFigures:
+def queue_figures(state: DeskState) -> QueueFigures:
     """Misfits and controllability of all measurements of a state."""
-    keys = (*state.block.measurements, *state.extra.measurements)
+    keys = (*state.block.measurements, *state.extra.measurements, *state.to_measure.proposals)
     disputed = {one.key: one.metres for one in state.report.contradictions}
-    return QueueFigures(misfits(state, keys), controllability(state), gains or {}, disputed)
+    return QueueFigures(
+        misfits(state, keys), controllability(state), state.evidence.gains, disputed,
+        worth_of_rows(state),
+    )  # fmt: skip
 
 
 def queue_rows(state: DeskState, figures: QueueFigures | None = None) -> tuple[Row, ...]:
-    """Every measurement of a surveyed point, in the order of point and photo; then the rest."""
+    """Every measurement of a surveyed point, in the order of point and photo; then the rest.
+
+    What is to be measured stands among the measured.
+    """
     figures = figures or queue_figures(state)
-    keys = [key for key in sorted(state.block.measurements) if key[0] in state.block.surveyed]
+    keys = sorted({*state.block.measurements, *state.to_measure.waiting})
+    known = [key for key in keys if key[0] in state.block.surveyed]
     return tuple(
-        queue_row(state, figures, key) for key in (*keys, *sorted(state.extra.measurements))
+        queue_row(state, figures, key) for key in (*known, *sorted(state.extra.measurements))
     )
 
 
@@ -176,6 +191,8 @@ def queue_row(state: DeskState, figures: QueueFigures, key: Key) -> Row:
     assert measurement is not None, "rows are made of measurements"
     if key in state.extra.measurements:
         return _extra_row(state, measurement, figures.misfits.get(key))
+    if state.is_waiting(key):
+        return _waiting_row(state, measurement, figures)
     return _row(state, measurement, figures)
 
 
@@ -210,6 +227,8 @@ def passes(row: Row, wanted: QueueFilter) -> bool:
             return True
         case "open":
             return row.state == "auto"
+        case "measure":
+            return row.state in WAITING
         case "disputed":
             return not math.isnan(row.disputed_m)
         case _:
@@ -235,7 +254,7 @@ def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
 def next_open(rows: Mapping[Key, Row], seat: Seat) -> Key | None:
     """The next undecided key of the queue; simply the next one where all of it is decided."""
     shown = visible(rows, seat)
-    undecided = tuple(key for key in shown if rows[key].state == "auto")
+    undecided = tuple(key for key in shown if rows[key].state in UNDECIDED)
     return neighbour(undecided or shown, seat, 1)
 
 
@@ -263,7 +282,7 @@ def showing(seat: Seat, rows: Mapping[Key, Row], key: Key) -> Seat:
         wanted = replace(wanted, role=role if row.role in POINT_KINDS else row.role,
                          photo_id=photo_id)  # fmt: skip
     if not passes(row, wanted):
-        wanted = replace(wanted, state="open" if row.state == "auto" else row.state)
+        wanted = replace(wanted, state=_filter_of(row))
     if wanted != seat.filter:
         seat = with_filter(seat, rows, wanted)
     return replace(seat, current=key)
@@ -277,7 +296,7 @@ def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> 
     shown = visible(rows, seat)
     here = shown.index(seat.current) if seat.current in shown else -1
     turned = (*shown[here + 1 :], *shown[: max(here, 0)])
-    return tuple(key for key in turned if rows[key].state == "auto" and key not in taken)
+    return tuple(key for key in turned if rows[key].state in UNDECIDED and key not in taken)
 
 
 def seat_down(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) -> Seat:
@@ -287,7 +306,10 @@ def seat_down(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) 
     seat = replace(seat, order=order, current=current)
     if current is None:
         shown = visible(rows, seat)
-        undecided = [key for key in shown if rows[key].state == "auto"]
+        if not shown and any(row.state in WAITING for row in rows.values()):
+            seat = replace(seat, filter=replace(seat.filter, state="measure"))
+            shown = visible(rows, seat)
+        undecided = [key for key in shown if rows[key].state in UNDECIDED]
         free = [key for key in undecided if key not in taken]
         seat = replace(seat, current=next(iter(free or undecided or shown), None))
     return seat
@@ -346,6 +368,38 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
         grounds=grounds,
         disputed_m=disputed,
     )
+
+
+def _waiting_row(state: DeskState, expected: Measurement, figures: QueueFigures) -> Row:
+    """A point of the user that nobody has measured in this photo."""
+    key = expected.key
+    shown, misfit = state.shown_state(expected), figures.misfits.get(key)
+    proposed = shown == "proposed"
+    worth = figures.worth.get(key, 0.0)
+    return Row(
+        key=key,
+        role=state.block.surveyed[key[0]].role,
+        state=shown,
+        human=False,
+        doubt=1 - expected.score if proposed else 0.0,
+        gain=worth / (1 + worth),
+        misfit_px=math.hypot(*misfit.pixels) if misfit and proposed else math.nan,
+        sigmas=misfit.ratio if misfit and proposed else math.nan,
+        score=expected.score if proposed else math.nan,
+        controlled=None,
+        grounds=(),
+    )
+
+
+def _filter_of(row: Row) -> StateFilter:
+    """The filter that shows a row and what is like it."""
+    match row.state:
+        case "auto":
+            return "open"
+        case "predicted" | "proposed":
+            return "measure"
+        case state:
+            return state
 
 
 def _gain(doubt: float, controlled: float | None, figures: QueueFigures, key: Key) -> float:

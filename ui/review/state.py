@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.expected_gain import Gain
 from core.block import Block, Measurement, Photo, SurveyedPoint
+from core.control.prediction import Covariances, Prediction
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.raster.holes import Hole
@@ -23,9 +25,11 @@ KINDS: tuple[Kind, ...] = ("control", "check", "tie", "photo", "fiducial")
 POINT_KINDS: tuple[Kind, ...] = ("control", "check")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
-StateFilter = Literal["open", "all", "disputed", "accepted", "rejected", "dubious", "unused"]
+StateFilter = Literal[
+    "open", "measure", "all", "disputed", "accepted", "rejected", "dubious", "unused"
+]
 STATE_FILTERS: tuple[StateFilter, ...] = (
-    "open", "all", "disputed", "dubious", "accepted", "rejected", "unused",
+    "open", "measure", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 Sheet = Literal["", "board", "placement"]
 """A view laid over the desk, beside that of the block's quality."""
@@ -54,8 +58,8 @@ class QueueFilter:
     """What a queue lets through."""
 
     state: StateFilter = "open"
-    """One state, or all; `open`: used and not looked at, which is what there is to do; `disputed`:
-    accepted by a human, contradicted by the block."""
+    """One state, or all; `open`: used and not looked at, which is what there is to do; `measure`:
+    to be measured yet; `disputed`: accepted by a human, contradicted by the block."""
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""
@@ -205,6 +209,36 @@ class Extra:
 NO_EXTRA = Extra()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What the equations of one adjustment tell beside its report."""
+
+    gains: Mapping[Key, Gain] = field(default_factory=dict[Key, Gain])
+    """What looking at each measurement is expected to bring."""
+    covariances: Covariances = field(default_factory=dict[str, Any])
+    """How well each photo that took part is known."""
+    worth: Mapping[Key, float] = field(default_factory=dict[Key, float])
+    """What measuring a point of the user in a photo would bring, metres."""
+
+
+NO_EVIDENCE = Evidence()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToMeasure:
+    """Points of the user in photos where nobody has measured them yet."""
+
+    predictions: Mapping[Key, Prediction] = field(default_factory=dict[Key, Prediction])
+    """Every point of the user in every photo that shows it, measured or not; best view first."""
+    proposals: Mapping[Key, Measurement] = field(default_factory=dict[Key, Measurement])
+    """Where a point was found by what other photos show of it; `score` is the probability."""
+    waiting: Mapping[Key, Measurement] = field(default_factory=dict[Key, Measurement])
+    """What is to be measured: at its proposal, or where it is predicted."""
+
+
+NOTHING_TO_MEASURE = ToMeasure()
+
+
 def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
     """True when two adjustments come to the same tables."""
     states = [
@@ -240,6 +274,10 @@ class DeskState:
     """Holes inside the mosaic on disk; None where there is none."""
     extra: Extra = NO_EXTRA
     """Tie points, photos and fiducials to be judged."""
+    evidence: Evidence = NO_EVIDENCE
+    """What the equations of the newest adjustment tell."""
+    to_measure: ToMeasure = NOTHING_TO_MEASURE
+    """Points of the user that wait to be measured."""
 
     @property
     def written(self) -> bool:
@@ -257,8 +295,19 @@ class DeskState:
         )
 
     def measurement_of(self, key: Key) -> Measurement | None:
-        """The measurement a row is about, of a surveyed point or of anything else."""
-        return self.block.measurements.get(key) or self.extra.measurements.get(key)
+        """The measurement a row is about, of a surveyed point or of anything else.
+
+        Of what waits to be measured, the place where it is expected.
+        """
+        return (
+            self.block.measurements.get(key)
+            or self.extra.measurements.get(key)
+            or self.to_measure.waiting.get(key)
+        )
+
+    def is_waiting(self, key: Key) -> bool:
+        """True for a point that nobody has measured in this photo."""
+        return key in self.to_measure.waiting and key not in self.block.measurements
 
     def point_of(self, name: str) -> SurveyedPoint | None:
         """The place on the ground a row is about."""
@@ -266,6 +315,9 @@ class DeskState:
 
     def shown_state(self, measurement: Measurement) -> ShownState:
         """The state on screen: what the adjustment left out by itself shows as unused."""
+        if self.is_waiting(measurement.key):
+            proposed = measurement.key in self.to_measure.proposals
+            return "proposed" if proposed else "predicted"
         if measurement.status == "auto" and self.left_out(measurement.key):
             return "unused"
         return measurement.status

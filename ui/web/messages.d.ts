@@ -5,7 +5,7 @@
 type Pair = number[];
 /** A point and the photo it is measured in. */
 type Key = [point: string, photo: string];
-type State = "auto" | "accepted" | "rejected" | "dubious" | "unused";
+type State = "auto" | "accepted" | "rejected" | "dubious" | "unused" | "predicted" | "proposed";
 type Context = CanvasRenderingContext2D;
 /** Rows of an affine map: [[a, b, x], [c, d, y]]. */
 type Affine = number[][];
@@ -128,7 +128,13 @@ interface Point {
   figures: Figures;
   why: [word: string, value: string][];
   peaks: { score: number | null; operator: string; away: number }[];
-  others: { photo: string; state: State; misfit: number | null; version: number }[];
+  /** Where a point of the user lies in all likelihood: what a unit circle becomes, scan pixels. */
+  ellipse: number[][] | null;
+  /** Every scan that shows the point, best view first; where it lies there, metres. */
+  others: {
+    photo: string; state: State; misfit: number | null; version: number; hidden: boolean;
+    score: number | null; at: Pair | null;
+  }[];
   ahead: [photo: string, version: number, east: number, north: number][];
   trial: Trial | null;
   history: HistoryItem[];

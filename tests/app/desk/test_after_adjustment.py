@@ -10,6 +10,7 @@ from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
 from ui.review.compare import made_with
 from ui.review.scene import Footprints
 from ui.review.snapshot import DeskSnapshot
+from ui.review.state import NO_EVIDENCE
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def decided() -> DeskSnapshot:
 
 @pytest.fixture(scope="module")
 def concluded(decided) -> DeskSnapshot:
-    work = AfterAdjustment(decided, lambda _: {}, 0.1, Footprints(decided.dem))
+    work = AfterAdjustment(decided, lambda _: NO_EVIDENCE, 0.1, Footprints(decided.dem))
     assert work.block() is decided.state.block
     return work.conclude(adjust(work.block()))
 

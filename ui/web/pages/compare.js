@@ -12,6 +12,7 @@ import {
 import {
   Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf,
 } from "./view.js";
+import { drawEllipse, drawPatch, ellipseRadius, rawFromGround } from "./expected.js";
 import { drawTogether } from "./together.js";
 import { finishBefore, send } from "./wire.js";
 
@@ -102,7 +103,8 @@ export function comparePoint(fresh, refused = false) {
   const answered = refused || placeOf(fresh) !== placeOf(state.point);
   Object.assign(state, { point: fresh, nudged: answered ? null : state.nudged });
   if (fresh && before !== fresh.key.join("|")) {
-    showPoint(fresh, state.view.scale || state.look.scale || defaultScale());
+    const scale = state.view.scale || state.look.scale || defaultScale();
+    showPoint(fresh, Math.min(scale, wholeEllipse(fresh)));
     lookAhead();
   }
   redraw();
@@ -132,7 +134,7 @@ export function zoomCompare(factor) {
 
 export function fitCompare() {
   if (!state.point) return;
-  showPoint(state.point, defaultScale());
+  showPoint(state.point, Math.min(defaultScale(), wholeEllipse(state.point)));
   redraw();
 }
 
@@ -189,6 +191,14 @@ function setMode(mode) {
 
 // design: a pixel of the coarser picture is 2.2 of the screen.
 const defaultScale = () => 2.2 / Math.max(start.ortho_pixel, state.point?.scan.pixel ?? 0);
+
+/** What is to be measured is sought in the whole of its ellipse. @param {Point} point */
+const wholeEllipse = (point) => (isPlaced(point) || !point.ellipse ? Infinity
+  : (0.45 * Math.min(...state.panes.flatMap(({ size }) => size).filter(Boolean)))
+    / ellipseRadius(point.ellipse) / point.scan.pixel);
+
+/** True once there is a place to move or keep. @param {Point} point */
+const isPlaced = ({ state: known, draft }) => known !== "predicted" || draft !== null;
 
 const redraw = oncePerFrame(drawAll);
 
@@ -281,11 +291,6 @@ function drawAlike(context, pane, point) {
   drawLikeness(context, point, (raw) => onScreen(pane, point, mapped(back, raw), raw), redraw);
 }
 
-/** The ground about the point into the raw scan. @param {Point} point @returns {Affine} */
-function rawFromGround({ raw, marks: { predicted: [east, north] } }) {
-  return raw.matrix.map(([a, b], i) => [a, b, raw.predicted[i] - a * east - b * north]);
-}
-
 /** The raw scan is drawn with its own axes, about the same middle. @param {Point} point */
 function rawView(point) {
   const { view } = state;
@@ -344,7 +349,10 @@ function drawMarks(pane, point) {
       (at) => onScreen(pane, point, at));
   }
   if (look.marks) {
-    drawPatch(context, pane, point);
+    const place = (/** @type {Pair} */ at, /** @type {Pair | null} */ raw) =>
+      onScreen(pane, point, at, raw);
+    if (isPlaced(point)) drawPatch(context, point, kind === "scan", place);
+    if (kind !== "ortho") drawEllipse(context, point, place);
     if (kind !== "scan") surveyedMark(context, onScreen(pane, point, point.marks.surveyed), point);
     if (kind !== "ortho") scanMarks(context, pane, point);
   }
@@ -371,7 +379,9 @@ function scanMarks(context, pane, point) {
   const far = Math.hypot(to[0] - from[0], to[1] - from[1]) > 10;
   if (far) line(context, from, to, palette.predicted, 1.2);
   expectedMark(context, to, palette.predicted, 9);
-  measuredMark(context, measuredOn(pane, point), palette.states[point.state].colour);
+  if (point.state !== "predicted") {
+    measuredMark(context, measuredOn(pane, point), palette.states[point.state].colour);
+  }
   if (!draft) return;
   context.setLineDash([3, 3]);
   measuredMark(context, draft, palette.current);
@@ -386,31 +396,6 @@ function meant(pane, point, [x, y]) {
   if (byId("peaks").matches(":hover, :focus-within")) return true;
   const at = state.cursor && onScreen(pane, point, state.cursor.ground, state.cursor.raw);
   return at !== null && Math.hypot(at[0] - x, at[1] - y) < NEAR_PX;
-}
-
-/**
- * Outline of the patch the engine compared: along the scan's axes, about the point.
- * @param {Context} context @param {Pane} pane @param {Point} point
- */
-function drawPatch(context, pane, point) {
-  if (!start.template) return;
-  const { marks, raw } = point;
-  const onScan = contentOf(pane) === "scan";
-  const matrix = rawFromGround(point);
-  const half = start.template * scaleOf(matrix);
-  const middle = onScan ? point.draft?.raw ?? raw.measured : raw.predicted;
-  const shift = [0, 1].map((i) => (onScan ? 0 : marks.surveyed[i] - marks.predicted[i]));
-  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => {
-    const place = [middle[0] + x * half, middle[1] + y * half];
-    const ground = mapped(inverse(matrix), place).map((value, i) => value + shift[i]);
-    return onScreen(pane, point, ground, showsRaw(pane) ? place : null);
-  });
-  context.globalAlpha = 0.75;
-  halo(context, "#ffffff", 1, () => {
-    corners.forEach(([x, y]) => context.lineTo(x, y));
-    context.closePath();
-  });
-  context.globalAlpha = 1;
 }
 
 /** @param {Pane} pane @param {Point} point @param {Place} cursor */
@@ -462,6 +447,7 @@ const HAND = {
     state.wiping = onWipe(pane, x);
     if (state.wiping) return true;
     if (!point || !look.marks || look.adding || !takesPlace(pane, [x, y])) return false;
+    if (!isPlaced(point)) return false;
     const mark = draftOn(pane, point) ?? measuredOn(pane, point);
     return Math.hypot(mark[0] - x, mark[1] - y) < 8;
   },

@@ -14,6 +14,8 @@ export const SHAPES = {
   cross: '<path d="M4 4l8 8M12 4l-8 8" stroke="C" stroke-width="2.4" stroke-linecap="round"/>',
   diamond: '<path d="M8 2l6 6-6 6-6-6z" fill="C"/>',
   square: '<rect x="4.5" y="4.5" width="7" height="7" fill="none" stroke="C" stroke-width="1.6"/>',
+  dashed: `${RING} r="4.6" stroke-width="1.8" stroke-dasharray="2.4 1.7"/>`,
+  target: `${RING} r="5.2" stroke-width="1.4"/><circle cx="8" cy="8" r="2" fill="C"/>`,
   bare: '<path d="M3 3h10v10H3zM3 3l10 10M13 3L3 13" fill="none" stroke="C" stroke-width="1.5"/>',
   control: '<path d="M8 3l5.5 10h-11z" fill="none" stroke="C" stroke-width="1.5"/>',
   tie: '<path d="M8 3v10M3 8h10M4.5 4.5l7 7M11.5 4.5l-7 7" stroke="C" stroke-width="1.3"/>',

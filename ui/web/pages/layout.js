@@ -54,6 +54,7 @@ export function toggleDetails() {
 /** @param {boolean} open */
 function unfold(open) {
   byId("details").hidden = !open;
+  byId("compare").classList.toggle("detailed", open);
   turn(first("[data-act=details]"), open);
 }
 

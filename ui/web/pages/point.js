@@ -3,12 +3,14 @@ import {
   MARKED_SIGMA, all, between, byId, element, first, number, numbers, roleGlyph, shortName,
   shortPoint, shows, start, stateGlyph, tip, word,
 } from "./words.js";
+import { ellipseRadius } from "./expected.js";
 import { send } from "./wire.js";
 
 const UNCHECKED = 0.1; // design: less than a tenth of an error would show in the residual
 /** @type {Partial<Record<State, string>>} */
 const STATE_ACTS = { accepted: "accept", rejected: "reject", dubious: "dubious" };
 const PARTS = ["figures", "off", "why", "trial", "doubts", "neighbours", "point-name"];
+const TO_MEASURE = ["predicted", "proposed"];
 const LINES = 2; // design: what fits in sight, the rest is folded
 
 /** @param {Point | null} point */
@@ -66,7 +68,15 @@ const length = (pair) => (pair && pair[0] !== null ? Math.hypot(pair[0], pair[1]
 const span = (text, kind) => element("span", { class: kind }, text);
 
 /** How far the measurement is off: metres, sigma, pixels. @param {Point} point */
-function showOff({ figures: { ground, misfit, ratio } }) {
+function showOff({ draft, ellipse, figures: { ground, misfit, ratio }, scan, state }) {
+  if (state === "predicted" && !draft && ellipse) {
+    const pixels = ellipseRadius(ellipse);
+    byId("off").title = tip("figure.expected") ?? "";
+    byId("off").append(element("h3", {}, word("figure.expected")),
+      element("div", { class: "large" }, span(`\u00b1${number(pixels * scan.pixel, 2)} m`, ""),
+        element("small", {}, `${number(pixels, 1)} px`)));
+    return;
+  }
   const [metres, pixels] = [length(ground), length(misfit)];
   const far = ratio !== null && ratio > MARKED_SIGMA;
   byId("off").title = tip("figure.misfit") ?? "";
@@ -119,6 +129,7 @@ function showWhy({ figures: { remark }, state, why }) {
   const kind = state === "unused" || state === "rejected" ? state : "other";
   const lines = /** @type {[string, string][]} */ (
     why.map(([text, value]) => [word(text, { value }), ""]));
+  if (TO_MEASURE.includes(state)) lines.push([word(`why.${state}`), "remark"]);
   if (remark) lines.unshift([word(`remark.${kind}`, { remark }), "remark"]);
   if (!lines.length) lines.push([word("why.not"), "fine"]);
   const items = lines.map(([line, look]) => element("li", { class: look, title: line }, line));
@@ -136,11 +147,12 @@ function showWhy({ figures: { remark }, state, why }) {
  * Filled in a moment after the rest: an adjustment with this one measurement turned.
  * @param {Point} point
  */
-function showTrial({ draft, role, trial }) {
+function showTrial({ draft, role, state, trial }) {
   const lines = [];
   const title = draft ? "trial.draft" : !trial ? "trial.effect"
     : trial.rejects ? "trial.reject" : "trial.accept";
   if (role === "check") lines.push(word("trial.check"));
+  else if (state === "predicted" && !draft) lines.push(word("trial.measure"));
   else if (!trial) lines.push(word("trial.wait"));
   else {
     const [now, sigma] = [number(trial.now, 3), number(trial.sigma, 3)];
@@ -183,24 +195,30 @@ function showPeaks(point) {
 /** @param {Point | null} point */
 function showOthers(point) {
   const strip = byId("others");
+  // Who measures goes from scan to scan; who judges unfolds them.
+  strip.classList.toggle("always", Boolean(point?.ellipse));
   if (shows(strip, point && [point.key, point.others, point.marks.surveyed])) return;
   strip.replaceChildren();
   if (!point) return;
   const { key: [name, current], marks: { surveyed } } = point;
   const pixel = Math.max(start.ortho_pixel, point.scan.pixel) * 0.8;
-  const place = `${surveyed[0]}/${surveyed[1]}/${pixel.toFixed(4)}?e=${start.edition}`;
-  for (const { photo, version, state, misfit } of point.others) {
+  for (const { at, hidden, misfit, photo, score, state, version } of point.others) {
     const here = photo === current;
+    const [east, north] = at ?? surveyed;
+    const place = `${east}/${north}/${pixel.toFixed(4)}?e=${start.edition}`;
+    const said = hidden ? word("other.hidden") : word(`state.${state}.long`);
+    const figure = state === "proposed" ? number(score && 100 * score, 0, "%")
+      : state === "predicted" || hidden ? "" : number(misfit, 1);
     const src = `/tiles/point/${encodeURIComponent(photo)}/${version}/${place}`;
     const select = () => send({ kind: "select", key: [name, photo] });
     const button = element("button",
       {
-        class: `other${here ? " on" : ""}`, "aria-pressed": `${here}`, title: photo,
-        onclick: select,
+        class: `other ${state}${here ? " on" : ""}${hidden ? " unseen" : ""}`,
+        "aria-pressed": `${here}`, title: `${photo} \u00b7 ${said}`, onclick: select,
       },
       element("img", { src, alt: "", draggable: "false" }),
       element("span", {}, stateGlyph(state, 11), element("em", {}, shortName(photo)),
-        number(misfit, 1)));
+        figure));
     strip.append(button);
     if (here) queueMicrotask(() => {
       strip.scrollLeft = Math.max(0, button.offsetLeft - strip.clientWidth / 2);

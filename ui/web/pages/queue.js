@@ -7,7 +7,10 @@ import { send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
-const STATES = ["open", "all", "disputed", "dubious", "accepted", "rejected", "unused"];
+const STATES = [
+  "open", "measure", "all", "disputed", "dubious", "accepted", "rejected", "unused",
+];
+const TO_MEASURE = ["predicted", "proposed"];
 const DONE = ["accepted", "rejected", "dubious"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
@@ -16,6 +19,8 @@ const KINDS = ["control", "check", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check"];
 const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS] =
   /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
+/** States of the rows behind a filter of another name. @type {Record<string, State>} */
+const LOOKS = { open: "auto", measure: "predicted" };
 const PLAIN = ["all", "disputed"]; // filters that are no state of a row
 
 const state = {
@@ -74,7 +79,7 @@ function pointAt(event, index) {
 
 export function setUpQueue() {
   for (const name of STATES) {
-    const look = /** @type {State} */ (name === "open" ? "auto" : name);
+    const look = /** @type {State} */ (LOOKS[name] ?? name);
     const mark = PLAIN.includes(name) ? null : stateGlyph(look, 13);
     const title = word(`state.${name}.long`);
     byId("chips").append(element("button",
@@ -145,7 +150,8 @@ const inState = (row, wanted) => wanted === "all"
   || (wanted === "disputed" ? row[DISPUTED] !== null : stateName(row) === wanted);
 
 /** @param {Row} row */
-const stateName = (row) => (row[STATE] === "auto" ? "open" : row[STATE]);
+const stateName = (row) => (row[STATE] === "auto" ? "open"
+  : TO_MEASURE.includes(row[STATE]) ? "measure" : row[STATE]);
 
 /**
  * What a filter lets through, in order, and how many there are of each kind and state.
@@ -202,6 +208,7 @@ function showSieve({ counts, filter, sort: by }, kinds) {
   for (const chip of /** @type {Iterable<HTMLElement>} */ (byId("chips").children)) {
     const name = chip.dataset.state ?? "";
     turn(chip, name === filter.state);
+    chip.hidden = name === "measure" && name !== filter.state && !counts.measure;
     chip.lastElementChild?.replaceChildren(`${counts[name]}`);
   }
   byId("sieve-photo").value = filter.photo;
@@ -223,13 +230,15 @@ function showPlace({ current, shown, counts, filter }) {
   byId("queue-place").classList.toggle("many", marked.size > 0);
   byId("queue-place").textContent = marked.size
     ? word("queue.marked", { count: marked.size }) : word("queue.place", values);
+  const measuring = filter.state === "measure";
+  const left = measuring ? counts.measure : counts.open;
   const done = DONE.reduce((sum, name) => sum + counts[name], 0);
   byId("progress").title = byId("progress-said").textContent =
-    word("queue.progress", { left: counts.open, done });
-  byId("progress-done").style.width = `${(100 * done) / Math.max(done + counts.open, 1)}%`;
+    word(measuring ? "queue.unmeasured" : "queue.progress", { left, done });
+  byId("progress-done").style.width = `${(100 * done) / Math.max(done + left, 1)}%`;
   const own = `queue.empty.${filter.role}`;
   const name = start.words[own] && !counts.all ? own
-    : filter.state === "open" && done ? "queue.empty.done" : "queue.empty";
+    : (filter.state === "open" || measuring) && done ? "queue.empty.done" : "queue.empty";
   byId("queue-empty").textContent = word(name);
   byId("nothing").textContent = word(shown.length ? "compare.none" : name);
   byId("queue-empty").hidden = shown.length > 0;
@@ -295,7 +304,8 @@ function write(line, index, { current, drafted, isTaken }) {
   const bar = element("i");
   bar.style.width = `${Math.round(row[DOUBT] * 100)}%`;
   const misfit = row[MISFIT] ?? 0;
-  const byHand = row[SCORE] === null && POINTS.includes(row[ROLE]);
+  const byHand = row[SCORE] === null && POINTS.includes(row[ROLE])
+    && !TO_MEASURE.includes(row[STATE]);
   const large = (row[SIGMAS] ?? 0) > MARKED_SIGMA && row[STATE] !== "unused" ? " large" : "";
   line.replaceChildren(
     stateGlyph(row[STATE]),

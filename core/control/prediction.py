@@ -1,0 +1,193 @@
+"""Where surveyed points lie in the photos that show them, and how well that is known, in pixels.
+
+With the film point x = p(d, X) of a photo and camera d and a point X, and J their derivatives,
+
+    C = J_d C_d J_d^T + J_X C_X J_X^T
+
+is the covariance of the prediction. C_d is that of the adjusted photo and its camera's constants,
+or of the prior where the photo took no part. A point that has already steered the block is taken as
+if it had not: the ellipse is then somewhat too large. Additional parameters are left out.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from core.adjustment.influence import Influence
+from core.adjustment.network import CONSTANTS
+from core.arrays import Flags, ObjectPoints, PixelPoints, Scalars
+from core.block import Block, Photo, SurveyedPoint
+from core.geometry.camera import Camera
+from core.geometry.collinearity import film_partials
+
+Covariance = Float64[np.ndarray, "told told"]
+"""Of centre (metres), rotation increments (radians) and, told is 11, of the principal distance,
+principal point (millimetres), k1 and k2; for a sigma nought of one."""
+Covariances = Mapping[str, Covariance]
+"""By photo; those that took no part in the adjustment are not in it."""
+# design: what one does not know well oneself, one does not call better than it was said to be.
+LEAST_UNIT = 1.0
+"""Sigma nought is taken as no less than this."""
+# design: half the width of a mark's window; there is nothing to see beside it.
+EDGE_MM = 2.0
+"""So near the border of the frame a point is looked at last."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """One surveyed point in one photo."""
+
+    point_id: str
+    """The surveyed point."""
+    photo_id: str
+    """The photo."""
+    column: float
+    """Pixels, corner origin."""
+    row: float
+    """Pixels, corner origin."""
+    covariance: Float64[np.ndarray, "2 2"]
+    """Of column and row, square pixels."""
+    nadir_angle: float
+    """Between the ray and the plumb line, radians."""
+    margin_mm: float
+    """Distance to the border of the frame, millimetres."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Point and photo."""
+        return self.point_id, self.photo_id
+
+    @property
+    def view(self) -> tuple[bool, float]:
+        """Best view first: away from the border, then near the nadir."""
+        return self.margin_mm < EDGE_MM, self.nadir_angle
+
+    def sigmas_away(self, column: float, row: float, sigma_px: float) -> float:
+        """Distance of a measured place, in standard deviations per axis."""
+        away = np.array([column - self.column, row - self.row])
+        covariance = self.covariance + sigma_px**2 * np.eye(2)
+        return float(np.sqrt(away @ np.linalg.solve(covariance, away) / 2))
+
+
+def covariances_of(influence: Influence) -> dict[str, Covariance]:
+    """Covariance of every photo that took part, with its camera where that was estimated."""
+    network, precision = influence.solution.network, influence.solution.precision
+    found: dict[str, Covariance] = {}
+    for row, photo in enumerate(network.photos):
+        own = precision.photos[row]
+        if network.lensed:
+            camera = int(network.camera[row])
+            told = slice(network.lens * camera, network.lens * camera + CONSTANTS)
+            scale = network.scale[camera, :CONSTANTS]
+            mixed = precision.mixed[row][:, told] / scale
+            shared = precision.constants[told, told] / np.outer(scale, scale)
+            own = np.block([[own, mixed], [mixed.T, shared]])
+        found[photo.photo_id] = own
+    return found
+
+
+def prior_covariance(photo: Photo) -> Covariance:
+    """What was known of a photo beforehand."""
+    prior = photo.prior
+    return np.diag(np.concatenate([prior.sigma_centre_m, prior.sigma_angles]) ** 2)
+
+
+def predict_points(
+    block: Block,
+    points: Sequence[SurveyedPoint],
+    covariances: Covariances,
+    sigma_nought: float = 1.0,
+) -> dict[tuple[str, str], Prediction]:
+    """Every point in every photo whose picture area shows it, best view of each point first.
+
+    Args:
+        block: Photos and cameras as adjusted.
+        points: What is sought, with coordinates and their standard deviations.
+        covariances: Of the photos that took part in the adjustment.
+        sigma_nought: Of that adjustment.
+    """
+    found: list[Prediction] = []
+    if not points:
+        return {}
+    positions = np.array([point.position for point in points])
+    variances = np.array([point.sigma_m for point in points]) ** 2
+    unit = max(sigma_nought, LEAST_UNIT) ** 2
+    for name, photo in block.photos.items():
+        camera = block.camera_of(name)
+        pixels, margins = shown_in(photo, camera, positions)
+        seen = np.flatnonzero(margins > 0)
+        if not len(seen):
+            continue
+        known = covariances.get(name)
+        own = prior_covariance(photo) if known is None else unit * known
+        spreads = _spreads(photo, camera, positions[seen], own, variances[seen])
+        angles = _nadir_angles(photo, positions[seen])
+        found += [
+            Prediction(
+                points[i].point_id,
+                name,
+                float(pixels[i, 0]),
+                float(pixels[i, 1]),
+                spread,
+                nadir_angle=float(angle),
+                margin_mm=float(margins[i]),
+            )
+            for i, spread, angle in zip(seen.tolist(), spreads, angles, strict=True)
+        ]
+    found.sort(key=lambda one: (one.point_id, one.view))
+    return {one.key: one for one in found}
+
+
+def shown_in(photo: Photo, camera: Camera, positions: ObjectPoints) -> tuple[PixelPoints, Scalars]:
+    """Pixels of object points, and how far within the picture they lie.
+
+    Returns:
+        Pixels (n, 2), and distances to the border of the frame, millimetres: not above nought
+        outside of it, beside the scan, and behind the camera.
+    """
+    pixels = photo.pixel_from_object(positions, camera)
+    sound: Flags = np.all(np.isfinite(pixels), axis=1, keepdims=False)
+    film = photo.interior.film_from_pixel(np.where(sound[:, None], pixels, 0.0))
+    margins = (np.array(camera.frame_mm) / 2 - np.abs(film)).min(axis=1)
+    on_scan = ((pixels > 0) & (pixels < np.array(photo.size_px))).all(axis=1)
+    return pixels, np.where(sound & on_scan, margins, -np.inf)
+
+
+def _spreads(
+    photo: Photo,
+    camera: Camera,
+    positions: ObjectPoints,
+    own: Covariance,
+    variances: Float64[np.ndarray, "points 3"],
+) -> Float64[np.ndarray, "points 2 2"]:
+    """Covariances of the predicted pixels."""
+    partials = film_partials(positions, photo.exterior, camera, photo.atmosphere)
+    parts = [partials.by_centre, partials.by_rotation, partials.by_camera]
+    told = np.concatenate(parts, axis=1)[:, : len(own)]
+    rows = np.moveaxis(told, 2, 0)
+    by_point = np.moveaxis(partials.by_centre, 2, 0)
+    film = rows @ own @ np.swapaxes(rows, 1, 2)
+    film += by_point * variances[:, None, :] @ np.swapaxes(by_point, 1, 2)
+    to_pixels = _pixels_by_film(photo, partials.film.T)
+    return to_pixels @ film @ np.swapaxes(to_pixels, 1, 2)
+
+
+def _pixels_by_film(
+    photo: Photo, film: Float64[np.ndarray, "points 2"]
+) -> Float64[np.ndarray, "points 2 2"]:
+    """How pixels follow film points, pixels per millimetre."""
+    # design: a tenth of a millimetre is some pixels, over which no interior orientation bends.
+    step = 0.1
+    columns = [
+        photo.interior.pixel_from_film(film + shift) - photo.interior.pixel_from_film(film - shift)
+        for shift in step * np.eye(2)
+    ]
+    return np.stack(columns, axis=2) / (2 * step)
+
+
+def _nadir_angles(photo: Photo, positions: ObjectPoints) -> Scalars:
+    """Angles between rays and the plumb line, radians."""
+    offsets = positions - photo.exterior.centre
+    return np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), -offsets[:, 2])

@@ -1,0 +1,78 @@
+"""Points of the user on the tiny block: on a list, measured by nobody, their true places known."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from app.desk.inputs import Adjusting, DeskInputs
+from core.block import Block, SurveyedPoint
+from tests.ui.desk_block import CAMERA, OPTIONS, adjust, desk_inputs, tiny_block, true_photos
+from tests.ui.desk_landscape import NORTH, WEST
+from ui.review.compare import drawn_from_block, made_with
+from ui.review.queue import NO_ROWS
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import DeskState
+from ui.review.to_measure import with_predictions
+
+SIGMA_M = np.array([0.1, 0.1, 0.15])
+COUNT = 5
+
+
+@cache
+def true_places() -> dict[str, np.ndarray]:
+    """Where the points really are."""
+    rng = np.random.default_rng(23)
+    plane = np.array([WEST, NORTH]) + np.array([[1, -1]]) * rng.uniform(600, 1500, (COUNT, 2))
+    heights = tiny_block().land.dem.heights(plane)
+    return {f"T{n + 1}": np.array([*plane[n], heights[n]]) for n in range(COUNT)}
+
+
+def true_pixel(key: tuple[str, str], scan_px: int = 1200) -> np.ndarray:
+    """Where a photo really shows a point."""
+    photo = true_photos(scan_px, tiny_block().land.dem)[key[1]]
+    return photo.pixel_from_object(true_places()[key[0]][None], CAMERA)[0]
+
+
+@cache
+def listed_block() -> Block:
+    """The tiny block with the user's list; the last point is a check point."""
+    rng = np.random.default_rng(29)
+    block = tiny_block().block
+    listed = {
+        name: SurveyedPoint(
+            name, place + rng.normal(size=3) * SIGMA_M, SIGMA_M,
+            "check" if name == f"T{COUNT}" else "control", "surveyed",
+        )
+        for name, place in true_places().items()
+    }  # fmt: skip
+    return replace(block, surveyed={**block.surveyed, **listed})
+
+
+@cache
+def adjusted():
+    """Its adjustment, which knows nothing of the list."""
+    return adjust(listed_block())
+
+
+@cache
+def measuring_snapshot() -> DeskSnapshot:
+    """The desk over the listed block, before anybody sat down."""
+    block, report = listed_block(), adjusted()
+    evidence = Adjusting(OPTIONS).evidence(report)
+    state = DeskState(block, report, made=made_with(report.block), evidence=evidence)
+    state = with_predictions(state)
+    drawn = drawn_from_block(state.oriented)
+    dem = tiny_block().land.dem
+    return DeskSnapshot(block, state, dem, drawn, table=NO_ROWS.renewed(state))
+
+
+def measuring_inputs(folder: Path, **changes) -> DeskInputs:
+    """Everything a desk over the listed block needs."""
+    inputs = desk_inputs(folder, **changes)
+    report = adjusted()
+    evidence = Adjusting(OPTIONS).evidence
+    return replace(
+        inputs, block=listed_block(), report=report, written_of=report, evidence=evidence
+    )

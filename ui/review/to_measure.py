@@ -1,0 +1,94 @@
+"""Points of the user that wait to be measured: where, and in which order."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from core.block import Block, Measurement, SurveyedPoint
+from core.control.prediction import Prediction, predict_points
+from ui.review.state import DeskState, Key, ToMeasure
+
+# design: the order of views must not outweigh what two points bring.
+VIEW_STEP = 1e-3
+"""Share of its gain a point loses from one view to the next: all views of a point come together."""
+WAITING = ("predicted", "proposed")
+"""States of what is to be measured."""
+
+
+def points_of_user(block: Block) -> tuple[SurveyedPoint, ...]:
+    """Points that the user brought: they are measured by hand."""
+    return tuple(point for point in block.surveyed.values() if point.source == "surveyed")
+
+
+def with_predictions(state: DeskState) -> DeskState:
+    """The desk with its user's points predicted by the newest adjustment."""
+    found = predict_points(
+        state.oriented,
+        points_of_user(state.block),
+        state.evidence.covariances,
+        state.report.sigma_nought,
+    )
+    return with_waiting(replace(state, to_measure=replace(state.to_measure, predictions=found)))
+
+
+def with_waiting(state: DeskState) -> DeskState:
+    """The desk with what nobody has measured or given up so far."""
+    known, block = state.to_measure, state.block
+    waiting = {
+        key: known.proposals.get(key) or _expected(one)
+        for key, one in known.predictions.items()
+        if key not in block.measurements and key[0] in block.surveyed
+    }
+    same = waiting.keys() == known.waiting.keys() and all(
+        known.waiting[key] == item for key, item in waiting.items()
+    )
+    return state if same else replace(state, to_measure=replace(known, waiting=waiting))
+
+
+def kept_up(before: DeskState, after: DeskState) -> DeskState:
+    """The desk after decisions: points that came or moved are predicted at once."""
+    one, other = points_of_user(before.block), points_of_user(after.block)
+    same = len(one) == len(other) and all(
+        old is new or (old.point_id == new.point_id and np.array_equal(old.position, new.position)
+                       and np.array_equal(old.sigma_m, new.sigma_m))
+        for old, new in zip(one, other, strict=True)
+    )  # fmt: skip
+    return with_waiting(after) if same else with_predictions(after)
+
+
+def with_proposals(state: DeskState, proposals: Mapping[Key, Measurement]) -> DeskState:
+    """The desk with other proposals of what is to be measured."""
+    known = replace(state.to_measure, proposals=dict(proposals))
+    return with_waiting(replace(state, to_measure=known))
+
+
+def worth_of_rows(state: DeskState) -> dict[Key, float]:
+    """What measuring brings, metres: that of a point's best view, less and less from view to view.
+
+    So that a point is measured in all photos before the next one is looked at.
+    """
+    waiting, worth = state.to_measure.waiting, state.evidence.worth
+    best: dict[str, float] = {}
+    for key in waiting:
+        best[key[0]] = max(best.get(key[0], 0.0), worth.get(key, 0.0))
+    place: dict[str, int] = {}
+    found: dict[Key, float] = {}
+    for key in waiting:
+        place[key[0]] = place.get(key[0], -1) + 1
+        found[key] = best[key[0]] * (1 - VIEW_STEP * place[key[0]])
+    return found
+
+
+def by_view(to_measure: ToMeasure, keys: Iterable[Key]) -> list[Key]:
+    """The same point in several photos, best view first; those not predicted come last."""
+    predictions = to_measure.predictions
+    inside = [key for key in keys if key in predictions]
+    outside = [key for key in keys if key not in predictions]
+    return [*sorted(inside, key=lambda key: predictions[key].view), *outside]
+
+
+def _expected(one: Prediction) -> Measurement:
+    """A place nobody has looked at, to be measured."""
+    sigma = float(np.sqrt(np.trace(one.covariance) / 2))
+    return Measurement(one.point_id, one.photo_id, one.column, one.row, sigma, 0.0, "unused")

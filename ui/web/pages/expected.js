@@ -1,0 +1,64 @@
+// Where a point lies in all likelihood, and what was compared there: laid over scan and ortho.
+import { halo } from "./overlay.js";
+import { inverse, mapped, scaleOf } from "./view.js";
+import { start } from "./words.js";
+
+/** @typedef {(ground: Pair, raw: Pair | null) => Pair} OnScreen */
+
+const CORNERS = 64; // design: an ellipse of a whole window looks round
+
+/** The ground about the point into the raw scan. @param {Point} point @returns {Affine} */
+export function rawFromGround({ raw, marks: { predicted: [east, north] } }) {
+  return raw.matrix.map(([a, b], i) => [a, b, raw.predicted[i] - a * east - b * north]);
+}
+
+/** The longer half axis of an ellipse, pixels of the scan. @param {number[][]} root */
+export function ellipseRadius([[a, b], [c, d]]) {
+  const [sum, det] = [a * a + b * b + c * c + d * d, a * d - b * c];
+  return Math.sqrt((sum + Math.sqrt(Math.max(sum * sum - 4 * det * det, 0))) / 2);
+}
+
+/**
+ * The error ellipse of a predicted place.
+ * @param {Context} context @param {Point} point @param {OnScreen} onScreen
+ */
+export function drawEllipse(context, point, onScreen) {
+  const { ellipse, raw } = point;
+  if (!ellipse) return;
+  const back = inverse(rawFromGround(point));
+  context.setLineDash([7, 4]);
+  halo(context, start.palette.predicted, 1.5, () => {
+    for (let corner = 0; corner <= CORNERS; corner += 1) {
+      const turn = (2 * Math.PI * corner) / CORNERS;
+      const place = raw.predicted.map((middle, i) =>
+        middle + ellipse[i][0] * Math.cos(turn) + ellipse[i][1] * Math.sin(turn));
+      const [x, y] = onScreen(mapped(back, place), place);
+      context.lineTo(x, y);
+    }
+  });
+  context.setLineDash([]);
+}
+
+/**
+ * Outline of the patch the engine compared: along the scan's axes, about the point.
+ * @param {Context} context @param {Point} point @param {boolean} onScan @param {OnScreen} onScreen
+ */
+export function drawPatch(context, point, onScan, onScreen) {
+  if (!start.template) return;
+  const { marks, raw } = point;
+  const matrix = rawFromGround(point);
+  const half = start.template * scaleOf(matrix);
+  const middle = onScan ? point.draft?.raw ?? raw.measured : raw.predicted;
+  const shift = [0, 1].map((i) => (onScan ? 0 : marks.surveyed[i] - marks.predicted[i]));
+  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => {
+    const place = [middle[0] + x * half, middle[1] + y * half];
+    const ground = mapped(inverse(matrix), place).map((value, i) => value + shift[i]);
+    return onScreen(ground, place);
+  });
+  context.globalAlpha = 0.75;
+  halo(context, "#ffffff", 1, () => {
+    corners.forEach(([x, y]) => context.lineTo(x, y));
+    context.closePath();
+  });
+  context.globalAlpha = 1;
+}
