@@ -12,6 +12,8 @@ from app.desk.messages import (
     Adjusted,
     Deliver,
     Measured,
+    ProposalsWanted,
+    Proposed,
     RemakeEnded,
     RemakeStep,
     Tried,
@@ -36,8 +38,8 @@ REPORT_EVERY_S = 0.15
 
 Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
 """(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
-Measure = Callable[[Gesture, DeskSnapshot, Deliver], Measured]
-"""(gesture, desk, begun): measure what a gesture asks for."""
+Measure = Callable[[Gesture | ProposalsWanted, DeskSnapshot, Deliver], Measured | Proposed]
+"""(gesture, desk, begun): measure what a gesture asks for, or propose places."""
 
 
 class Worker:
@@ -148,7 +150,7 @@ class Measurer:
         self._measure, self._deliver = measure, deliver
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="measuring")
 
-    def measure(self, gesture: Gesture, desk: DeskSnapshot) -> None:
+    def measure(self, gesture: Gesture | ProposalsWanted, desk: DeskSnapshot) -> None:
         """Begin; what comes of it is delivered."""
         self._pool.submit(self._run, gesture, desk)
 
@@ -156,7 +158,7 @@ class Measurer:
         """Give up what has not begun."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def _run(self, gesture: Gesture, desk: DeskSnapshot) -> None:
+    def _run(self, gesture: Gesture | ProposalsWanted, desk: DeskSnapshot) -> None:
         try:
             found = self._measure(gesture, desk, self._deliver)
         except PhotogrammetryError as error:
@@ -167,7 +169,7 @@ class Measurer:
         self._deliver(found)
 
 
-def _not_measured(gesture: Gesture, why: str) -> Measured:
+def _not_measured(gesture: Gesture | ProposalsWanted, why: str) -> Measured:
     return Measured(gesture.seat_id, None, Notice("notice.not-done", {"why": why}, grave=True))
 
 

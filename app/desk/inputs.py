@@ -11,6 +11,7 @@ from typing import Protocol, cast
 import numpy as np
 
 from app.desk.background import Adjust, Remake
+from app.desk.measuring import TransferSource
 from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
 from app.terminal import JsonLines
@@ -137,6 +138,8 @@ class DeskInputs:
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
     evidence: Callable[[AdjustmentReport], Evidence] = no_evidence
     """What the equations of an adjustment tell beside its report."""
+    transfer: TransferSource | None = None
+    """Finds a place of some photos in others; None where there is nothing to find it with."""
     holes: Callable[[], Holes] = no_mosaic
     """Holes inside the mosaic on disk."""
     results: Path | None = None

@@ -9,13 +9,21 @@ from typing import Any, Literal
 from app.desk.after_adjustment import AfterAdjustment, adopt_adjustment
 from app.desk.background import Measurer, Remaker, Worker, survived
 from app.desk.inputs import DeskInputs, first_snapshot
-from app.desk.measuring import MeasuringTool, is_overtaken, next_name, notice_of_point, with_name
+from app.desk.measuring import (
+    MeasuringTool,
+    Proposer,
+    is_overtaken,
+    next_name,
+    notice_of_point,
+    with_name,
+)
 from app.desk.messages import (
     Adjusted,
     Closed,
     Event,
     Measured,
     MeasuringBegun,
+    Proposed,
     RemakeEnded,
     RemakeStep,
     SceneOpened,
@@ -36,7 +44,7 @@ from ui.review.queue import seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat
-from ui.review.to_measure import kept_up, with_predictions
+from ui.review.to_measure import kept_up, with_predictions, with_proposals
 from ui.review.trial import Trial, TrialWork
 
 
@@ -57,8 +65,8 @@ class ReviewLoop:
         self._trial: TrialWork | None = None
         self._worker = Worker(inputs.adjust, self.submit)
         self._remaker = Remaker(inputs.remake, self.submit)
-        tool = MeasuringTool(inputs.likeness, inputs.reference_sigma_m)
-        self._measurer = Measurer(tool, self.submit)
+        tool = MeasuringTool(inputs.likeness, inputs.reference_sigma_m, inputs.transfer)
+        self._measurer, self._proposer = Measurer(tool, self.submit), Proposer()
         self._thread = threading.Thread(target=self._run, name="review", daemon=True)
 
     def start(self) -> None:
@@ -116,6 +124,8 @@ class ReviewLoop:
                 self._screen.tell(event.seat_id, event.notice)
             case Measured():
                 self._take_measured(event)
+            case Proposed():
+                self._take_proposals(event)
             case RemakeStep():
                 self._take_remake_step(event)
             case RemakeEnded():
@@ -146,6 +156,8 @@ class ReviewLoop:
                 self._screen.scene(seat.seat_id, picture, seat, self._now.state.oriented)
         looked_at = [seat.draft_of(seat.current) or seat.current for seat in seats]
         self._try_out([subject for subject in looked_at if subject])
+        for wanted in self._proposer.wanted(self._now.state, seats):
+            self._measurer.measure(wanted, self._now)
 
     def _replay(self) -> None:
         """Lay all decisions that stand over the block as the engine left it."""
@@ -281,6 +293,15 @@ class ReviewLoop:
             self._record((decision,), seat.operator)
         self._now = self._now.with_seat(seat)
         self._screen.tell(event.seat_id, notice)
+
+    def _take_proposals(self, event: Proposed) -> None:
+        """Show where other photos show a point, in the place of what was found before."""
+        now, name = self._now, event.point_id
+        others = now.state.to_measure.proposals
+        kept = {key: item for key, item in others.items() if key[0] != name}
+        state = with_proposals(now.state, {**kept, **{item.key: item for item in event.found}})
+        if state is not now.state:
+            self._now = replace(now, state=state).with_table(now.table.renewed(state))
 
     def _take_adjustment(self, event: Adjusted) -> None:
         if event.work is not self._work:

@@ -1,13 +1,14 @@
 """Places measured in scans because a gesture asked: read and computed beside the review thread."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.desk.messages import Deliver, Measured, MeasuringBegun
-from core.block import Measurement, Peak
+from app.desk.messages import Deliver, Measured, MeasuringBegun, ProposalsWanted, Proposed
+from core.adjustment.adjusted import ExteriorSigmas
+from core.block import Block, Measurement, Peak
 from core.control.likeness import OPERATOR, Likeness
 from core.control.prediction import EDGE_MM, shown_in
 from core.doubts import Failure
@@ -19,8 +20,12 @@ from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import with_drafted
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import DeskState, InitialState, Notice
+from ui.review.state import DeskState, InitialState, Notice, Seat
 
+TransferSource = Callable[
+    [Block, Mapping[str, ExteriorSigmas], str, Sequence[Measurement]], Sequence[Measurement]
+]
+"""(oriented photos, how well, point, where it is measured) -> where the other photos show it."""
 NAME = re.compile(r"H(\d+)")
 SURE, AGREEING_PX = 0.7, 0.3
 """Likeness and agreement of its two ways that make a mark an example for others."""
@@ -36,8 +41,12 @@ class MeasuringTool:
     """Compares reference and scan; None where there is nothing to compare with."""
     sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
     """Accuracy of reference ortho (east, north) and DEM, metres."""
+    transfer: TransferSource | None = None
+    """Finds a place of some photos in others; None where the scans cannot be read."""
 
-    def __call__(self, gesture: Gesture, desk: DeskSnapshot, begun: Deliver) -> Measured:
+    def __call__(
+        self, gesture: Gesture | ProposalsWanted, desk: DeskSnapshot, begun: Deliver
+    ) -> Measured | Proposed:
         """The decision to record, and what to tell the operator.
 
         Args:
@@ -50,6 +59,8 @@ class MeasuringTool:
                 return self._add_point(gesture, desk, begun)
             case Refined():
                 return self._refine(gesture, desk)
+            case ProposalsWanted():
+                return self._propose(gesture, desk)
             case MarkPlaced():
                 found = _snap(gesture, desk.initial)
             case _:
@@ -66,6 +77,22 @@ class MeasuringTool:
         name = next_name(desk.state, desk.recorded)
         found = measure_point(desk.state, name, place, (desk.dem, self.likeness), self.sigma_m)
         return Measured(seat_id, found, notice_of_point(found), known=len(desk.recorded))
+
+    def _propose(self, wanted: ProposalsWanted, desk: DeskSnapshot) -> Proposed:
+        """Where photos show a point in which nobody has measured it yet."""
+        state, name = desk.state, wanted.point_id
+        photos = {photo for point, photo in state.to_measure.waiting if point == name}
+        measured = measured_of(state, name)
+        found: Iterable[Measurement] = ()
+        if self.transfer is not None and measured and photos:
+            shown = photos | {item.photo_id for item in measured}
+            block = state.oriented
+            within = {photo: block.photos[photo] for photo in sorted(shown)}
+            found = self.transfer(
+                block.with_photos(within), state.report.exterior_sigmas, name, measured
+            )
+        mine = tuple(item for item in found if item.photo_id in photos)
+        return Proposed(wanted.seat_id, name, mine)
 
     def _refine(self, gesture: Refined, desk: DeskSnapshot) -> Measured:
         """The measurement, or its draft, on the peak of likeness beside it; and how far that is.
@@ -100,6 +127,33 @@ class MeasuringTool:
         sigma = measured.sigma_px if own else None
         decision = Place(*key, column, row, sigma)
         return Measured(seat_id, decision, Notice("notice.refined", values), draft, known)
+
+
+def measured_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:
+    """Where a point is measured and in use."""
+    every = state.block.measurements.values()
+    return tuple(item for item in every if item.point_id == point_id and item.used)
+
+
+class Proposer:
+    """Wants proposals of a point as soon as somebody looks where it is not measured yet.
+
+    Once for each set of its measurements: what was measured since says more.
+    """
+
+    def __init__(self) -> None:
+        self._wanted: dict[str, tuple[Measurement, ...]] = {}
+
+    def wanted(self, state: DeskState, seats: Iterable[Seat]) -> Iterator[ProposalsWanted]:
+        """What to look for now."""
+        for seat in seats:
+            if seat.current is None or not state.is_waiting(seat.current):
+                continue
+            name = seat.current[0]
+            measured = measured_of(state, name)
+            if self._wanted.get(name, ()) != measured:
+                self._wanted[name] = measured
+                yield ProposalsWanted(seat.seat_id, name)
 
 
 def _snap(gesture: MarkPlaced, initial: InitialState) -> tuple[PlaceFiducial | None, Notice]:

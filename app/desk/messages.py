@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.block import Block
+from core.block import Block, Measurement
 from core.doubts import Failure
 from sessions.decisions import AddPoint, Place, PlaceFiducial
 from ui.review.compare import Drawn
@@ -94,6 +94,28 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
+class ProposalsWanted:
+    """Somebody looks at a point where it is not measured, but other photos show it measured."""
+
+    seat_id: str
+    """Who looks at it."""
+    point_id: str
+    """The point."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposed:
+    """Where other photos show a point, by what those show in which it is measured."""
+
+    seat_id: str
+    """Who looked at it."""
+    point_id: str
+    """The point."""
+    found: tuple[Measurement, ...]
+    """One for each photo in which something was found; `score` is the probability."""
+
+
+@dataclass(frozen=True, slots=True)
 class MeasuringBegun:
     """A measurement that takes a while has begun."""
 
@@ -127,7 +149,7 @@ class RemakeEnded:
     """True when the operator stopped it."""
 
 
-Delivery = Adjusted | Tried | Measured | MeasuringBegun | RemakeStep | RemakeEnded
+Delivery = Adjusted | Tried | Measured | Proposed | MeasuringBegun | RemakeStep | RemakeEnded
 """What the work in the background hands back."""
 Event = Gesture | Delivery | SeatTaken | SeatLeft | SceneOpened | Closed
 """All that the loop takes, in order."""

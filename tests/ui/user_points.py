@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from app.desk.inputs import Adjusting, DeskInputs
-from core.block import Block, SurveyedPoint
+from core.block import Block, Measurement, SurveyedPoint
 from tests.ui.desk_block import CAMERA, OPTIONS, adjust, desk_inputs, tiny_block, true_photos
-from tests.ui.desk_landscape import NORTH, WEST
+from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST
 from ui.review.compare import drawn_from_block, made_with
 from ui.review.queue import NO_ROWS
 from ui.review.snapshot import DeskSnapshot
@@ -22,10 +22,12 @@ COUNT = 5
 
 @cache
 def true_places() -> dict[str, np.ndarray]:
-    """Where the points really are."""
-    rng = np.random.default_rng(23)
-    plane = np.array([WEST, NORTH]) + np.array([[1, -1]]) * rng.uniform(600, 1500, (COUNT, 2))
-    heights = tiny_block().land.dem.heights(plane)
+    """Where the points really are: on crossings of lanes, which scans show well."""
+    land = tiny_block().land
+    nodes = land.nodes.reshape(-1, 2)
+    middle = np.array([WEST + EXTENT_M[0] / 2, NORTH - EXTENT_M[1] / 2])
+    plane = nodes[np.argsort(np.linalg.norm(nodes - middle, axis=1))[: 3 * COUNT : 3]]
+    heights = land.dem.heights(plane)
     return {f"T{n + 1}": np.array([*plane[n], heights[n]]) for n in range(COUNT)}
 
 
@@ -68,9 +70,22 @@ def measuring_snapshot() -> DeskSnapshot:
     return DeskSnapshot(block, state, dem, drawn, table=NO_ROWS.renewed(state))
 
 
+def proposing(block, sigmas, point_id, measured):
+    """In the place of what compares scans: the true places, a fifth of a pixel beside."""
+    done = {item.photo_id for item in measured}
+    found = []
+    for photo_id in block.photos:
+        if photo_id not in done:
+            column, row = (float(value) for value in true_pixel((point_id, photo_id)))
+            found.append(
+                Measurement(point_id, photo_id, column + 0.2, row, 0.25, 0.94, "dubious", "likely")
+            )
+    return found
+
+
 def measuring_inputs(folder: Path, **changes) -> DeskInputs:
     """Everything a desk over the listed block needs."""
-    inputs = desk_inputs(folder, **changes)
+    inputs = desk_inputs(folder, **{"transfer": proposing, **changes})
     report = adjusted()
     evidence = Adjusting(OPTIONS).evidence
     return replace(

@@ -59,6 +59,8 @@ def kept_up(before: DeskState, after: DeskState) -> DeskState:
 
 def with_proposals(state: DeskState, proposals: Mapping[Key, Measurement]) -> DeskState:
     """The desk with other proposals of what is to be measured."""
+    if proposals == state.to_measure.proposals:
+        return state
     known = replace(state.to_measure, proposals=dict(proposals))
     return with_waiting(replace(state, to_measure=known))
 

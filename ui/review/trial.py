@@ -75,7 +75,8 @@ def turn_measurement(state: DeskState, subject: Key | Draft) -> Block | None:
         return None
     if isinstance(subject, Draft):
         return with_drafted(state, subject).block
-    if measurement is None:
+    unplaced = state.is_waiting(key) and key not in state.to_measure.proposals
+    if measurement is None or unplaced:
         return None
     if key in state.extra.measurements:
         verdict = verdict_on(state.extra, key, use=False)

@@ -22,6 +22,7 @@ MESSAGES = "messages"
 says, by the English sentence."""
 KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
+    ("Shift+Y", "act.accept-all"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
     ("R", "raw"), ("L", "likeness"), ("O", "edges"), ("T", "flicker"),

@@ -42,6 +42,10 @@ export function dropDraft() {
   return Boolean(point?.draft) && send({ kind: "drop", key: point?.key });
 }
 
+/** Where other scans are proposed to show the point. @param {Point} point @returns {Key[]} */
+export const proposalsOf = ({ key: [name], others }) => others
+  .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
+
 function show() {
   const { point, explaining, until } = state;
   const why = explaining && Date.now() < until && !point?.draft?.asking;
@@ -49,7 +53,10 @@ function show() {
   room.className = why ? "why" : point?.draft ? (point.draft.asking ? "against" : "draft") : "";
   byId("reasons").hidden = !why;
   byId("keep").hidden = Boolean(why) || !point?.draft;
-  byId("hint").hidden = Boolean(why) || Boolean(point?.draft);
+  const count = point && !why && !point.draft ? proposalsOf(point).length : 0;
+  byId("proposals").hidden = !count;
+  byId("proposals-said").textContent = word("proposals", { count });
+  byId("hint").hidden = Boolean(why) || Boolean(point?.draft) || count > 0;
   if (why) showReasons(explaining);
   else if (point?.draft) showDraft(point);
 }

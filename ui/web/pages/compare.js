@@ -378,7 +378,8 @@ function scanMarks(context, pane, point) {
   const to = onScreen(pane, point, marks.predicted, raw.predicted);
   const far = Math.hypot(to[0] - from[0], to[1] - from[1]) > 10;
   if (far) line(context, from, to, palette.predicted, 1.2);
-  expectedMark(context, to, palette.predicted, 9);
+  // An ellipse says it by itself; about a tiny one the circle is found.
+  expectedMark(context, to, palette.predicted, point.ellipse ? 2 : 9);
   if (point.state !== "predicted") {
     measuredMark(context, measuredOn(pane, point), palette.states[point.state].colour);
   }

@@ -4,7 +4,7 @@ import {
 } from "./words.js";
 import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
-import { askAbout, askWhy, dropDraft, explain } from "./asked.js";
+import { askAbout, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
@@ -67,9 +67,18 @@ function sendOf(message) {
   if (state.parts.point) send({ ...message(state.parts.point) });
 }
 
+/** Every place that is proposed for the current point, as one decision. */
+function acceptProposals() {
+  const { point } = state.parts;
+  const keys = point ? proposalsOf(point) : [];
+  if (keys.length) send({ kind: "judge", keys, verdict: "accept" });
+  else tell({ text: "notice.no-proposal", values: {}, grave: false });
+}
+
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
   accept: () => judge("accept"),
+  "accept-all": () => decide(acceptProposals),
   reject: () => judge("reject"),
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
@@ -122,6 +131,8 @@ const TEXTS = {
 };
 /** @type {Record<string, State>} */
 const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };
+/** What a key does with Shift. @type {Record<string, string>} */
+const SHIFTED = { undo: "redo", accept: "accept-all" };
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
 const CLOSED_BY = { quality: "KeyB", help: "KeyH" };
@@ -181,7 +192,7 @@ function reason(digit) {
 /** @param {KeyboardEvent} event @param {boolean} down @param {string | undefined} name */
 function actKey(event, down, name) {
   if (!name) return false;
-  const act = name === "undo" && event.shiftKey ? "redo" : name;
+  const act = event.shiftKey ? SHIFTED[name] ?? name : name;
   if (down && (!event.repeat || REPEATS.has(name))) ACTS[act]();
   return true;
 }

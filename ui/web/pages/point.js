@@ -136,7 +136,8 @@ function showWhy({ figures: { remark }, state, why }) {
   const more = items.length > LINES
     ? span(` \u00b7 ${word("why.more", { count: items.length - LINES })}`, "") : null;
   byId("why").title = lines.map(([line]) => line).join("\n");
-  byId("why").append(element("h3", {}, word("why"), more),
+  const title = TO_MEASURE.includes(state) ? "why.measure" : "why";
+  byId("why").append(element("h3", {}, word(title), more),
     element("ul", {}, ...items.slice(0, LINES)));
   if (!more) return;
   byId("doubts").append(element("h3", {}, word("why")),
@@ -149,7 +150,7 @@ function showWhy({ figures: { remark }, state, why }) {
  */
 function showTrial({ draft, role, state, trial }) {
   const lines = [];
-  const title = draft ? "trial.draft" : !trial ? "trial.effect"
+  const title = draft ? "trial.draft" : !trial || state === "predicted" ? "trial.effect"
     : trial.rejects ? "trial.reject" : "trial.accept";
   if (role === "check") lines.push(word("trial.check"));
   else if (state === "predicted" && !draft) lines.push(word("trial.measure"));
