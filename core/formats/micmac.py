@@ -55,6 +55,8 @@ from core.formats.micmac_points import (
     write_measures,
     write_points,
 )
+from core.formats.micmac_ties import FOLDER as TIES
+from core.formats.micmac_ties import read_homol, write_couples, write_homol
 from core.frames import HALF_PIXEL
 from core.said import Said, say
 
@@ -97,7 +99,8 @@ def read_micmac(folder: Path) -> ExchangeBlock:
     photos = dict(oriented.photos)
     points, measures = _points_and_measures(root)
     marks = _marks(root)
-    for file in [*marks, *(file for file, _ in measures)]:
+    tied = read_homol(root / TIES)
+    for file in [*marks, *(file for file, _ in measures), *tied.ties.photo_ids]:
         name = _photo_id(file)
         photos.setdefault(name, ExchangePhoto(name, file))
         _same_file(root, photos[name], file)
@@ -115,7 +118,8 @@ def read_micmac(folder: Path) -> ExchangeBlock:
         photos=photos,
         points=points,
         measurements=tuple(one for _, one in measures),
-        notes=oriented.notes,
+        ties=replace(tied.ties, photo_ids=tuple(map(_photo_id, tied.ties.photo_ids))),
+        notes=(*oriented.notes, *tied.notes),
     )
 
 
@@ -320,9 +324,12 @@ def write_micmac(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
             path.parent.mkdir(exist_ok=True)
             write_image_measures(path, photo.file, photo.fiducials_px)
     write_points(folder, block.points)
+    files = {name: photo.file for name, photo in block.photos.items()}
     if block.measurements:
-        files = {name: photo.file for name, photo in block.photos.items()}
         write_measures(folder / "Measures-S2D.xml", block.measurements, files)
+    couples = write_homol(folder / TIES, block.ties, files)
+    if couples:
+        write_couples(folder / "img_pairs.xml", couples)
     return tuple(left)
 
 
@@ -451,9 +458,11 @@ MICMAC = ExchangeFormat(
         camera="PP and F in millimetres of the film from its upper left, y down, or in pixels; "
         "ModRad, ModPhgrStd from the ideal to the measured place; OrIntImaM2C from film to scan",
         sigmas="points, perspective centres (1 1 1 stands for none), measurements",
-        lost="CRS, deviations of angles, origin of the fiducials' frame, distortion models other "
+        lost="CRS, deviations of angles, names, places and weights of ties, ties of one photo, "
+        "origin of the fiducials' frame, distortion models other "
         "than ModRad and ModPhgrStd, millimetres of a camera without fiducials",
-        tested="orientations, calibrations and points that MicMac wrote",
+        tested="orientations, calibrations, fiducials, points and measurements that MicMac wrote; "
+        "tie points by description alone",
     ),
     holds="film",
     write=write_micmac,
