@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-from app.block_schema import TABLES, Key, keys_of
+from app.block_schema import TABLES, Key, keys_of, missing_reference
 from app.block_sections import read_camera
 from app.block_toml import Document, FieldError, Table
 from app.block_writing import with_values
@@ -153,6 +153,7 @@ def judged(document: Document) -> Judged:
             one.startswith(name) for one in (*errors, *missing)
         ):
             errors |= _error_of_camera(document, name.removeprefix("camera."))
+    missing += [f"reference.{key}" for key in missing_reference(document.values)]
     project = None
     if not errors and not missing:
         try:

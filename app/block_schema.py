@@ -125,8 +125,8 @@ OVERRIDE = (
     Key("exclude", "flag", False),
 )
 REFERENCE = (
-    Key("ortho", "rasters", required=True, asked="first"),
-    Key("dem", "rasters", required=True, asked="first"),
+    Key("ortho", "rasters", [], asked="first"),
+    Key("dem", "rasters", [], asked="first"),
     Key("roads", "files", [], asked="first"),
     Key("ortho_sigma_m", "number", 0.25, unit=METRES, asked="more"),
     Key("dem_sigma_m", "number", 0.5, unit=METRES, asked="more"),
@@ -183,3 +183,21 @@ def keys_of(table: str) -> Mapping[str, Key]:
     """The keys of a table by its dotted name, such as `camera.wide`."""
     found = TABLES["camera"] if table.startswith("camera.") else TABLES[table]
     return {key.name: key for key in found}
+
+
+def missing_reference(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Keys of [reference] that a `block.toml` must still have.
+
+    An ortho needs heights; a block without an ortho needs surveyed points or known exterior
+    orientations.
+    """
+
+    def has(table: str, key: str) -> bool:
+        found = values.get(table, {})
+        return isinstance(found, dict) and key in found
+
+    if has("reference", "ortho"):
+        return () if has("reference", "dem") else ("dem",)
+    if has("control", "points") or has("scans", "exterior"):
+        return ()
+    return ("ortho",) if has("reference", "dem") else ("ortho", "dem")

@@ -109,20 +109,27 @@ class Recognition:
         return tuple((name, value) for name, value in lines if value)
 
     @property
+    def stands_alone(self) -> bool:
+        """Whether surveyed points or exterior orientations do where there is no ortho."""
+        return not self.ortho and (self.control is not None or self.exterior is not None)
+
+    @property
     def gaps(self) -> tuple[Gap, ...]:
         """What was not found, and what that leaves out; the gravest first."""
         begin = self.georeference != "none" or self.exterior is not None
+        alone = self.stands_alone
+        ortho_out, dem_out = ("proposals", "level") if alone else ("nothing", "nothing")
         missing = (
             (True, "distance", "nothing", ("camera.principal_distance_mm",)),
             (not self.scans, "scans", "nothing", ("scans.files",)),
-            (not self.ortho, "ortho", "nothing", ("reference.ortho",)),
-            (not self.dem, "dem", "nothing", ("reference.dem",)),
+            (not self.ortho, "ortho", ortho_out, ("reference.ortho",)),
+            (not self.dem, "dem", dem_out, ("reference.dem",)),
             (self.crs is None, "crs", "nothing", ("block.crs",)),
             (self.scan_pixel_um is None, "pixel", "nothing", ("scans.scan_pixel_um",)),
             (self.frame_mm is None, "frame", "nothing", ("camera.frame_mm",)),
             (not begin, "place", "place", ("scans.scale_number", "scans.exterior")),
             (True, "fiducials", "shrinkage", ("camera.fiducials_mm", "camera.fiducials_file")),
-            (not self.roads, "roads", "roads", ("reference.roads",)),
+            (not self.roads and not alone, "roads", "roads", ("reference.roads",)),
             (self.control is None, "control", "checks", ("control.points",)),
             (self.buildings is None, "buildings", "buildings", ("reference.buildings",)),
         )
@@ -199,9 +206,15 @@ def toml_of(found: Recognition) -> str:
         *_lines(footprints=found.footprints and found.footprints[0]),
         *_lines(footprint_name=found.footprints and found.footprints[1], exterior=found.exterior),
     )
+    if found.stands_alone:
+        files = ("# no ortho: nothing is proposed", *_lines(dem=found.dem))
+    else:
+        files = (
+            _or_comment("ortho", found.ortho, "sheets of today's orthophoto"),
+            _or_comment("dem", found.dem, "terrain heights"),
+        )
     reference = (
-        _or_comment("ortho", found.ortho, "sheets of today's orthophoto"),
-        _or_comment("dem", found.dem, "terrain heights"),
+        *files,
         *_lines(roads=found.roads, buildings=found.buildings, bridges=found.bridges),
         "ortho_sigma_m = 0.25  # accuracy of the orthophoto: check",
         "dem_sigma_m = 0.5  # accuracy of the terrain model: check",

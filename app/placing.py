@@ -74,7 +74,8 @@ def placeable(project: Project, session: Session) -> Placeable | None:
     if session.products.latest_value("control") is not None:
         return None
     scans = cast("ScanSet | None", session.products.latest_value("scans"))
-    if scans is None:
+    if scans is None or not project.reference.ortho:
+        # Without an ortho there is nothing to click beside a photo: the run goes through.
         raise ProjectError(
             project.file,
             "the block has no control points to review yet.",

@@ -1,7 +1,7 @@
 """`block.toml` as a frozen `Project`, every default filled in, and in the engine's own terms."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from app.block_schema import OPERATOR_NAMES, USUAL_NAMES
+from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
 from app.block_sections import adjustment_options, read_camera
 from app.block_toml import FILE, Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
@@ -86,10 +86,10 @@ class ScansSection:
 class ReferenceSection:
     """`[reference]`."""
 
-    ortho: tuple[Path, ...]
-    """Sheets of today's orthophoto."""
-    dem: tuple[Path, ...]
-    """Files of terrain heights."""
+    ortho: tuple[Path, ...] = ()
+    """Sheets of today's orthophoto; without any, no control is proposed."""
+    dem: tuple[Path, ...] = ()
+    """Files of terrain heights; without any, the ground is level."""
     roads: tuple[Path, ...] = ()
     """Road layers; without any, salient points of the ortho serve as control."""
     ortho_sigma_m: float = 0.25
@@ -141,7 +141,7 @@ class Project:
     scans: ScansSection
     """Scans and what is known of their place."""
     reference: ReferenceSection
-    """What is known of the ground."""
+    """What is known of the ground; empty for a block that stands on points of its own."""
     control: ControlSection = ControlSection()
     """Surveyed points."""
     ortho: OrthoSection = OrthoSection()
@@ -289,7 +289,18 @@ def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
 
 
 def _reference(document: Document) -> ReferenceSection:
-    table = document.table("reference", required=True)
+    table = document.table("reference")
+    for needed in missing_reference(document.values):
+        if table.has("ortho"):
+            cause = say("is missing: without heights an ortho gives no control.")
+            remedy = say("Add terrain heights, or leave `ortho` out.")
+        else:
+            cause = say("is missing, and nothing else says where the block lies.")
+            remedy = say(
+                "Add ortho and dem, or surveyed points ([control] points), or exterior "
+                "orientations ([scans] exterior)."
+            )
+        raise table.error(needed, cause, remedy)
     return ReferenceSection(
         table.files("ortho"),
         table.files("dem"),
@@ -394,21 +405,38 @@ def described(project: Project) -> BlockInput:
             scans.exterior,
             scans.scale_number,
         ),
-        reference=ReferenceFiles(
-            crs=project.block.crs,
-            ortho=reference.ortho,
-            dem=reference.dem,
-            roads=reference.roads,
-            mask=reference.mask,
-            bridges=reference.bridges,
-            ortho_sigma_m=reference.ortho_sigma_m,
-            dem_sigma_m=reference.dem_sigma_m,
-        ),
+        reference=_reference_files(project.block.crs, reference, listed),
         surveyed=tuple(surveyed_point(point) for point in listed),
         preset=project.control.preset,
         localisation=LocalisationOptions(orientation=orientation),
         control=ControlStageOptions(orientation=orientation),
         adjustment=project.adjustment,
+    )
+
+
+def _reference_files(
+    crs: str, reference: ReferenceSection, listed: Sequence[ListedPoint]
+) -> ReferenceFiles:
+    """The reference; where there is none, what control points tell of the ground.
+
+    Check points judge only: they have no say in it.
+    """
+    control = [point for point in listed if point.role != "check"]
+    known = [point.height for point in control if point.role != "plan"]
+    plan = np.array([(p.easting, p.northing) for p in control if p.role != "height"]).reshape(-1, 2)
+    low, high = plan.min(axis=0, initial=np.inf), plan.max(axis=0, initial=-np.inf)
+    area = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    return ReferenceFiles(
+        crs=crs,
+        ortho=reference.ortho,
+        dem=reference.dem,
+        roads=reference.roads,
+        mask=reference.mask,
+        bridges=reference.bridges,
+        ortho_sigma_m=reference.ortho_sigma_m,
+        dem_sigma_m=reference.dem_sigma_m,
+        level_m=float(np.mean(known)) if known and not reference.dem else None,
+        area=area if len(plan) and not reference.ortho else None,
     )
 
 

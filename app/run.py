@@ -24,7 +24,7 @@ from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.errors import Cancelled
 from core.localisation.stage import Localised
-from core.matching.reference import open_reference
+from core.matching.reference import level_of, open_heights
 from core.mosaic.change import find_change, write_change
 from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
@@ -53,6 +53,11 @@ LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
 WALKED = "walked"
 """Product that keeps what the last walk took, for a report written without one."""
+NOTHING_STANDS = (
+    "No photo is oriented yet, so there is nothing to make orthos of. Measure four surveyed points "
+    "in a photo at the desk (gruber review), then run the block again."
+)
+"""What ends the walk of a block in which nothing but surveyed points can orient a photo."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -95,6 +100,9 @@ class Run:
                 for name in self.names_in_turn():
                     self.step(name)
                     if name == self.options.last and not self.again(name):
+                        break
+                    if name == "adjustment" and not self.stands:
+                        self.voice.say(NOTHING_STANDS)
                         break
             except (KeyboardInterrupt, Cancelled):
                 waits = False
@@ -211,10 +219,16 @@ class Run:
         """The block as it stands with the operator's decisions."""
         return made(self.results.adjustment)
 
+    @property
+    def stands(self) -> bool:
+        """Whether any photo is oriented."""
+        return any(photo.oriented for photo in self.adjusted.block.photos.values())
+
     def dem(self) -> Dem:
         """Heights under the block, held in memory."""
-        placed = made(self.results.georeference).block
-        return open_reference(self.given.reference, placed.search_bounds).dem
+        bounds = made(self.results.georeference).block.search_bounds
+        level_m = level_of(self.assembly.report.block)
+        return open_heights(self.given.reference, level_m).cropped(bounds)
 
     def rectify(self, progress: Progress) -> str:
         """One ortho of every oriented photo."""
@@ -288,7 +302,7 @@ class Run:
             heights=self.project.block.heights,
             doubts=self.results.doubts,
             set_aside=self.results.set_aside,
-            reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m),
+            reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m) if files.ortho else None,
             reliability=self.assembly.reliability,
             mosaic=self.session.results / "mosaic.tif",
             seams=mosaic.seams,
@@ -335,7 +349,8 @@ def make_orthos(
     for photo in photos:
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
-        inputs = digest_of(stage, 2, photo, camera, gsd, project.reference.dem, photo.scan)
+        ground = project.reference.dem or (dem.mean_height(),)
+        inputs = digest_of(stage, 2, photo, camera, gsd, ground, photo.scan)
         target = session.results / "ortho" / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
@@ -431,9 +446,11 @@ def make_change(
         anew: Make it again.
 
     Returns:
-        Share of the ground that is the same, and that is different.
+        Share of the ground that is the same, and that is different; nothing without a reference.
     """
     crs, reference = project.block.crs, project.reference.ortho
+    if not reference:
+        return {}
     target = session.results / CHANGE
     digest = session.products.digest_of("change", 1, mosaic.path, reference)
     kept = None if anew else session.products.load_value("change", digest)

@@ -321,9 +321,14 @@ def of_block(block: Path) -> Iterator[str]:
     given = described(project)
     reference = open_reference(given.reference)
     yield f"Block {given.name}: {len(given.scans)} scans, {given.crs}"
-    gsd = reference.ortho.ground_sample_distance_m
-    yield f"Reference: ortho {gsd:g} m, DEM {reference.dem.ground_sample_distance_m:g} m"
-    if not given.reference.roads:
+    if not given.reference.ortho:
+        yield "No reference ortho: nothing is proposed; measure your own points at the desk"
+    else:
+        gsd = reference.ortho.ground_sample_distance_m
+        yield f"Reference: ortho {gsd:g} m, DEM {reference.dem.ground_sample_distance_m:g} m"
+    if not given.reference.dem:
+        yield "! No DEM: the ground is taken as level, and orthos are off by the relief"
+    if given.reference.ortho and not given.reference.roads:
         yield "No road layers: control comes from salient points of the ortho alone"
     if not all(given.cameras[scan.camera].fiducials_mm for scan in given.scans):
         yield (

@@ -33,10 +33,11 @@ from core.georeference.stage import Georeferenced
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
-from core.matching.reference import Reference, open_reference
+from core.matching.reference import Reference, level_of, open_reference
 from core.mosaic.composition import MosaicProduct
 from core.progress import SILENT, Part, Progress
 from core.raster.holes import Hole
+from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
 from core.said import say
@@ -181,8 +182,9 @@ def desk_inputs(
         )
     scans = ScanFiles(project.folder)
     files = given.reference
-    reference = open_reference(files, placed.block.search_bounds)
     block = assembly.report.block
+    reference = open_reference(files, placed.block.search_bounds, level_of(block))
+    compared = Comparing(reference, given.control.orientation, scans.opened)
     terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
     adjusting = Adjusting(given.adjustment, terrain)
     initial = initial_state_of(given, session, placed)
@@ -210,11 +212,9 @@ def desk_inputs(
         operator=operator,
         host=host,
         port=port,
-        likeness=Comparing(reference, given.control.orientation, scans.opened),
+        likeness=compared if reference.ortho.is_there else None,
         token=lasting_token(project.folder / HIDDEN),
-        template_m=template_m(
-            report.block, reference.ortho.ground_sample_distance_m, given.control.orientation
-        ),
+        template_m=template_m(report.block, reference.ortho, given.control.orientation),
     )
 
 
@@ -333,12 +333,14 @@ def ortho_orientations(session: Session, adjusted: Block) -> Made:
     return made
 
 
-def template_m(block: Block, ortho_gsd_m: float, options: OrientationOptions) -> float:
-    """Half the side of the patches that were compared, metres on the ground; 0 without photos."""
+def template_m(block: Block, ortho: Ortho, options: OrientationOptions) -> float:
+    """Half the side of the patches that were compared, metres on the ground; 0 where none were."""
     sides: list[float] = []
+    if not ortho.is_there:
+        return 0.0
     for name, photo in block.photos.items():
         pixel = photo.ground_pixel_m(block.camera_of(name))
-        finest = max(options.finest_gsd_m, pixel, ortho_gsd_m)
+        finest = max(options.finest_gsd_m, pixel, ortho.ground_sample_distance_m)
         reduction = max(1, int(np.floor(finest / pixel + 0.25)))
         sides.append(options.template_half_px * reduction * pixel)
     return float(np.median(sides)) if sides else 0.0

@@ -227,7 +227,8 @@ def _lay_points(
     above = origins[:, 2] - _ground_of_rays(network)
     downwards = np.where(directions[:, 2] < 0, directions[:, 2], np.nan)
     hits = origins - directions * (above / downwards)[:, None]
-    laid = np.stack([np.bincount(point, hits[:, k], count) for k in range(3)], axis=1)
+    sums = [np.bincount(point, hits[:, k], count).astype(np.float64) for k in range(3)]
+    laid = np.stack(sums, axis=1)
     laid /= np.maximum(np.bincount(point, minlength=count), 1)[:, None]
     ties = len(network.points.tie)
     laid[ties:] = network.points.known[ties:]

@@ -90,6 +90,9 @@ def find_control(
 ) -> ControlFound:
     """Search, judge and adjust control once.
 
+    Without an ortho nothing is proposed: the block is adjusted by its ties and by what is known of
+    its exterior orientations.
+
     Args:
         localised: The photos where they lie.
         ties: Their fine ties.
@@ -103,6 +106,9 @@ def find_control(
     """
     points = {point.point_id: point for point in surveyed}
     block = replace(localised.block, ties=ties, surveyed=points, measurements={})
+    if not files.ortho:
+        report = adjusted_without_gross(block, options.adjustment)
+        return _found(report, (), (), before)
     site = Site(
         open_reference(files, block.search_bounds), scans, features.points, features.sources
     )
@@ -116,11 +122,24 @@ def find_control(
     rest = work.part(0.4, 1.0)
     report, reliability = propose_and_adjust(block, site, options, before is not None, rest)
     report, told = with_true_worth(report, options.adjustment)
+    return _found(report, (*doubts, *told), reliability, before)
+
+
+def _found(
+    report: AdjustmentReport,
+    doubts: tuple[Doubt, ...],
+    reliability: tuple[Bin, ...],
+    before: ControlFound | None,
+) -> ControlFound:
+    """What one pass found, with how far the photos moved since the one before."""
     passes = 1 if before is None else before.passes + 1
     moved = float("inf") if before is None else movement(before.report.block, report)
+    if not report.exterior_sigmas:
+        # Nothing stands, so nothing moves.
+        moved = 0.0
     if passes >= MOST_PASSES and moved >= SETTLED:
-        told = (*told, unsettled(moved))
-    return ControlFound(report, (*doubts, *told), reliability, passes, moved)
+        doubts = (*doubts, unsettled(moved))
+    return ControlFound(report, doubts, reliability, passes, moved)
 
 
 def unsettled(moved: float) -> Doubt:

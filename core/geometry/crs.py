@@ -334,7 +334,11 @@ def _area_bounds(wkt: str) -> Bounds:
     if area is None:
         # A CRS written out by hand names no area: whatever fits on the Earth is taken.
         return -EARTH_M, -EARTH_M, EARTH_M, EARTH_M
-    to_plane = _transformer(_geodetic(crs).to_wkt(), wkt)
+    # Areas of use are told in degrees from Greenwich, whatever the CRS itself counts in.
+    own = _geodetic(crs)
+    meridian, unit = own.prime_meridian, own.axis_info[0].unit_name
+    usual = unit == "degree" and (meridian is None or meridian.longitude == 0)
+    to_plane = _transformer((own if usual else CRS("EPSG:4326")).to_wkt(), wkt)
     return to_plane.transform_bounds(*area.bounds, errcheck=False)
 
 

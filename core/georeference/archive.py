@@ -68,14 +68,14 @@ class Archive:
     """Rows of the EO list by photo."""
     directions: Mapping[str, float]
     """Directions of flight by photo, radians from grid east, where positions give them."""
-    area: Bounds
-    """West, south, east, north of the reference ortho, metres."""
+    area: Bounds | None
+    """West, south, east, north of the reference ortho, else of the surveyed points, metres."""
     doubts: tuple[Doubt, ...] = ()
     """Sources that say nothing of any photo of the block."""
 
 
 def open_archive(
-    georeference: Georeference, crs: str, photo_ids: Collection[str], area: Bounds
+    georeference: Georeference, crs: str, photo_ids: Collection[str], area: Bounds | None
 ) -> Archive:
     """Read the EO list and the footprints of a block that lies in an area.
 
@@ -135,8 +135,9 @@ def georeference_photo(
         return replace(
             found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))
         )
-    if archive.georeference.scale_number is not None:
-        return _from_area(archive.georeference.scale_number, camera, archive, dem)
+    scale_number, area = archive.georeference.scale_number, archive.area
+    if scale_number is not None and area is not None:
+        return _from_area(scale_number, area, camera, archive, dem=dem)
     return Failure(
         say(
             "Nothing says where {photo_id} was taken: no world file or points beside it, "
@@ -222,17 +223,20 @@ def _from_points(
     return approximate_from_points(points, oriented.interior, camera, ground)
 
 
-def _from_area(scale_number: float, camera: Camera, archive: Archive, dem: Dem) -> Approximation:
-    """Somewhere on the reference ortho."""
-    west, south, east, north = archive.area
+def _from_area(
+    scale_number: float, area: Bounds, camera: Camera, archive: Archive, *, dem: Dem
+) -> Approximation:
+    """Somewhere on the reference ortho, or among the surveyed points."""
+    west, south, east, north = area
     ground = _ground(dem, archive.crs, (west + east) / 2, (south + north) / 2)
-    return approximate_in_area(archive.area, scale_number, camera, ground)
+    return approximate_in_area(area, scale_number, camera, ground)
 
 
 def _ground(dem: Dem, crs: str, east: float, north: float) -> Ground:
     """The ground about a place."""
     height = mean_height_under(dem, east, north)
-    return Ground(crs, height if np.isfinite(height) else 0.0, dem.bounds)
+    bounds = dem.bounds if np.isfinite(dem.bounds).all() else None
+    return Ground(crs, height if np.isfinite(height) else 0.0, bounds)
 
 
 def mean_height_under(dem: Dem, east: float, north: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from core.block import Block, Photo, footprint
 from core.doubts import Doubt
 from core.errors import OrientationError, PhotogrammetryError, ReferenceDataError
+from core.formats.eo_list import read_eo_list
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds, distance_m, shared_bounds
 from core.georeference.approximation import Approximation
@@ -42,6 +43,17 @@ FULL_SHARE = 0.98
 # design: half a percent across and down, ten times finer than FULL_SHARE asks for.
 SAMPLES = 200
 """The block is looked at in at most this many pixels across and down."""
+NO_ORTHO = (
+    "The block has no reference ortho: no control is proposed, and nothing is compared with today. "
+    "Measure your own surveyed points at the desk; until then the block lies where its exterior "
+    "orientations put it."
+)
+"""What a block without an ortho does without."""
+LEVEL_GROUND = (
+    "The block has no DEM: the ground is taken as level ({why}). Orthos and mosaic are off by the "
+    "relief times the distance from the nadir over the flying height."
+)
+"""What a block without a DEM does without."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +95,10 @@ def georeference_photos(
         PhotogrammetryError: No photo has a source that can be used, the reference misses the
             block, or the CRS does not fit.
     """
-    reference = open_reference(files)
-    archive = open_archive(source, files.crs, scans.oriented, reference.ortho.bounds)
+    level = 0.0 if files.knows_ground else presumed_level(source, given_cameras, scan_cameras)
+    reference = open_reference(files, level_m=level)
+    area = reference.ortho.bounds if files.ortho else files.area
+    archive = open_archive(source, files.crs, scans.oriented, area)
     placed: dict[str, Approximation] = {}
     failed: dict[str, PhotogrammetryError] = {}
     for done, (name, scan) in enumerate(scans.oriented.items()):
@@ -102,14 +116,50 @@ def georeference_photos(
     }
     set_aside = {name: error.told for name, error in failed.items()}
     block = Block(files.crs, scans.cameras or given_cameras, photos)
-    lost = far_from_reference(block, reference)
+    lost = far_from_reference(block, reference) if files.ortho else {}
     set_aside |= lost
     block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
-    coverage = check_coverage(reference.dem, reference.ortho, block.bounds)
+    coverage = (
+        check_coverage(reference.dem, reference.ortho, block.bounds)
+        if files.ortho
+        else without_ortho(files, level)
+    )
     doubts = [doubt for result in placed.values() for doubt in result.doubts]
     doubts += [Doubt("scan-set-aside", name, why) for name, why in set_aside.items()]
     doubts += [*archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
     return Georeferenced(block, placed, set_aside, tuple(doubts))
+
+
+def presumed_level(
+    source: Georeference, cameras: Mapping[str, Camera], scan_cameras: Mapping[str, str]
+) -> float:
+    """Height of the ground where neither DEM nor surveyed points tell it, metres.
+
+    It lies below the perspective centres by the scale of the photos, where that is given; nought
+    otherwise, until tie points tell.
+
+    Raises:
+        ProjectError: The list of exterior orientations cannot be used.
+    """
+    if source.exterior is None or source.scale_number is None:
+        return 0.0
+    centres = [record.centre[2] for record in read_eo_list(source.exterior).values()]
+    distances = [cameras[name].principal_distance_mm / 1000 for name in scan_cameras.values()]
+    return float(np.median(centres) - source.scale_number * np.median(distances))
+
+
+def without_ortho(files: ReferenceFiles, level_m: float) -> tuple[Doubt, ...]:
+    """What a block does without that has no ortho, and perhaps no DEM."""
+    told = [Doubt("no-ortho", "block", NO_ORTHO)]
+    if not files.dem:
+        if files.level_m is not None:
+            why = say("the mean of the surveyed points, {level:.1f} m", level=files.level_m)
+        elif level_m:
+            why = say("by the scale of the photos, {level:.0f} m at first", level=level_m)
+        else:
+            why = say("the mean of the tie points")
+        told.append(Doubt("no-dem", "block", say(LEVEL_GROUND, why=why)))
+    return tuple(told)
 
 
 def approximate_scan(

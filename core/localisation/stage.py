@@ -30,6 +30,7 @@ from core.localisation.photo_orientation import (
     orient_photo,
     orient_placed_photo,
 )
+from core.localisation.tied_block import on_tied_ground, stand_by_ties
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
@@ -82,7 +83,7 @@ def localise_photos(
     options: LocalisationOptions,
     work: Work,
 ) -> Localised:
-    """Find the photos of a block on the reference.
+    """Find the photos of a block on the reference, or without one, bring them together by ties.
 
     Args:
         placed: Where the archive puts them.
@@ -104,6 +105,11 @@ def localise_photos(
     seen = detect_features(block, scans, options, first)
     ties, told = match_roughly(block, seen, options.ties, rough.progress, work.random("rough ties"))
     block = replace(block, ties=ties)
+    if not files.ortho:
+        hypotheses = {name: known.hypotheses for name, known in placed.approximations.items()}
+        block, loose = stand_by_ties(block, hypotheses, options.adjustment)
+        block = block if files.knows_ground else on_tied_ground(block, options.adjustment)
+        return Localised(block, WeakControl.none(), (*told, *loose), seen)
     reference = open_reference(files, block.search_bounds)
     site = Site(reference, scans, features.points, features.sources)
     parts, unplaced = place_parts(block, placed, site, options, placing)
@@ -138,7 +144,7 @@ def localise_again(
     """
     waiting = [name for name, photo in adjusted.photos.items() if not photo.oriented]
     block, doubts = replace(adjusted, measurements={}), before.doubts
-    if waiting:
+    if waiting and files.ortho:
         reference = open_reference(files, adjusted.search_bounds)
         site = Site(reference, scans, features.points, features.sources)
         block, told = carry_the_rest(block, site, {}, work.random("carried"))

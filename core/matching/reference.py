@@ -13,10 +13,11 @@ import shapely
 from jaxtyping import Float64, Int64
 
 from core.arrays import ObjectPoints, locked
+from core.block import Block
 from core.formats.roads import Roads, read_roads
 from core.geometry.crs import Bounds
-from core.raster.dem import Dem, open_dem
-from core.raster.ortho import Ortho, open_ortho
+from core.raster.dem import Dem, level_ground, open_dem
+from core.raster.ortho import Ortho, no_ortho, open_ortho
 
 # design: the spacing of usual terrain models.
 STEP_M = 10.0
@@ -27,6 +28,9 @@ USUAL_WIDTH_M = 5.0
 # design: a track, and a road of three lanes.
 WIDTHS_M = (2.5, 12.0)
 """Narrower and wider ones are drawn as these: lanes of a motorway are no edge of one strip."""
+# design: any that is not empty.
+NOWHERE: Bounds = (0.0, 0.0, 1.0, 1.0)
+"""Bounds of an ortho that is not there, where nothing tells any, metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +40,9 @@ class ReferenceFiles:
     crs: str
     """CRS of the block, in which the reference is read."""
     ortho: tuple[Path, ...]
-    """Sheets of the ortho."""
+    """Sheets of the ortho; without any, nothing is proposed."""
     dem: tuple[Path, ...]
-    """Files of the heights."""
+    """Files of the heights; without any, the ground is level."""
     roads: tuple[Path, ...] = ()
     """Road layers."""
     mask: Path | None = None
@@ -50,6 +54,15 @@ class ReferenceFiles:
     """Standard deviation of the ortho per axis, metres."""
     dem_sigma_m: float = 0.5
     """Standard deviation of a height, metres."""
+    level_m: float | None = None
+    """Mean height of the user's surveyed points, metres: the ground where there is no DEM."""
+    area: Bounds | None = None
+    """West, south, east, north of those points, metres: where the block lies without an ortho."""
+
+    @property
+    def knows_ground(self) -> bool:
+        """Whether a DEM or surveyed points tell the height of the ground."""
+        return bool(self.dem) or self.level_m is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,9 +101,9 @@ class Reference:
     """The reference a block is oriented on."""
 
     ortho: Ortho
-    """Present-day ortho, seamless."""
+    """Present-day ortho, seamless; one that is not there where the block has none."""
     dem: Dem
-    """Bare earth."""
+    """Bare earth; level ground where the block has no DEM."""
     ortho_sigma_m: float
     """Standard deviation of the ortho per axis, metres."""
     dem_sigma_m: float
@@ -99,27 +112,44 @@ class Reference:
     """Roads to be drawn into the photos; None where there are none."""
 
 
-def open_reference(files: ReferenceFiles, bounds: Bounds | None = None) -> Reference:
+def open_reference(
+    files: ReferenceFiles, bounds: Bounds | None = None, level_m: float = 0.0
+) -> Reference:
     """Open the files of a reference; heights and roads within bounds are held in memory.
 
     Args:
         files: What to open.
         bounds: West, south, east, north, metres; None opens everything and reads no roads.
+        level_m: Height of the ground where neither DEM nor surveyed points tell it, metres.
 
     Raises:
         PhotogrammetryError: A file is missing, damaged, or of another place.
     """
-    dem = open_dem(files.dem, files.crs)
+    dem = open_heights(files, level_m)
     if bounds is not None:
         dem = dem.cropped(bounds)
     roads = None if bounds is None else read_roads(files.roads, files.crs, bounds)
+    area = bounds or files.area or NOWHERE
     return Reference(
-        open_ortho(files.ortho, files.crs),
+        open_ortho(files.ortho, files.crs) if files.ortho else no_ortho(files.crs, area),
         dem,
         files.ortho_sigma_m,
         files.dem_sigma_m,
         None if roads is None else lines_on_ground(roads, dem),
     )
+
+
+def open_heights(files: ReferenceFiles, level_m: float = 0.0) -> Dem:
+    """The DEM; without one, level ground at the mean height of surveyed points, or at `level_m`."""
+    if files.dem:
+        return open_dem(files.dem, files.crs)
+    return level_ground(level_m if files.level_m is None else files.level_m, files.crs)
+
+
+def level_of(block: Block) -> float:
+    """Mean height of the ground under a block's photos, metres; nought without photos."""
+    heights = [photo.ground_height_m for photo in block.photos.values()]
+    return float(np.mean(heights)) if heights else 0.0
 
 
 def lines_on_ground(roads: Roads, dem: Dem) -> RoadLines:

@@ -1,6 +1,7 @@
 """The terrain: heights at exact places, bilinear, from one DEM file or many.
 
-Small gaps are closed by the smoothest surface through what surrounds them.
+Small gaps are closed by the smoothest surface through what surrounds them. A block without any DEM
+stands on level ground.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds, parse_crs, shared_bounds
 from core.raster.files import TILES
 from core.raster.grid import Grid
-from core.raster.lattices import SheetSet, open_sheets
+from core.raster.lattices import SheetSet, no_sheets, open_sheets
 from core.raster.sampling import Kernel, ReadOptions, read_onto
 from core.raster.sheets import label_parts
 
@@ -48,6 +49,9 @@ RANGE_PX = 400
 # design: rounding of coordinates, a millionth of a millimetre on a DEM of one metre.
 NO_WEIGHT = 1e-9
 """A neighbour with less weight has no say, so that its gap makes no height unknown."""
+# design: whatever is drawn on it needs no finer nodes.
+LEVEL_PIXEL_M = 10.0
+"""Pixel that level ground counts as having, metres."""
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
@@ -254,6 +258,55 @@ def open_dem(paths: Sequence[str | Path] | str | Path, crs: str) -> Dem:
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     sheets = open_sheets(files, block, "DEM")
     return Dem(sheets, sheets.grid)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelGround(Dem):
+    """Level ground without any file: one height wherever it is asked for."""
+
+    level_m: float = 0.0
+    """The height, metres."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """It has no end."""
+        return (-np.inf, -np.inf, np.inf, np.inf)
+
+    def cropped(self, bounds: Bounds) -> "LevelGround":
+        """The same."""
+        return self
+
+    def heights(self, points: PlanePoints) -> Scalars:
+        """The height at every place, metres."""
+        return np.full(len(points), self.level_m)
+
+    def filled_at(self, points: PlanePoints) -> Bool[np.ndarray, "n"]:
+        """Nothing was closed."""
+        return np.zeros(len(points), dtype=bool)
+
+    def slopes(self, points: PlanePoints) -> PlanePoints:
+        """It does not rise."""
+        return np.zeros((len(points), 2))
+
+    def on(self, grid: Grid, kernel: Kernel = "linear") -> Float64[np.ndarray, "rows columns"]:
+        """The height on a grid, metres."""
+        return np.full((grid.rows, grid.columns), self.level_m)
+
+    def mean_height(self, bounds: Bounds | None = None) -> float:
+        """The height, metres."""
+        return self.level_m
+
+
+def level_ground(level_m: float, crs: str) -> LevelGround:
+    """Ground of which only a mean height is known.
+
+    Args:
+        level_m: The height, metres.
+        crs: The block's CRS.
+    """
+    # One pixel stands for all of it, for those who ask how fine it is.
+    grid = Grid(0.0, 0.0, LEVEL_PIXEL_M, 1, 1)
+    return LevelGround(no_sheets(crs, grid.bounds), grid, level_m=level_m)
 
 
 def _bilinear(raster: Float32[np.ndarray, "rows columns"], places: PlanePoints) -> Scalars:

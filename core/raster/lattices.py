@@ -124,6 +124,11 @@ class SheetSet:
         return (self.crs, *(lattice.key for lattice in self.lattices))
 
 
+def no_sheets(crs: str, bounds: Bounds) -> SheetSet:
+    """A set that covers bounds (west, south, east, north, metres) with nothing."""
+    return SheetSet(crs, (), bounds, ())
+
+
 def open_sheets(paths: Sequence[str | Path], crs: CRS, what: SheetKind) -> SheetSet:
     """Look at every file once: size, place, bands, mask, collar; nothing stays open.
 

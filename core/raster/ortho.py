@@ -11,7 +11,7 @@ from core.arrays import Mask
 from core.doubts import Doubt
 from core.geometry.crs import Bounds, parse_crs
 from core.raster.grid import Grid
-from core.raster.lattices import SheetSet, open_sheets
+from core.raster.lattices import SheetSet, no_sheets, open_sheets
 from core.raster.sampling import ReadOptions, read_kept, read_onto
 
 # design: the majority.
@@ -20,6 +20,9 @@ LEAST_COVERAGE = 0.5
 # design: half a cell aside does not show on a screen.
 COARSE_TO = 2
 """Beyond this reduction overviews serve for showing, and for what is covered."""
+# design: a screen; whatever is finer asks the scans.
+SCREEN_PX = 2000
+"""An ortho that is not there counts as having so many pixels along its longer side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +48,16 @@ class Ortho:
         return self.sheets.bounds
 
     @property
+    def is_there(self) -> bool:
+        """False where the block has no reference ortho; it is then black everywhere."""
+        return bool(self.sheets.lattices)
+
+    @property
     def ground_sample_distance_m(self) -> float:
-        """Pixel size of the finest sheets, metres."""
+        """Pixel size of the finest sheets, metres; of none, that of a picture on a screen."""
+        if not self.is_there:
+            west, south, east, north = self.bounds
+            return max(east - west, north - south) / SCREEN_PX
         return self.sheets.lattices[0].ground_sample_distance_m
 
     @property
@@ -90,3 +101,8 @@ def open_ortho(paths: Sequence[str | Path], crs: str) -> Ortho:
     """
     block = parse_crs(crs, "block.toml [block] crs")
     return Ortho(open_sheets(paths, block, "ortho"))
+
+
+def no_ortho(crs: str, bounds: Bounds) -> Ortho:
+    """The ortho of a block that has none: black over bounds (west, south, east, north, metres)."""
+    return Ortho(no_sheets(crs, bounds))

@@ -107,6 +107,8 @@ def read_onto(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
     """The sheets on a grid in the block's CRS, anti-aliased, whatever its pixel size."""
     values = np.zeros((BANDS[options.content], grid.rows, grid.columns), dtype=np.float32)
     coverage = np.zeros((grid.rows, grid.columns), dtype=np.float32)
+    if not sheets.lattices:
+        return Sampled(values, coverage)
     finest = sheets.lattices[0].ground_sample_distance_m
     reduction = grid.ground_sample_distance_m / finest
     # Exact reading holds original pixels, otherwise up to four cells to a pixel each way.

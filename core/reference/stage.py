@@ -60,6 +60,8 @@ def find_reference_points(
 ) -> ReferenceFeatures:
     """Junctions of the roads, and salient points of the ortho where those are few.
 
+    Without an ortho there is nothing to compare a photo with, and no point is found.
+
     Args:
         block: Photos where the archive puts them, with what that may be off.
         scans: Scans by photo.
@@ -70,6 +72,8 @@ def find_reference_points(
     Raises:
         PhotogrammetryError: A file of the reference cannot be used.
     """
+    if not files.ortho:
+        return join_points((), ())
     bounds = block.search_bounds
     reference = open_reference(files, bounds)
     crs = read_crs(files.crs, "block.toml")

@@ -322,3 +322,31 @@ def test_wrong_adjustment_keys_are_named__law(folder: Path, line: str, said: str
     with pytest.raises(ProjectError, match=r"block.toml:\d+ \[adjustment\]") as caught:
         read(folder, with_adjustment(line))
     assert said in str(caught.value)
+
+
+ALONE = TOML.partition("[reference]")[0]
+
+
+def test_surveyed_points_or_orientations_stand_in_for_a_reference__truth(folder: Path) -> None:
+    rows = ["id,X,Y,Z,sigma_xy,sigma_z,role", "A,-740000,-1040000,200,0.1,0.1,control"]
+    rows += ["B,-739000,-1041000,220,0.1,0.1,control", "C,-739500,-1040500,900,0.1,0.1,check"]
+    (folder / "points.csv").write_text("\n".join(rows))
+    project = read(folder, ALONE + '[control]\npoints = "points.csv"\n')
+    assert (project.reference.ortho, project.reference.dem) == ((), ())
+    files = described(project).reference
+    # Check points have no say, not even in the height of the ground.
+    assert files.level_m == 210.0
+    assert files.area == (-740000.0, -1041000.0, -739000.0, -1040000.0)
+    (folder / "eo.csv").write_text("scan,X,Y,Z\na,0,0,0\n")
+    listed = ALONE.replace("scan_pixel_um", 'exterior = "eo.csv"\nscan_pixel_um')
+    assert not described(read(folder, listed)).reference.knows_ground
+
+
+def test_without_reference_points_and_orientations_the_error_says_what_to_add__truth(
+    folder: Path,
+) -> None:
+    with pytest.raises(ProjectError, match="nothing else says where the block lies") as told:
+        read(folder, ALONE)
+    assert "[control] points" in told.value.remedy
+    with pytest.raises(ProjectError, match="without heights an ortho gives no control"):
+        read(folder, TOML.replace('dem = "dem.tif"\n', ""))

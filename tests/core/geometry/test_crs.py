@@ -98,3 +98,10 @@ def test_operations_are_the_nations_own_and_go_both_ways__truth():
 def test_an_operation_that_is_not_to_be_had_is_told__truth():
     with pytest.raises(CrsError, match="cannot bring"):
         operation_between("EPSG:32633", "EPSG:5514", np.array([[np.inf, 1e30]]), "f.tif")
+
+
+def test_a_crs_that_counts_from_paris_knows_its_area__truth():
+    """Strasbourg in Lambert Nord France; its area of use is told in degrees from Greenwich."""
+    check_range(CRS("EPSG:27561"), np.array([[999604.58, 112344.443]]), "points.csv")
+    with pytest.raises(CrsError):
+        check_range(CRS("EPSG:27561"), np.array([[999604.58, 1112344.443]]), "points.csv")

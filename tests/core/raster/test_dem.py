@@ -9,7 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from core.errors import ReferenceDataError
 from core.raster import dem as dem_module
-from core.raster.dem import open_dem
+from core.raster.dem import level_ground, open_dem
 from core.raster.grid import Grid
 from tests.core.raster_files import CRS, NORTH, WEST, place, write_raster
 
@@ -170,3 +170,14 @@ def test_scaled_heights_are_metres_and_feet_are_refused__truth(tmp_path):
         file.units = ("ft",)
     with pytest.raises(ReferenceDataError, match="not in metres"):
         open_dem(path, CRS)
+
+
+def test_level_ground_has_one_height_everywhere__law():
+    ground = level_ground(312.5, "EPSG:5514")
+    places = np.array([[-7e5, -1e6], [0.0, 0.0], [1e7, 1e7]])
+    assert (ground.heights(places) == 312.5).all()
+    assert (ground.slopes(places) == 0).all()
+    assert ground.mean_height((-1.0, -1.0, 1.0, 1.0)) == 312.5
+    grid = Grid(-7e5, -1e6, 0.5, 30, 20)
+    assert ground.cropped(grid.bounds).on(grid).shape == (20, 30)
+    assert (ground.on(grid, "cubic") == 312.5).all()
