@@ -2,10 +2,14 @@
 
 from collections.abc import Mapping
 
+from core.formats.asp import ASP_FORMAT
+from core.formats.bingo import BINGO_FORMAT
 from core.formats.eo_format import EO_FORMATS
 from core.formats.exchange import ExchangeFormat
 from core.formats.ign_opk import OPK_FORMAT
+from core.formats.inpho import INPHO_FORMAT
 from core.formats.micmac import MICMAC
+from core.formats.pat_b import PATB_FORMAT
 
 FORMATS: Mapping[str, ExchangeFormat] = {
     one.name: one
@@ -13,6 +17,10 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         MICMAC,
         *EO_FORMATS,
         OPK_FORMAT,
+        PATB_FORMAT,
+        BINGO_FORMAT,
+        INPHO_FORMAT,
+        ASP_FORMAT,
     )
 }  # fmt: skip
 """By the name that `--to` and `--from` take."""

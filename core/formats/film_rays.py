@@ -20,6 +20,7 @@ from core.formats.exchange import (
     ExchangeTies,
     frame_camera,
     ideal_from_image,
+    image_from_ideal,
     pixels_of,
 )
 from core.said import say
@@ -31,11 +32,6 @@ MICROMETRES = 1000.0  # source: definition.
 """Pixels that stand for a millimetre of film."""
 MOST_DIGITS = 15  # source: PCI on PAT-B, names of at most 15 characters.
 """Digits that a number may have where nothing else is a name."""
-UNTESTED = (
-    "This format was written by its description: no file of the program itself was to be had, so "
-    "check the first import there."
-)
-"""What the user is told of a format that was not tested on real files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +48,14 @@ class FilmRay:
     """From the principal point, upwards."""
     sigma_mm: float | None = None
     """Standard deviation per axis."""
+
+
+def untested() -> str:
+    """What the user is told of a format that was not tested on real files."""
+    return say(
+        "This format was written by its description: no file of the program itself was to be had, "
+        "so check the first import there."
+    )
 
 
 def principal_distance_mm(block: ExchangeBlock, photo_id: str) -> float:
@@ -175,6 +179,50 @@ def ties_of(rays: Sequence[FilmRay]) -> ExchangeTies:
         np.array([[ray.x_mm, -ray.y_mm] for ray in rays]).reshape(-1, 2) * MICROMETRES,
         names,
         sigma_px=np.array(sigmas) if sigmas and np.isfinite(sigmas).all() else None,
+    )
+
+
+def with_interiors(
+    block: ExchangeBlock,
+    cameras: Mapping[str, ExchangeCamera],
+    photos: Mapping[str, ExchangePhoto],
+) -> ExchangeBlock:
+    """A block of rays with the pixels of scans whose interior orientations are known.
+
+    Args:
+        block: What `block_of_rays` made.
+        cameras: Cameras of these photos.
+        photos: The same photos with `pixel_from_image`.
+    """
+
+    def pixel(name: str, place: tuple[float, float]) -> list[float]:
+        before, after = block.photos[name].pixel_from_image, photos[name].pixel_from_image
+        assert before is not None and after is not None  # noqa: PT018
+        ideal = np.linalg.solve(before[:, :2], np.array(place) - before[:, 2])[None]
+        image = image_from_ideal(ideal, cameras[photos[name].camera])[0]
+        return (after[:, :2] @ image + after[:, 2]).tolist()
+
+    def scale(name: str) -> float:
+        before, after = block.photos[name].pixel_from_image, photos[name].pixel_from_image
+        assert before is not None and after is not None  # noqa: PT018
+        areas = [abs(float(np.linalg.det(matrix[:, :2]))) for matrix in (after, before)]
+        return float(np.sqrt(areas[0] / areas[1]))
+
+    measured: list[ExchangeMeasurement] = []
+    for one in block.measurements:
+        column, row = pixel(one.photo_id, (one.column, one.row))
+        sigma = None if one.sigma_px is None else one.sigma_px * scale(one.photo_id)
+        measured.append(ExchangeMeasurement(one.point_id, one.photo_id, column, row, sigma))
+    ties = block.ties
+    names = [ties.photo_ids[index] for index in ties.photo]
+    pixels = [pixel(name, (p[0], p[1])) for name, p in zip(names, ties.pixels, strict=True)]
+    sigmas = None
+    if ties.sigma_px is not None:
+        factors = np.array([scale(name) for name in names])
+        sigmas = ties.sigma_px * factors
+    moved = replace(ties, pixels=np.array(pixels).reshape(-1, 2), sigma_px=sigmas)
+    return ExchangeBlock(
+        block.crs, dict(cameras), dict(photos), block.points, tuple(measured), moved
     )
 
 
