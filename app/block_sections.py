@@ -2,11 +2,13 @@
 
 from typing import Any, Literal, cast
 
+import numpy as np
+
 from app.block_toml import Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.formats.micmac_measures import read_camera_measures
-from core.geometry.camera import SETS, Camera, polynomial_from_table
+from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_table
 from core.said import say
 
 MARKS = (0, 4, 8)
@@ -35,7 +37,18 @@ def read_camera(document: Document, name: str) -> Camera:
         _fiducials(table, max(width, height)),
         table.choice("data_strip"),
         _marks(table),
+        _decentring(table, max(width, height) / 2),
     )
+
+
+def _decentring(table: Table, half_mm: float) -> tuple[float, ...]:
+    """The camera's deformation by its tangential terms; none where both are nought."""
+    given = table.numbers("decentring")
+    if not any(given):
+        return ()
+    # One of the set's parameters is millimetres at the edge: 4 p h^2.
+    values = 4 * half_mm**2 * np.array(given)
+    return tuple((values @ additional_set(("tangential",)).basis.reshape(2, -1)).tolist())
 
 
 def _radial_distortion(table: Table) -> tuple[float, float, float]:

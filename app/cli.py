@@ -113,8 +113,24 @@ def add_verb(
 def add_new(added: Verbs) -> None:
     """`new`."""
     summary = "look through a folder and write the block.toml of what it holds"
-    verb = add_verb(added, "new", summary, {"gruber new kobyli-1938": "says what it lacks, too"})
+    examples = {
+        "gruber new kobyli-1938": "says what it lacks, too",
+        "gruber new flight --from metashape --project cameras.xml": "a block of another program",
+    }
+    verb = add_verb(added, "new", summary, examples)
     verb.add_argument("folder", type=Path, metavar="FOLDER", help="folder of scans and reference")
+    verb.add_argument(
+        "--from", dest="format", choices=format_names(reads=True), default="", metavar="FORMAT",
+        help="make the block from another program's project",
+    )  # fmt: skip
+    verb.add_argument(
+        "--project", type=Path, default=None, metavar="PATH",
+        help="file or folder of that project (FOLDER)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--crs", default="", metavar="CRS", help="its CRS, where the project names none"
+    )
+    add_operator(verb)
 
 
 def add_run(added: Verbs) -> None:

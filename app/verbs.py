@@ -19,6 +19,7 @@ from pyproj.transformer import TransformerGroup
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
 from app.exchange import export_block, import_into
+from app.foreign_block import new_from
 from app.new_block import recognise, write_block_toml
 from app.placing import open_placing, placeable
 from app.project import Project, described, read_project
@@ -72,6 +73,12 @@ def walked(block: Path, voice: Voice, options: RunOptions) -> Run:
 
 def new(given: argparse.Namespace, voice: Voice) -> None:
     """Write the `block.toml` of a folder, and say what was recognised and what was not."""
+    if given.format:
+        made = new_from(given.folder, given.format, given.project, given.crs, given.operator)
+        voice.say(voice.tell("new.written", file=made.file))
+        for note in made.notes:
+            voice.say(note)
+        return
     found = recognise(given.folder)
     path = write_block_toml(found)
     tell = voice.tell

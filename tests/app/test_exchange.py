@@ -13,7 +13,7 @@ from app.project import read_project
 from core.adjustment.adjusted import AdjustmentReport
 from core.errors import CrsError, ProjectError
 from core.exchange import upright_frame
-from core.formats.csv_lists import read_eo_list
+from core.formats.eo_list import read_eo_list
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,

@@ -1,0 +1,113 @@
+"""A foreign project becomes a block that projects as the project did."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app import exchange
+from app.foreign_block import new_from
+from app.project import described, read_project
+from core.errors import ProjectError
+from core.formats.eo_list import read_eo_list
+from core.formats.exchange import (
+    Conventions,
+    ExchangeBlock,
+    ExchangeCamera,
+    ExchangeFormat,
+    ExchangeMeasurement,
+    ExchangePhoto,
+    ExchangePoint,
+    pixels_of,
+)
+from core.geometry.collinearity import VACUUM, film_from_object
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import InteriorOrientation, nominal_interior
+from core.scans.fiducials import fiducials_by_hand
+from core.scans.judging import interior_of
+from sessions.decisions import BringPoints, Place
+from sessions.session import Session
+
+HOW = Conventions("", "", "", "", "", "", "")
+SIZE = (900, 700)
+GROUND = np.array([[e, n, 300.0] for e in (1000.0, 1500, 2000) for n in (4000.0, 4600, 5000)])
+SQUARE = np.array([[4000.0, 0.0, 455.0], [0.0, -4000.0, 340.0]])
+SKEWED = np.array([[3990.0, 12.0, 455.0], [-5.0, -4010.0, 340.0]])
+
+
+def project_in(folder: Path, matrix: np.ndarray, **camera: object) -> ExchangeBlock:
+    """Two photos with their scans, a point and a measurement of it."""
+    photos: dict[str, ExchangePhoto] = {}
+    for number in (1, 2):
+        centre = np.array([1300.0 + 300 * number, 4500.0, 2300.0])
+        Image.fromarray(np.full(SIZE[::-1], 99, np.uint8)).save(folder / f"p{number}.png")
+        exterior = ExteriorOrientation(centre, 0.01, -0.02, 0.5)
+        photos[f"p{number}"] = ExchangePhoto(f"p{number}", f"p{number}.png", "c", matrix, exterior)
+    lens = ExchangeCamera("c", (-0.03, 0.01), (0.001, -0.0005), SIZE, **camera)
+    point = ExchangePoint("A", (1500.0, 4600.0, 300.0), (0.1, 0.1, 0.2))
+    measured = (ExchangeMeasurement("A", "p1", 450.0, 350.0, 0.4),)
+    return ExchangeBlock("EPSG:5514", {"c": lens}, photos, {"A": point}, measured)
+
+
+def made(
+    folder: Path, foreign: ExchangeBlock, monkeypatch: pytest.MonkeyPatch, crs: str = ""
+) -> Path:
+    form = ExchangeFormat("any", "", HOW, "film", read=lambda path: foreign)
+    monkeypatch.setattr(exchange, "FORMATS", {"any": form})
+    return new_from(folder, "any", None, crs, "anna").file
+
+
+@pytest.mark.parametrize("matrix", [SQUARE, SKEWED], ids=["square", "skewed"])
+@pytest.mark.parametrize("distance", [None, 153.2], ids=["pixels", "mm"])
+def test_the_block_projects_as_the_project_did__truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, matrix: np.ndarray, distance: float | None
+) -> None:
+    foreign = project_in(tmp_path, matrix, principal_distance_mm=distance)
+    project = read_project(made(tmp_path, foreign, monkeypatch))
+    given = described(project)
+    listed = read_eo_list(project.scans.exterior)
+    for scan in given.scans:
+        camera = given.cameras[scan.camera]
+        interior = nominal_interior(SIZE, camera, scan.scan_pixel_um / 1000)
+        if scan.marks:
+            marks = fiducials_by_hand(scan.path.stem, camera, scan.marks).marks
+            interior = interior_of(marks, camera.fiducials_mm, mirrored=False)
+            assert isinstance(interior, InteriorOrientation)
+        record = listed[scan.path.stem]
+        exterior = ExteriorOrientation(np.array(record.centre), *record.angles)
+        film = film_from_object(GROUND.copy(), exterior, camera, VACUUM)
+        photo = foreign.photos[scan.path.stem]
+        there = pixels_of(GROUND, photo, foreign.camera_of(photo.photo_id))
+        assert np.allclose(interior.pixel_from_film(film), there, atol=1e-5)
+
+
+def test_points_and_measurements_are_decisions__law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made(tmp_path, project_in(tmp_path, SQUARE), monkeypatch)
+    with Session.open(tmp_path, "anna") as session:
+        decided = [one.decision for one in session.decisions()]
+    assert isinstance(decided[0], BringPoints)
+    assert decided[1] == Place("A", "p1", 450.0, 350.0, 0.4)
+
+
+def test_what_cannot_become_a_block_leaves_nothing__law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    foreign = project_in(tmp_path, SQUARE)
+    with pytest.raises(ProjectError, match="names no CRS"):
+        made(tmp_path, replace(foreign, crs=""), monkeypatch)
+    elsewhere = tmp_path / "empty"
+    elsewhere.mkdir()
+    with pytest.raises(ProjectError, match="holds no scan of the project, such as p1"):
+        made(elsewhere, foreign, monkeypatch)
+    assert not list(elsewhere.iterdir())
+    assert not (tmp_path / "block.toml").exists()
+    assert not (tmp_path / "session.gpkg").exists()
+    file = made(tmp_path, foreign, monkeypatch)
+    before = file.read_text()
+    with pytest.raises(ProjectError, match="is there already"):
+        made(tmp_path, foreign, monkeypatch)
+    assert file.read_text() == before
