@@ -101,7 +101,7 @@ CAMERA = (
     Key("principal_point_mm", "numbers", [0.0, 0.0], count=2, asked="more"),
     Key("radial_distortion", "numbers", [], asked="more"),
     Key("distortion_table_um", "pairs"),
-    Key("decentring", "numbers", [], count=2),
+    Key("decentring", "numbers", [0.0, 0.0], count=2),
     Key("fiducials_mm", "marks", {}, asked="first"),
     Key("fiducials_file", "file"),
     Key("fiducial_marks", "count", 0, choices=("0", "4", "8"), asked="more"),

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Protocol, cast
 
 import numpy as np
+from aiohttp import web
 
 from app.desk.background import Adjust, Remake
+from app.desk.exporting import export_routes
 from app.desk.measuring import TransferSource
 from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
@@ -143,6 +145,8 @@ class DeskInputs:
     """Finds a place of some photos in others; None where there is nothing to find it with."""
     holes: Callable[[], Holes] = no_mosaic
     """Holes inside the mosaic on disk."""
+    routes: tuple[web.RouteDef, ...] = ()
+    """Addresses that need the block's folder: exports."""
     results: Path | None = None
     """Folder of tables and report, to be read and taken away from the desk."""
 
@@ -204,6 +208,7 @@ def desk_inputs(
         initial=initial,
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
+        routes=export_routes(project.file),
         results=session.results,
         holes=lambda: holes_of(session),
         remake=OrthoMaker(project, reference, operator),

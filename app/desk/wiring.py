@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from app.desk.background import survived
+from app.desk.exporting import titles
 from app.desk.inputs import DeskInputs, first_state
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
@@ -109,7 +110,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     settings = threading.Event()
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
-        routes=(leaving_route(settings.set),),
+        routes=(leaving_route(settings.set), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
     bounds = _block_bounds(desk, state.oriented)
@@ -244,6 +245,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "photos": list(desk.block.photos),
         "lattice": lattice.part(desk.ortho.bounds),
         "results": desk.results is not None,
+        "formats": titles() if desk.routes else {},
         "free": desk.choose is not None,
         "ortho_pixel": desk.ortho.ground_sample_distance_m,
     }  # fmt: skip

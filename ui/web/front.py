@@ -44,6 +44,8 @@ PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}")
 RESULT_CONTENT = {
     ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
     ".gpkg": "application/geopackage+sqlite3", ".txt": "text/plain", ".xml": "application/xml",
+    ".zip": "application/zip", ".geojson": "application/geo+json", ".points": "text/plain",
+    ".prj": "text/plain", ".opk": "text/plain", ".gcp": "text/plain", ".qgs": "application/xml",
 }  # fmt: skip
 LISTED_FIRST = {".html": 0, ".tif": 1}
 """What is looked for most stands first: the report, then the mosaic."""

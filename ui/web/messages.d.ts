@@ -36,6 +36,8 @@ interface Start {
   /** Half the side of the compared patch, metres; 0 or nothing where none is known. */
   template: number | null;
   results: boolean;
+  /** What the block can be exported to: titles by name. */
+  formats: Record<string, string>;
   free: boolean;
   /** On the placing page only. */
   scans: ScanToPlace[];

@@ -1,5 +1,6 @@
 // Tables and report, to be opened or taken away.
-import { byId, element, fileSize, start, word } from "./words.js";
+import { post } from "./run.js";
+import { again, byId, element, fileSize, start, word } from "./words.js";
 
 export function setUpResults() {
   const button = byId("results-open");
@@ -27,6 +28,7 @@ async function open() {
       return folder ? element("details", {}, element("summary", {}, said), list) : list;
     }),
     files.length ? "" : element("p", {}, word("results.none")),
+    ...exporting(),
     element("button", { onclick: () => byId("results").close() }, word("act.close")));
   byId("results").showModal();
 }
@@ -46,4 +48,27 @@ function link(name) {
   const text = page ? word("results.report", { name }) : plain;
   const href = `/results/${name.split("/").map(encodeURIComponent).join("/")}`;
   return element("a", { href, ...how }, text);
+}
+
+/** A format to choose, and the block in it. */
+function exporting() {
+  const formats = Object.entries(start.formats);
+  if (!formats.length || start.guest) return [];
+  const chosen = element("select", { id: "export-format", "aria-label": word("export.format") },
+    ...formats.map(([name, title]) => element("option", { value: name }, title)));
+  const said = element("div", { id: "export-said", role: "status" });
+  const begin = element("button", { id: "export-begin", onclick: write }, word("export.begin"));
+  return [element("h3", {}, word("export")), element("p", {}, word("export.long")),
+    element("p", {}, chosen, " ", begin), said];
+
+  async function write() {
+    const format = /** @type {HTMLSelectElement} */ (chosen).value;
+    /** @type {HTMLButtonElement} */ (begin).disabled = true;
+    said.replaceChildren(word("export.writing"));
+    const answer = await post(`/export/${format}`, {});
+    /** @type {HTMLButtonElement} */ (begin).disabled = false;
+    if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
+    else said.replaceChildren(element("p", {}, link(answer.file)),
+      ...answer.notes.map((/** @type {any} */ note) => element("p", {}, again(note))));
+  }
 }

@@ -1,0 +1,68 @@
+"""Export at the desk: the standing block in the format of another program, as one file to take."""
+
+import asyncio
+import shutil
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from app.exchange import Exported, export_block, format_names
+from app.project import Project, read_project
+from app.run import Run, RunOptions
+from app.terminal import LastingConsole, Terminal
+from core.formats.exchange_formats import FORMATS
+from core.progress import SILENT
+from sessions.atomic_write import whole_file
+from sessions.session import RESULTS, Session
+from ui.web.running import operators_only, told
+
+
+def standing_export(project: Project, name: str) -> Exported:
+    """The block as all decisions leave it, in `results/export`."""
+    voice = Terminal(LastingConsole(quiet=True))
+    with Session.open(project.folder, "gruber") as session:
+        walk = Run(project, session, voice, RunOptions(last="adjustment"))
+        walk.walk()
+        report = walk.adjusted
+        return export_block(
+            session, report.block, report, name, None, pictures=False, progress=SILENT
+        )
+
+
+def zipped(folder: Path) -> Path:
+    """A folder as one file beside it."""
+    target = folder.with_name(f"{folder.name}.zip")
+    with whole_file(target) as temporary:
+        shutil.make_archive(str(temporary.with_suffix("")), "zip", folder)
+    return target
+
+
+def titles() -> Mapping[str, str]:
+    """Formats that can be written, with what a user calls them."""
+    return {name: FORMATS[name].title for name in format_names(reads=False)}
+
+
+def export_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
+    """`POST /export/NAME`, for operators; one is written at a time."""
+    turn = threading.Lock()
+
+    def write(name: str) -> dict[str, Any]:
+        with turn:
+            project = read_project(project_file)
+            done = standing_export(project, name)
+            file = done.path if done.path.is_file() else zipped(done.path)
+        inside = file.relative_to(project.folder / RESULTS).as_posix()
+        return {"file": inside, "notes": done.notes}
+
+    async def export(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        name = request.match_info["name"]
+        if name not in titles():
+            raise web.HTTPNotFound
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(None, lambda: told(lambda: write(name)))
+
+    return (web.post("/export/{name}", export),)

@@ -1,0 +1,82 @@
+"""Export at the desk: one file to take, for operators alone, or why it could not be."""
+
+import io
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from app import exchange
+from app.desk import exporting
+from app.desk.exporting import export_routes, titles
+from core.errors import ProjectError
+from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat
+from tests.tiny import Tiny
+from tests.ui.web.visits import visited
+from ui.web.front import result_routes
+
+HOW = Conventions("", "", "", "", "", "", "")
+
+
+def giving(monkeypatch: pytest.MonkeyPatch, *, folder: bool, fails: bool = False) -> None:
+    def write(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+        if fails:
+            raise ProjectError(path, "is no use.", "Take another.")
+        (path / "list.txt" if folder else path).write_text(" ".join(block.photos))
+        return ("One thing was left out.",)
+
+    form = ExchangeFormat(
+        "any", "Any program", HOW, "film", write, default_name="any" if folder else "any.txt",
+        folder=folder,
+    )  # fmt: skip
+    for module in (exchange, exporting):
+        monkeypatch.setattr(module, "FORMATS", {"any": form})
+
+
+def asked(tiny: Tiny, address: str = "/export/any", guest: bool = False):
+    """Status, answer, and the file that it names."""
+
+    async def visit(client):
+        answer = await client.post(address, json={})
+        said = await answer.json() if "json" in answer.headers["Content-Type"] else {}
+        file = b""
+        if "file" in said:
+            file = await (await client.get(f"/results/{said['file']}")).read()
+        return answer.status, said, file
+
+    routes = [*export_routes(tiny.folder / "block.toml"), *result_routes(tiny.folder / "results")]
+    return visited(routes, visit, guest)
+
+
+def test_a_folder_is_taken_as_one_file__truth(
+    tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    giving(monkeypatch, folder=True)
+    status, said, file = asked(tiny_run)
+    assert status == 200
+    assert said["notes"] == ["One thing was left out."]
+    with zipfile.ZipFile(io.BytesIO(file)) as taken:
+        assert taken.read("list.txt").decode().split() == tiny_run.names
+
+
+def test_a_single_file_is_taken_as_it_is__truth(
+    tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    giving(monkeypatch, folder=False)
+    assert asked(tiny_run)[2].decode().split() == tiny_run.names
+
+
+def test_an_error_is_told__law(tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
+    giving(monkeypatch, folder=False, fails=True)
+    status, said, _ = asked(tiny_run)
+    assert status == 409
+    assert said["error"]["values"]["cause"] == "is no use."
+
+
+def test_guests_and_unknown_formats_are_turned_away__law(
+    tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    giving(monkeypatch, folder=True)
+    assert asked(tiny_run, guest=True)[0] == 403
+    assert asked(tiny_run, "/export/nothing")[0] == 404
+    assert titles() == {"any": "Any program"}
