@@ -25,8 +25,8 @@ from sessions.atomic_write import whole_file
 from sessions.session import Session
 
 SCANS = (".tif", ".tiff", ".jpg", ".jpeg", ".jp2", ".j2k", ".png", ".img", ".vrt")
-NOMINAL_PIXEL_MM = 0.01
-"""Side of a pixel where a program knows none: only ratios matter then."""
+NOMINAL_FRAME_MM = 100.0
+"""Longer side of a frame whose pixels no program knows in millimetres: only ratios matter then."""
 SQUARE = 1e-6
 """Pixels that are sheared or turned by less are square and upright: 0.01 px in any scan."""
 CORNERS = {"c1": (-1, -1), "c2": (1, -1), "c3": (1, 1), "c4": (-1, 1)}
@@ -168,10 +168,10 @@ def camera_table(
     marked = bool(camera.fiducials_mm) and all(p.fiducials_px for p in photos.values())
     first, one = next(iter(photos.items()))
     scale = _pixels_to_unit(one, camera)
-    c = camera.principal_distance_mm or scale * NOMINAL_PIXEL_MM
-    pixel_mm = c / scale
     with FILES.borrow(scans[first]) as dataset:
         size = np.array([dataset.width, dataset.height], dtype=float)
+    c = camera.principal_distance_mm or scale * NOMINAL_FRAME_MM / float(size.max())
+    pixel_mm = c / scale
     width, height = camera.frame_mm or tuple((size * pixel_mm).tolist())
     values: dict[str, object] = {
         "principal_distance_mm": c,

@@ -38,11 +38,6 @@ SAME_REFRACTION = 3e-7
 # design: far below a thousandth of a pixel at the corner of any scan.
 UPRIGHT = 1e-9
 """A scan that is turned and sheared by less than this counts as upright."""
-# design: rounds of ten micrometres keep any principal distance within what `block.toml` takes.
-NOMINAL_PIXEL_MM = 0.01
-"""Size of a pixel where a program knows none."""
-MOST_RADIAL = 3  # source: core.geometry.camera; k1, k2, k3.
-TERM_X, TERM_Y = 5, 1  # source: core.geometry.camera; xi^1 eta^0 and xi^0 eta^1.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -73,7 +73,7 @@ def test_the_block_projects_as_the_project_did__truth(
         interior = nominal_interior(SIZE, camera, scan.scan_pixel_um / 1000)
         if scan.marks:
             marks = fiducials_by_hand(scan.path.stem, camera, scan.marks).marks
-            interior = interior_of(marks, camera.fiducials_mm, mirrored=False)
+            interior = interior_of(marks, camera.fiducials_mm, back=False)
             assert isinstance(interior, InteriorOrientation)
         record = listed[scan.path.stem]
         exterior = ExteriorOrientation(np.array(record.centre), *record.angles)
