@@ -166,6 +166,20 @@ class Peak:
 
 
 @dataclass(frozen=True, slots=True)
+class Reading:
+    """Where one operator measured a point in a photo."""
+
+    operator: str
+    """Who."""
+    column: float
+    """Pixels, corner origin."""
+    row: float
+    """Pixels, corner origin."""
+    when: str
+    """UTC, ISO 8601."""
+
+
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """One surveyed point in one photo."""
 
@@ -187,6 +201,8 @@ class Measurement:
     """Why it is not used, or who placed it, in words."""
     peaks: tuple[Peak, ...] = ()
     """Every candidate that was found, best first."""
+    readings: tuple[Reading, ...] = ()
+    """Each operator's latest, newest last, where hands placed it."""
 
     @property
     def key(self) -> tuple[str, str]:

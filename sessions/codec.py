@@ -33,6 +33,7 @@ from core.block import (
     Measurement,
     Peak,
     Photo,
+    Reading,
     SurveyedPoint,
     TiePoints,
 )
@@ -98,6 +99,7 @@ REGISTERED: tuple[type, ...] = (
     OrthoProduct,
     Peak,
     Photo,
+    Reading,
     Recorded,
     ReferenceFeatures,
     ReferencePoints,

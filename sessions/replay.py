@@ -40,15 +40,12 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
+from sessions.readings import HAND_SIGMA_PX, SAME_PLACE_PX, placed
 
 MarkChanges = dict[str, dict[str, MarkChange]]
 """By photo and by the name of the mark."""
 Films = Mapping[str, ScanOrientation]
 """Scans with their marks as they were found, by photo."""
-HAND_SIGMA_PX = 0.5
-"""Standard deviation per axis of a measurement made by hand, scan pixels."""
-SAME_PLACE_PX = 2.0
-"""Two places nearer than this, scan pixels, are taken as the same detail."""
 SAME_RAY_PX = 1.0
 """Two rays of a photo nearer than this, scan pixels, are the same."""
 
@@ -192,7 +189,7 @@ def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = No
                 matched = knows(block, decision)
                 changed(marks, decision)
             case decision:
-                matched = _decide(block, surveyed, measurements, decision, who=recorded.who)
+                matched = _decide(block, surveyed, measurements, decision, recorded=recorded)
         if not matched:
             unmatched.append(recorded)
     block = with_changes(block, with_effect(marks), found)
@@ -279,7 +276,7 @@ def _decide(
     measurements: dict[tuple[str, str], Measurement],
     decision: PhotoDecision,
     *,
-    who: str,
+    recorded: Recorded,
 ) -> bool:
     """Change the measurement the decision is about; False when there is nothing to change."""
     if decision.point_id not in surveyed or decision.photo_id not in block.photos:
@@ -288,7 +285,7 @@ def _decide(
     known = measurements.get(key)
     if known is None and isinstance(decision, MarkNotVisible):
         known = _expected(block, surveyed[decision.point_id], decision.photo_id)
-    decided = _decided(known, decision, who)
+    decided = _decided(known, decision, recorded)
     if decided is None:
         return False
     measurements[key] = decided
@@ -305,11 +302,15 @@ def _expected(block: Block, point: SurveyedPoint, photo_id: str) -> Measurement 
     return Measurement(point.point_id, photo_id, column, row, HAND_SIGMA_PX, 0.0, "unused")
 
 
-def _decided(proposed: Measurement | None, decision: PhotoDecision, who: str) -> Measurement | None:
+def _decided(
+    proposed: Measurement | None, decision: PhotoDecision, recorded: Recorded
+) -> Measurement | None:
     """The measurement after the decision; None when the decision has nothing to hold on to."""
     match decision:
+        case Place(sigma_px=sigma) if proposed is not None and sigma is not None:
+            return _refined(proposed, decision, sigma, recorded.who)
         case Place():
-            return _placed(proposed, decision, who)
+            return placed(proposed, decision, recorded)
         case Accept(column=column, row=row) if column is not None and row is not None:
             return _held(proposed, decision, column, row)
         case ChoosePeak():
@@ -319,37 +320,19 @@ def _decided(proposed: Measurement | None, decision: PhotoDecision, who: str) ->
         case Accept():
             return replace(proposed, status="accepted", reason="")
         case Reject(reason=reason):
-            return replace(proposed, status="rejected", reason=reason)
+            return replace(proposed, status="rejected", reason=reason, readings=())
         case MarkNotVisible():
-            return replace(proposed, status="rejected", reason=NOT_VISIBLE)
+            return replace(proposed, status="rejected", reason=NOT_VISIBLE, readings=())
         case MarkDubious():
-            return replace(proposed, status="dubious", reason=f"dubious to {who}")
+            return replace(proposed, status="dubious", reason=f"dubious to {recorded.who}")
 
 
-def _placed(proposed: Measurement | None, decision: Place, who: str) -> Measurement:
-    """The operator's own measurement; its peak comes last so that the others keep their index.
-
-    One that was refined remains the engine's: same peak, same score, same weight.
-    """
-    if proposed is not None and decision.sigma_px is not None:
-        return replace(
-            proposed, column=decision.column, row=decision.row, sigma_px=decision.sigma_px,
-            status="accepted", reason=f"refined by {who}",
-        )  # fmt: skip
-    peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
-    sigma = HAND_SIGMA_PX if decision.sigma_px is None else decision.sigma_px
-    hand = Peak(decision.column, decision.row, sigma, 1.0, "operator")
-    return Measurement(
-        decision.point_id,
-        decision.photo_id,
-        decision.column,
-        decision.row,
-        sigma,
-        score=1.0,
-        status="accepted",
-        reason=f"placed by {who}",
-        peaks=(*peaks, hand),
-    )
+def _refined(proposed: Measurement, decision: Place, sigma_px: float, who: str) -> Measurement:
+    """A refined measurement remains the engine's: same peak, same score, same weight."""
+    return replace(
+        proposed, column=decision.column, row=decision.row, sigma_px=sigma_px,
+        status="accepted", reason=f"refined by {who}", readings=(),
+    )  # fmt: skip
 
 
 def _held(
@@ -365,8 +348,9 @@ def _held(
     peaks = [peak for peak in proposed.peaks if _near(peak, column, row)]
     if not peaks:
         return replace(
-            proposed, column=column, row=row, sigma_px=HAND_SIGMA_PX, status="accepted", reason=""
-        )
+            proposed, column=column, row=row, sigma_px=HAND_SIGMA_PX, status="accepted",
+            reason="", readings=(),
+        )  # fmt: skip
     nearest = min(peaks, key=lambda peak: (peak.column - column) ** 2 + (peak.row - row) ** 2)
     return _at_peak(proposed, nearest)
 
@@ -383,13 +367,9 @@ def _chosen(proposed: Measurement | None, decision: ChoosePeak) -> Measurement |
 def _at_peak(proposed: Measurement, peak: Peak) -> Measurement:
     """The measurement at one of its peaks, accepted."""
     return replace(
-        proposed,
-        column=peak.column,
-        row=peak.row,
-        sigma_px=peak.sigma_px,
-        status="accepted",
-        reason="",
-    )
+        proposed, column=peak.column, row=peak.row, sigma_px=peak.sigma_px, status="accepted",
+        reason="", readings=(),
+    )  # fmt: skip
 
 
 def _near(place: Measurement | Peak, column: float, row: float) -> bool:

@@ -15,7 +15,7 @@ from core.doubts import Failure
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
 from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
-from sessions.replay import HAND_SIGMA_PX, SAME_PLACE_PX
+from sessions.readings import HAND_SIGMA_PX, SAME_PLACE_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import with_drafted
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined

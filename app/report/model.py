@@ -16,6 +16,7 @@ from shapely.geometry import Polygon
 
 from app.report.accuracy import check_accuracy, comparison_accuracy
 from app.report.decided import decision_figures
+from app.report.pointing import pointing_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
 from app.report.residuals import parameter_figures, residual_figures
 from app.report.tables import final_status
@@ -117,6 +118,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         ],
         "written": None if content.written is None else asdict(content.written),
         "decisions": decision_figures(content.decisions),
+        "pointing": pointing_figures(block.measurements.values()),
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report),
         "checks": check_accuracy(report),

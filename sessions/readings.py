@@ -1,0 +1,73 @@
+"""Readings: the same point measured in the same photo by several operators, kept side by side.
+
+What is used is the mean of each operator's latest reading. One reading alone is as good as a hand;
+of several, their own spread tells how good their mean is. Readings that lie further apart than one
+detail is wide are of different details: then the newest counts, and the others are kept beside it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from core.block import Measurement, Peak, Reading
+from sessions.decisions import Place, Recorded
+
+HAND_SIGMA_PX = 0.5
+"""Standard deviation per axis of a measurement made by hand, scan pixels."""
+SAME_PLACE_PX = 2.0
+"""Two places nearer than this, scan pixels, are taken as the same detail."""
+PRIOR_COORDINATES = 2.0
+"""What is known of hands beforehand weighs as many coordinates as one reading has: two readings
+that agree by chance are not taken for perfect."""
+
+
+def placed(proposed: Measurement | None, decision: Place, recorded: Recorded) -> Measurement:
+    """An operator's own measurement beside those of others.
+
+    Its peak comes last, so that the others keep their index.
+
+    Args:
+        proposed: The measurement before; None where there was none.
+        decision: Where it was placed; one with a standard deviation of its own was measured by the
+            program, and is no reading.
+        recorded: Who placed it, and when; a draft, which nobody has recorded yet, stands by itself.
+    """
+    before = () if proposed is None or not recorded.who else proposed.readings
+    own = Reading(recorded.who, decision.column, decision.row, recorded.when)
+    readings = (*(one for one in before if one.operator != own.operator), own)
+    together = agreeing(readings)
+    column, row = np.mean([(one.column, one.row) for one in together], axis=0).tolist()
+    sigma = mean_sigma_px(together) if decision.sigma_px is None else decision.sigma_px
+    peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
+    return Measurement(
+        decision.point_id,
+        decision.photo_id,
+        column,
+        row,
+        sigma,
+        score=1.0,
+        status="accepted",
+        reason=f"placed by {', '.join(one.operator for one in together)}",
+        peaks=(*peaks, Peak(column, row, sigma, 1.0, "operator")),
+        readings=readings if decision.sigma_px is None else (),
+    )
+
+
+def agreeing(readings: Sequence[Reading]) -> tuple[Reading, ...]:
+    """The newest reading, which is the last, and all that are of the same detail."""
+    newest = readings[-1]
+    return tuple(
+        one
+        for one in readings
+        if np.hypot(one.column - newest.column, one.row - newest.row) <= SAME_PLACE_PX
+    )
+
+
+def mean_sigma_px(readings: Sequence[Reading]) -> float:
+    """Standard deviation per axis of the mean of readings, scan pixels."""
+    places = np.array([(one.column, one.row) for one in readings])
+    squares = float(np.sum((places - places.mean(axis=0)) ** 2))
+    freedom = 2.0 * (len(readings) - 1)
+    known = PRIOR_COORDINATES * HAND_SIGMA_PX**2
+    variance = (known + squares) / (PRIOR_COORDINATES + freedom)
+    return float(np.sqrt(variance / len(readings)))
