@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from core.formats.asp import ASP_FORMAT
 from core.formats.bingo import BINGO_FORMAT
+from core.formats.colmap import COLMAP
 from core.formats.eo_format import EO_FORMATS
 from core.formats.exchange import ExchangeFormat
 from core.formats.ign_opk import OPK_FORMAT
@@ -15,6 +16,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
     one.name: one
     for one in (
         MICMAC,
+        COLMAP,
         *EO_FORMATS,
         OPK_FORMAT,
         PATB_FORMAT,

@@ -1,0 +1,189 @@
+"""Cameras as most programs share them among photos: one frame camera each, with a name.
+
+A scan may lie in its own way, so one camera of ours can become several of theirs.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core.arrays import Position, Rotation
+from core.errors import ExchangeError
+from core.formats.exchange import (
+    ExchangeBlock,
+    ExchangeCamera,
+    ExchangePhoto,
+    FrameCamera,
+    Pair,
+    Triple,
+    frame_camera,
+    from_frame_camera,
+)
+from core.said import say
+
+# source: rounding of the affine's decomposition, relative to the principal distance.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class FrameInterior:
+    """A frame camera without its place: what photos can share. Fields as in `FrameCamera`."""
+
+    size_px: tuple[int, int] | None
+    """Columns and rows, where they are known."""
+    focal_px: float
+    """Principal distance in rows, pixels."""
+    principal_point_px: Pair
+    """Column and row, outer corner."""
+    affinity_px: float = 0.0
+    """How much longer it is in columns, pixels."""
+    skew_px: float = 0.0
+    """Pixels."""
+    radial: tuple[float, ...] = ()
+    """k1, k2, ..."""
+    tangential: Pair = (0.0, 0.0)
+    """p1, p2 as OpenCV has them."""
+
+    def frame(self, rotation: Rotation | None, centre: Position | None) -> FrameCamera:
+        """With a place (rotation into the camera's axes, centre in metres), where it is known."""
+        return FrameCamera(
+            self.focal_px,
+            self.principal_point_px,
+            self.affinity_px,
+            self.skew_px,
+            self.radial,
+            self.tangential,
+            rotation,
+            centre,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePhotos:
+    """Photos of a block as frame cameras."""
+
+    interiors: Mapping[str, FrameInterior]
+    """By the name the other program is given."""
+    camera: Mapping[str, str]
+    """Name of the interior of each photo that has one."""
+    frames: Mapping[str, FrameCamera]
+    """All of each photo that has an interior orientation."""
+    lost: tuple[str, ...]
+    """Photos without interior orientation, or scanned from their back."""
+
+
+def frame_photos(block: ExchangeBlock) -> FramePhotos:
+    """All photos of a block; those that no frame camera can hold are named."""
+    interiors: dict[str, FrameInterior] = {}
+    names: dict[FrameInterior, str] = {}
+    camera: dict[str, str] = {}
+    frames: dict[str, FrameCamera] = {}
+    lost: list[str] = []
+    for photo_id, photo in block.photos.items():
+        lens = block.cameras.get(photo.camera, ExchangeCamera(photo.camera))
+        try:
+            frame = frame_camera(photo, lens)
+        except ValueError:
+            lost.append(photo_id)
+            continue
+        interior = _interior(lens, frame)
+        if interior not in names:
+            name = photo.camera or "camera"
+            names[interior] = name if name not in interiors else f"{name}-{photo_id}"
+            interiors[names[interior]] = interior
+        camera[photo_id], frames[photo_id] = names[interior], frame
+    return FramePhotos(interiors, camera, frames, tuple(lost))
+
+
+def _interior(lens: ExchangeCamera, frame: FrameCamera) -> FrameInterior:
+    """Without what is rounding alone."""
+    limit = ROUNDING * frame.focal_px
+    affinity, skew = (
+        0.0 if abs(value) < limit else value for value in (frame.affinity_px, frame.skew_px)
+    )
+    return FrameInterior(
+        lens.size_px,
+        frame.focal_px,
+        frame.principal_point_px,
+        affinity,
+        skew,
+        frame.radial,
+        frame.tangential,
+    )
+
+
+def exchange_camera(name: str, interior: FrameInterior) -> ExchangeCamera:
+    """The camera of ours that belongs to a frame camera."""
+    _, tangential, _ = from_frame_camera(interior.frame(None, None))
+    radial = interior.radial
+    while radial and radial[-1] == 0.0:
+        radial = radial[:-1]
+    return ExchangeCamera(name, radial, tangential, interior.size_px)
+
+
+def exchange_photo(
+    file: str,
+    camera: str,
+    interior: FrameInterior | None,
+    rotation: Rotation | None = None,
+    centre: Position | None = None,
+    sigma_centre_m: Triple | None = None,
+) -> ExchangePhoto:
+    """A photo of ours.
+
+    Args:
+        file: File name of the scan, without folder.
+        camera: Name of its camera.
+        interior: Its frame camera; None where nothing is known of it.
+        rotation: Into the camera's axes (x right, y down, z forwards); None if not oriented.
+        centre: Perspective centre, metres.
+        sigma_centre_m: Standard deviations of the centre.
+    """
+    shape = interior or FrameInterior(None, 1.0, (0.0, 0.0))
+    matrix, _, exterior = from_frame_camera(shape.frame(rotation, centre))
+    known = None if interior is None else matrix
+    return ExchangePhoto(photo_name(file), file, camera, known, exterior, sigma_centre_m)
+
+
+SCANS = (".tif", ".tiff", ".jpg", ".jpeg", ".png", ".jp2", ".vrt", ".img", ".bmp")
+"""Extensions of scans; other points in a name belong to it."""
+
+
+def photo_name(file: str) -> str:
+    """Name of a photo: that of its scan without folder and extension."""
+    name = file.replace("\\", "/").rsplit("/", 1)[-1]
+    stem, dot, extension = name.rpartition(".")
+    return stem if dot and stem and f".{extension.lower()}" in SCANS else name
+
+
+def named_photos(photos: list[ExchangePhoto], path: Path) -> dict[str, ExchangePhoto]:
+    """Photos by name.
+
+    Raises:
+        ExchangeError: Two have the same.
+    """
+    found: dict[str, ExchangePhoto] = {}
+    for photo in photos:
+        other = found.setdefault(photo.photo_id, photo)
+        if other is not photo:
+            raise ExchangeError(
+                path,
+                say("{one} and {other} would be one photo.", one=other.file, other=photo.file),
+                "Rename one of the two scans.",
+            )
+    return found
+
+
+def where_any(names: Sequence[str], sentence: str) -> tuple[str, ...]:
+    """A sentence about photos or cameras, where there are any."""
+    return (sentence,) if names else ()
+
+
+def rounded_origin(positions: list[Position]) -> Position:
+    """A round place near the middle, metres: small numbers remain when it is taken off."""
+    if not positions:
+        return np.zeros(3)
+    # design: kilometres are easily read, and what remains has no more digits than it needs.
+    return np.round(np.mean(np.array(positions), axis=0) / 1000.0) * 1000.0
