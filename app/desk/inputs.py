@@ -3,7 +3,7 @@
 import io
 import os
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, cast
@@ -17,17 +17,18 @@ from app.desk.measuring import TransferSource
 from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
 from app.terminal import JsonLines
-from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ExteriorSigmas
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.expected_gain import expected_gains
 from core.adjustment.influence import influence_of
 from core.adjustment.measuring_gain import measuring_gains
 from core.adjustment.weights import Terrain
 from core.arrays import ObjectPoints
-from core.block import Block, Photo
+from core.block import Block, Measurement, Photo
 from core.control.likeness import Likeness, likeness_about, search_options
 from core.control.prediction import covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
+from core.control.transfer import Surroundings, transfer_point
 from core.doubts import Doubt, Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
@@ -218,6 +219,7 @@ def desk_inputs(
         host=host,
         port=port,
         likeness=compared if reference.ortho.is_there else None,
+        transfer=Transferring(reference.dem, scans.opened),
         token=lasting_token(project.folder / HIDDEN),
         template_m=template_m(report.block, reference.ortho, given.control.orientation),
     )
@@ -293,6 +295,29 @@ class Comparing:
         options = search_options(opened, self.reference, self.orientation, SEARCH_M)
         pixel = photo.pixel_from_object(position, camera)
         return likeness_about(opened, self.reference, pixel, options)
+
+
+@dataclass(frozen=True, slots=True)
+class Transferring:
+    """Finds what photos show of a point in the other photos of a block."""
+
+    heights: HeightSource
+    """The terrain."""
+    open_scan: Callable[[Path], ScanFile]
+    """Scans by their path."""
+
+    def __call__(
+        self,
+        block: Block,
+        sigmas: Mapping[str, ExteriorSigmas],
+        point_id: str,
+        measured: Sequence[Measurement],
+    ) -> Sequence[Measurement]:
+        """Where the other photos show it, each with its probability; nothing where none does."""
+        scans = {name: self.open_scan(photo.scan) for name, photo in block.photos.items()}
+        around = Surroundings(block, scans, sigmas, self.heights)
+        found = transfer_point(around, point_id, measured)
+        return () if isinstance(found, Failure) else found.proposals
 
 
 class OrthoMaker:

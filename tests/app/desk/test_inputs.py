@@ -10,14 +10,18 @@ import pytest
 
 from app.desk.inputs import (
     Adjusting,
+    Transferring,
     first_snapshot,
     first_state,
     lasting_token,
     ortho_orientations,
     template_m,
 )
-from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.adjusted import AdjustmentOptions, ExteriorSigmas
+from core.block import Measurement
 from core.localisation.photo_orientation import OrientationOptions
+from core.raster.scan_file import open_scan
+from tests.core.ties.rendered import rendered_block, terrain
 from tests.ui.desk_block import OPTIONS, desk_inputs, tiny_block, tiny_snapshot
 
 
@@ -55,6 +59,29 @@ def test_cameras_stay_fixed_where_the_block_says_so__law():
     assert not free._options.estimate_cameras
     free.choose(cameras=True, robust=False)
     assert free._options.estimate_cameras
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_what_one_photo_shows_is_found_in_the_others__truth(tmp_path: Path):
+    _, block = rendered_block(tmp_path, 0.0)
+    photos = {name: photo.with_exterior(photo.exterior, oriented=True)
+              for name, photo in block.photos.items()}  # fmt: skip
+    block = block.with_photos(photos)
+    place = np.array([[700.0, 700.0, float(terrain(700.0, 700.0, 0.0))]])
+    places = {
+        name: photo.pixel_from_object(place, block.camera_of(name))[0]
+        for name, photo in block.photos.items()
+    }
+    first = next(iter(places))
+    measured = [Measurement("P", first, *places[first].tolist(), 0.3, status="accepted")]
+    level = SimpleNamespace(heights=lambda plane: terrain(plane[:, 0], plane[:, 1], 0.0))
+    sigmas = {name: ExteriorSigmas(np.full(3, 0.5), np.full(3, 3e-4)) for name in block.photos}
+    found = Transferring(level, open_scan)(block, sigmas, "P", measured)
+    assert len(found) >= 1
+    for item in found:
+        assert np.hypot(*(item.pixel[0] - places[item.photo_id])) < 1.0
+        assert item.score > 0.5
+    assert Transferring(level, open_scan)(block, sigmas, "P", []) == ()
 
 
 def test_the_chosen_adjustment_is_the_engines__oracle():
