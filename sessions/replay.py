@@ -7,6 +7,7 @@ import numpy as np
 
 from core.block import Block, Measurement, Peak, Photo, SurveyedPoint, TiePoints, surveyed_point
 from core.geometry.interior import InteriorOrientation
+from core.localisation.on_points import stand_on_points
 from core.results import BlockInput
 from core.scans.corrected_marks import (
     Changes,
@@ -193,7 +194,15 @@ def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = No
         if not matched:
             unmatched.append(recorded)
     block = with_changes(block, with_effect(marks), found)
-    return Replayed(replace(block, surveyed=surveyed, measurements=measurements), tuple(unmatched))
+    block = replace(block, surveyed=surveyed, measurements=measurements)
+    return Replayed(stand_on_points(block, taken_out(decisions)), tuple(unmatched))
+
+
+def taken_out(decisions: Sequence[Recorded]) -> frozenset[str]:
+    """Photos that somebody does not want to be used."""
+    said = [item.decision for item in standing(decisions)]
+    last = {one.photo_id: one.use for one in said if isinstance(one, JudgePhoto)}
+    return frozenset(name for name, use in last.items() if not use)
 
 
 def with_place(decision: Decision, block: Block) -> Decision:
