@@ -2,15 +2,19 @@
 
 from collections.abc import Mapping
 
+from core.formats.arcgis import ARCGIS_FORMAT
 from core.formats.asp import ASP_FORMAT
 from core.formats.bingo import BINGO_FORMAT
 from core.formats.colmap import COLMAP
 from core.formats.eo_format import EO_FORMATS
 from core.formats.exchange import ExchangeFormat
+from core.formats.geojson import GEOJSON_FORMAT
 from core.formats.ign_opk import OPK_FORMAT
 from core.formats.inpho import INPHO_FORMAT
 from core.formats.micmac import MICMAC
+from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
+from core.formats.point_files import POINT_FORMATS
 
 FORMATS: Mapping[str, ExchangeFormat] = {
     one.name: one
@@ -23,6 +27,10 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         BINGO_FORMAT,
         INPHO_FORMAT,
         ASP_FORMAT,
+        ARCGIS_FORMAT,
+        *POINT_FORMATS,
+        GEOJSON_FORMAT,
+        FOOTPRINTS_FORMAT,
     )
 }  # fmt: skip
 """By the name that `--to` and `--from` take."""

@@ -1,0 +1,142 @@
+"""Surveyed points as the tables that Metashape, Pix4D and anybody read."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePoint
+from core.said import say
+
+METASHAPE_HEAD = (
+    "Label", "X/Easting", "Y/Northing", "Z/Altitude",
+    "Accuracy_X_(m)", "Accuracy_Y_(m)", "Accuracy_Z_(m)", "Enabled",
+)  # fmt: skip
+"""Heads of Metashape's reference; checks are those that are not enabled."""
+PLAIN_HEAD = ("id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "role")
+"""Heads of the plain table."""
+POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
+"""Files for Pix4D: control, checks, and where they are seen."""
+
+
+def write_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+    """Write the plain table.
+
+    Returns:
+        What was left out.
+    """
+    rows = [[p.point_id, *_numbers(p), p.role] for p in block.points.values()]
+    lines = [f"# CRS: {block.crs}"] if block.crs else []
+    _write(path, lines, [PLAIN_HEAD, *rows])
+    return _lost(block)
+
+
+def write_metashape_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+    """Write the reference of markers as Metashape exports it.
+
+    Returns:
+        What was left out.
+    """
+    head = [f"# CoordinateSystem: {block.crs}"] if block.crs else []
+    rows = [
+        [p.point_id, *_numbers(p), "1" if p.role == "control" else "0"]
+        for p in block.points.values()
+    ]
+    _write(path, [*head, "#" + ",".join(METASHAPE_HEAD)], rows)
+    return _lost(block)
+
+
+def write_pix4d_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+    """Write control, checks and their marks, without heads, into a folder.
+
+    Returns:
+        What was left out.
+    """
+    path.mkdir(parents=True, exist_ok=True)
+    for file, role in ((POINTS, "control"), (CHECKS, "check")):
+        rows = [[p.point_id, *_for_pix4d(p)] for p in block.points.values() if p.role == role]
+        if rows or role == "control":
+            _write(path / file, (), rows)
+    files = {name: photo.file for name, photo in block.photos.items()}
+    marks = [
+        [files.get(one.photo_id, one.photo_id), one.point_id, repr(one.column), repr(one.row)]
+        for one in block.measurements
+    ]
+    _write(path / MARKS, (), marks)
+    notes: list[str] = []
+    if any(photo.exterior is not None for photo in block.photos.values()):
+        notes.append(say("The table holds points alone: no orientations and no cameras."))
+    if any(one.sigma_px for one in block.measurements):
+        notes.append(say("Standard deviations of measurements are left out."))
+    return tuple(notes)
+
+
+def _numbers(point: ExchangePoint) -> list[str]:
+    sigmas = ["", "", ""] if point.sigma_m is None else list(map(repr, point.sigma_m))
+    return [*map(repr, point.position), *sigmas]
+
+
+def _for_pix4d(point: ExchangePoint) -> list[str]:
+    """Coordinates, then accuracy in plan and height."""
+    if point.sigma_m is None:
+        return list(map(repr, point.position))
+    plan = max(point.sigma_m[:2])
+    return [*map(repr, point.position), repr(plan), repr(point.sigma_m[2])]
+
+
+def _write(path: Path, lines: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        stream.writelines(f"{line}\n" for line in lines)
+        csv.writer(stream, lineterminator="\n").writerows(rows)
+
+
+def _lost(block: ExchangeBlock) -> tuple[str, ...]:
+    if block.measurements or any(p.exterior is not None for p in block.photos.values()):
+        return (say("The table holds points alone: no orientations, cameras and measurements."),)
+    return ()
+
+
+def _conventions(sigmas: str, tested: str, pixels: str = "none") -> Conventions:
+    return Conventions(
+        pixels=pixels,
+        object_space="easting, northing, height, metres",
+        rotation="none",
+        camera="none",
+        sigmas=sigmas,
+        lost="all but surveyed points" + ("" if pixels == "none" else " and their measurements"),
+        tested=tested,
+    )
+
+
+POINT_FORMATS: tuple[ExchangeFormat, ...] = (
+    ExchangeFormat(
+        name="points",
+        title="Surveyed points as a table",
+        conventions=_conventions("metres, each axis", "our own form"),
+        holds="nothing",
+        write=write_points,
+        default_name="points.csv",
+        folder=False,
+    ),
+    ExchangeFormat(
+        name="metashape-points",
+        title="Metashape: reference of markers",
+        conventions=_conventions("metres, each axis", "untested on real files"),
+        holds="nothing",
+        write=write_metashape_points,
+        default_name="markers.csv",
+        folder=False,
+    ),
+    ExchangeFormat(
+        name="pix4d-points",
+        title="Pix4D: control, checks and marks",
+        conventions=_conventions(
+            "metres, plan and height",
+            "untested on real files",
+            "column right, row down, outer corner of the first pixel",
+        ),
+        holds="upright",
+        write=write_pix4d_points,
+        default_name="pix4d",
+    ),
+)
+"""Tables of points, written; lists of any form are read as `[control] points` or at the desk."""
