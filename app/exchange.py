@@ -16,8 +16,8 @@ from core.exchange import exchanged, upright_frame
 from core.formats.csv_lists import scan_stem
 from core.formats.exchange import ExchangeBlock, ExchangeFormat, ExchangePhoto, ExchangePoint
 from core.formats.exchange_formats import FORMATS
+from core.formats.listed_point import ListedPoint
 from core.formats.micmac_measures import image_measures_name, write_image_measures
-from core.formats.point_list import ListedPoint
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import (
     ExteriorOrientation,

@@ -18,9 +18,9 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
 from core.errors import CrsError, ProjectError
-from core.formats.csv_lists import read_control_points
+from core.formats.listed_point import ListedPoint
 from core.formats.micmac_measures import read_image_measures
-from core.formats.point_list import ListedPoint
+from core.formats.point_list import read_control_points
 from core.geometry.camera import Camera
 from core.geometry.crs import check_range, parse_crs, read_crs
 from core.georeference import archive
@@ -444,7 +444,7 @@ def listed_points(file: Path | None, crs: str) -> tuple[ListedPoint, ...]:
     """The user's own points; their coordinates must be possible in the block's CRS."""
     if file is None:
         return ()
-    listed = read_control_points(file)
+    listed = read_control_points(file, crs)
     places = np.array([(point.easting, point.northing) for point in listed]).reshape(-1, 2)
     check_range(read_crs(crs, file), places, file)
     return listed

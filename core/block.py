@@ -9,7 +9,7 @@ import numpy as np
 from shapely import Polygon
 
 from core.arrays import FilmPoints, Indices, ObjectPoints, PixelPoints, Position, Scalars, locked
-from core.formats.point_list import ListedPoint
+from core.formats.listed_point import ListedPoint
 from core.geometry.camera import Camera
 from core.geometry.collinearity import Atmosphere, atmosphere_of, film_from_object, object_from_film
 from core.geometry.crs import Bounds

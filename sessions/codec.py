@@ -40,7 +40,7 @@ from core.block import (
 from core.control.calibration_check import Bin
 from core.control.stage import ControlFound
 from core.doubts import Doubt, Failure
-from core.formats.point_list import ListedPoint
+from core.formats.listed_point import ListedPoint
 from core.geometry.camera import Camera
 from core.geometry.collinearity import Atmosphere
 from core.geometry.exterior import ExteriorOrientation

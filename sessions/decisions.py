@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from core.block import Measurement, Role
-from core.formats.point_list import ListedPoint
+from core.formats.listed_point import ListedPoint
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
 """Why a measurement is rejected."""

@@ -9,7 +9,7 @@ import pytest
 from app.project import described, read_project
 from core.block import UNKNOWN_M, surveyed_point
 from core.errors import PhotogrammetryError
-from core.formats.point_list import ListedPoint, ListedRole
+from core.formats.listed_point import ListedPoint, ListedRole
 
 
 def own_toml(tiny_block: Path, folder: Path, more: str = "") -> Path:

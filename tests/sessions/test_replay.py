@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from core.block import Block, Measurement, Peak
-from core.formats.point_list import ROLES, ListedPoint
+from core.formats.listed_point import ROLES, ListedPoint
 from sessions.codec import encode
 from sessions.decisions import (
     REASONS,

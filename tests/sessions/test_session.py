@@ -11,7 +11,7 @@ import pytest
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.errors import StorageError
-from core.formats.point_list import ListedPoint
+from core.formats.listed_point import ListedPoint
 from sessions.decisions import (
     DECISIONS,
     Accept,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.formats.point_list import ListedPoint
+from core.formats.listed_point import ListedPoint
 from sessions.decisions import (
     REASONS,
     Accept,
