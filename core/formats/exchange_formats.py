@@ -15,6 +15,7 @@ from core.formats.micmac import MICMAC
 from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
 from core.formats.point_files import POINT_FORMATS
+from core.formats.stac import STAC_FORMAT
 
 FORMATS: Mapping[str, ExchangeFormat] = {
     one.name: one
@@ -31,6 +32,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         *POINT_FORMATS,
         GEOJSON_FORMAT,
         FOOTPRINTS_FORMAT,
+        STAC_FORMAT,
     )
 }  # fmt: skip
 """By the name that `--to` and `--from` take."""
