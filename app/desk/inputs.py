@@ -99,7 +99,7 @@ class DeskInputs:
     session: Session
     """Memory."""
     ortho: OrthoSource
-    """Reference ortho."""
+    """Reference ortho; black where the block has none."""
     dem: DeskDem
     """Heights of the ground."""
     adjust: Adjust
@@ -148,6 +148,8 @@ class DeskInputs:
     """Holes inside the mosaic on disk."""
     routes: tuple[web.RouteDef, ...] = ()
     """Addresses that need the block's folder: exports."""
+    has_ortho: bool = True
+    """Whether the block has a reference ortho."""
     results: Path | None = None
     """Folder of tables and report, to be read and taken away from the desk."""
 
@@ -201,6 +203,7 @@ def desk_inputs(
         report=report,
         session=session,
         ortho=reference.ortho,
+        has_ortho=reference.ortho.is_there,
         dem=reference.dem,
         read_scan=scans,
         adjust=adjusting,

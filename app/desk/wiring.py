@@ -247,7 +247,9 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "results": desk.results is not None,
         "formats": titles() if desk.routes else {},
         "free": desk.choose is not None,
-        "ortho_pixel": desk.ortho.ground_sample_distance_m,
+        "ortho": desk.has_ortho,
+        # Nothing but the scans says how far to go in where there is no ortho.
+        "ortho_pixel": desk.ortho.ground_sample_distance_m if desk.has_ortho else lattice.pixel_m,
     }  # fmt: skip
 
 

@@ -11,11 +11,11 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from sessions.decisions import Place
 from sessions.session import Session
-from tests.real.blocks import run_block
+from tests.journeys.copies import run_alone
 from tests.real.readers import SXB, SXB_CHECK, read_table
 
 REDUCED = 4
-"""Scan pixels a side that became one: the pictures are JPEG of one bit in a hundred pixels."""
+"""Scan pixels a side that became one: strong JPEG left no finer detail."""
 TOML = """[block]
 name = "sxb-strasbourg"
 crs = "EPSG:27561"
@@ -87,7 +87,10 @@ def measure(data: Path, folder: Path) -> None:
 def report(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
     folder = sxb_block(shared_data, tmp_path_factory.mktemp("sxb") / "block")
     measure(shared_data, folder)
-    return run_block(folder)
+    told = run_alone("run", folder, "--until", "adjustment")
+    assert told.code == 0, told.err
+    with Session.open(folder, "test") as session:
+        return session.products.latest_value("adjustment")
 
 
 def test_ties_and_measured_points_hold_a_block_without_reference__real(report):

@@ -32,6 +32,7 @@ interface Start {
   lattice: {
     west: number; north: number; pixel: number; levels: number; width: number; height: number;
   };
+  ortho?: boolean;
   ortho_pixel: number;
   /** Half the side of the compared patch, metres; 0 or nothing where none is known. */
   template: number | null;

@@ -254,7 +254,10 @@ function drawPicture(pane, point) {
   const [context, width, height] = cleared(pane.picture);
   const size = [width, height];
   const [kind, photo, { version }] = [contentOf(pane), point.key[1], point.scan];
-  const names = { ortho: word("pane.ortho"), scan: word("pane.scan", { scan: shortName(photo) }) };
+  const names = {
+    ortho: start.ortho ? word("pane.ortho") : word("pane.no-ortho"),
+    scan: word("pane.scan", { scan: shortName(photo) }),
+  };
   pane.picture.style.filter = look.contrast === 1 ? "" : `contrast(${look.contrast})`;
   let whole = true;
   if (showsRaw(pane)) {
