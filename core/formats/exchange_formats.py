@@ -12,6 +12,7 @@ from core.formats.geojson import GEOJSON_FORMAT
 from core.formats.ign_opk import OPK_FORMAT
 from core.formats.inpho import INPHO_FORMAT
 from core.formats.micmac import MICMAC
+from core.formats.mmvii import MMVII
 from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
 from core.formats.point_files import POINT_FORMATS
@@ -22,6 +23,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
     for one in (
         MICMAC,
         COLMAP,
+        MMVII,
         *EO_FORMATS,
         OPK_FORMAT,
         PATB_FORMAT,

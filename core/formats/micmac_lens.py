@@ -5,12 +5,20 @@ is moved by a polynomial of the distance from CDist, by P1 and P2, and in x by b
 the ideal place (FORMATS 4.21). MMVII has the same terms, in units of F.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from core.arrays import Affine2, FilmPoints, Matrix, PixelPoints
-from core.formats.exchange import ROUNDS, SETTLED, ExchangeCamera, Pair, image_from_ideal
+from core.formats.exchange import (
+    ROUNDS,
+    SETTLED,
+    ExchangeCamera,
+    FrameCamera,
+    Pair,
+    image_from_ideal,
+)
+from core.frames import HALF_PIXEL
 
 # source: definition of the two frames; MicMac's y points down.
 DOWN = np.array([1.0, -1.0])
@@ -124,6 +132,46 @@ def lens_of(camera: ExchangeCamera, focal: float, principal_point: Pair) -> Micm
     radial = tuple(k / focal ** (2 * n) for n, k in enumerate(camera.radial, start=1))
     p1, p2 = camera.tangential
     return MicmacLens(focal, principal_point, principal_point, radial, (p1 / focal, -p2 / focal))
+
+
+def lens_of_frame(frame: FrameCamera, size: Pair) -> tuple[MicmacLens, float]:
+    """The lens in pixels (centre of the first pixel) of a camera whose pixels may be sheared.
+
+    MicMac shears the ideal place and an exchanged block the distorted one, so that such a camera
+    is fitted where it has both.
+
+    Args:
+        frame: The camera.
+        size: Columns and rows of the picture.
+
+    Returns:
+        The lens, and how far it is off at most, pixels.
+    """
+    p2, p1 = frame.tangential
+    x, y = frame.principal_point_px
+    point, focal = (x - HALF_PIXEL, y - HALF_PIXEL), frame.focal_px
+    if frame.affinity_px == 0.0 and frame.skew_px == 0.0:
+        # The tangential terms of a frame camera are those of y downwards already.
+        camera = ExchangeCamera("", frame.radial, (p1, -p2))
+        return lens_of(camera, focal, point), 0.0
+    grid = np.stack(np.meshgrid(*(np.linspace(0, side, NODES) for side in size)), axis=-1)
+    rays = (grid.reshape(-1, 2) - np.array(point)) / focal
+    moved = image_from_ideal(rays, ExchangeCamera("", frame.radial, (p1, p2)))
+    sheared = moved @ np.array([[focal + frame.affinity_px, 0.0], [frame.skew_px, focal]])
+    zero, one = np.zeros(len(rays)), np.ones(len(rays))
+    plain = [[rays[:, 0], rays[:, 1]], [one, zero], [zero, one], [rays[:, 0], zero]]
+    plain.append([rays[:, 1], zero])
+    design = np.stack([np.column_stack(column) for column in plain], axis=2)
+    design = np.concatenate([design, _features(rays)], axis=2).reshape(2 * len(rays), -1)
+    scale = np.linalg.norm(design, axis=0)
+    found = np.linalg.lstsq(design / scale, sheared.reshape(-1), rcond=None)[0] / scale
+    off = np.hypot(*(design @ found - sheared.reshape(-1)).reshape(-1, 2).T).max()
+    fitted, right, down, b1, b2 = found[:5].tolist()
+    own = (point[0] + right, point[1] + down)
+    terms = (found[5:] / fitted).tolist()
+    camera = ExchangeCamera("", tuple(terms[:FITTED]), (terms[FITTED], -terms[FITTED + 1]))
+    plainly = lens_of(camera, fitted, own)
+    return replace(plainly, affinity=(b1 / fitted, b2 / fitted)), float(off)
 
 
 def _fitted(
