@@ -16,6 +16,7 @@ from core.formats.mmvii import MMVII
 from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
 from core.formats.point_files import POINT_FORMATS
+from core.formats.qgis_exchange import QGIS
 from core.formats.stac import STAC_FORMAT
 
 FORMATS: Mapping[str, ExchangeFormat] = {
@@ -24,6 +25,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         MICMAC,
         COLMAP,
         MMVII,
+        QGIS,
         *EO_FORMATS,
         OPK_FORMAT,
         PATB_FORMAT,
