@@ -18,7 +18,8 @@ from core.geometry.interior import InteriorOrientation
 
 Status = Literal["auto", "accepted", "rejected", "dubious", "unused"]
 """auto: used, no human has looked; unused: proposed and filtered out by the engine."""
-Role = Literal["control", "check"]
+Role = Literal["control", "check", "new"]
+"""Control steers, check only judges; a new point is known by its measurements alone."""
 Source = Literal["junction", "salient", "surveyed", "hand"]
 # design: at least ten thousand times what any coordinate is known to.
 UNKNOWN_M = 1e4
@@ -115,7 +116,7 @@ class SurveyedPoint:
     sigma_m: Position
     """A-priori standard deviations of the three, metres."""
     role: Role
-    """Control steers, check only judges."""
+    """What it is for."""
     source: Source
     """Road junction, salient ortho point, surveyed by the user, or chosen at the desk."""
     description: str = ""

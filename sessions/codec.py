@@ -25,6 +25,7 @@ from core.adjustment.adjusted import (
     ClassFigures,
     Contradiction,
     ExteriorSigmas,
+    NewPoint,
     SharedParameter,
 )
 from core.block import (
@@ -95,6 +96,7 @@ REGISTERED: tuple[type, ...] = (
     ListedPoint,
     Localised,
     Measurement,
+    NewPoint,
     MosaicProduct,
     OrthoProduct,
     Peak,

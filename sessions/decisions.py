@@ -106,7 +106,11 @@ class SetRole:
 
 @dataclass(frozen=True, slots=True)
 class AddPoint:
-    """A new point, chosen in the reference ortho and measured by the program in every scan."""
+    """A new point: chosen in the reference ortho and measured by the program in every scan.
+
+    Or a detail of photos, whose coordinates are not known at all (`sigma_m` of `UNKNOWN_M`): then
+    its measurements give them, and the coordinates here only say where about it is.
+    """
 
     point_id: str
     """Its name, new in the block."""

@@ -58,6 +58,15 @@ MEASUREMENTS = Layer(
     | dict.fromkeys(("column", "row", "sigma_px", "score"), "DOUBLE")
     | dict.fromkeys(("residual_column", "residual_row", "residual_px", "redundancy"), "DOUBLE"),
 )
+NEW_POINTS = Layer(
+    "points_from_photos",
+    "Points intersected from photos, with their standard deviations in metres",
+    "POINT",
+    True,
+    {"point_id": "TEXT"}
+    | dict.fromkeys(("X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z"), "DOUBLE")
+    | {"rays": "INTEGER", "max_residual_px": "DOUBLE"},
+)
 RESIDUAL_VECTORS = Layer(
     "residual_vectors",
     "Residuals of used and dubious measurements on the ground, from measured towards computed",
@@ -89,6 +98,7 @@ def write_layers(
         (FOOTPRINTS, list(_footprints(block, footprints))),
         (POINTS, list(_points(block, report))),
         (MEASUREMENTS, list(_measurements(block, report))),
+        (NEW_POINTS, list(_new_points(report))),
         (RESIDUAL_VECTORS, list(_residual_vectors(block, report, residual_scale))),
     )
     with store.writing() as transaction:
@@ -133,6 +143,12 @@ def _points(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
         known = (*point.position, *point.sigma_m)
         difference = differences.get(point_id, _NOWHERE)
         yield shapely.Point(point.position), (*named, *known, *counted, *difference)
+
+
+def _new_points(report: AdjustmentReport) -> Iterable[Feature]:
+    for point in report.new_points:
+        figures = (*point.position, *point.sigma_m, point.rays, point.largest_residual_px)
+        yield shapely.Point(point.position), (point.point_id, *figures)
 
 
 def _differences(block: Block, report: AdjustmentReport) -> dict[str, Position]:

@@ -5,7 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block import Block, Measurement, Peak, Photo, SurveyedPoint, TiePoints, surveyed_point
+from core.block import (
+    UNKNOWN_M,
+    Block,
+    Measurement,
+    Peak,
+    Photo,
+    SurveyedPoint,
+    TiePoints,
+    surveyed_point,
+)
 from core.geometry.interior import InteriorOrientation
 from core.localisation.on_points import stand_on_points
 from core.results import BlockInput
@@ -240,9 +249,9 @@ def _change_points(
 
 
 def _set_role(surveyed: dict[str, SurveyedPoint], decision: SetRole) -> bool:
-    """Give the point its role; False when there is no such point."""
+    """Give the point its role; False without a point, or where its coordinates are not known."""
     point = surveyed.get(decision.point_id)
-    if point is None:
+    if point is None or point.role == "new":
         return False
     surveyed[decision.point_id] = replace(point, role=decision.role)
     return True
@@ -259,9 +268,9 @@ def _add_point(
     if known is not None and known.source != "hand":
         return False
     position = np.array([decision.east, decision.north, decision.height])
-    surveyed[decision.point_id] = SurveyedPoint(
-        decision.point_id, position, np.array(decision.sigma_m), "control", "hand"
-    )
+    sigma = np.array(decision.sigma_m)
+    role = "new" if bool((sigma >= UNKNOWN_M).all()) else "control"
+    surveyed[decision.point_id] = SurveyedPoint(decision.point_id, position, sigma, role, "hand")
     for measured in decision.measured:
         if measured.photo_id in photos:
             measurements[measured.key] = measured

@@ -1,6 +1,5 @@
 """Places measured in scans because a gesture asked: read and computed beside the review thread."""
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +14,7 @@ from core.doubts import Failure
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
 from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
+from sessions.names import next_name as next_of_pattern
 from sessions.readings import HAND_SIGMA_PX, SAME_PLACE_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import with_drafted
@@ -26,7 +26,8 @@ TransferSource = Callable[
     [Block, Mapping[str, ExteriorSigmas], str, Sequence[Measurement]], Sequence[Measurement]
 ]
 """(oriented photos, how well, point, where it is measured) -> where the other photos show it."""
-NAME = re.compile(r"H(\d+)")
+PATTERN = "H#"
+"""Names of points chosen in the ortho."""
 SURE, AGREEING_PX = 0.7, 0.3
 """Likeness and agreement of its two ways that make a mark an example for others."""
 SAME_PIXEL = 0.02
@@ -191,8 +192,7 @@ def is_overtaken(decision: Place | PlaceFiducial, newer: Sequence[Recorded]) -> 
 def next_name(state: DeskState, recorded: Sequence[Recorded]) -> str:
     """H1, H2 and so on: never a name that was given before, withdrawn points included."""
     names = [item.decision.point_id for item in recorded if isinstance(item.decision, AddPoint)]
-    found = [NAME.fullmatch(name) for name in (*names, *state.block.surveyed)]
-    return f"H{1 + max((int(match[1]) for match in found if match), default=0)}"
+    return next_of_pattern(PATTERN, (*names, *state.block.surveyed))
 
 
 def photos_showing(

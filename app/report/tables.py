@@ -51,6 +51,7 @@ def write_results(folder: Path, report: AdjustmentReport) -> tuple[Path, ...]:
         "interior_orientation.csv": interior_table(report.block),
         "exterior_orientation.csv": (EXTERIOR_COLUMNS, exterior_rows(report)),
         "tie_points.csv": (TIE_COLUMNS, tie_rows(report)),
+        "points_from_photos.csv": (TIE_COLUMNS, new_point_rows(report)),
     }
     for name, (columns, rows) in tables.items():
         write_table(folder / name, columns, rows)
@@ -166,6 +167,20 @@ def tie_rows(report: AdjustmentReport) -> list[list[Cell]]:
         ]
         for point in np.flatnonzero(rays)
         if np.isfinite(report.tie_positions[point]).all()
+    ]
+
+
+def new_point_rows(report: AdjustmentReport) -> list[list[Cell]]:
+    """One row per point that photos alone determine."""
+    return [
+        [
+            point.point_id,
+            *_rounded(point.position, MILLI),
+            *_rounded(point.sigma_m, MILLI),
+            point.rays,
+            *_rounded((point.largest_residual_px,), MILLI),
+        ]
+        for point in report.new_points
     ]
 
 

@@ -90,6 +90,22 @@ class CheckResult:
     ones' own error is not in it. None where it was not computed."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NewPoint:
+    """A point that photos alone determine: an unknown of the adjustment."""
+
+    point_id: str
+    """Its name."""
+    position: Position
+    """Adjusted coordinates, metres."""
+    sigma_m: Position
+    """Their standard deviations with all that the orientations are unsure of, metres."""
+    rays: int
+    """Photos whose measurement took part."""
+    largest_residual_px: float
+    """Length of its largest residual, pixels."""
+
+
 @dataclass(frozen=True, slots=True)
 class Contradiction:
     """One measurement that a human accepted and the rest of the block contradicts."""
@@ -206,5 +222,7 @@ class AdjustmentReport:
     """What cameras and positions turned out to be."""
     doubts: tuple[Doubt, ...] = ()
     """What could not be used; `core/quality/rules.py` judges the block."""
+    new_points: tuple[NewPoint, ...] = ()
+    """Points from photos that two took part in or more."""
     condition: float = float("nan")
     """By how much the photos' unknowns at most increase each other's variances; 1 is best."""

@@ -1,5 +1,6 @@
 """What an adjustment says when it is done: residuals, standard deviations, reasons."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from core.adjustment.accuracy import (
     predicted_residuals,
     rms_by_class,
 )
-from core.adjustment.adjusted import AdjustmentReport, CheckResult, ExteriorSigmas
+from core.adjustment.adjusted import AdjustmentReport, CheckResult, ExteriorSigmas, NewPoint
 from core.adjustment.contradictions import find_contradictions
 from core.adjustment.equations import Equations
 from core.adjustment.input_checks import Sound
@@ -50,6 +51,10 @@ def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> Ad
     ties[network.rays.tie[seen]] = rays_px[seen]
     positions, sigmas = _tie_points(block, solution, scale)
     surveyed, surveyed_sigmas = _control_points(solution, scale)
+    new = _new_points(block, solution, (surveyed, surveyed_sigmas), rays_px)
+    for point in new:
+        del surveyed[point.point_id], surveyed_sigmas[point.point_id]
+    steering = frozenset(key for key in control if block.surveyed[key[0]].role == "control")
     checks = _checks(adjusted, solution, scale)
     return AdjustmentReport(
         block=adjusted,
@@ -68,7 +73,7 @@ def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> Ad
         tie_sigmas_m=sigmas,
         tie_residuals_px=ties,
         checks=checks,
-        rms_px=rms_by_class(adjusted, residuals, frozenset(control), ties),
+        rms_px=rms_by_class(adjusted, residuals, steering, ties),
         rms_m=known_differences(adjusted, surveyed, checks),
         rejected={**sound.reasons, **_rejected(solution, rays_px)},
         tie_reasons=_tie_reasons(solution, rays_px),
@@ -78,6 +83,7 @@ def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> Ad
             network, fit.state, solution.precision, solution.held, sigma_nought=scale
         ),
         doubts=(*sound.doubts, *_behind(solution)),
+        new_points=new,
         condition=solution.normals.factor.condition,
     )
 
@@ -222,7 +228,7 @@ def _tie_points(
 def _control_points(
     solution: Solution, scale: float
 ) -> tuple[dict[str, Position], dict[str, Position]]:
-    """Adjusted coordinates of control points and their standard deviations."""
+    """Adjusted coordinates of control and new points, and their standard deviations."""
     network, fit = solution.network, solution.fit
     counts = np.bincount(network.rays.point[fit.taking_part], minlength=network.points.count)
     held = network.points.known_weight.any(axis=1)
@@ -233,6 +239,24 @@ def _control_points(
     positions = {name: fit.state.points[row].copy() for name, row in rows.items()}
     variances = solution.precision.points
     return positions, {name: scale * np.sqrt(variances[row]) for name, row in rows.items()}
+
+
+def _new_points(
+    block: Block,
+    solution: Solution,
+    adjusted: tuple[Mapping[str, Position], Mapping[str, Position]],
+    rays_px: Float64[np.ndarray, "rays 2"],
+) -> tuple[NewPoint, ...]:
+    """The new points among what was adjusted."""
+    positions, sigmas = adjusted
+    rays, first = solution.network.rays, len(solution.network.points.tie)
+    found: list[NewPoint] = []
+    for row, name in enumerate(solution.network.points.control, start=first):
+        if name in positions and block.surveyed[name].role == "new":
+            own = np.flatnonzero((rays.point == row) & solution.fit.taking_part)
+            largest = float(np.hypot(*rays_px[own].T).max())
+            found.append(NewPoint(name, positions[name], sigmas[name], len(own), largest))
+    return tuple(found)
 
 
 def report_without_adjustment(block: Block, sound: Sound) -> AdjustmentReport:

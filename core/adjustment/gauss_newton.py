@@ -238,15 +238,15 @@ def _lay_points(
 def _intersect_points(
     network: Network, origins: ObjectPoints, directions: ObjectPoints
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
-    """Tie points where their rays meet (far off the ground: laid on it), and whether they do."""
+    """Tie and new points where their rays meet (far off the ground: laid on it), and whether so."""
     point, count = network.rays.point, network.points.count
     met, angles = closest_points(origins, directions, point, count)
     ground = _ground_of_rays(network)
     near_ground = np.abs(met[point, 2] - ground) < 0.5 * (origins[:, 2] - ground)
     astray = np.bincount(point, ~near_ground, count) > 0
     laid = _lay_points(network, origins, directions)
-    ties = len(network.points.tie)
-    astray[ties:] = True
-    placed = angles >= SMALLEST_ANGLE
-    placed[ties:] = True
+    held = np.any(network.points.known_weight > 0, axis=1, keepdims=False)
+    held = held & (np.arange(count) >= len(network.points.tie))
+    astray |= held
+    placed = (angles >= SMALLEST_ANGLE) | held
     return np.where(astray[:, None], laid, met), placed

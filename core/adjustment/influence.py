@@ -222,9 +222,11 @@ def _state_of(network: Network, report: AdjustmentReport) -> State:
     ties = report.tie_positions[network.points.tie]
     known = np.isfinite(ties).all(axis=1)
     points[: len(ties)][known] = ties[known]
+    adjusted = {point.point_id: point.position for point in report.new_points}
+    adjusted |= report.surveyed_positions
     for row, name in enumerate(network.points.control, start=len(ties)):
-        if name in report.surveyed_positions:
-            points[row] = report.surveyed_positions[name]
+        if name in adjusted:
+            points[row] = adjusted[name]
     positioning = [
         float(np.radians(p.value)) if p.name.endswith("_deg") else p.value
         for p in report.parameters[network.lensed :]

@@ -38,7 +38,7 @@ def check_input(block: Block) -> Sound:
     control = {
         key: item
         for key, item in block.measurements.items()
-        if item.used and block.surveyed[key[0]].role == "control"
+        if item.used and block.surveyed[key[0]].role != "check"
     }
     reasons: dict[Key, str] = {}
     doubts: list[Doubt] = []

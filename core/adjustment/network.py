@@ -71,11 +71,11 @@ class Points:
     tie: Int[np.ndarray, "ties"]
     """Number in `block.ties` of each tie point; these come first."""
     control: tuple[str, ...]
-    """Names of the control points that follow."""
+    """Names of the control points and new points that follow."""
     known: ObjectPoints
     """A-priori coordinates, metres; nought for tie points."""
     known_weight: ObjectPoints
-    """Root of the weight of each a-priori coordinate, 1 / metres; nought for tie points."""
+    """Root of the weight of each a-priori coordinate, 1 / metres; nought for tie and new points."""
 
     @property
     def count(self) -> int:
@@ -213,7 +213,7 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
         for measurement in block.measurements.values()
         if measurement.used
         and measurement.photo_id in place
-        and block.surveyed[measurement.point_id].role == "control"
+        and block.surveyed[measurement.point_id].role != "check"
     )
     control = tuple(sorted({measurement.point_id for measurement in measurements}))
     kept, tie_point = _kept_ties(block, place)
@@ -322,8 +322,10 @@ def _points(block: Block, tie_point: Indices, control: tuple[str, ...]) -> Point
     """Points with what is known of them."""
     known, weight = np.zeros((2, len(tie_point) + len(control), 3))
     for row, name in enumerate(control, start=len(tie_point)):
-        known[row] = block.surveyed[name].position
-        weight[row] = 1.0 / np.maximum(block.surveyed[name].sigma_m, SMALLEST_SIGMA_M)
+        point = block.surveyed[name]
+        known[row] = point.position
+        if point.role != "new":
+            weight[row] = 1.0 / np.maximum(point.sigma_m, SMALLEST_SIGMA_M)
     return Points(tie_point, control, known, weight)
 
 

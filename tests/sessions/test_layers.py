@@ -14,7 +14,7 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport, NewPoint
 from core.block import Block
 from core.errors import CrsError
 from sessions.layers import write_layers
@@ -54,9 +54,26 @@ def test_gdal_lists_every_layer_with_its_kind_and_no_other__oracle(written: Path
         "footprints": "Polygon",
         "points": "Point Z",
         "measurements": "Point Z",
+        "points_from_photos": "Point Z",
         "residual_vectors": "LineString",
         "decisions": None,
     }
+
+
+def test_new_points_have_a_layer_of_their_own__oracle(
+    tmp_path: Path, block: Block, report_of: ReportOf
+) -> None:
+    place, sigma = np.array([500.0, 600.0, 310.0]), np.array([0.1, 0.2, 0.4])
+    report = replace(report_of(block), new_points=(NewPoint("N001", place, sigma, 3, 0.7),))
+    file = Store.open(tmp_path / "new.gpkg")
+    write_layers(file, block, report, FOOTPRINTS)
+    file.close()
+    _, shapes, told = read(tmp_path / "new.gpkg", "points_from_photos")
+    assert shapely.get_coordinates(shapes, include_z=True).tolist() == [place.tolist()]
+    assert {name: value.tolist() for name, value in told.items()} == {
+        "point_id": ["N001"], "X": [500.0], "Y": [600.0], "Z": [310.0], "sigma_X": [0.1],
+        "sigma_Y": [0.2], "sigma_Z": [0.4], "rays": [3], "max_residual_px": [0.7],
+    }  # fmt: skip
 
 
 def test_layers_lie_in_the_blocks_crs__oracle(written: Path) -> None:

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from core.block import Block, Measurement, Peak
+from core.block import UNKNOWN_M, Block, Measurement, Peak
 from core.formats.listed_point import ROLES, ListedPoint
 from sessions.codec import encode
 from sessions.decisions import (
     REASONS,
     Accept,
+    AddPoint,
     BringPoints,
     ChoosePeak,
     Decision,
@@ -205,3 +206,19 @@ def test_a_brought_point_never_takes_the_name_of_another_kind__truth(block: Bloc
     assert replayed.block.surveyed["P1"].source == "junction"
     assert "M1" in replayed.block.surveyed
     assert [item.decision for item in replayed.unmatched] == [taken]
+
+
+def test_a_detail_of_unknown_coordinates_is_a_new_point__truth(block: Block) -> None:
+    measured = Measurement("N001", "A", 400.0, 300.0, 0.5, status="accepted")
+    added = AddPoint("N001", 1.0, 2.0, 3.0, (UNKNOWN_M,) * 3, (measured,))
+    known = AddPoint("H1", 1.0, 2.0, 3.0, (0.2, 0.2, 0.5), ())
+    log = number([added, known, Place("N001", "B", 5.0, 6.0), SetRole("N001", "check")])
+    replayed = replay(block, log)
+    assert replayed.block.surveyed["N001"].role == "new"
+    assert replayed.block.surveyed["H1"].role == "control"
+    assert {key for key in replayed.block.measurements if key[0] == "N001"} == {
+        ("N001", "A"),
+        ("N001", "B"),
+    }
+    # Nobody knows its coordinates, so it can check nothing.
+    assert [item.decision for item in replayed.unmatched] == [SetRole("N001", "check")]

@@ -370,7 +370,7 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     if gesture.point_id in desk.state.extra.kinds:
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     point = desk.state.block.surveyed.get(gesture.point_id)
-    if point is None:
+    if point is None or point.role == "new":
         return Outcome(seat)
     role = "check" if point.role == "control" else "control"
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))

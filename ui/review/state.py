@@ -19,10 +19,10 @@ Key = tuple[str, str]
 """Point and photo: what names a measurement."""
 Made = Mapping[str, tuple[Photo, Camera]]
 """Photos, each with the orientation and the camera its ortho was made with."""
-Kind = Literal["control", "check", "tie", "photo", "fiducial"]
+Kind = Literal["control", "check", "new", "tie", "photo", "fiducial"]
 """What a row of the queue is about."""
-KINDS: tuple[Kind, ...] = ("control", "check", "tie", "photo", "fiducial")
-POINT_KINDS: tuple[Kind, ...] = ("control", "check")
+KINDS: tuple[Kind, ...] = ("control", "check", "new", "tie", "photo", "fiducial")
+POINT_KINDS: tuple[Kind, ...] = ("control", "check", "new")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
 StateFilter = Literal[

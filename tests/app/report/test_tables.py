@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.report.tables import write_results
+from core.adjustment.adjusted import NewPoint
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,14 @@ COLUMNS = {
 @pytest.mark.parametrize("name", COLUMNS)
 def test_columns_are_those_of_the_contract__law(tables, name):
     assert ",".join(tables[name][0]) == COLUMNS[name]
+
+
+def test_points_from_photos_have_a_table__law(report, tmp_path):
+    place, sigma = np.array([500.0, 600.0, 310.0]), np.array([0.1, 0.2, 0.4])
+    write_results(tmp_path, replace(report, new_points=(NewPoint("N001", place, sigma, 3, 0.7),)))
+    header, row = (tmp_path / "points_from_photos.csv").read_text(encoding="utf-8").splitlines()
+    assert header == COLUMNS["tie_points"]
+    assert row == "N001,500.0000,600.0000,310.0000,0.1000,0.2000,0.4000,3,0.7000"
 
 
 def test_control_rows_say_what_became_of_each_measurement__law(tables, report):

@@ -15,7 +15,7 @@ const DONE = ["accepted", "rejected", "dubious"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
-const KINDS = ["control", "check", "tie", "photo", "fiducial"];
+const KINDS = ["control", "check", "new", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check"];
 const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS] =
   /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
