@@ -76,6 +76,7 @@ from ui.review.queue import (
     visible,
     with_filter,
 )
+from ui.review.second_reading import is_blind
 from ui.review.sight import Picked, card_part, ground_under, photos_over, pick, sight_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
@@ -201,6 +202,8 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     draft = seat.draft_of(key) if verdict == "accept" else None
     if not draft and (notice := _not_measured(desk.rows[key].state, verdict)):
         return Outcome(seat, notice=notice)
+    if not draft and is_blind(desk.state, seat, key):
+        return Outcome(seat, notice=Notice("notice.read-first"))
     if draft and is_to_be_asked(desk.state, seat, draft):
         return Outcome(replace(seat, asking=draft))
     stands = not draft and _standing_verdict(measurement.status, measurement.reason) == verdict

@@ -16,7 +16,9 @@ from ui.review.picture import (
 )
 from ui.review.placement import placement_part
 from ui.review.quality import quality_part
+from ui.review.queue import queue_row
 from ui.review.scene import ScenePicture, scene_picture
+from ui.review.second_reading import blinded, is_blind
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import SceneOptions, Seat
 
@@ -127,14 +129,20 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
     key = seat.current
     if key is None:
         return None
+    draft, state, rows = seat.draft_of(key), desk.state, desk.rows
+    blind = is_blind(state, seat, key)
+    if blind:
+        state = blinded(state, seat, key[0])
+        hidden = desk.state.block.measurements.keys() - state.block.measurements.keys()
+        rows = {**rows, **{one: queue_row(state, desk.table.figures, one) for one in hidden}}
     pictured = Pictured(
         desk.drawn,
         desk.dem,
-        desk.trials.get(seat.draft_of(key) or key),
+        None if blind and draft is None else desk.trials.get(draft or key),
         history_of(key, desk.recorded, desk.state.extra),
         desk.table.by_point.get(key[0], ()),
     )
-    return point_part(desk.state, seat, desk.rows, pictured)
+    return point_part(state, seat, rows, pictured)
 
 
 def _are_same(old: Sequence[object], new: Sequence[object]) -> bool:

@@ -15,6 +15,7 @@ from ui.review.looks import short, shortened
 from ui.review.misfit import Misfit, misfits
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
+from ui.review.second_reading import readings_part
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Seat
 from ui.review.to_measure import by_view
 from ui.review.trial import Trial
@@ -159,6 +160,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         },
         "marks": _marks(overlay),
         "ellipse": _ellipse(state, key),
+        "readings": readings_part(measurement),
         "raw": _raw(overlay),
         "draft": None if draft is None else {
             **_draft(overlay_of(shown, drawn, pictured.dem, key)),

@@ -8,8 +8,10 @@ from typing import Any
 from core.adjustment.expected_gain import Gain
 from core.block import Measurement
 from ui.review.drafts import by_hand
+from ui.review.grounds import grounds_of
 from ui.review.looks import ShownState, short
 from ui.review.misfit import Misfit, controllability, misfits
+from ui.review.second_reading import readings_of
 from ui.review.state import (
     POINT_KINDS,
     DeskState,
@@ -60,6 +62,8 @@ class Row:
     """Why it is doubtful, heaviest first."""
     disputed_m: float = math.nan
     """Where a human accepted what the block contradicts: how far apart, metres; else NaN."""
+    readings: int = 0
+    """So many operators have placed it, of points of the user."""
     sigmas: float = math.nan
     """The misfit in its standard deviations; NaN when it is not known."""
 
@@ -159,7 +163,7 @@ def row_line(row: Row) -> list[Any]:
     """One line of the table."""
     return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
             short(row.misfit_px, 2), short(row.score, 2), short(row.disputed_m, 1),
-            short(row.sigmas, 1)]  # fmt: skip
+            short(row.sigmas, 1), row.readings]  # fmt: skip
 
 
 def queue_figures(state: DeskState) -> QueueFigures:
@@ -229,6 +233,8 @@ def passes(row: Row, wanted: QueueFilter) -> bool:
             return row.state == "auto"
         case "measure":
             return row.state in WAITING
+        case "second":
+            return row.readings == 1 and row.state == "accepted"
         case "disputed":
             return not math.isnan(row.disputed_m)
         case _:
@@ -342,7 +348,7 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
     shown = state.shown_state(measurement)
     accepted = measurement.status == "accepted"
     disputed = figures.disputed.get(measurement.key, math.nan) if accepted else math.nan
-    grounds = _grounds(measurement, misfit, controlled, disputed)
+    grounds = grounds_of(measurement, misfit, controlled, disputed)
     doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
     human = measurement.status in ("accepted", "rejected", "dubious")
     if not math.isnan(disputed):
@@ -367,6 +373,7 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
         controlled=controlled,
         grounds=grounds,
         disputed_m=disputed,
+        readings=readings_of(state, measurement),
     )
 
 
@@ -430,51 +437,6 @@ def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None
         controlled=None,
         grounds=(reason,) if reason else (),
     )
-
-
-def _grounds(
-    measurement: Measurement, misfit: Misfit | None, controlled: float | None, disputed_m: float
-) -> tuple[DoubtReason, ...]:
-    found = [
-        None if math.isnan(disputed_m) else DoubtReason("doubt.disputed", disputed_m, 1.0),
-        _ground_of_misfit(misfit),
-        _ground_of_peaks(measurement),
-        _ground_of_score(measurement),
-        _ground_of_control(controlled),
-    ]
-    kept = [ground for ground in found if ground is not None and ground.weight > 0.02]
-    return tuple(sorted(kept, key=lambda ground: -ground.weight))
-
-
-def _ground_of_misfit(misfit: Misfit | None) -> DoubtReason | None:
-    """Misfit against its standard deviation: one good point in ten is beyond 1.5, none at 3.5."""
-    if misfit is None:
-        return None
-    return DoubtReason("doubt.misfit", misfit.ratio, _share((misfit.ratio - 1.5) / 2.0))
-
-
-def _ground_of_peaks(measurement: Measurement) -> DoubtReason | None:
-    """A second peak nearly as high as the best one."""
-    if len(measurement.peaks) < 2 or measurement.peaks[0].score <= 0:
-        return None
-    ratio = float(measurement.peaks[1].score / measurement.peaks[0].score)
-    return DoubtReason("doubt.peaks", 100 * ratio, 0.5 * _share((ratio - 0.7) / 0.3))
-
-
-def _ground_of_score(measurement: Measurement) -> DoubtReason:
-    weight = 0.5 * _share((0.6 - measurement.score) / 0.5)
-    return DoubtReason("doubt.score", measurement.score, weight)
-
-
-def _ground_of_control(controlled: float | None) -> DoubtReason | None:
-    """Below a tenth no other measurement could find an error in this one."""
-    if controlled is None:
-        return None
-    return DoubtReason("doubt.redundancy", controlled, 0.6 * _share((0.3 - controlled) / 0.3))
-
-
-def _share(value: float) -> float:
-    return min(max(value, 0.0), 1.0)
 
 
 def _figure(row: Row, sorting: Sorting) -> float | tuple[str, str]:

@@ -26,10 +26,10 @@ POINT_KINDS: tuple[Kind, ...] = ("control", "check", "new")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
 StateFilter = Literal[
-    "open", "measure", "all", "disputed", "accepted", "rejected", "dubious", "unused"
+    "open", "measure", "second", "all", "disputed", "accepted", "rejected", "dubious", "unused"
 ]
 STATE_FILTERS: tuple[StateFilter, ...] = (
-    "open", "measure", "all", "disputed", "dubious", "accepted", "rejected", "unused",
+    "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
 Sheet = Literal["", "board", "placement"]
 """A view laid over the desk, beside that of the block's quality."""
@@ -59,7 +59,8 @@ class QueueFilter:
 
     state: StateFilter = "open"
     """One state, or all; `open`: used and not looked at, which is what there is to do; `measure`:
-    to be measured yet; `disputed`: accepted by a human, contradicted by the block."""
+    to be measured yet; `second`: placed by one operator alone; `disputed`: accepted by
+    a human, contradicted by the block."""
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""

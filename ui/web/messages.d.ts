@@ -47,7 +47,7 @@ interface Start {
 
 /** point, photo, role, state, decided by hand, doubt, misfit px, score; metres in dispute, misfit in sigmas */
 type Row = [string, string, string, State, number, number, number | null, number | null,
-  disputed: number | null, sigmas: number | null];
+  disputed: number | null, sigmas: number | null, readings: number];
 interface Filter { state: string; photo: string; role: string }
 interface Sort { column: string; descending: boolean }
 interface Queue {
@@ -133,6 +133,8 @@ interface Point {
   peaks: { score: number | null; operator: string; away: number }[];
   /** Where a point of the user lies in all likelihood: what a unit circle becomes, scan pixels. */
   ellipse: number[][] | null;
+  /** Places of several operators, pixels of the raw scan. */
+  readings: { who: string; raw: Pair }[];
   /** Every scan that shows the point, best view first; where it lies there, metres. */
   others: {
     photo: string; state: State; misfit: number | null; version: number; hidden: boolean;

@@ -125,7 +125,7 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert seat.order[0] == key
     assert rows[key].disputed_m == pytest.approx(metres, abs=1.5)
     assert rows[key].grounds[0].text == "doubt.disputed"
-    assert row_line(rows[key])[-2] == round(rows[key].disputed_m, 1)
+    assert row_line(rows[key])[-3] == round(rows[key].disputed_m, 1)
     # Rejected, it is not disputed any more.
     after = replace(state, block=block.with_measurement(replace(wrong, status="rejected")))
     assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)

@@ -12,7 +12,9 @@ import {
 import {
   Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf,
 } from "./view.js";
-import { drawEllipse, drawPatch, ellipseRadius, rawFromGround } from "./expected.js";
+import {
+  drawEllipse, drawPatch, drawReadings, ellipseRadius, rawFromGround,
+} from "./expected.js";
 import { drawTogether } from "./together.js";
 import { finishBefore, send } from "./wire.js";
 
@@ -355,7 +357,10 @@ function drawMarks(pane, point) {
     const place = (/** @type {Pair} */ at, /** @type {Pair | null} */ raw) =>
       onScreen(pane, point, at, raw);
     if (isPlaced(point)) drawPatch(context, point, kind === "scan", place);
-    if (kind !== "ortho") drawEllipse(context, point, place);
+    if (kind !== "ortho") {
+      drawEllipse(context, point, place);
+      drawReadings(context, point, place);
+    }
     if (kind !== "scan") surveyedMark(context, onScreen(pane, point, point.marks.surveyed), point);
     if (kind !== "ortho") scanMarks(context, pane, point);
   }

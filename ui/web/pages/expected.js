@@ -1,5 +1,5 @@
 // Where a point lies in all likelihood, and what was compared there: laid over scan and ortho.
-import { halo } from "./overlay.js";
+import { halo, text } from "./overlay.js";
 import { inverse, mapped, scaleOf } from "./view.js";
 import { start } from "./words.js";
 
@@ -37,6 +37,21 @@ export function drawEllipse(context, point, onScreen) {
     }
   });
   context.setLineDash([]);
+}
+
+/**
+ * Where each of several operators placed the point.
+ * @param {Context} context @param {Point} point @param {OnScreen} onScreen
+ */
+export function drawReadings(context, point, onScreen) {
+  const back = inverse(rawFromGround(point));
+  const { states } = start.palette;
+  point.readings.forEach(({ who, raw }, index) => {
+    const [x, y] = onScreen(mapped(back, raw), raw);
+    halo(context, states.accepted.colour, 1.2, () => context.arc(x, y, 3.5, 0, 7));
+    // Names stand one below the other: readings are near each other.
+    text(context, who, [x + 14, y - 10 + 16 * index], states.accepted.colour);
+  });
 }
 
 /**

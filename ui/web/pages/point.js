@@ -125,11 +125,17 @@ function put(name, content, warning = "") {
 }
 
 /** @param {Point} point */
-function showWhy({ figures: { remark }, state, why }) {
+function showWhy({ figures: { remark }, readings, state, why }) {
   const kind = state === "unused" || state === "rejected" ? state : "other";
   const lines = /** @type {[string, string][]} */ (
     why.map(([text, value]) => [word(text, { value }), ""]));
   if (TO_MEASURE.includes(state)) lines.push([word(`why.${state}`), "remark"]);
+  if (readings.length === 2) {
+    const [one, other] = readings.map(({ raw }) => raw);
+    const value = number(Math.hypot(one[0] - other[0], one[1] - other[1]), 2);
+    lines.unshift([word("readings", { value, one: readings[0].who, other: readings[1].who }),
+      "remark"]);
+  }
   if (remark) lines.unshift([word(`remark.${kind}`, { remark }), "remark"]);
   if (!lines.length) lines.push([word("why.not"), "fine"]);
   const items = lines.map(([line, look]) => element("li", { class: look, title: line }, line));

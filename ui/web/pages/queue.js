@@ -8,20 +8,21 @@ import { send } from "./wire.js";
 const ROW = 25; // as `.row` in desk.css
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
 const STATES = [
-  "open", "measure", "all", "disputed", "dubious", "accepted", "rejected", "unused",
+  "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 ];
 const TO_MEASURE = ["predicted", "proposed"];
+const RARE = ["measure", "second"]; // shown where there is something in them
 const DONE = ["accepted", "rejected", "dubious"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "new", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check"];
-const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS] =
-  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS, READINGS] =
+  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
 /** States of the rows behind a filter of another name. @type {Record<string, State>} */
 const LOOKS = { open: "auto", measure: "predicted" };
-const PLAIN = ["all", "disputed"]; // filters that are no state of a row
+const PLAIN = ["all", "disputed", "second"]; // filters that are no state of a row
 
 const state = {
   rows: /** @type {Row[]} */ ([]),
@@ -147,7 +148,11 @@ const ofKind = (row, filter) => (!filter.photo || row[PHOTO] === filter.photo)
 
 /** @param {Row} row @param {string} wanted */
 const inState = (row, wanted) => wanted === "all"
+  || (wanted === "second" && isSecond(row))
   || (wanted === "disputed" ? row[DISPUTED] !== null : stateName(row) === wanted);
+
+/** Placed by one operator alone. @param {Row} row */
+const isSecond = (row) => row[READINGS] === 1 && row[STATE] === "accepted";
 
 /** @param {Row} row */
 const stateName = (row) => (row[STATE] === "auto" ? "open"
@@ -168,6 +173,7 @@ export function sifted(rows, order, filter) {
     counts.all += 1;
     counts[stateName(row)] += 1;
     if (row[DISPUTED] !== null) counts.disputed += 1;
+    if (isSecond(row)) counts.second += 1;
     return inState(row, filter.state);
   });
   return { counts, kinds, shown };
@@ -208,7 +214,7 @@ function showSieve({ counts, filter, sort: by }, kinds) {
   for (const chip of /** @type {Iterable<HTMLElement>} */ (byId("chips").children)) {
     const name = chip.dataset.state ?? "";
     turn(chip, name === filter.state);
-    chip.hidden = name === "measure" && name !== filter.state && !counts.measure;
+    chip.hidden = RARE.includes(name) && name !== filter.state && !counts[name];
     chip.lastElementChild?.replaceChildren(`${counts[name]}`);
   }
   byId("sieve-photo").value = filter.photo;
