@@ -142,9 +142,12 @@ def write_points(folder: Path, points: Mapping[str, ExchangePoint]) -> None:
             add(one, "Pt", place)
             add(one, "NamePt", point.point_id)
             add(one, "Incertitude", sigma)
-            lines.append(f"{point.point_id.replace(' ', '_')} {place} {sigma}")
+            lines.append(f"{point.point_id} {place} {sigma}")
         write_xml(folder / f"{name}.xml", root)
-        (folder / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        # A blank parts columns there: such names stand in the XML alone.
+        if not any(len(point.point_id.split()) > 1 for point in chosen):
+            text = "\n".join(lines) + "\n"
+            (folder / f"{name}.txt").write_text(text, encoding="utf-8")
 
 
 def read_measures(path: Path) -> list[tuple[str, ExchangeMeasurement]]:
