@@ -11,8 +11,11 @@ from core.formats.exchange import ExchangeFormat
 from core.formats.geojson import GEOJSON_FORMAT
 from core.formats.ign_opk import OPK_FORMAT
 from core.formats.inpho import INPHO_FORMAT
+from core.formats.metashape import METASHAPE
 from core.formats.micmac import MICMAC
 from core.formats.mmvii import MMVII
+from core.formats.odm import ODM
+from core.formats.opensfm import OPENSFM
 from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
 from core.formats.point_files import POINT_FORMATS
@@ -26,6 +29,9 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         COLMAP,
         MMVII,
         QGIS,
+        METASHAPE,
+        OPENSFM,
+        ODM,
         *EO_FORMATS,
         OPK_FORMAT,
         PATB_FORMAT,
