@@ -76,7 +76,9 @@ def certificate(figures: Figures, tell: Teller) -> list[str]:
     verdict = figures["verdict"]
     against = [one["sentence"] for one in verdict if one["kind"].startswith("contradicted")]
     more = [tell("report.against-more", count=len(against) - 1)] if len(against) > 1 else []
-    return [tell("report.certified", **found), *against[:1], *more]
+    alone = figures["block"]["reference_ortho_sigma_m"] is None
+    told = tell("report.certified.alone" if alone else "report.certified", **found)
+    return [told, *against[:1], *more]
 
 
 def _set_aside(count: int, tell: Teller) -> str:
