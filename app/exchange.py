@@ -261,7 +261,7 @@ def decisions_of(
     made += [
         Place(one.point_id, own[one.photo_id], one.column, one.row, one.sigma_px or USUAL_SIGMA_PX)
         for one in foreign.measurements
-        if one.photo_id in own
+        if one.photo_id in own and not foreign.on_film
     ]
     return tuple(made)
 
@@ -319,6 +319,10 @@ def write_eo_list(path: Path, photos: Mapping[str, ExchangePhoto]) -> None:
 def _left_out(foreign: ExchangeBlock, own: Mapping[str, str]) -> tuple[str, ...]:
     """What this block has no place for."""
     notes: list[str] = []
+    if foreign.on_film:
+        notes.append(
+            say("Measurements on film are not taken over: the program does not know the scans.")
+        )
     unknown = [name for name in foreign.photos if name not in own]
     if unknown:
         notes.append(

@@ -80,6 +80,7 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
     form = format_named(name, reads=True)
     assert form.read is not None
     foreign = form.read(project)
+    _refuse_film(project, foreign)
     chosen = crs or foreign.crs
     if not chosen:
         raise ProjectError(
@@ -114,6 +115,16 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
                 count=len(missing), names=missing[:5]),
         )  # fmt: skip
     return Made(target, len(scans), (*foreign.notes, *notes))
+
+
+def _refuse_film(project: Path, foreign: ExchangeBlock) -> None:
+    """Refuse a project without pixels: nothing tells how its scans lie."""
+    if foreign.on_film:
+        raise ProjectError(
+            project,
+            "knows image points on film, and no pixels of scans.",
+            "Make the block with gruber new and its fiducials, then gruber import into it.",
+        )
 
 
 def scans_of(folder: Path, foreign: ExchangeBlock) -> dict[str, Path]:

@@ -173,6 +173,8 @@ class ExchangeBlock:
     """Tie points."""
     notes: tuple[str, ...] = ()
     """What could not be taken over, a sentence each."""
+    on_film: bool = False
+    """Whether its pixels are micrometres of film, since its program knows no scans."""
 
     def camera_of(self, photo_id: str) -> ExchangeCamera:
         """The camera of a photo that has one."""

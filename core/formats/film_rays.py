@@ -162,6 +162,7 @@ def block_of_rays(
         tuple(measured),
         ties_of([ray for ray in rays if ray.point_id not in points]),
         (told,),
+        on_film=bool(rays),
     )
 
 

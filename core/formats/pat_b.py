@@ -7,6 +7,7 @@ that the numbers stand for. Image points are free of lens distortion, from the p
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -156,10 +157,7 @@ def read_patb(path: Path) -> ExchangeBlock:
     turned = block_of_rays([(_turned(one), distance) for one, distance in every], points, rays)
     if median_misfit(turned) < median_misfit(given):
         told = say("The matrices turn object space into image space: measured control says so.")
-        return ExchangeBlock(
-            "", turned.cameras, turned.photos, points, turned.measurements, turned.ties,
-            (*turned.notes, told),
-        )  # fmt: skip
+        return replace(turned, notes=(*turned.notes, told))
     return given
 
 

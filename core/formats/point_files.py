@@ -1,19 +1,27 @@
 """Surveyed points as the tables that Metashape, Pix4D and anybody read."""
 
 import csv
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from core.errors import ProjectError
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePoint
+from core.formats.point_axes import Surroundings
+from core.formats.point_list import read_point_list
+from core.formats.records import read_text
+from core.geometry.crs import read_crs
 from core.said import say
 
 METASHAPE_HEAD = (
     "Label", "X/Easting", "Y/Northing", "Z/Altitude",
-    "Accuracy_X_(m)", "Accuracy_Y_(m)", "Accuracy_Z_(m)", "Enabled",
+    "Accuracy_X_(m)", "Accuracy_Y_(m)", "Accuracy_Z_(m)", "role", "Enabled",
 )  # fmt: skip
-"""Heads of Metashape's reference; checks are those that are not enabled."""
+"""Heads of Metashape's reference, checks not enabled; `role`, which is ours, brings them back."""
 PLAIN_HEAD = ("id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "role")
 """Heads of the plain table."""
+COMMENT = re.compile(r"#\s*(?:CRS|CoordinateSystem)\s*:\s*(.+)", re.IGNORECASE)
+"""How a table names its CRS."""
 POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
 """Files for Pix4D: control, checks, and where they are seen."""
 
@@ -38,7 +46,7 @@ def write_metashape_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     """
     head = [f"# CoordinateSystem: {block.crs}"] if block.crs else []
     rows = [
-        [p.point_id, *_numbers(p), "1" if p.role == "control" else "0"]
+        [p.point_id, *_numbers(p), p.role, "1" if p.role == "control" else "0"]
         for p in block.points.values()
     ]
     _write(path, [*head, "#" + ",".join(METASHAPE_HEAD)], rows)
@@ -68,6 +76,43 @@ def write_pix4d_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     if any(one.sigma_px for one in block.measurements):
         notes.append(say("Standard deviations of measurements are left out."))
     return tuple(notes)
+
+
+def read_points(path: Path) -> ExchangeBlock:
+    """A table that names its CRS in a comment, and leaves nothing to be asked.
+
+    Raises:
+        ProjectError: It names no CRS, a row cannot be used, or something has to be asked.
+    """
+    heads = (COMMENT.match(line) for line in read_text(path).splitlines())
+    crs = next((head[1].strip() for head in heads if head), "")
+    if not crs:
+        raise ProjectError(
+            path,
+            "names no CRS.",
+            "Write `# CRS: EPSG:5514` above it, or bring the list in at the desk.",
+        )
+    read_crs(crs, path)
+    found = read_point_list(path, Surroundings(crs))
+    if found.refused:
+        row = found.refused[0]
+        raise ProjectError(
+            path, say("line {line}: {cause}", line=row.number, cause=row.cause), row.remedy
+        )
+    if found.questions:
+        raise ProjectError(
+            path, found.questions[0].words, "Bring the list in at the desk, which asks."
+        )
+    points = {
+        one.point_id: ExchangePoint(
+            one.point_id,
+            (one.easting, one.northing, one.height),
+            one.sigma_m,
+            "check" if one.role == "check" else "control",
+        )
+        for one in found.points
+    }
+    return ExchangeBlock(crs, points=points, notes=found.evidence)
 
 
 def _numbers(point: ExchangePoint) -> list[str]:
@@ -114,6 +159,7 @@ POINT_FORMATS: tuple[ExchangeFormat, ...] = (
         conventions=_conventions("metres, each axis", "our own form"),
         holds="nothing",
         write=write_points,
+        read=read_points,
         default_name="points.csv",
         folder=False,
     ),
@@ -123,6 +169,7 @@ POINT_FORMATS: tuple[ExchangeFormat, ...] = (
         conventions=_conventions("metres, each axis", "untested on real files"),
         holds="nothing",
         write=write_metashape_points,
+        read=read_points,
         default_name="markers.csv",
         folder=False,
     ),
@@ -139,4 +186,4 @@ POINT_FORMATS: tuple[ExchangeFormat, ...] = (
         default_name="pix4d",
     ),
 )
-"""Tables of points, written; lists of any form are read as `[control] points` or at the desk."""
+"""Tables of points; lists of any form are read as `[control] points` or at the desk."""

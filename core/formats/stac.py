@@ -295,8 +295,7 @@ def _camera(
     given = str(inside.get("camera_id") or name)
     if fields.get(MATRIX):
         values = [value for row in fields[MATRIX] for value in row]
-        count = np.size(np.empty((2, 3)))
-        matrix = np.array(_numbers(path, {MATRIX: values}, MATRIX, count)).reshape(2, 3)
+        matrix = np.array(_numbers(path, {MATRIX: values}, MATRIX, 2 * 3)).reshape(2, 3)
         radial = tuple(map(float, fields.get("gruber:radial") or ()))
         p1, p2 = map(float, fields.get("gruber:tangential") or (0.0, 0.0))
         x, y = map(float, fields.get("gruber:principal_point_mm") or (0.0, 0.0))

@@ -93,6 +93,17 @@ def test_points_and_measurements_are_decisions__law(
     assert decided[1] == Place("A", "p1", 450.0, 350.0, 0.4)
 
 
+def test_points_on_film_make_no_block_and_no_measurement__law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    foreign = replace(project_in(tmp_path, SQUARE), on_film=True)
+    with pytest.raises(ProjectError, match="no pixels of scans"):
+        made(tmp_path, foreign, monkeypatch)
+    assert not (tmp_path / "block.toml").exists()
+    decided = exchange.decisions_of(foreign, {"p1": "p1"}, "patb")
+    assert [type(one) for one in decided] == [BringPoints]
+
+
 def test_what_cannot_become_a_block_leaves_nothing__law(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

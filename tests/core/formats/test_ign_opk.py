@@ -4,6 +4,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from pyproj import Transformer
@@ -218,3 +219,55 @@ def test_measures_of_other_photos_are_told__truth(tmp_path: Path) -> None:
     block = read_opk(tmp_path)
     assert "1 photo is measured that the list does not hold" in block.notes[0]
     assert block.ties.names == ("p",)
+
+
+ALEX = "exchange-samples/opk-alex"
+# Frames of an UltraCam Eagle M3, 26460 x 17004 px at 30975 px, reduced twentyfold.
+FOCAL, MIDDLE = 30975 / 20, np.array([26460 / 40, 17004 / 40])
+
+
+def same_places(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Places (n, 4) that SIFT finds in both pictures, pixels from the outer corner."""
+    sift = cv2.SIFT_create(3000)
+    (keys, words), (others, theirs) = (sift.detectAndCompute(p, None) for p in (one, other))
+    pairs = cv2.BFMatcher().knnMatch(words, theirs, k=2)
+    good = [first for first, second in pairs if first.distance < 0.75 * second.distance]
+    rows = [(*keys[m.queryIdx].pt, *others[m.trainIdx].pt) for m in good]
+    return np.unique(np.array(rows), axis=0) + 0.5
+
+
+def off_the_epipolar_line(places: np.ndarray, one: ExchangePhoto, other: ExchangePhoto):
+    """Pixels between a place in the second photo and the plane of base and first ray."""
+    rays = []
+    for seen, photo in ((places[:, :2], one), (places[:, 2:], other)):
+        x, y = ((seen - MIDDLE) / FOCAL).T
+        rays.append(np.column_stack([x, -y, -np.ones(len(x))]) @ photo.exterior.object_from_image.T)
+    base = other.exterior.centre - one.exterior.centre
+    plane = np.cross(base, rays[0])
+    plane = plane / np.linalg.norm(plane, axis=1)[:, None]
+    across = np.sum(plane * rays[1], axis=1) / np.linalg.norm(rays[1], axis=1)
+    return FOCAL * np.abs(across)
+
+
+def test_details_of_three_frames_lie_on_their_epipolar_lines__real(shared_data: Path) -> None:
+    block = read_opk(shared_data / ALEX / "20FUALPMAR_alt.OPK")
+    pictures = [cv2.imread(str(shared_data / ALEX / f"{n}.jpg"), 0) for n in (1, 2, 3)]
+    frames = [block.photos[f"20FUALPMAR10x00001_0000{n}"] for n in (1, 2, 3)]
+    for one, other in ((0, 1), (1, 2)):
+        places = same_places(pictures[one], pictures[other])
+        off = off_the_epipolar_line(places, frames[one], frames[other])
+        assert len(off) > 500
+        assert np.median(off) < 0.2
+        # Read as gon the same list misses by tens of pixels.
+        turned = [
+            replace(
+                photo,
+                exterior=ExteriorOrientation(
+                    photo.exterior.centre,
+                    *(0.9 * np.array([photo.exterior.omega, photo.exterior.phi,
+                                      photo.exterior.kappa])),
+                ),
+            )
+            for photo in (frames[one], frames[other])
+        ]  # fmt: skip
+        assert np.median(off_the_epipolar_line(places, *turned)) > 5

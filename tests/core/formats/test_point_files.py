@@ -1,16 +1,20 @@
 """Tables of surveyed points as Metashape, Pix4D and people read them."""
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
 
+from core.errors import CrsError, ProjectError
 from core.formats.point_files import (
+    read_points,
     write_metashape_points,
     write_pix4d_points,
     write_points,
 )
-from tests.exchanged import block_of
+from tests.exchanged import RECIPES, Recipe, block_of
 
 BLOCK = block_of((11, 2, 0, False))
 
@@ -40,6 +44,44 @@ def test_metashape_unticks_checks__truth(tmp_path: Path) -> None:
     assert path.read_text().split("\n")[1].startswith("#Label,X/Easting,Y/Northing,Z/Altitude,")
     ticked = {row[0]: row[-1] for row in rows_of(path)}
     assert ticked == {n: "1" if p.role == "control" else "0" for n, p in BLOCK.points.items()}
+
+
+@settings(max_examples=10, deadline=None)
+@given(RECIPES)
+@pytest.mark.parametrize("write", [write_points, write_metashape_points])
+def test_tables_come_back_to_every_digit__law(
+    tmp_path_factory: pytest.TempPathFactory, write: Callable, recipe: Recipe
+) -> None:
+    block = block_of(recipe)
+    path = tmp_path_factory.mktemp("points") / "p.csv"
+    write(path, block)
+    again = read_points(path)
+    assert again.crs == block.crs
+    assert again.points == block.points
+
+
+PLAIN = "# CRS: EPSG:5514\nid,X,Y,Z\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("id,X,Y,Z\n1,-743000,-1043000,300\n", "names no CRS"),
+     (PLAIN + "1,-743000,-1043000,high\n", "line 3"), (PLAIN, "No row can be used"),
+     (PLAIN + "1,-743000,-1043000,300\n1,-743010,-1043000,300\n", "lines 3 and 4"),
+     (PLAIN + "1,14.4,50.1,300\n", "degrees|No point lies")],
+)  # fmt: skip
+def test_broken_tables_are_named__truth(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text(text)
+    with pytest.raises(ProjectError, match=words):
+        read_points(path)
+
+
+def test_an_unknown_crs_is_named__truth(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text(PLAIN.replace("EPSG:5514", "Atlantis") + "1,-743000,-1043000,300\n")
+    with pytest.raises(CrsError, match="does not know"):
+        read_points(path)
 
 
 def test_pix4d_gets_control_checks_and_marks_apart__truth(tmp_path: Path) -> None:
