@@ -206,6 +206,10 @@ def add_export(added: Verbs) -> None:
         help="file or folder to write (results/export/...)",
     )  # fmt: skip
     verb.add_argument(
+        "--frame", choices=["map", "tangent"], default="map",
+        help="coordinates of the map, or of a plane that touches the Earth there (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
         "--pictures", action="store_true",
         help="write the scans laid upright, where the format cannot hold film",
     )  # fmt: skip

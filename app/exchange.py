@@ -18,6 +18,7 @@ from core.formats.exchange import ExchangeBlock, ExchangeFormat, ExchangePhoto, 
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import ListedPoint
 from core.formats.micmac_measures import image_measures_name, write_image_measures
+from core.formats.tangent_frame import TangentFrame, in_tangent_frame
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import (
     ExteriorOrientation,
@@ -81,6 +82,7 @@ def export_block(
     *,
     pictures: bool,
     progress: Progress,
+    tangent: bool = False,
 ) -> Exported:
     """Write a block in a foreign format, whole or not at all.
 
@@ -92,14 +94,19 @@ def export_block(
         out: Where to; None for `results/export/NAME`.
         pictures: Whether the scans go along, laid upright, where the format needs that.
         progress: Told per scan.
+        tangent: Whether coordinates are those of a local tangent frame instead of the map.
 
     Raises:
         StorageError: The disk is full or may not be written.
+        CrsError: The block's CRS has no way to a tangent frame.
     """
     form = format_named(name, reads=False)
     assert form.write is not None
     target = out or session.results / EXPORTS / (form.default_name or name)
-    left = exchanged(block, report, form)
+    left = exchanged(block, report, replace(form, curved=True) if tangent else form)
+    if tangent:
+        left, frame = in_tangent_frame(left)
+        left = replace(left, notes=(*left.notes, _frame_note(frame)))
     if form.folder:
         with whole_folder(target) as temporary:
             notes = form.write(temporary, left)
@@ -109,6 +116,18 @@ def export_block(
         with whole_file(target) as temporary:
             notes = form.write(temporary, left)
     return Exported(target, (*left.notes, *notes, *_pictures_note(block, form, pictures)))
+
+
+def _frame_note(frame: TangentFrame) -> str:
+    """Where a tangent frame lies; its own words lead back."""
+    longitude, latitude, height = frame.origin
+    return say(
+        "Coordinates are metres east, north and up of longitude {longitude:.9f}, latitude "
+        "{latitude:.9f}, height {height:.3f}.",
+        longitude=longitude,
+        latitude=latitude,
+        height=height,
+    )
 
 
 def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:

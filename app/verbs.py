@@ -181,7 +181,7 @@ def export(given: argparse.Namespace, voice: Voice) -> None:
         report = walk.adjusted
         done = export_block(
             session, report.block, report, given.format, given.out,
-            pictures=given.pictures, progress=progress,
+            pictures=given.pictures, progress=progress, tangent=given.frame == "tangent",
         )  # fmt: skip
         voice.ended(
             "export", "The block for another program", time.monotonic() - began, str(done.path)

@@ -191,8 +191,8 @@ BINGO_FORMAT = ExchangeFormat(
         object_space="easting, northing, height, metres; the CRS is not said",
         rotation="ORIA: phi, omega, kappa in gon; R = R_y(phi) R_x(omega) R_z(kappa) turns image "
         "space into object space",
-        camera="principal distance in `cameras.txt`, which is ours; distortion is taken out of the "
-        "image points",
+        camera="principal distance in `cameras.txt`, which is ours; distortion and refraction are "
+        "taken out",
         sigmas="control, metres; measurements, millimetres",
         lost="scans, fiducials, standard deviations of orientations, object points of ties; blanks "
         "in names",

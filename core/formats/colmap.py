@@ -367,5 +367,6 @@ COLMAP = ExchangeFormat(
     write=write_colmap,
     read=read_colmap,
     default_name="colmap",
+    curved=False,
 )
 """COLMAP's sparse model."""

@@ -320,7 +320,7 @@ INPHO_FORMAT = ExchangeFormat(
         object_space="easting, northing, height, metres; the CRS as text",
         rotation="matrix of `$EXT_ORI`, row by row, turns object space into image space",
         camera="principal distance in millimetres, affine transform from millimetres to pixels, "
-        "one camera a photo; distortion is taken out of the image points",
+        "one camera a photo; distortion and refraction are taken out",
         sigmas="control, metres; measurements, millimetres",
         lost="lens distortion, fiducials, standard deviations of orientations, object points of "
         "ties; blanks in names",

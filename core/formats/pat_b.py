@@ -276,7 +276,7 @@ PATB_FORMAT = ExchangeFormat(
         rotation="matrix a11 to a33, row by row, turns image space into object space (five digits "
         "of metres, twelve of the matrix); when read, the other way round if measured control says "
         "so",
-        camera="principal distance in micrometres; distortion is taken out of the image points",
+        camera="principal distance in micrometres; distortion and refraction are taken out",
         sigmas="none",
         lost="scans, fiducials, standard deviations, object points of ties; names are numbers "
         "(`names.csv`, ours, keeps them)",

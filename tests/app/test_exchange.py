@@ -188,3 +188,28 @@ def test_an_export_that_fails_leaves_nothing__law(
             session, report.block, report, "any", tmp_path / "out", pictures=False, progress=SILENT
         )
     assert not list(tmp_path.iterdir())
+
+
+def test_a_tangent_frame_says_where_it_lies__law(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Photos stand as far from each other as on the map, but for its scale (below 2e-4)."""
+    seen: dict[str, ExchangeBlock] = {}
+
+    def keep(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+        seen["out"] = block
+        return ()
+
+    giving(monkeypatch, keep)
+    report = last_report(tiny_run)
+    with Session.open(tiny_run.folder, "anna") as session:
+        done = export_block(
+            session, report.block, report, "any", tmp_path / "out", pictures=False,
+            progress=SILENT, tangent=True,
+        )  # fmt: skip
+    assert any("longitude" in note for note in done.notes)
+    ours = np.array([p.exterior.centre for p in report.block.photos.values()])
+    there = np.array([p.exterior.centre for p in seen["out"].photos.values()])
+    apart = [np.linalg.norm(np.diff(one[:, :2], axis=0), axis=1) for one in (ours, there)]
+    assert np.allclose(apart[1] / apart[0], 1.0, atol=1e-3)
+    assert np.abs(there[:, :2]).max() < 5000
