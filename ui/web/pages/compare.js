@@ -30,6 +30,7 @@ const SWITCHES = /** @type {Switch[]} */ (
 /** @type {("mode" | "share" | "contrast" | "wallis" | "raw" | "marks" | "edges")[]} */
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks", "edges"];
 const NEAR_PX = 40; // design: other peaks are shown where the pointer is, and hide nothing
+const LEAST_ELLIPSE_PX = 10; // design: as large as the mark of a predicted place
 const WIPE_PX = 8; // design: wide enough for a hand, narrow beside what is looked at
 const state = {
   look: {
@@ -199,6 +200,10 @@ const wholeEllipse = (point) => (isPlaced(point) || !point.ellipse ? Infinity
   : (0.45 * Math.min(...state.panes.flatMap(({ size }) => size).filter(Boolean)))
     / ellipseRadius(point.ellipse) / point.scan.pixel);
 
+/** A tiny ellipse would be a blot: there the usual mark stands. @param {Point} point */
+const seesEllipse = ({ ellipse, scan }) => ellipse !== null
+  && ellipseRadius(ellipse) * scan.pixel * state.view.scale > LEAST_ELLIPSE_PX;
+
 /** True once there is a place to move or keep. @param {Point} point */
 const isPlaced = ({ state: known, draft }) => known !== "predicted" || draft !== null;
 
@@ -358,7 +363,7 @@ function drawMarks(pane, point) {
       onScreen(pane, point, at, raw);
     if (isPlaced(point)) drawPatch(context, point, kind === "scan", place);
     if (kind !== "ortho") {
-      drawEllipse(context, point, place);
+      if (seesEllipse(point)) drawEllipse(context, point, place);
       drawReadings(context, point, place);
     }
     if (kind !== "scan") surveyedMark(context, onScreen(pane, point, point.marks.surveyed), point);
@@ -386,8 +391,7 @@ function scanMarks(context, pane, point) {
   const to = onScreen(pane, point, marks.predicted, raw.predicted);
   const far = Math.hypot(to[0] - from[0], to[1] - from[1]) > 10;
   if (far) line(context, from, to, palette.predicted, 1.2);
-  // An ellipse says it by itself; about a tiny one the circle is found.
-  expectedMark(context, to, palette.predicted, point.ellipse ? 2 : 9);
+  expectedMark(context, to, palette.predicted, seesEllipse(point) ? 2 : 9);
   if (point.state !== "predicted") {
     measuredMark(context, measuredOn(pane, point), palette.states[point.state].colour);
   }

@@ -50,7 +50,7 @@ export function drawReadings(context, point, onScreen) {
     const [x, y] = onScreen(mapped(back, raw), raw);
     halo(context, states.accepted.colour, 1.2, () => context.arc(x, y, 3.5, 0, 7));
     // Names stand one below the other: readings are near each other.
-    text(context, who, [x + 14, y - 10 + 16 * index], states.accepted.colour);
+    text(context, who, [x + 22, y - 8 + 22 * index], states.accepted.colour);
   });
 }
 
