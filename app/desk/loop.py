@@ -33,7 +33,15 @@ from app.desk.messages import (
     Tried,
 )
 from core.doubts import Failure
-from sessions.decisions import AddPoint, Decision, Place, Recorded, Withdraw, standing
+from sessions.decisions import (
+    AddPoint,
+    Decision,
+    Place,
+    PlaceFiducial,
+    Recorded,
+    Withdraw,
+    standing,
+)
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.gestures import AnswerAsked, Freed, Gesture
@@ -280,7 +288,9 @@ class ReviewLoop:
                 notice = notice_of_point(decision)
             best = max(decision.measured, key=lambda item: item.score)
             seat = replace(seat, current=best.key)
-        elif decision and is_overtaken(decision, self._now.recorded[event.known :]):
+        elif isinstance(decision, Place | PlaceFiducial) and is_overtaken(
+            decision, self._now.recorded[event.known :]
+        ):
             self._screen.tell(event.seat_id, Notice("notice.overtaken"))
             return
         if isinstance(decision, Place):

@@ -7,7 +7,7 @@ from typing import Protocol
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.doubts import Failure
-from sessions.decisions import AddPoint, Place, PlaceFiducial
+from sessions.decisions import AddPoint, BringPoints, Place, PlaceFiducial
 from ui.review.compare import Drawn
 from ui.review.gestures import Gesture
 from ui.review.picture import Part
@@ -79,11 +79,11 @@ class Tried:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Places were measured in the scans, as a gesture asked."""
+    """Places measured in the scans, or points read from a list, as was asked."""
 
     seat_id: str
     """Who asked."""
-    decision: AddPoint | Place | PlaceFiducial | None
+    decision: AddPoint | BringPoints | Place | PlaceFiducial | None
     """To be recorded, but a place, which is a draft; None when nothing was found."""
     notice: Notice
     """What to tell the operator."""

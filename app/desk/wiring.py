@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from app.desk.background import survived
 from app.desk.exporting import titles
 from app.desk.inputs import DeskInputs, first_state
+from app.desk.listed_points import DeskPoints
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
 from core.block import Block
@@ -36,6 +37,7 @@ from ui.views.server import SECRET_HEADER, SceneServer, Sheet, Shown
 from ui.web.access import Access
 from ui.web.channel import Channel, Lines
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Opened, Upstream, as_json
+from ui.web.points import point_routes
 from ui.web.running import leaving_route
 from ui.web.tiles import Sources, TileStore
 
@@ -108,9 +110,10 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
     settings = threading.Event()
+    points = DeskPoints(desk.block, desk.session.folder, inbox.put)
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
-        routes=(leaving_route(settings.set), *desk.routes),
+        routes=(leaving_route(settings.set), *point_routes(points), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
     bounds = _block_bounds(desk, state.oriented)

@@ -391,6 +391,39 @@ interface Found {
 interface Upload { name: string; file: File; share: number; why: string }
 
 /** Elements that are more than an HTMLElement, by their id. */
+/** What a list of points leaves open. */
+interface ListQuestion {
+  about: string;
+  words: Told;
+  choices: { value: string; words: Told }[];
+}
+
+/** A list of points as it would come in. */
+interface ReadList {
+  reading: {
+    encoding: string;
+    delimiter: string;
+    decimal: string;
+    header: boolean;
+    axes: string;
+    columns: string[];
+    crs: string;
+    role: string;
+    sigma_plan_m: number;
+    sigma_height_m: number;
+  };
+  header: string[];
+  width: number;
+  rows: (number | string)[][];
+  evidence: Told[];
+  points: [name: string, east: number, north: number, role: string][];
+  replaced: number;
+  refused: { number: number; text: string; cause: Told; remedy: Told }[];
+  refused_count: number;
+  questions: ListQuestion[];
+  footprints: [east: number, north: number][][];
+}
+
 interface Ids {
   board: HTMLDialogElement;
   contrast: HTMLInputElement;
@@ -399,6 +432,8 @@ interface Ids {
   "name-field": HTMLInputElement;
   naming: HTMLDialogElement;
   placement: HTMLDialogElement;
+  points: HTMLDialogElement;
+  "points-open": HTMLButtonElement;
   quality: HTMLDialogElement;
   rate: HTMLInputElement;
   "remake-cancel": HTMLButtonElement;

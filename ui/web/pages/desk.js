@@ -15,6 +15,7 @@ import { boardKey, boardState, openBoard, setUpBoard, showBoard } from "./board.
 import {
   openPlacement, placementKey, placementState, setUpPlacement, showPlacement,
 } from "./placement.js";
+import { setUpPoints } from "./points.js";
 import { setUpResults } from "./results.js";
 import { setUpSettings } from "./run.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -353,6 +354,7 @@ async function open() {
   setUpQuality();
   setUpBoard();
   setUpPlacement();
+  setUpPoints();
   setUpResults();
   setUpSettings();
   setUpTheme();

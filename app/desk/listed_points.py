@@ -1,0 +1,158 @@
+"""Lists of surveyed points at the desk: looked at before they come in, in no thread of the loop."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast, get_args, get_type_hints
+
+from app.bring_points import surroundings
+from app.desk.messages import Measured
+from core.block import UNKNOWN_M, Block, footprint
+from core.errors import PhotogrammetryError
+from core.formats.listed_point import PointList, PointListReading
+from core.formats.point_axes import AXES
+from core.formats.point_columns import QUANTITIES
+from core.formats.point_list import read_point_list
+from sessions.decisions import BringPoints
+from sessions.session import Session
+from ui.review.state import Notice
+
+CHOICES = {
+    name: get_args(get_type_hints(PointListReading)[name])
+    for name in ("role", "duplicates", "outside", "refused")
+}
+"""Words that some fields of a reading take."""
+# design: what one looks at before a list comes in.
+SHOWN_ROWS = 8
+# design: a screen of them.
+SHOWN_REFUSED = 50
+
+
+class DeskPoints:
+    """Reads lists against the block as it stands now, and hands what they bring to the loop."""
+
+    def __init__(self, block: Block, folder: Path, hand_in: Callable[[Measured], None]) -> None:
+        """The door.
+
+        Args:
+            block: As the engine left it.
+            folder: The block's folder.
+            hand_in: Takes what is to be recorded.
+        """
+        self._block, self._folder, self._hand_in = block, folder, hand_in
+
+    def read(self, name: str, data: bytes, reading: Mapping[str, Any]) -> dict[str, Any]:
+        """A list as it would come in, for the page.
+
+        Raises:
+            PhotogrammetryError: It is no table of text, or its CRS is unknown.
+        """
+        block = self._now()
+        return _page_of(_read(name, data, reading, block), block)
+
+    def bring(
+        self, seat_id: str, name: str, data: bytes, reading: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Hand in the decision that brings a list; as `read` where something is left to ask.
+
+        Raises:
+            PhotogrammetryError: As for `read`.
+        """
+        block = self._now()
+        found = _read(name, data, reading, block)
+        if found.questions or not found.points:
+            return _page_of(found, block)
+        notice = Notice("notice.brought", {"count": f"{len(found.points)}"})
+        self._hand_in(Measured(seat_id, BringPoints(found.points, name), notice))
+        return {"brought": len(found.points)}
+
+    def known(self, name: str) -> dict[str, Any]:
+        """A surveyed point of the user's own; empty where there is none."""
+        point = self._now().surveyed.get(name.strip())
+        if point is None or point.source != "surveyed":
+            return {}
+        plan, height = float(point.sigma_m[0]), float(point.sigma_m[2])
+        role = "height" if plan >= UNKNOWN_M else "plan" if height >= UNKNOWN_M else point.role
+        return {
+            "position": point.position.tolist(), "role": role, "description": point.description,
+            "sketch": point.sketch,
+            "sigma": [None if sigma >= UNKNOWN_M else sigma for sigma in (plan, height)],
+        }  # fmt: skip
+
+    def _now(self) -> Block:
+        """The block with all decisions; the loop's own session is not to be used from here."""
+        with Session.open(self._folder, "") as session:
+            return session.replayed(self._block)
+
+
+def reading_of(given: Mapping[str, Any]) -> PointListReading:
+    """What a page chose; what no page can choose is passed over."""
+    chosen = {name: value for name, value in given.items() if _is_choice(name, value)}
+    if "columns" in chosen:
+        listed = cast("list[Any]", chosen["columns"])
+        chosen["columns"] = tuple(one if one in QUANTITIES else "" for one in listed)
+    return replace(PointListReading(), **chosen)
+
+
+def _is_choice(name: str, value: Any) -> bool:
+    """True for a field of the reading with a value that it takes."""
+    match name:
+        case "columns":
+            return isinstance(value, list)
+        case "header":
+            return isinstance(value, bool)
+        case "sigma_plan_m" | "sigma_height_m":
+            return isinstance(value, int | float) and 0 < value < UNKNOWN_M
+        case "axes":
+            return value in AXES
+        case "delimiter":
+            return isinstance(value, str) and len(value) == 1
+        case "encoding" | "decimal" | "crs":
+            return isinstance(value, str)
+        case _:
+            return value in CHOICES.get(name, ())
+
+
+def _read(name: str, data: bytes, reading: Mapping[str, Any], block: Block) -> PointList:
+    """A list that came over the wire, under its own name."""
+    plain = Path(name.replace("\\", "/")).name or "points"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "points"
+        path.write_bytes(data)
+        try:
+            return read_point_list(path, surroundings(block.crs, block), reading_of(reading))
+        except PhotogrammetryError as error:
+            raise type(error)(plain, error.cause, error.remedy) from error
+
+
+def _page_of(found: PointList, block: Block) -> dict[str, Any]:
+    """All that the page shows of a list."""
+    reading, table = found.reading, found.table
+    width = max((len(row.cells) for row in table.rows), default=0)
+    areas = [footprint(photo, block.camera_of(name)) for name, photo in block.photos.items()]
+    return {
+        "reading": {
+            "encoding": reading.encoding, "delimiter": reading.delimiter,
+            "decimal": reading.decimal, "header": reading.header, "axes": reading.axes or "",
+            "columns": list(reading.columns or ()), "crs": reading.crs, "role": reading.role,
+            "sigma_plan_m": reading.sigma_plan_m, "sigma_height_m": reading.sigma_height_m,
+        },
+        "header": list(table.header),
+        "width": max(width, len(table.header)),
+        "rows": [[row.number, *row.cells] for row in table.rows[:SHOWN_ROWS]],
+        "evidence": list(found.evidence),
+        "points": [[p.point_id, p.easting, p.northing, p.role] for p in found.points],
+        "replaced": sum(point.point_id in block.surveyed for point in found.points),
+        "refused": [
+            {"number": row.number, "text": row.text, "cause": row.cause, "remedy": row.remedy}
+            for row in found.refused[:SHOWN_REFUSED]
+        ],
+        "refused_count": len(found.refused),
+        "questions": [
+            {"about": asked.about, "words": asked.words,
+             "choices": [{"value": one.value, "words": one.words} for one in asked.choices]}
+            for asked in found.questions
+        ],
+        "footprints": [[list(place) for place in area.exterior.coords] for area in areas],
+    }  # fmt: skip
