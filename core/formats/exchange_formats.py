@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from core.formats.arcgis import ARCGIS_FORMAT
 from core.formats.asp import ASP_FORMAT
 from core.formats.bingo import BINGO_FORMAT
+from core.formats.bundler import BUNDLER
 from core.formats.colmap import COLMAP
 from core.formats.eo_format import EO_FORMATS
 from core.formats.exchange import ExchangeFormat
@@ -27,6 +28,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
     for one in (
         MICMAC,
         COLMAP,
+        BUNDLER,
         MMVII,
         QGIS,
         METASHAPE,
