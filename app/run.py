@@ -7,6 +7,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, cast
 
+import shapely
+
 from app.project import Project, described
 from app.report.model import ReportContent, Written
 from app.report.page import write_report
@@ -23,6 +25,7 @@ from core.arrays import Mask
 from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.errors import Cancelled
+from core.formats.qgis_project import ProjectLayer, Style, session_layers, write_qgis_project
 from core.localisation.stage import Localised
 from core.matching.reference import level_of, open_heights
 from core.mosaic.change import find_change, write_change
@@ -38,6 +41,7 @@ from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
 from sessions.replay import Films, judged_scans, mark_changes, with_effect
+from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from ui.words.catalogue import LANGUAGES
 
@@ -48,6 +52,15 @@ LAST_STAGES = {
     "report": "Results and report",
 }
 PAGE = "report.html"
+QGIS_PROJECT = "block.qgs"
+RESULT_LAYERS = (
+    *session_layers(f"../{SESSION_FILE}"),
+    ProjectLayer(
+        "seams", "seams.gpkg", "polygon", Style("#d98c00", 0.6, label="scan"), shown=False
+    ),
+    ProjectLayer("mosaic", "mosaic.tif", "raster"),
+)
+"""What QGIS shows of the results, from the top."""
 CHANGE = "change.gpkg"
 LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
@@ -426,6 +439,9 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
     session.write_layers(block, content.report, outlines)
     write_report(session.results, replace(content, footprints=outlines, influence=ahead))
+    bounds = shapely.total_bounds(list(outlines.values())).tolist()
+    with whole_file(session.results / QGIS_PROJECT) as temporary:
+        write_qgis_project(temporary, content.name, block.crs, RESULT_LAYERS, bounds)
 
 
 def make_change(
