@@ -1,18 +1,28 @@
 """Lists of surveyed points into a block: read, judged against its ground, recorded whole or not."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 from app.project import Project
 from core.block import Block
 from core.control.stage import ControlFound
+from core.errors import ProjectError
 from core.formats.listed_point import PointList, PointListReading
 from core.formats.point_axes import Surroundings
+from core.formats.point_columns import QUANTITIES, Quantity
 from core.formats.point_list import read_point_list
 from core.georeference.stage import Georeferenced
+from core.said import say
 from sessions.decisions import BringPoints, Recorded
 from sessions.session import Session
+
+POINT_TABLE = "points"
+"""What `gruber import --from` calls any table of surveyed points."""
+ANSWERS = ("encoding", "delimiter", "decimal", "columns", "axes", "crs", "role", "duplicates",
+           "outside", "refused")  # fmt: skip
+"""Fields of `PointListReading` that a word settles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,3 +77,51 @@ def surroundings(crs: str, block: Block | None) -> Surroundings:
         return Surroundings(crs)
     taken = (name for name, point in block.surveyed.items() if point.source != "surveyed")
     return Surroundings(crs, block.bounds, frozenset(taken))
+
+
+def reading_of(answers: Sequence[str]) -> PointListReading:
+    """How a list is to be read, from words such as `axes=-E -N`.
+
+    Raises:
+        ProjectError: A word answers nothing that is asked, or not in a way there is.
+    """
+    reading = PointListReading()
+    for answer in answers:
+        name, said, value = answer.partition("=")
+        if not said or name not in ANSWERS:
+            raise ProjectError(
+                "--answer",
+                say("{answer!r} answers nothing.", answer=answer),
+                say("Write one of {names}, an equals sign and the answer.", names=list(ANSWERS)),
+            )
+        if name == "columns":
+            columns = tuple(part.strip() for part in value.split(","))
+            wrong = [column for column in columns if column not in QUANTITIES]
+            if wrong:
+                raise ProjectError(
+                    "--answer",
+                    say("{wrong!r} is no column.", wrong=wrong[0]),
+                    say("Name them in their order, of {names}.", names=list(QUANTITIES)),
+                )
+            reading = replace(reading, columns=cast("tuple[Quantity, ...]", columns))
+        else:
+            reading = replace(reading, **{name: value})
+    return reading
+
+
+def told_lines(brought: BroughtPoints) -> Iterator[str]:
+    """What came of a list, a sentence each: evidence, refused rows, and the questions left."""
+    found = brought.found
+    yield from found.evidence
+    for row in found.refused:
+        yield say(
+            "Row {number}: {cause} {remedy}",
+            number=row.number, cause=row.cause, remedy=row.remedy,
+        )  # fmt: skip
+    for question in found.questions:
+        yield question.words
+        for choice in question.choices:
+            yield say(
+                "  --answer {about}={value!r}: {words}",
+                about=question.about, value=choice.value, words=choice.words,
+            )  # fmt: skip

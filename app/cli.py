@@ -11,6 +11,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app import verbs
+from app.bring_points import POINT_TABLE
 from app.exchange import format_names
 from app.settings import Settings
 from app.terminal import JsonLines, Terminal, Voice
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; 0 done, 1 the data cannot be used, 2 wrong use, 130 cancelled."""
     top = parser()
     given = top.parse_args(arguments)
-    if wrong := wrong_order(given):
+    if wrong := wrong_use(given):
         top.error(wrong)
     voice: Voice = (
         JsonLines() if given.log_json else Terminal(language=given.language or LANGUAGES[0])
@@ -219,18 +220,29 @@ def add_export(added: Verbs) -> None:
 def add_import(added: Verbs) -> None:
     """`import`."""
     examples = {
+        "gruber import kobyli-1938 --from points list.csv": "surveyed points of any table",
         "gruber import kobyli-1938 --from odm gcp_list.txt": "points and their measurements",
         "gruber import kobyli-1938 --from micmac project": "orientations and fiducials, too",
     }
     summary = "take over points, measurements, orientations and fiducials from another program"
     verb = add_verb(added, "import", summary, examples)
     add_block(verb)
-    verb.add_argument("path", type=Path, metavar="PATH", help="file or folder of that program")
+    # Both belong to the option: argparse finds no second place behind one.
     verb.add_argument(
-        "--from", dest="format", choices=format_names(reads=True), required=True,
-        metavar="FORMAT", help=f"one of {', '.join(format_names(reads=True))}",
+        "--from", dest="source", nargs=2, required=True, metavar=("FORMAT", "PATH"),
+        help=f"a file or folder of that program; FORMAT is one of {', '.join(imported_formats())}",
+    )  # fmt: skip
+    verb.add_argument(
+        "--answer", action="append", default=[], metavar="WHAT=VALUE",
+        help="how a table of points is to be read, as its questions name it, such as "
+        "columns=id,Y,X,Z or axes='-E -N'; again for each",
     )  # fmt: skip
     add_operator(verb)
+
+
+def imported_formats() -> tuple[str, ...]:
+    """What `import --from` takes."""
+    return tuple(dict.fromkeys((POINT_TABLE, *format_names(reads=True))))
 
 
 def add_demo(added: Verbs) -> None:
@@ -334,8 +346,11 @@ def add_log(parsed: argparse.ArgumentParser, default: object) -> None:
     )  # fmt: skip
 
 
-def wrong_order(given: argparse.Namespace) -> str:
-    """What is wrong with `--from` and `--until`; empty when nothing is."""
+def wrong_use(given: argparse.Namespace) -> str:
+    """What is wrong with options that hang together; empty when nothing is."""
+    source = getattr(given, "source", None)
+    if source and source[0] not in imported_formats():
+        return f"--from {source[0]} is no format; it is one of {', '.join(imported_formats())}"
     first, last = getattr(given, "first", None), getattr(given, "last", None)
     names = verbs.stage_names()
     if first and last and names.index(last) < names.index(first):

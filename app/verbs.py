@@ -16,6 +16,13 @@ import pyproj
 import rasterio
 from pyproj.transformer import TransformerGroup
 
+from app.bring_points import (
+    POINT_TABLE,
+    BroughtPoints,
+    bring_points,
+    reading_of,
+    told_lines,
+)
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
 from app.exchange import export_block, import_into
@@ -27,7 +34,7 @@ from app.run import STAGE_NAMES, Run, RunOptions
 from app.start import open_start, wants_start
 from app.terminal import Voice
 from core.adjustment.adjusted import AdjustmentReport
-from core.errors import StorageError
+from core.errors import ProjectError, StorageError
 from core.matching.reference import open_reference
 from core.mosaic.comparison import compare_orthos
 from core.said import say
@@ -191,16 +198,35 @@ def export(given: argparse.Namespace, voice: Voice) -> None:
 
 
 def bring(given: argparse.Namespace, voice: Voice) -> None:
-    """What another program knows, into a block."""
-    project = read_project(given.block)
+    """What another program knows, or a table of points, into a block."""
+    project, (name, path) = read_project(given.block), given.source
     with Session.open(project.folder, given.operator) as session:
-        brought = import_into(project, session, given.format, given.path)
+        if name == POINT_TABLE:
+            reading = reading_of(given.answer)
+            tell_points(bring_points(project, session, Path(path), reading), path, voice)
+            return
+        brought = import_into(project, session, name, Path(path))
     for what, count in brought.counts.items():
         voice.say(voice.tell(f"brought.{what}", count=count))
     if not brought.counts:
         voice.say(voice.tell("brought.nothing"))
     for note in brought.notes:
         voice.say(note)
+
+
+def tell_points(brought: BroughtPoints, path: Path, voice: Voice) -> None:
+    """What came of a table of points.
+
+    Raises:
+        ProjectError: A question was left; nothing came in.
+    """
+    for line in told_lines(brought):
+        voice.say(line)
+    if brought.recorded is None:
+        raise ProjectError(
+            path, "no point was taken over.", "Settle what is asked above with --answer."
+        )
+    voice.say(voice.tell("brought.points", count=len(brought.found.points)))
 
 
 def demo(given: argparse.Namespace, voice: Voice) -> None:

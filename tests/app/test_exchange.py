@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app import exchange
+from app.cli import main
 from app.exchange import export_block, import_into, in_block_crs
 from app.project import read_project
 from core.adjustment.adjusted import AdjustmentReport
@@ -213,3 +214,27 @@ def test_a_tangent_frame_says_where_it_lies__law(
     apart = [np.linalg.norm(np.diff(one[:, :2], axis=0), axis=1) for one in (ours, there)]
     assert np.allclose(apart[1] / apart[0], 1.0, atol=1e-3)
     assert np.abs(there[:, :2]).max() < 5000
+
+
+def test_a_table_of_points_comes_in_from_the_command_line__truth(
+    block: BlockCopy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A refused row is asked about; the answer brings the others, and nothing before it."""
+    listed = tmp_path / "list.csv"
+    listed.write_text("id;X;Y;Z\nA;-577500,5;-1192900,25;300\nB;-577600;-1192800;here\n")
+    asked = ["import", str(block.folder), "--from", "points", str(listed)]
+    assert main(asked) == 1
+    assert "refused='leave out'" in capsys.readouterr().out
+    assert main([*asked, "--answer", "refused=leave out"]) == 0
+    with Session.open(block.folder, "anna") as session:
+        (brought,) = [one.decision for one in session.decisions()]
+    assert isinstance(brought, BringPoints)
+    assert [point.point_id for point in brought.points] == ["A"]
+    assert main([*asked, "--answer", "colour=red"]) == 1
+    assert "answers nothing" in capsys.readouterr().err
+
+
+def test_a_format_that_is_none_is_wrong_use__law(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["import", "--from", "fax", "list.csv"])
+    assert "it is one of" in capsys.readouterr().err
