@@ -10,14 +10,14 @@ import numpy as np
 from app.block_writing import with_values
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
-from core.block import Block
+from core.block import HAND_SIGMA_PX, Block
 from core.errors import CrsError, ProjectError
 from core.exchange import exchanged, upright_frame
-from core.formats.csv_lists import scan_stem
 from core.formats.exchange import ExchangeBlock, ExchangeFormat, ExchangePhoto, ExchangePoint
 from core.formats.exchange_formats import FORMATS
-from core.formats.listed_point import ListedPoint
+from core.formats.listed_point import USUAL_SIGMA_M, ListedPoint
 from core.formats.micmac_measures import image_measures_name, write_image_measures
+from core.formats.scan_names import scan_stem
 from core.formats.tangent_frame import TangentFrame, in_tangent_frame
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import (
@@ -38,10 +38,6 @@ EXPORTS = "export"
 """Folder of the results for what goes out."""
 PICTURES = "photos"
 """Folder of an export with the scans laid upright."""
-USUAL_SIGMA_M = 0.1
-"""Standard deviation of a point whose file says none, metres: as for lists of points."""
-USUAL_SIGMA_PX = 0.5
-"""Standard deviation of a measurement whose file says none: as one by hand."""
 EO_COLUMNS = (
     "scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg", "sigma_X", "sigma_Y", "sigma_Z",
     "sigma_omega_deg", "sigma_phi_deg", "sigma_kappa_deg",
@@ -278,7 +274,7 @@ def decisions_of(
     if foreign.points:
         made.append(BringPoints(tuple(map(listed, foreign.points.values())), source))
     made += [
-        Place(one.point_id, own[one.photo_id], one.column, one.row, one.sigma_px or USUAL_SIGMA_PX)
+        Place(one.point_id, own[one.photo_id], one.column, one.row, one.sigma_px or HAND_SIGMA_PX)
         for one in foreign.measurements
         if one.photo_id in own and not foreign.on_film
     ]

@@ -16,8 +16,8 @@ from app.block_toml import FILE
 from app.exchange import decisions_of, format_named, write_lists
 from core.arrays import Affine2
 from core.errors import ProjectError
-from core.formats.csv_lists import scan_stem
 from core.formats.exchange import ExchangeBlock, ExchangeCamera, ExchangePhoto
+from core.formats.scan_names import scan_stem
 from core.geometry.crs import parse_crs
 from core.raster.files import FILES
 from core.said import say

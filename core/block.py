@@ -25,6 +25,9 @@ Source = Literal["junction", "salient", "surveyed", "hand"]
 UNKNOWN_M = 1e4
 """Standard deviation of a coordinate that is not known at all, metres: it has no weight."""
 USED: tuple[Status, ...] = ("auto", "accepted")
+# design: half a pixel is what a hand points to.
+HAND_SIGMA_PX = 0.5
+"""Standard deviation per axis of a measurement made by hand, scan pixels."""
 # design: one photo in four hundred lies further off.
 SEARCH_SIGMAS = 3.0
 """So many standard deviations of what is known of a photo are searched."""

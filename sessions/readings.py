@@ -9,11 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.block import Measurement, Peak, Reading
+from core.block import HAND_SIGMA_PX, Measurement, Peak, Reading
 from sessions.decisions import Place, Recorded
 
-HAND_SIGMA_PX = 0.5
-"""Standard deviation per axis of a measurement made by hand, scan pixels."""
 SAME_PLACE_PX = 2.0
 """Two places nearer than this, scan pixels, are taken as the same detail."""
 PRIOR_COORDINATES = 2.0

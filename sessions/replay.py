@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.block import (
+    HAND_SIGMA_PX,
     UNKNOWN_M,
     Block,
     Measurement,
@@ -50,7 +51,7 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
-from sessions.readings import HAND_SIGMA_PX, SAME_PLACE_PX, placed
+from sessions.readings import SAME_PLACE_PX, placed
 
 MarkChanges = dict[str, dict[str, MarkChange]]
 """By photo and by the name of the mark."""

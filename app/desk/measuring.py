@@ -7,7 +7,7 @@ import numpy as np
 
 from app.desk.messages import Deliver, Measured, MeasuringBegun, ProposalsWanted, Proposed
 from core.adjustment.adjusted import ExteriorSigmas
-from core.block import Block, Measurement, Peak
+from core.block import HAND_SIGMA_PX, Block, Measurement, Peak
 from core.control.likeness import OPERATOR, Likeness
 from core.control.prediction import EDGE_MM, shown_in
 from core.doubts import Failure
@@ -15,7 +15,7 @@ from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
 from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
 from sessions.names import next_name as next_of_pattern
-from sessions.readings import HAND_SIGMA_PX, SAME_PLACE_PX
+from sessions.readings import SAME_PLACE_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import with_drafted
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined

@@ -17,13 +17,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.adjustment.influence import BATCH, Influence
-from core.block import Measurement, SurveyedPoint, position_sigma_m
+from core.block import HAND_SIGMA_PX, Measurement, SurveyedPoint, position_sigma_m
 
 Key = tuple[str, str]
 """Point and photo."""
-# design: half a pixel is what a hand points to.
-HAND_SIGMA_PX = 0.5
-"""Standard deviation of the measurement to come, pixels."""
 
 
 def measuring_gains(

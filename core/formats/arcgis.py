@@ -13,7 +13,6 @@ import numpy as np
 
 from core.arrays import Affine2
 from core.errors import ProjectError
-from core.formats.csv_lists import scan_stem
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -23,6 +22,7 @@ from core.formats.exchange import (
 )
 from core.formats.film_rays import MICROMETRES, principal_distance_mm, untested
 from core.formats.records import Record, read_text
+from core.formats.scan_names import scan_stem
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say
 

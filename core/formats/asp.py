@@ -11,7 +11,6 @@ import numpy as np
 
 from core.arrays import Rotation
 from core.errors import ProjectError
-from core.formats.csv_lists import scan_stem
 from core.formats.earth_frame import EARTH_M, EarthFrame, zone_of
 from core.formats.exchange import (
     Conventions,
@@ -27,6 +26,7 @@ from core.formats.exchange import (
 )
 from core.formats.film_rays import numbered
 from core.formats.records import Record, read_records
+from core.formats.scan_names import scan_stem
 from core.frames import HALF_PIXEL
 from core.said import say
 

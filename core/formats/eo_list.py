@@ -16,7 +16,6 @@ from typing import cast, get_args
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.csv_lists import scan_stem
 from core.formats.rotations import (
     FULL_TURN,
     RADIANS,
@@ -26,6 +25,7 @@ from core.formats.rotations import (
     Triple,
     rotation_of,
 )
+from core.formats.scan_names import scan_stem
 from core.geometry.exterior import angles_from_rotation
 from core.said import say
 

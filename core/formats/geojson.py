@@ -18,7 +18,6 @@ from typing import Any, cast
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.csv_lists import scan_stem
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -31,6 +30,7 @@ from core.formats.exchange import (
 )
 from core.formats.outlines import ground_outline
 from core.formats.records import read_text
+from core.formats.scan_names import scan_stem
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.csv_lists import scan_stem
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -27,6 +26,7 @@ from core.formats.exchange import (
 from core.formats.film_rays import median_misfit, tie_names
 from core.formats.records import Record, only_file, read_records, read_text
 from core.formats.rotations import RADIANS, AngleUnit
+from core.formats.scan_names import scan_stem
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from app.report.pointing import pointing_figures
-from core.block import Block, Measurement, Reading
+from core.block import HAND_SIGMA_PX, Block, Measurement, Reading
 from sessions.codec import decode, encode
 from sessions.decisions import Accept, ChoosePeak, Decision, Place, Recorded, Reject, Withdraw
-from sessions.readings import HAND_SIGMA_PX, agreeing, mean_sigma_px
+from sessions.readings import agreeing, mean_sigma_px
 from sessions.replay import replay
 
 

@@ -8,8 +8,8 @@ import pytest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
-from core.adjustment.measuring_gain import HAND_SIGMA_PX, measuring_gains
-from core.block import Measurement, SurveyedPoint
+from core.adjustment.measuring_gain import measuring_gains
+from core.block import HAND_SIGMA_PX, Measurement, SurveyedPoint
 from tests.flights import FlightPlan, fly
 
 OPTIONS = AdjustmentOptions(robust=False)
