@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import shapely
 
+from app.height_checks import doubts_after
 from app.project import Project, described
 from app.report.model import ReportContent, Written
 from app.report.page import write_report
@@ -24,6 +25,7 @@ from core.adjustment.weights import Terrain
 from core.arrays import Mask
 from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
+from core.doubts import Doubt
 from core.errors import Cancelled
 from core.formats.qgis_project import ProjectLayer, Style, session_layers, write_qgis_project
 from core.localisation.stage import Localised
@@ -123,7 +125,7 @@ class Run:
             finally:
                 self.threads.close(waits)
         page = str(self.session.results / PAGE)
-        for line in remarks(self.results.set_aside, self.results.doubts, page):
+        for line in remarks(self.results.set_aside, self.doubts, page):
             self.voice.say(line)
         report = self.results.adjustment
         for finding in [] if report is None else human_findings(report):
@@ -208,7 +210,7 @@ class Run:
         block = self.session.replayed(self.assembly.report.block, self.films)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
         options = self.given.adjustment
-        digest = self.digest_of("adjustment", 3, self.digests["control"], decisions, options)
+        digest = self.digest_of("adjustment", 4, self.digests["control"], decisions, options)
         self.digests["adjustment"] = digest
         report = (
             None
@@ -242,6 +244,11 @@ class Run:
         bounds = made(self.results.georeference).block.search_bounds
         level_m = level_of(self.assembly.report.block)
         return open_heights(self.given.reference, level_m).cropped(bounds)
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Everything doubtful, gravest first; the systems of heights among it."""
+        return doubts_after(self.project, self.results, self.dem)
 
     def rectify(self, progress: Progress) -> str:
         """One ortho of every oriented photo."""
@@ -313,7 +320,7 @@ class Run:
             adjustment=self.given.adjustment,
             before=made(self.results.georeference).block,
             heights=self.project.block.heights,
-            doubts=self.results.doubts,
+            doubts=self.doubts,
             set_aside=self.results.set_aside,
             reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m) if files.ortho else None,
             reliability=self.assembly.reliability,

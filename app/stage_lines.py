@@ -46,8 +46,8 @@ def ties_line(results: StageResults) -> Said:
 
 def adjusted_line(report: AdjustmentReport) -> Said:
     """What became of an adjustment."""
-    photos = report.block.photos.values()
-    used = sum(item.used for item in report.block.measurements.values())
+    block, photos = report.block, report.block.photos.values()
+    used = sum(block.steers(item) for item in block.measurements.values())
     standing = sum(photo.oriented for photo in photos)
     return say(
         "{oriented} of {count:# photo|# photos} oriented, {used:# control measurement|"

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from app.folder_scan import Corners, Findings, FoundRaster
+from app.height_checks import height_doubts
 from app.project import Project, described
 from app.run import LAST_STAGES
 from core.errors import PhotogrammetryError, ScanError
@@ -87,10 +88,12 @@ def checks_of(
 def _data(project: Project) -> list[Check]:
     """Reference and lists, opened once."""
     try:
-        open_reference(described(project).reference)
+        given = described(project)
+        dem = open_reference(given.reference).dem
+        doubts = height_doubts(project, given.surveyed, dem)
     except PhotogrammetryError as error:
         return [[True, "error", {"text": error.told}]]
-    return []
+    return [[False, "heights", {"text": doubt.message}] for doubt in doubts]
 
 
 def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
@@ -168,7 +171,7 @@ def stages_ahead(project: Project, session: Session) -> Iterator[str]:
         yield from stale
         passes += 1
     decisions = [recorded.decision_id for recorded in session.decisions()]
-    digest = products.digest_of("adjustment", 3, digests["control"], decisions, given.adjustment)
+    digest = products.digest_of("adjustment", 4, digests["control"], decisions, given.adjustment)
     if stale or products.fresh("adjustment", digest) is None:
         yield from LAST_STAGES
         return

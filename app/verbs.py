@@ -27,6 +27,7 @@ from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
 from app.exchange import export_block, import_into
 from app.foreign_block import new_from
+from app.height_checks import height_doubts
 from app.new_block import recognise, write_block_toml
 from app.placing import open_placing, placeable
 from app.project import Project, described, read_project
@@ -368,6 +369,8 @@ def of_block(block: Path) -> Iterator[str]:
             "! Some cameras have no fiducials_mm: their marks are looked for, and placed by all "
             "photos together"
         )
+    for doubt in height_doubts(project, given.surveyed, reference.dem):
+        yield f"! {doubt.message}"
     free = shutil.disk_usage(project.folder).free / GIB
     needed = SPACE_PER_SCAN_GIB * len(given.scans)
     yield f"{'' if free > needed else '! '}Disk: {free:.1f} GiB free, about {needed:.1f} GiB needed"

@@ -131,6 +131,11 @@ class SurveyedPoint:
         object.__setattr__(self, "position", locked(self.position))
         object.__setattr__(self, "sigma_m", locked(self.sigma_m))
 
+    @property
+    def independent(self) -> bool:
+        """True for a check point that the user brought: the reference says nothing of it."""
+        return self.role == "check" and self.source == "surveyed"
+
 
 def surveyed_point(point: ListedPoint) -> SurveyedPoint:
     """A point of the user's list; what its role says is not known gets no weight."""
@@ -305,6 +310,10 @@ class Block:
             for photo in self.photos.values()
         )
         return west - room, south - room, east + room, north + room
+
+    def steers(self, measurement: Measurement) -> bool:
+        """True when a measurement takes part: it is used, and its point is control."""
+        return measurement.used and self.surveyed[measurement.point_id].role == "control"
 
     def with_photos(self, photos: Mapping[str, Photo]) -> "Block":
         """The same block with other photos."""

@@ -18,6 +18,7 @@ GRAVITY: Mapping[str, float] = {
     "scan-set-aside": 0.8,
     "control-flat": 0.7,
     "fiducials-corrected": 0.7,
+    "heights": 0.7,
     "same-photo": 0.7,
     "scan-mirrored": 0.7,
     "block-in-parts": 0.6,

@@ -187,9 +187,8 @@ def _triple(values: np.ndarray) -> Triple:
 
 def _point(point: SurveyedPoint) -> ExchangePoint:
     """A surveyed point."""
-    return ExchangePoint(
-        point.point_id, _triple(point.position), _triple(point.sigma_m), point.role
-    )
+    role = "check" if point.role == "check" else "control"
+    return ExchangePoint(point.point_id, _triple(point.position), _triple(point.sigma_m), role)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

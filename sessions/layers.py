@@ -110,7 +110,7 @@ def write_layers(
 def _photos(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
     counts = np.bincount(block.ties.photo, minlength=len(block.ties.photo_ids))
     ties = dict(zip(block.ties.photo_ids, counts, strict=True))
-    used = Counter(item.photo_id for item in block.measurements.values() if item.used)
+    used = Counter(item.photo_id for item in block.measurements.values() if block.steers(item))
     for photo_id, known in block.photos.items():
         photo = report.block.photos.get(photo_id, known)
         exterior, sigmas = photo.exterior, report.exterior_sigmas.get(photo_id)

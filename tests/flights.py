@@ -12,6 +12,8 @@ from core.geometry.interior import InteriorOrientation
 
 ORIGIN = np.array([-545_000.0, -1_160_000.0, 0.0])
 PIXEL_MM = 0.015
+EXACT_M = np.full(3, 0.001)
+"""What check points are known to, whose places are the truth."""
 
 
 @dataclass(frozen=True)
@@ -189,8 +191,11 @@ def _surveyed(plan, truth, rng):
     for number, ground in enumerate(grounds):
         role = "control" if number < plan.control else "check"
         name = f"{role}{number:03d}"
-        known = ground + rng.normal(size=3) * sigma if role == "control" else ground
-        surveyed[name] = SurveyedPoint(name, known, sigma, role, "junction")
+        control = role == "control"
+        known = ground + rng.normal(size=3) * sigma if control else ground
+        stated = sigma if control else EXACT_M
+        source = "junction" if control else "surveyed"
+        surveyed[name] = SurveyedPoint(name, known, stated, role, source)
         true_surveyed[name] = SurveyedPoint(name, ground, sigma, role, "junction")
     for photo_id, photo in truth.photos.items():
         projected, inside = _seen(photo, truth, grounds)

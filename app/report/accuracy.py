@@ -1,11 +1,12 @@
 """Statistics of independent differences, as METHODS 9.1 defines them; JSON-able."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport, CheckResult
 from core.arrays import ObjectPoints
 from core.geometry.robust import robust_sigma
 from core.mosaic.comparison import (
@@ -14,40 +15,60 @@ from core.mosaic.comparison import (
     circular_error_90,
     rms_interval,
 )
-from core.quality.rules import CHECKS
-
-ASPRS_LEAST = 30
-"""Check points below which the ASPRS standard (Ed. 2, 2023) allows no statement."""
+from core.quality.check_points import CHECKS, STANDARD_LEAST, independent_checks, kept_out
 
 
 def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
-    """Check points one by one and together; `count` is 0 where there are none."""
+    """The user's check points one by one and together; `count` is 0 where there are none.
+
+    Those that were proposals stand apart under `kept_out`.
+    """
     surveyed = report.block.surveyed
-    checks = report.checks
-    points = [
+    own = [check for check in report.checks if surveyed[check.point_id].independent]
+    proposals = [c for c in report.checks if not surveyed[c.point_id].independent]
+    rest = kept_out(report)
+    apart = {
+        "count": rest.count,
+        "points": _points(report, proposals),
+        "rmse_plan_m": rest.plan_m,
+        "rmse_height_m": rest.height_m,
+    }
+    if not own:
+        return {"count": 0, "points": [], "kept_out": apart}
+    differences = np.array([check.difference_m for check in own], dtype=np.float64)
+    intersected = np.array([check.used_scans > 1 for check in own])
+    found = independent_checks(report)
+    return {
+        "count": len(own),
+        "points": _points(report, own),
+        "kept_out": apart,
+        **plan_figures(differences),
+        **_heights(differences[intersected, 2]),
+        "survey_rms_horizontal": found.survey_m[0],
+        "survey_rms_vertical": found.survey_m[1],
+        "rmse_plan_m": found.plan_m,
+        "rmse_height_m": found.height_m,
+        "rmse_space_m": found.space_m,
+        "predicted_m": found.predicted_m,
+        "ratio": found.ratio,
+        "ratio_interval": list(found.ratio_interval),
+        "independent_errors": found.freedom,
+        "enough": len(own) >= CHECKS,
+        "asprs_least": STANDARD_LEAST,
+        "asprs_enough": found.enough,
+    }
+
+
+def _points(report: AdjustmentReport, checks: Sequence[CheckResult]) -> list[dict[str, Any]]:
+    return [
         {
             "point_id": check.point_id,
-            "position": surveyed[check.point_id].position.tolist(),
+            "position": report.block.surveyed[check.point_id].position.tolist(),
             "difference_m": check.difference_m.tolist(),
             "used_scans": check.used_scans,
         }
         for check in checks
     ]
-    if not checks:
-        return {"count": 0, "points": []}
-    differences = np.array([check.difference_m for check in checks], dtype=np.float64)
-    intersected = np.array([check.used_scans > 1 for check in checks])
-    sigma = np.array([surveyed[check.point_id].sigma_m for check in checks])
-    return {
-        "count": len(checks),
-        "points": points,
-        **plan_figures(differences),
-        **_heights(differences[intersected, 2]),
-        "survey_rms_horizontal": float(np.sqrt(np.mean(np.sum(sigma[:, :2] ** 2, axis=1)))),
-        "enough": len(checks) >= CHECKS,
-        "asprs_least": ASPRS_LEAST,
-        "asprs_enough": len(checks) >= ASPRS_LEAST,
-    }
 
 
 def plan_figures(differences: ObjectPoints) -> dict[str, Any]:

@@ -169,6 +169,7 @@ def _release(content: ReportContent, findings: Sequence[Finding]) -> dict[str, A
         "worst_m": found.worst_m,
         "worst_photo": found.worst_photo,
         "limit_m": found.limit_m,
+        "certified": found.certified,
         "reasons": [finding.kind for finding in found.reasons],
         "sentences": [finding.sentence for finding in found.reasons],
     }

@@ -38,6 +38,7 @@ from app.report.wording import (
     refused_told,
     status_counts,
 )
+from core.quality.check_points import STANDARD_LEAST
 from core.said import Said
 from sessions.atomic_write import whole_file
 from ui.words.catalogue import Teller
@@ -148,6 +149,7 @@ def render(
         mosaic=draw_mosaic(mosaic, mosaic_jpeg, tell) if mosaic else "",
         small_mosaic=draw_mosaic_again(mosaic, tell) if mosaic else "",
         longest=LONGEST_TABLE,
+        least=STANDARD_LEAST,
     )
 
 

@@ -279,13 +279,14 @@ def _checks(f: Mapping[str, Any]) -> list[str]:
     rows = [
         f"{p['point_id']:<20}{_list(p['difference_m'], 3):>27}"
         f"{_list(p['predicted_sigma_m'] or [None] * 3, 3):>27}{p['used_scans']:>7}"
+        f"  {'independent' if p['independent'] else 'was a proposal'}"
         for p in c["points"]
     ]
     return [
         "CHECK POINTS",
         f"RMS X, Y, Z {_list(c['rms_m'], 3)} m; predicted {_list(c['predicted_rms_m'], 3)} m; "
         f"largest {_list(c['largest_m'], 3)} m",
-        "point                      found - known (m)              predicted (m)  photos",
+        "point                      found - known (m)              predicted (m)  photos  kind",
         *rows,
         "",
     ]

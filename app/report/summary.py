@@ -56,7 +56,10 @@ REQUIREMENTS = (
         "report.want.checks", "report.limit.least",
         {
             "no-checks": NONE, "one-check": "report.value.one-check",
-            **_either("report.value.checks", "checks-few", "checks"),
+            **_either(
+                "report.value.checks", "checks-few", "checks", "checks-better", "checks-worse",
+                "checks-over",
+            ),
         },
     ),
     _Requirement(

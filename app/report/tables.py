@@ -106,6 +106,7 @@ def check_rows(report: AdjustmentReport) -> list[list[Cell]]:
             check.used_scans,
         ]
         for check in report.checks
+        if report.block.surveyed[check.point_id].independent
     ]
 
 

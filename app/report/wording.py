@@ -9,6 +9,7 @@ from statistics import median
 from typing import Any
 
 from core.doubts import Doubt
+from core.quality.check_points import STANDARD_LEAST
 from core.quality.rules import SIGMA_NOUGHT
 from core.said import say
 from ui.words.catalogue import Teller
@@ -38,6 +39,7 @@ def findings(figures: Figures, tell: Teller) -> dict[str, str]:
         "doubts": _doubts(figures["doubts"], tell),
         "checks": _checks(figures["checks"], tell),
         "asprs": _asprs(figures["checks"], tell),
+        "kept_out": _kept_out(figures["checks"], tell),
         "verdict": _verdict(figures["verdict"], tell),
         "decisions": _decisions(figures["decisions"], tell),
         "control": _control(control, tell),
@@ -77,8 +79,20 @@ def certificate(figures: Figures, tell: Teller) -> list[str]:
     against = [one["sentence"] for one in verdict if one["kind"].startswith("contradicted")]
     more = [tell("report.against-more", count=len(against) - 1)] if len(against) > 1 else []
     alone = figures["block"]["reference_ortho_sigma_m"] is None
-    told = tell("report.certified.alone" if alone else "report.certified", **found)
-    return [told, *against[:1], *more]
+    told = tell("report.predicted.alone" if alone else "report.predicted", **found)
+    return [_borne_out(told, found, figures["checks"], tell), *against[:1], *more]
+
+
+def _borne_out(told: str, found: Figures, checks: Figures, tell: Teller) -> str:
+    """What is told of a block that may be given out; certified where check points say so."""
+    if not checks["count"]:
+        return tell("report.uncertified.none", told=told, least=STANDARD_LEAST)
+    low, high = checks["ratio_interval"]
+    values = {name: checks[name] for name in ("count", "ratio", "rmse_plan_m")}
+    key = "certified" if found["certified"] else "uncertified.against"
+    if not checks["asprs_enough"]:
+        key = "uncertified.few"
+    return tell(f"report.{key}", told=told, low=low, high=high, least=STANDARD_LEAST, **values)
 
 
 def _set_aside(count: int, tell: Teller) -> str:
@@ -207,12 +221,22 @@ def refused_told(refused: Mapping[str, int], tell: Teller) -> str:
 def _asprs(checks: Figures, tell: Teller) -> str:
     if not checks["count"]:
         return ""
-    survey = checks["survey_rms_horizontal"]
-    total = (checks["m_p"] ** 2 + survey**2) ** 0.5
-    return tell(
-        "report.asprs.enough" if checks["asprs_enough"] else "report.asprs.few",
-        count=checks["count"], least=checks["asprs_least"], total=total, survey=survey,
+    told = tell(
+        "report.asprs.figures.heights" if checks["heights"] else "report.asprs.figures",
+        total=checks["rmse_plan_m"], survey=checks["survey_rms_horizontal"],
+        height=checks["rmse_height_m"], survey_height=checks["survey_rms_vertical"],
+        space=checks["rmse_space_m"],
     )  # fmt: skip
+    key = "report.asprs.enough" if checks["asprs_enough"] else "report.asprs.few"
+    return tell(key, count=checks["count"], least=checks["asprs_least"], told=told)
+
+
+def _kept_out(checks: Figures, tell: Teller) -> str:
+    """The proposals that were turned into check points; empty without any."""
+    apart = checks["kept_out"]
+    if not apart["count"]:
+        return ""
+    return tell("report.kept-out", count=apart["count"], rmse=apart["rmse_plan_m"])
 
 
 def _control(control: Figures, tell: Teller) -> str:

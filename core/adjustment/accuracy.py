@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
@@ -126,10 +127,20 @@ def _rms(values: Float64[np.ndarray, "..."]) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def check_sigmas(
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckPrediction:
+    """What the adjustment says of one computed check point, for a sigma nought of one."""
+
+    by_unknowns: Float64[np.ndarray, "axes unknowns"]
+    """Its coordinates (E, N, and H where rays meet) by photos and cameras, metres per unit."""
+    own: Float64[np.ndarray, "axes axes"]
+    """Covariance that its own measurements bring, square metres."""
+
+
+def check_predictions(
     equations: Equations, block: Block, checks: Sequence[CheckResult]
-) -> dict[str, Position]:
-    """Standard deviations (E, N, H) of computed check points, metres, for a sigma nought of one.
+) -> dict[str, CheckPrediction]:
+    """How computed check points hang on photos, cameras and their own measurements.
 
     X = -(B^T B)^-1 B^T (A d + e) with the rays' derivatives A by photos and cameras, B by the
     point, all in standard deviations; the known coordinates' own error is not in it.
@@ -148,33 +159,65 @@ def check_sigmas(
             and block.surveyed[item.point_id].role == "check"
         ):
             rays[item.point_id].append(item)
-    sigmas: dict[str, Position] = {}
+    found: dict[str, CheckPrediction] = {}
     for check in checks:
         items = rays[check.point_id][:1] if check.used_scans == 1 else rays[check.point_id]
         if items:
             photos = [photo_row[item.photo_id] for item in items]
-            sigmas[check.point_id] = _sigma(equations, items, photos, check.position)
-    return sigmas
+            found[check.point_id] = _prediction(equations, items, photos, check.position)
+    return found
 
 
-def _sigma(
+def _prediction(
     equations: Equations,
     items: Sequence[Measurement],
     photos: Sequence[int],
     position: Float64[np.ndarray, "3"],
-) -> Position:
-    """Standard deviations of one point; with one ray at a height that is taken as true."""
+) -> CheckPrediction:
+    """One point; with one ray at a height that is taken as true."""
     parts = [
         equations.of_free_ray(photo, item, position)
         for photo, item in zip(photos, items, strict=True)
     ]
     rows = np.concatenate([part[0] for part in parts])
     by_point = np.concatenate([part[1] for part in parts])
-    axes = 3 if len(items) > 1 else 2
-    design = by_point[:, :axes]
+    design = by_point[:, : 3 if len(items) > 1 else 2]
     inverse = np.linalg.inv(design.T @ design)
-    carried = inverse @ design.T @ rows
-    covariance = carried @ equations.cofactors(carried) + inverse
-    sigma = np.zeros(3)
-    sigma[:axes] = np.sqrt(np.diag(covariance))
-    return sigma
+    return CheckPrediction(inverse @ design.T @ rows, inverse)
+
+
+def check_sigmas(
+    equations: Equations, predictions: Mapping[str, CheckPrediction]
+) -> dict[str, Position]:
+    """Standard deviations (E, N, H) of computed check points, metres, for a sigma nought of one."""
+    sigmas: dict[str, Position] = {}
+    for name, one in predictions.items():
+        covariance = one.by_unknowns @ equations.cofactors(one.by_unknowns) + one.own
+        sigmas[name] = np.zeros(3)
+        sigmas[name][: len(covariance)] = np.sqrt(np.diag(covariance))
+    return sigmas
+
+
+def check_freedom(
+    equations: Equations,
+    block: Block,
+    predictions: Mapping[str, CheckPrediction],
+    scale: float,
+) -> float:
+    """So many independent errors the plan of the independent check points is worth together.
+
+    They share what the block is off, so that the sum of their squared differences scatters more
+    than that of as many errors of their own: tr(C)^2 / tr(C^2), C their covariance with the error
+    of the survey (Satterthwaite 1946). Nought without any.
+    """
+    names = [name for name in predictions if block.surveyed[name].independent]
+    if not names:
+        return 0.0
+    rows = np.concatenate([predictions[name].by_unknowns[:2] for name in names])
+    covariance = rows @ equations.cofactors(rows)
+    for place, name in enumerate(names):
+        part = slice(2 * place, 2 * place + 2)
+        covariance[part, part] += predictions[name].own[:2, :2]
+    survey = np.concatenate([block.surveyed[name].sigma_m[:2] for name in names])
+    total = scale**2 * covariance + np.diag(survey**2)
+    return float(np.trace(total) ** 2 / np.sum(total**2))

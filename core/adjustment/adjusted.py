@@ -224,5 +224,8 @@ class AdjustmentReport:
     """What could not be used; `core/quality/rules.py` judges the block."""
     new_points: tuple[NewPoint, ...] = ()
     """Points from photos that two took part in or more."""
+    check_freedom: float = 0.0
+    """So many independent errors the independent check points' plan is worth together; at most two
+    for each, less where they share what the block is off."""
     condition: float = float("nan")
     """By how much the photos' unknowns at most increase each other's variances; 1 is best."""

@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.adjustment.accuracy import (
+    check_freedom,
+    check_predictions,
     check_sigmas,
     intersect_checks,
     known_differences,
@@ -55,7 +57,7 @@ def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> Ad
     for point in new:
         del surveyed[point.point_id], surveyed_sigmas[point.point_id]
     steering = frozenset(key for key in control if block.surveyed[key[0]].role == "control")
-    checks = _checks(adjusted, solution, scale)
+    checks, freedom = _checks(adjusted, solution, scale)
     return AdjustmentReport(
         block=adjusted,
         sigma_nought=sigma,
@@ -73,6 +75,7 @@ def report_of(block: Block, sound: Sound, solution: Solution, risk: float) -> Ad
         tie_sigmas_m=sigmas,
         tie_residuals_px=ties,
         checks=checks,
+        check_freedom=freedom,
         rms_px=rms_by_class(adjusted, residuals, steering, ties),
         rms_m=known_differences(adjusted, surveyed, checks),
         rejected={**sound.reasons, **_rejected(solution, rays_px)},
@@ -107,18 +110,23 @@ def _behind(solution: Solution) -> list[Doubt]:
     ]
 
 
-def _checks(adjusted: Block, solution: Solution, scale: float) -> tuple[CheckResult, ...]:
-    """Check points with what the adjustment says they should be worth."""
+def _checks(
+    adjusted: Block, solution: Solution, scale: float
+) -> tuple[tuple[CheckResult, ...], float]:
+    """Check points with what the adjustment says they should be worth, and how freely."""
     checks = intersect_checks(adjusted)
     if not checks:
-        return ()
-    sigmas = check_sigmas(Equations(solution), adjusted, checks)
-    return tuple(
+        return (), 0.0
+    equations = Equations(solution)
+    predictions = check_predictions(equations, adjusted, checks)
+    sigmas = check_sigmas(equations, predictions)
+    told = tuple(
         replace(check, sigma_m=scale * sigmas[check.point_id])
         if check.point_id in sigmas
         else check
         for check in checks
     )
+    return told, check_freedom(equations, adjusted, predictions, scale)
 
 
 def _adjusted_block(block: Block, solution: Solution) -> Block:

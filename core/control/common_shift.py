@@ -59,7 +59,7 @@ def common_shift(block: Block, options: AdjustmentOptions) -> CommonShift | None
         The mean over the points without gross ones, with its standard deviation; None where there
         are too few of either kind.
     """
-    used = {key[0] for key, item in block.measurements.items() if item.used}
+    used = {key[0] for key, item in block.measurements.items() if block.steers(item)}
     of = {
         source: [name for name in sorted(used) if block.surveyed[name].source == source]
         for source in ("junction", "salient")
@@ -97,7 +97,7 @@ def weighed(block: Block, shift: CommonShift) -> tuple[Block, tuple[Doubt, ...]]
     lesser = {
         name: replace(point, sigma_m=np.hypot(point.sigma_m, shared))
         for name, point in block.surveyed.items()
-        if point.source == "salient"
+        if point.source == "salient" and point.role == "control"
     }
     length = float(np.hypot(*shift.shared_m))
     told = Doubt(

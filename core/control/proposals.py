@@ -33,6 +33,8 @@ ACCEPT = 0.9
 # design: the larger half.
 EVEN = 0.5
 """Below this probability a candidate is not preferred for being near."""
+PROPOSED = "-ref"
+"""Ends the name of a proposal whose own the user gave to a point; the order of names stays."""
 
 
 def judged(
@@ -173,15 +175,22 @@ def with_proposals(
 ) -> Block:
     """The block with newly proposed control in place of all that was proposed before.
 
-    Surveyed points of the user stay, and so does whatever was measured of them.
+    Surveyed points of the user stay, and so does whatever was measured of them. A proposal that
+    has the name of one of them gets another: what the user brought must not take its place.
     """
     kept = {name: point for name, point in block.surveyed.items() if point.source == "surveyed"}
     measured = {key: value for key, value in block.measurements.items() if key[0] in kept}
-    measured.update({value.key: value for value in measurements})
+    proposed = surveyed_of(points, sources)
+    for name in kept.keys() & proposed.keys():
+        other = name + PROPOSED
+        proposed[other] = replace(proposed.pop(name), point_id=other)
+    for value in measurements:
+        own = value
+        if value.point_id in kept:
+            own = replace(value, point_id=value.point_id + PROPOSED)
+        measured[own.key] = own
     named = {key[0] for key in measured}
     surveyed = {
-        name: point
-        for name, point in {**surveyed_of(points, sources), **kept}.items()
-        if name in named or name in kept
+        name: point for name, point in {**proposed, **kept}.items() if name in named or name in kept
     }
     return replace(block, surveyed=surveyed, measurements=dict(sorted(measured.items())))

@@ -298,12 +298,12 @@ def adjusted_without_gross(
         }
         if not gross and not rejected:
             break
-        block = replace(
-            block,
-            photos=report.block.photos,
-            cameras=block.cameras,
-            measurements={**block.measurements, **changed},
-        )
+        # Each photo may have come back with a camera of its own, which begins anew.
+        moved = {
+            name: replace(photo, camera=block.photos[name].camera)
+            for name, photo in report.block.photos.items()
+        }
+        block = replace(block, photos=moved, measurements={**block.measurements, **changed})
         report = adjust_block(block, options, progress, terrain)
     return report
 

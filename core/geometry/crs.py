@@ -179,7 +179,24 @@ def operation_between(
     area: Any = AreaOfInterest(west, south, east, north)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a grid is missing is told by `best`
-        group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
+        group = TransformerGroup(
+            source, target, always_xy=True, area_of_interest=area, allow_ballpark=False
+        )
+        lacking = sorted({g.short_name for op in group.unavailable_operations for g in op.grids})
+        if not group.transformers and not lacking:
+            # Nobody knows how the datums differ: told by an accuracy that is not known.
+            group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
+    if not group.transformers and lacking:
+        raise CrsError(
+            where,
+            say(
+                "PROJ brings {source} to {target} only by a grid that is not installed: {grids}.",
+                source=short_name(CRS(source)), target=short_name(CRS(target)),
+                grids=", ".join(lacking),
+            ),
+            say("Install it with `projsync --file {grid}`, or give the data in the block's CRS.",
+                grid=lacking[0]),
+        )  # fmt: skip
     for found in group.transformers:
         accuracy = float(found.accuracy) if found.accuracy >= 0 else float("nan")
         best = group.best_available and found is group.transformers[0]

@@ -157,7 +157,7 @@ def _sites(
 
 def _usual(block: Block) -> tuple[float, Position]:
     """Median standard deviations of the control in use: of a measurement, of a point."""
-    used = [item for item in block.measurements.values() if item.used]
+    used = [item for item in block.measurements.values() if block.steers(item)]
     points = [point for point in block.surveyed.values() if point.role == "control"]
     pixels = float(np.median([item.sigma_px for item in used])) if used else USUAL_PX
     metres = np.median([point.sigma_m for point in points], axis=0) if points else USUAL_M

@@ -16,6 +16,7 @@ from core.adjustment.influence import Influence
 from core.block import Block
 from core.doubts import Doubt
 from core.quality.assessment import BlockQuality, Overlap, assess_block
+from core.quality.check_points import CheckFigures, independent_checks, kept_out
 from core.quality.control_count import ControlCount
 from core.raster.holes import Hole
 from core.said import Said, say
@@ -41,8 +42,6 @@ CELLS_HELD = 6  # design: two thirds of the nine Gruber areas.
 # design: only an error of 13 standard deviations would be found (4.13 / sqrt 0.1, Baarda 1968).
 UNCHECKED = 0.1
 """Redundancy number below which no other measurement would show an error."""
-CHECKS = 3  # source: a deviation about a mean needs three values to be one.
-"""Check points below which they say nothing of the whole block."""
 MANY_RAYS = 0.4  # design: at 60 % overlap half of a photo is seen three times.
 """Share of tie points that three photos or more should show."""
 SYSTEMATIC = 5.0  # design: chance brings it about in one of 24,000 films of 36 cells.
@@ -63,7 +62,9 @@ NAMED = 10
 SOUND, DOUBTFUL, POOR = 0, 1, 2
 GRAVITY = (0.0, 0.5, 0.9)  # design: a doubt is open to the operator; a poor block is to be mended.
 """Gravity of a doubt by how grave the finding is."""
-HOLDING_BACK = ("diverged", "sigma-far", "loose", "control-few", "contradicted-far")
+HOLDING_BACK = (
+    "diverged", "sigma-far", "loose", "control-few", "contradicted-far", "checks-over",
+)  # fmt: skip
 """Findings with which no prediction can be believed: the block is not released."""
 
 SENTENCES = {
@@ -105,10 +106,19 @@ SENTENCES = {
     "are the rule.",
     "unchecked": "Control measurements that no other could find wrong: {count} ({worst} in "
     "{photo}).",
-    "no-checks": "No check points: the accuracy is not independently known.",
-    "one-check": "One check point, {value} m off: too few to judge.",
-    "checks-few": "{count} check points, m_p {value} m: too few to judge.",
-    "checks": "{count} check points, m_p {value} m.",
+    "no-checks": "No independent check points: the accuracy is predicted, not proved.",
+    "one-check": "One independent check point, {value} m off with its own error: too few to judge.",
+    "checks-few": "Independent check points: {count}, RMSE {value} m: too few to judge.",
+    "checks": "Independent check points: {count}, RMSE {value} m, {ratio} times what is predicted "
+    "(by chance {low} to {high}).",
+    "checks-better": "Independent check points: {count}, RMSE {value} m, {ratio} times what is "
+    "predicted, less than chance explains ({low} to {high}): standard deviations are stated too "
+    "large.",
+    "checks-worse": "Independent check points: {count}, RMSE {value} m, {ratio} times what is "
+    "predicted, more than chance explains ({low} to {high}): the prediction cannot be trusted.",
+    "checks-over": "Independent check points: {count}, RMSE {value} m: the block is off by more "
+    "than {limit} m.",
+    "kept-out": "Proposals kept out: {count}, RMSE {value} m (not independent of the reference).",
     "one-photo": "One photo alone: only its own control can show it wrong.",
     "no-ties": "No tie points bind the photos.",
     "in-parts": "No tie points join {worst} ({photos} photos, {points} control points) to the "
@@ -228,6 +238,13 @@ class Release:
     """What is predicted on the ground may not be larger than this, metres."""
     reasons: tuple[Finding, ...]
     """Why the block is not released; none: it is."""
+    checks: CheckFigures
+    """The independent check points."""
+
+    @property
+    def certified(self) -> bool:
+        """Whether the block is released, and independent check points bear the prediction out."""
+        return not self.reasons and self.checks.bear_out
 
 
 def check_release(
@@ -265,7 +282,8 @@ def check_release(
             "relative": f"{relative:.2f}", "value": f"{predicted:.2f}", "limit": f"{limit:.2f}"
         }  # fmt: skip
         reasons.append(Finding("predicted", POOR, told))
-    return Release(relative, predicted, worst_m, worst, limit, tuple(reasons))
+    checks = independent_checks(report)
+    return Release(relative, predicted, worst_m, worst, limit, tuple(reasons), checks)
 
 
 def human_findings(report: AdjustmentReport) -> list[Finding]:
@@ -340,20 +358,19 @@ def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Fin
     if weak:
         told = {"count": str(len(weak)), "worst": weak[0][0], "photo": weak[0][1]}
         findings.append(Finding("unchecked", DOUBTFUL, told))
-    return [*findings, _check_finding(report)]
+    return [*findings, *_check_findings(report)]
 
 
-def _check_finding(report: AdjustmentReport) -> Finding:
-    """What check points say; few say nothing of the block."""
-    count = len(report.checks)
-    plan = [float(np.sum(check.difference_m[:2] ** 2)) for check in report.checks]
-    told = {"count": str(count), "least": str(CHECKS)}
-    if not count:
-        return Finding("no-checks", DOUBTFUL, told)
-    told["value"] = f"{np.sqrt(np.mean(plan)):.2f}"
-    if count >= CHECKS:
-        return Finding("checks", SOUND, told)
-    return Finding("one-check" if count == 1 else "checks-few", DOUBTFUL, told)
+def _check_findings(report: AdjustmentReport) -> list[Finding]:
+    """What independent check points say, few nothing of the block; then the proposals kept out."""
+    own, proposals = independent_checks(report), kept_out(report)
+    kind, told = own.judged(_limit_m(report.block))
+    graves = {"checks": SOUND, "checks-better": SOUND, "checks-over": POOR}
+    findings = [Finding(kind, graves.get(kind, DOUBTFUL), told)]
+    if proposals.count:
+        told = {"count": str(proposals.count), "value": f"{proposals.plan_m:.2f}"}
+        findings.append(Finding("kept-out", SOUND, told))
+    return findings
 
 
 def _amount_findings(found: BlockQuality, report: AdjustmentReport) -> list[Finding]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Measurement
+from core.quality.check_points import STANDARD_LEAST, independent_checks, kept_out
 from sessions.decisions import NOT_VISIBLE
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, overlay_of
 from ui.review.drafts import by_hand, with_drafted
@@ -91,6 +92,7 @@ def status_part(
         "sigma_before": short(before.sigma_nought, 4) if before else None,
         "mp": short(position_error_m(report), 3),
         "mp_before": short(position_error_m(before), 3) if before else None,
+        "checks": checks_told(report),
         "converged": report.converged,
         "redundancy": report.redundancy,
         "counts": tally,
@@ -111,11 +113,23 @@ def status_part(
 
 
 def position_error_m(report: AdjustmentReport) -> float | None:
-    """m_p = sqrt(m_X^2 + m_Y^2) of the check points, metres; None without any."""
-    east, north = report.rms_m.get("check_X"), report.rms_m.get("check_Y")
-    if not report.checks or east is None or north is None:
-        return None
-    return float(np.hypot(east, north))
+    """RMSE of the independent check points in plan, metres; None without any.
+
+    The error of the survey is in it, as the ASPRS standard (edition 2) wants.
+    """
+    found = independent_checks(report)
+    return found.plan_m if found.count else None
+
+
+def checks_told(report: AdjustmentReport) -> Part:
+    """How many check points are independent, how many enough; proposals kept out, their RMSE."""
+    own, proposals = independent_checks(report), kept_out(report)
+    return {
+        "count": own.count,
+        "least": STANDARD_LEAST,
+        "kept": proposals.count,
+        "kept_rmse": short(proposals.plan_m, 3) if proposals.count else None,
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ import shapely
 from core.quality.assessment import BlockQuality, assess_block
 from core.quality.rules import judge_block
 from ui.review.history import AdjustmentRecord, record_line, shifts_m
-from ui.review.picture import Part, position_error_m
+from ui.review.picture import Part, checks_told, position_error_m
 from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.state import DeskState
 
@@ -33,6 +33,7 @@ def quality_part(
         "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],
         "sigma": _number(report.sigma_nought, 3),
         "mp": _number(position_error_m(report), 3),
+        "checks": checks_told(report),
         "free": list(state.free),
         "photos": _photos(found),
         "overlaps": _overlaps(found),

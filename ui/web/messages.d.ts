@@ -67,11 +67,19 @@ interface SiftedQueue extends Queue {
   drafted: Set<number>;
 }
 
+interface Checks {
+  count: number;
+  least: number;
+  kept: number;
+  kept_rmse: number | null;
+}
+
 interface Status {
   sigma: number | null;
   sigma_before: number | null;
   mp: number | null;
   mp_before: number | null;
+  checks: Checks;
   converged: boolean;
   counts: Record<string, number>;
   decided: number;
@@ -158,6 +166,7 @@ interface Quality {
   findings: [word: string, grave: number, values: Record<string, string>][];
   sigma: number | null;
   mp: number | null;
+  checks: Checks;
   free: boolean[];
   photos: {
     photo: string; oriented: boolean; tilt: number | null; crab: number | null; rms: number | null;

@@ -83,7 +83,8 @@ def test_headings_say_the_finding__truth(written):
     assert "residuals are as large as the a-priori standard deviations say" in text
     assert "One scan was set aside" in text
     assert "The file ends after 3 of 9 MB" in text
-    assert "asks for 30 check points; 12 check points allow no statement" in text
+    assert "independent check points: 12, fewer than 30, not sufficient for a statement" in text
+    assert f"RMSE_H = {figures['checks']['rmse_plan_m']:.2f} m" in text
     assert text.index("junction 118") < text.index("Fiducial 3") < text.index("The DEM has a gap")
 
 
@@ -113,7 +114,8 @@ def test_what_stands_in_the_table_is_what_the_verdict_says__law(written):
     figures = written[1]
     doubtful = {row["name"] for row in requirements(figures, TELL) if row["grave"]}
     told = {one["kind"]: one["grave"] for one in figures["verdict"]}
-    assert ("Check points" in doubtful) == bool(told.get("checks", 1))
+    of_checks = {grave for kind, grave in told.items() if "check" in kind and "against" not in kind}
+    assert ("Independent check points" in doubtful) == bool(max(of_checks))
     assert ("Tilt" in doubtful) == ("tilt-over" in told)
     assert "Holes inside the mosaic" in doubtful
 
@@ -121,8 +123,8 @@ def test_what_stands_in_the_table_is_what_the_verdict_says__law(written):
 @pytest.mark.parametrize(
     ("count", "told"),
     [
-        (1, "One check point, {m_p} m off: too few to judge"),
-        (2, "2 check points, m_p {m_p} m: too"),
+        (1, "One independent check point, {m_p} m off: too few to judge"),
+        (2, "2 independent check points, m_p {m_p} m: too"),
     ],
 )
 def test_few_check_points_are_not_judged__truth(content, tmp_path, count, told):
@@ -133,7 +135,22 @@ def test_few_check_points_are_not_judged__truth(content, tmp_path, count, told):
     m_p = json.loads(figures.read_text(encoding="utf-8"))["checks"]["m_p"]
     assert told.format(m_p=f"{m_p:.2f}") in text
     assert "systematic shift" not in text
-    assert "1 check points" not in text
+    assert "1 independent check points" not in text
+
+
+def test_proposals_kept_out_are_told_apart__truth(content, tmp_path):
+    """A user turned proposals into check points and took them for independent ones."""
+    report = content.report
+    names = [check.point_id for check in report.checks[:5]]
+    turned = {
+        name: replace(report.block.surveyed[name], source="salient", role="check") for name in names
+    }
+    block = replace(report.block, surveyed={**report.block.surveyed, **turned})
+    html, figures = write_report(tmp_path, replace(content, report=replace(report, block=block)))
+    told = json.loads(figures.read_text(encoding="utf-8"))["checks"]
+    assert told["count"] == len(report.checks) - 5
+    assert [one["point_id"] for one in told["kept_out"]["points"]] == names
+    assert "Proposals kept out: 5, RMSE" in text_of(html.read_text(encoding="utf-8"))
 
 
 def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(content, tmp_path):
@@ -197,9 +214,9 @@ def test_without_check_points_accuracy_is_relative__law(content, tmp_path):
     bare = replace(content, report=replace(content.report, checks=()), mosaic=None, seams=())
     html, _ = write_report(tmp_path, bare)
     text = text_of(html.read_text(encoding="utf-8"))
-    assert "There are no check points" in text
+    assert "There are no independent check points" in text
     assert "(sigma 0.25 m, DEM 0.5 m)" in text
-    assert "No check points: accuracy is relative to the reference ortho" in text
+    assert "No independent check points: accuracy is relative to the reference ortho" in text
 
 
 def test_barest_block_still_makes_a_report__law(content, tmp_path):
@@ -267,7 +284,9 @@ def test_it_says_where_more_control_would_help__law(content, tmp_path):
     wanted = json.loads(figures.read_text(encoding="utf-8"))["control_spread"]["wanted"]
     told = text_of(html.read_text(encoding="utf-8"))
     assert wanted[0]["worst_then_m"] < 10
-    assert ("This block is not certified" in told) != ("a block is certified" in told)
+    assert ("This block is not released" in told) != ("a block is released" in told)
+    assert "fewer than 30" in told
+    assert "The block is certified" not in told
     assert "Where one more control point would help most" in told
     assert f"{wanted[0]['sigma_then_m']:.2f}" in told
 

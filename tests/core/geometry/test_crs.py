@@ -1,5 +1,7 @@
 """CRS checks: what is refused, and what the message says."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pyproj import CRS
@@ -105,3 +107,12 @@ def test_a_crs_that_counts_from_paris_knows_its_area__truth():
     check_range(CRS("EPSG:27561"), np.array([[999604.58, 112344.443]]), "points.csv")
     with pytest.raises(CrsError):
         check_range(CRS("EPSG:27561"), np.array([[999604.58, 1112344.443]]), "points.csv")
+
+
+def test_a_grid_that_is_missing_is_named_and_nothing_is_guessed__law(monkeypatch):
+    """PROJ would take a ballpark operation without a word."""
+    lacking = SimpleNamespace(grids=[SimpleNamespace(short_name="cz_cuzk_CR-2005.tif")])
+    group = SimpleNamespace(transformers=[], unavailable_operations=[lacking])
+    monkeypatch.setattr("core.geometry.crs.TransformerGroup", lambda *_, **__: group)
+    with pytest.raises(CrsError, match=r"cz_cuzk_CR-2005\.tif"):
+        operation_between("EPSG:5514", "EPSG:32633", np.array([[-743e3, -1043e3]]), "dem.tif")

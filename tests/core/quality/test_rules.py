@@ -172,6 +172,44 @@ def test_so_many_disagreements_are_named_and_the_rest_counted__law(block):
     assert finding(report, "contradicted-more").values["count"] == "3"
 
 
+def worse(report, times):
+    """The same report with differences of its check points so many times as large."""
+    checks = tuple(replace(c, difference_m=c.difference_m * times) for c in report.checks)
+    return replace(report, checks=checks)
+
+
+def test_only_independent_check_points_that_bear_it_out_certify__truth():
+    """Thirty and more by the standard, and their differences within what chance explains."""
+    flown = fly(replace(BLOCK_PLAN, check=45), np.random.default_rng(9)).block
+    report = adjust_block(flown)
+    ahead = influence_of(report, AdjustmentOptions())
+    release = check_release(report, ahead, 0.0)
+    assert release.reasons == ()
+    assert release.certified
+    few = replace(report, checks=report.checks[:20])
+    assert not check_release(few, ahead, 0.0).certified
+    off = worse(report, 2.0)
+    assert finding(off, "checks-worse").grave == 1
+    assert not check_release(off, ahead, 0.0).certified
+    assert check_release(off, ahead, 0.0).reasons == ()
+    far = worse(report, 20.0)
+    assert [one.kind for one in check_release(far, ahead, 0.0).reasons] == ["checks-over"]
+    assert finding(worse(report, 0.2), "checks-better").grave == 0
+
+
+def test_proposals_kept_out_bear_nothing_out__law():
+    flown = fly(replace(BLOCK_PLAN, check=45), np.random.default_rng(9)).block
+    proposals = {
+        name: replace(point, source="salient") if point.role == "check" else point
+        for name, point in flown.surveyed.items()
+    }
+    report = adjust_block(replace(flown, surveyed=proposals))
+    assert finding(report, "no-checks").grave == 1
+    assert finding(report, "kept-out").values["count"] == str(len(report.checks))
+    release = check_release(report, influence_of(report, AdjustmentOptions()), 0.0)
+    assert not release.certified
+
+
 @pytest.mark.parametrize(("count", "kind"), [(0, "no-checks"), (1, "one-check"), (2, "checks-few")])
 def test_few_check_points_are_too_few_to_judge__truth(count, kind):
     flown = fly(replace(BLOCK_PLAN, check=12), np.random.default_rng(9)).block

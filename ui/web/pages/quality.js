@@ -2,6 +2,7 @@
 import {
   all, byId, element, first, number, renew, shortName, start, svg, tip, word,
 } from "./words.js";
+import { fewer, keptOut } from "./status.js";
 import { send } from "./wire.js";
 
 const MOST_SHIFTS = 12; // design: the photos that moved furthest; the rest says nothing more
@@ -58,9 +59,10 @@ function table(names, lines) {
 const cell = (content, kind = "") => element("td", { class: kind }, content);
 
 /** @param {Quality} found */
-function head({ sigma, mp }) {
-  const accuracy = mp === null ? word("status.mp.none")
-    : `${word("status.mp")} ${number(mp, 3, "m")}`;
+function head({ sigma, mp, checks }) {
+  const own = mp === null ? word("status.mp.none")
+    : `${word("status.mp", { count: checks.count })} ${number(mp, 3, "m")}${fewer(checks)}`;
+  const accuracy = own + keptOut(checks);
   const words = `${word("status.sigma")} ${number(sigma, 3)} \u00b7 ${accuracy}`;
   const close = () => byId("quality").close();
   return element("header", {}, element("h2", {}, `${word("quality")} \u00b7 ${start.name}`),

@@ -6,7 +6,7 @@ const state = { sigma: /** @type {number | null} */ (null) };
 
 /** @param {Status} status */
 export function showStatus(status) {
-  const { sigma, mp, adjusting, converged } = status;
+  const { sigma, mp, checks, adjusting, converged } = status;
   const room = byId("sigma");
   room.title = word("status.sigma.tip");
   room.dataset.value = `${sigma ?? ""}`;
@@ -15,7 +15,8 @@ export function showStatus(status) {
   state.sigma = sigma;
   byId("mp").title = word("status.mp.tip");
   byId("mp").replaceChildren(...(mp === null ? [word("status.mp.none")]
-    : [word("status.mp"), ...change(status.mp_before, mp, "m")]));
+    : [word("status.mp", { count: checks.count }), ...change(status.mp_before, mp, "m"),
+      fewer(checks)]), keptOut(checks));
   byId("tally").replaceChildren(...TALLY.map((name) =>
     element("span", { class: "part", "data-tally": name, title: word(`state.${name}.long`) },
       stateGlyph(name, 12), element("b", {}, `${status.counts[name]}`),
@@ -30,6 +31,16 @@ export function showStatus(status) {
   byId("who").textContent = status.operator;
   showMaking(status);
 }
+
+/** That there are fewer check points than a statement by the standard needs.
+ * @param {Checks} checks */
+export const fewer = ({ count, least }) =>
+  count && count < least ? ` ${word("status.mp.few", { least })}` : "";
+
+/** The proposals that were kept out, apart from the check points that are independent.
+ * @param {Checks} checks */
+export const keptOut = ({ kept: count, kept_rmse: rmse }) =>
+  count ? ` \u00b7 ${word("status.kept", { count, rmse: number(rmse, 3, "m") })}` : "";
 
 /** @param {number | null} before @param {number | null} now */
 function change(before, now, unit = "") {

@@ -1,0 +1,118 @@
+"""Whether the heights of block, DEM and list are of one system: told before a run, and after it."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rasterio
+from pyproj import CRS
+
+from app.project import Project
+from core.arrays import ObjectPoints
+from core.block import UNKNOWN_M, SurveyedPoint
+from core.doubts import Doubt
+from core.geometry.heights import ELLIPSOIDAL, height_offset, height_system, vertical_of
+from core.raster.dem import HeightSource
+from core.results import StageResults
+from core.said import Said, say
+
+
+def height_doubts(
+    project: Project, surveyed: Sequence[SurveyedPoint], dem: HeightSource
+) -> tuple[Doubt, ...]:
+    """What is doubtful about the heights of a block.
+
+    Args:
+        project: The block.
+        surveyed: Its user's points.
+        dem: Heights of the ground.
+    """
+    told = [*_systems(project)]
+    if project.reference.dem and surveyed:
+        file = "" if project.control.points is None else project.control.points.name
+        own = offset_told(file, surveyed, dem, project.reference.dem_sigma_m)
+        told += [own] if own is not None else []
+    return tuple(Doubt("heights", "heights", one) for one in told)
+
+
+def doubts_after(
+    project: Project, results: StageResults, dem: Callable[[], HeightSource]
+) -> tuple[Doubt, ...]:
+    """Every doubt of a run, gravest first: once it was adjusted, those about heights as well.
+
+    Args:
+        project: The block.
+        results: What its stages made, with the points that the session brought.
+        dem: Opens the heights of the ground.
+    """
+    if results.adjustment is None:
+        return results.doubts
+    every = results.adjustment.block.surveyed.values()
+    surveyed = [point for point in every if point.source == "surveyed"]
+    heights = height_doubts(project, surveyed, dem())
+    return tuple(sorted((*results.doubts, *heights), key=lambda doubt: -doubt.gravity))
+
+
+def offset_told(
+    name: str, surveyed: Sequence[SurveyedPoint], dem: HeightSource, dem_sigma_m: float
+) -> Said | None:
+    """The question about a list whose heights lie off the DEM all alike; None where they fit.
+
+    Args:
+        name: The list, as the user knows it.
+        surveyed: Its points, in the block's CRS.
+        dem: Heights of the ground.
+        dem_sigma_m: Their standard deviation, metres.
+    """
+    known = [point for point in surveyed if point.sigma_m[2] < UNKNOWN_M]
+    places: ObjectPoints = np.array([point.position for point in known]).reshape(-1, 3)
+    sigma = np.hypot([point.sigma_m[2] for point in known], dem_sigma_m)
+    found = height_offset(places[:, 2], dem.heights(places[:, :2]), sigma)
+    if found is None:
+        return None
+    return say(
+        "{name}: heights of {count} points lie {offset:+.1f} m off the DEM, all alike (scatter "
+        "{scatter:.1f} m). Ellipsoidal heights lie about 45 m above normal heights in Czechia. Are "
+        "they of another system than the DEM? If so, bring the list to that of the DEM, or take "
+        "{offset:.1f} m off its heights.",
+        name=name or "block.toml",
+        count=found.count,
+        offset=found.offset_m,
+        scatter=found.scatter_m,
+    )
+
+
+def _systems(project: Project) -> list[Said]:
+    """What block.toml and the DEM's own CRS say against each other."""
+    own = height_system(project.block.heights)
+    if own is None:
+        return [
+            say(
+                "block.toml [block] heights: {heights} is no height system that is known here. It "
+                'is compared with nothing. Write "Bpv", "ellipsoidal" or a code such as '
+                '"EPSG:8357".',
+                heights=project.block.heights,
+            )
+        ]
+    told: list[Said] = []
+    for path in project.reference.dem[:1]:
+        with rasterio.open(path) as file:
+            there = vertical_of(CRS.from_wkt(file.crs.to_wkt())) if file.crs else ""
+        if own and there and own != there:
+            told.append(
+                say(
+                    "{file} has heights in {there}, and block.toml [block] heights says {own}. "
+                    "Heights are taken as they are: bring the DEM to the block's system, or name "
+                    "its system in block.toml.",
+                    file=path.name,
+                    there=_named(there),
+                    own=_named(own),
+                )
+            )
+    return told
+
+
+def _named(system: str) -> str:
+    """A height system as people call it."""
+    if system == ELLIPSOIDAL or not system.upper().startswith("EPSG:"):
+        return system
+    return f"{system} ({CRS.from_user_input(system).name})"
