@@ -101,6 +101,7 @@ CAMERA = (
     Key("principal_point_mm", "numbers", [0.0, 0.0], count=2, asked="more"),
     Key("radial_distortion", "numbers", [], asked="more"),
     Key("distortion_table_um", "pairs"),
+    Key("digital", "flag", False),
     Key("decentring", "numbers", [0.0, 0.0], count=2),
     Key("fiducials_mm", "marks", {}, asked="first"),
     Key("fiducials_file", "file"),

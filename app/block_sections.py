@@ -37,6 +37,7 @@ def read_camera(document: Document, name: str) -> Camera:
         _fiducials(table, max(width, height)),
         table.choice("data_strip"),
         _marks(table),
+        table.flag("digital"),
         _decentring(table, max(width, height) / 2),
     )
 

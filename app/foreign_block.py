@@ -203,7 +203,7 @@ def camera_table(
         plain[0][:, :2], upright, atol=SQUARE * scale
     ):
         x, y = ((plain[0][:, 2] - size / 2) * pixel_mm * (1, -1)).tolist()
-        values["principal_point_mm"] = [x, y]
+        values |= {"principal_point_mm": [x, y], "digital": True}
         return CameraTable(values, pixel_mm * 1000, photos)
     corners = {n: (x * width / 2, y * height / 2) for n, (x, y) in CORNERS.items()}
     values["fiducials_mm"] = {n: list(place) for n, place in corners.items()}

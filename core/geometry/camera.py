@@ -67,6 +67,8 @@ class Camera:
     `bottom`; empty when nobody said."""
     fiducial_marks: int = 0
     """How many marks the camera has where `fiducials_mm` is empty: 4 or 8; 0 when nobody said."""
+    digital: bool = False
+    """True where the scan is the frame itself: there is no film, no border and no mark."""
     deformation_mm: tuple[float, ...] = ()
     """The 50 coefficients of `core.geometry.camera`, those of x first; empty means none."""
     certified: "Camera | None" = None

@@ -120,6 +120,8 @@ def orient_scan(
     """
     scan = open_scan(path)
     pixel_mm = scan_pixel_um / 1000
+    if camera.digital:
+        return _digital(scan, camera, pixel_mm)
     check_fits_camera(scan, camera, pixel_mm, page=True)
     area = detect_film_area(scan, camera, pixel_mm)
     if len(area.seen) < 4:
@@ -136,6 +138,17 @@ def orient_scan(
         photo_id, scan, interior, measured.marks, _area(area, interior, camera),
         (*measured.doubts, doubt), strip=strip, look=look_of(scan, area),
     )  # fmt: skip
+
+
+def _digital(scan: ScanFile, camera: Camera, pixel_mm: float) -> ScanOrientation:
+    """A frame that was never film: its pixels are the sensor's, and nothing is looked for."""
+    check_fits_camera(scan, camera, pixel_mm)
+    interior = nominal_interior(scan.size_px, camera, pixel_mm)
+    area = area_from_interior(interior, camera)
+    check_not_blank(scan, area)
+    return ScanOrientation(
+        photo_id_of(scan.path), scan, interior, (), area, (), look=look_of(scan, area)
+    )
 
 
 def pooled_factor(interiors: Sequence[InteriorOrientation]) -> float | None:

@@ -18,6 +18,7 @@ crs = "EPSG:27561"
 principal_distance_mm = 123.9392
 frame_mm = [53.148, 77.976]
 principal_point_mm = [0.003, 0.177]
+digital = true
 
 [scans]
 files = "scans/*.jpg"

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.errors import PhotogrammetryError
+from core.geometry.camera import Camera
 from core.progress import Work
 from core.scans.stage import ScanInput, orient_scans
 
@@ -28,3 +30,20 @@ def test_a_scan_that_cannot_be_read_is_set_aside__truth(given, tmp_path):
     assert [doubt.subject for doubt in found.doubts if doubt.kind == "scan-set-aside"] == ["broken"]
     with pytest.raises(PhotogrammetryError, match="broken"):
         orient_scans(mixed[1:], given.cameras, Work())
+
+
+def test_a_digital_frame_is_taken_as_it_is__law(tmp_path):
+    """What looks like border and marks in it is picture; the sensor's pixels are known."""
+    picture = np.random.default_rng(8).integers(40, 220, (600, 800)).astype(np.uint8)
+    picture[:60] = picture[-60:] = picture[:, :60] = picture[:, -60:] = 0
+    for row, column in ((30, 30), (30, 770), (570, 30), (570, 770)):
+        picture[row - 6 : row + 7, column - 6 : column + 7] = 255
+    file = tmp_path / "frame.png"
+    Image.fromarray(picture).save(file)
+    camera = Camera("sensor", 50.0, (40.0, 30.0), (0.3, -0.2), digital=True)
+    found = orient_scans((ScanInput(file, "sensor", 50.0),), {"sensor": camera}, Work())
+    scan = found.oriented["frame"]
+    assert not found.doubts
+    assert not scan.fiducials
+    corners = scan.interior.pixel_from_film(camera.frame_corners_mm)
+    assert np.allclose(corners, [[0, 600], [800, 600], [800, 0], [0, 0]], atol=1e-9)
