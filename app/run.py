@@ -248,6 +248,8 @@ class Run:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Everything doubtful, gravest first; the systems of heights among it."""
+        if self.results.control is None:
+            return self.results.doubts
         return doubts_after(self.project, self.results, self.dem)
 
     def rectify(self, progress: Progress) -> str:

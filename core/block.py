@@ -313,7 +313,8 @@ class Block:
 
     def steers(self, measurement: Measurement) -> bool:
         """True when a measurement takes part: it is used, and its point is control."""
-        return measurement.used and self.surveyed[measurement.point_id].role == "control"
+        point = self.surveyed.get(measurement.point_id)
+        return measurement.used and point is not None and point.role == "control"
 
     def with_photos(self, photos: Mapping[str, Photo]) -> "Block":
         """The same block with other photos."""

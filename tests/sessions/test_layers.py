@@ -97,7 +97,7 @@ def test_photos_carry_orientation_and_sigmas_in_degrees__truth(written: Path, bl
     assert shapely.get_coordinates(shapes, include_z=True)[0] == pytest.approx(exterior.centre)
     assert fields["kappa_deg"][0] == pytest.approx(math.degrees(1.5))
     assert fields["sigma_omega_deg"][0] == pytest.approx(math.degrees(1e-4))
-    assert list(fields["control_used"]) == [3, 3]
+    assert list(fields["control_used"]) == [2, 2]
     assert list(fields["tie_points"]) == [2, 2]
     assert bool(fields["oriented"][0]) is True
 

@@ -44,10 +44,12 @@ def test_a_template_is_as_wide_as_its_pixels_on_the_ground__truth():
     block, options = tiny_block().block, OrientationOptions()
     photo = next(iter(block.photos.values()))
     pixel = photo.ground_pixel_m(block.camera_of(photo.photo_id))
-    half = template_m(block, 0.5, options)
+    ortho = SimpleNamespace(is_there=True, ground_sample_distance_m=0.5)
+    half = template_m(block, ortho, options)
     reduction = max(1, round(max(options.finest_gsd_m, pixel, 0.5) / pixel))
     assert half == pytest.approx(options.template_half_px * reduction * pixel, rel=0.05)
-    assert template_m(replace(block, photos={}), 0.5, options) == 0
+    assert template_m(replace(block, photos={}), ortho, options) == 0
+    assert template_m(block, SimpleNamespace(is_there=False), options) == 0
 
 
 def test_cameras_stay_fixed_where_the_block_says_so__law():

@@ -153,7 +153,7 @@ def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
     assert row.grounds[0].text == "doubt.misfit"
     assert row.grounds[0].value == 20.0
     assert row.doubt > 0.95 > calm.doubt
-    assert row_line(row)[-1] == 20.0
+    assert row_line(row)[-2] == 20.0
     usual = replace(figures, misfits={**figures.misfits, key: Misfit((9.0, 0.0), (1.0, 0.0), 1.4)})
     assert "doubt.misfit" not in {g.text for g in queue_row(desk.state, usual, key).grounds}
     poor = replace(desk.state.block.measurements[key], score=0.1)
@@ -165,4 +165,4 @@ def test_a_line_holds_what_the_page_expects__law(desk):
     row = next(iter(desk.rows.values()))
     line = row_line(replace(row, misfit_px=np.pi, score=float("nan"), sigmas=1.25))
     assert line[:2] == list(row.key)
-    assert line[6:] == [3.14, None, None, 1.2]
+    assert line[6:] == [3.14, None, None, 1.2, 0]
