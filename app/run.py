@@ -27,7 +27,7 @@ from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.doubts import Doubt
 from core.errors import Cancelled
-from core.formats.qgis_project import ProjectLayer, Style, session_layers, write_qgis_project
+from core.formats.qgis_project import result_layers, write_qgis_project
 from core.localisation.stage import Localised
 from core.matching.reference import level_of, open_heights
 from core.mosaic.change import find_change, write_change
@@ -55,14 +55,6 @@ LAST_STAGES = {
 }
 PAGE = "report.html"
 QGIS_PROJECT = "block.qgs"
-RESULT_LAYERS = (
-    *session_layers(f"../{SESSION_FILE}"),
-    ProjectLayer(
-        "seams", "seams.gpkg", "polygon", Style("#d98c00", 0.6, label="scan"), shown=False
-    ),
-    ProjectLayer("mosaic", "mosaic.tif", "raster"),
-)
-"""What QGIS shows of the results, from the top."""
 CHANGE = "change.gpkg"
 LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
@@ -448,9 +440,10 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
     session.write_layers(block, content.report, outlines)
     write_report(session.results, replace(content, footprints=outlines, influence=ahead))
-    bounds = shapely.total_bounds(list(outlines.values())).tolist()
+    west, south, east, north = shapely.total_bounds(list(outlines.values())).tolist()
     with whole_file(session.results / QGIS_PROJECT) as temporary:
-        write_qgis_project(temporary, content.name, block.crs, RESULT_LAYERS, bounds)
+        layers = result_layers(f"../{SESSION_FILE}")
+        write_qgis_project(temporary, content.name, block.crs, layers, (west, south, east, north))
 
 
 def make_change(

@@ -86,6 +86,16 @@ def session_layers(geopackage: str) -> tuple[ProjectLayer, ...]:
     )
 
 
+def result_layers(geopackage: str) -> tuple[ProjectLayer, ...]:
+    """What there is to see of a block's results, from the top: session, seams, mosaic."""
+    seams = Style("#d98c00", 0.6, label="scan")
+    return (
+        *session_layers(geopackage),
+        ProjectLayer("seams", "seams.gpkg", "polygon", seams, shown=False),
+        ProjectLayer("mosaic", "mosaic.tif", "raster"),
+    )
+
+
 def write_qgis_project(
     path: Path, title: str, crs: str, layers: Sequence[ProjectLayer], extent: Bounds | None = None
 ) -> None:

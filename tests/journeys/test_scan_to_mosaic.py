@@ -14,6 +14,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.mosaic.comparison import compare_orthos
 from core.synthetic.truth import judge_control, judge_orientations
 from sessions.session import Session
+from tests.core.control.test_check_points import assert_same
 from tests.journeys.copies import run_alone, stages_walked
 from tests.tiny import CHECK_POINTS, CONTROL, Tiny
 
@@ -171,6 +172,11 @@ def test_check_points_do_not_steer__law(tiny_run, tmp_path):
     assert len(without["check_points.csv"].splitlines()) == 1
     for name in ("exterior_orientation.csv", "tie_points.csv", "interior_orientation.csv"):
         assert without[name] == before[name], name
+    with Session.open(folder, "reader") as plain, Session.open(tiny_run.folder, "reader") as judged:
+        for stage in ("localisation", "control", "adjustment"):
+            found = [one.products.latest_value(stage) for one in (plain, judged)]
+            blocks = [getattr(value, "report", value) for value in found]
+            assert_same(*(getattr(value, "block", value) for value in blocks))
 
 
 def test_orthos_are_given_the_masks_of_their_scans__law(tiny_run):

@@ -13,10 +13,13 @@ export function showStatus(status) {
   room.replaceChildren(word("status.sigma"), ...change(status.sigma_before, sigma));
   if (state.sigma !== null && state.sigma !== sigma) flash(room);
   state.sigma = sigma;
-  byId("mp").title = word("status.mp.tip");
+  // The line is short of room: what else there is to say of them stands in the tip.
+  byId("mp").title = `${word("status.mp.tip")}${fewer(checks)}${keptOut(checks)}`;
+  const { kept: count, kept_rmse: rmse } = checks;
+  const short = { count, rmse: number(rmse, 2, "m") };
   byId("mp").replaceChildren(...(mp === null ? [word("status.mp.none")]
-    : [word("status.mp", { count: checks.count }), ...change(status.mp_before, mp, "m"),
-      fewer(checks)]), keptOut(checks));
+    : [word("status.mp.short", { count: checks.count }), ...change(status.mp_before, mp, "m")]),
+    count ? `\u00b7 ${word("status.kept.short", short)}` : "");
   byId("tally").replaceChildren(...TALLY.map((name) =>
     element("span", { class: "part", "data-tally": name, title: word(`state.${name}.long`) },
       stateGlyph(name, 12), element("b", {}, `${status.counts[name]}`),
