@@ -88,6 +88,7 @@ def session_layers(geopackage: str) -> tuple[ProjectLayer, ...]:
 
 def result_layers(geopackage: str) -> tuple[ProjectLayer, ...]:
     """What there is to see of a block's results, from the top: session, seams, mosaic."""
+    # design: seen over the mosaic at the scale of a block.
     seams = Style("#d98c00", 0.6, label="scan")
     return (
         *session_layers(geopackage),
