@@ -18,7 +18,7 @@ from sessions.decisions import Recorded
 from sessions.session import Session
 from tests.journeys.copies import REPOSITORY, BlockCopy, copied, started
 
-SCANS = 3
+SCANS = 2
 KILLS_A_STAGE = 2
 ROWS_OF_DECISIONS = 4
 BEFORE_DECISIONS = STAGE_NAMES.index("adjustment")
