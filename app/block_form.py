@@ -12,7 +12,7 @@ from app.block_sections import read_camera
 from app.block_toml import Document, FieldError, Table
 from app.block_writing import with_values
 from app.new_block import CAMERA, Recognition, toml_of
-from app.project import Project, project_of
+from app.project import Project, may_have_points, project_of
 from core.errors import PhotogrammetryError, ProjectError
 from core.said import say
 
@@ -153,7 +153,10 @@ def judged(document: Document) -> Judged:
             one.startswith(name) for one in (*errors, *missing)
         ):
             errors |= _error_of_camera(document, name.removeprefix("camera."))
-    missing += [f"reference.{key}" for key in missing_reference(document.values)]
+    missing += [
+        f"reference.{key}"
+        for key in missing_reference(document.values, brought=may_have_points(document))
+    ]
     project = None
     if not errors and not missing:
         try:

@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.geometry.camera import SETS
+from core.geometry.collinearity import CORRECTIONS
 from core.georeference.archive import GeoreferenceKind
 from core.literature.baselines import OPERATORS
 from core.literature.published_chains import Preset
@@ -51,6 +52,8 @@ MICROMETRES = Unit("micrometres", 3, 500, (("millimetres", 1000), ("dots per inc
 """Scan pixels."""
 SCALE_NUMBERS = Unit("ones (15000 for 1 : 15 000)", 500, 500_000)
 """Scales of photos."""
+HEIGHTS = Unit("metres above sea", 100, 30_000, (("kilometres", 1000),))
+"""Heights of perspective centres."""
 METRES = Unit("metres", 0.001, 1000, (("millimetres", 0.001),))
 """Standard deviations and ground sample distances."""
 SMALL_MM = Unit("millimetres", 0.0001, 10, (("micrometres", 0.001),))
@@ -94,9 +97,12 @@ BLOCK = (
     Key("name", "text", required=True, asked="first"),
     Key("crs", "text", required=True, asked="first"),
     Key("heights", "text", "", asked="more"),
+    Key("corrections", "choices", list(CORRECTIONS), choices=CORRECTIONS),
 )
 CAMERA = (
-    Key("principal_distance_mm", "number", required=True, unit=MILLIMETRES, asked="first"),
+    Key("principal_distance_mm", "number", unit=MILLIMETRES, asked="first"),
+    Key("make", "text", "", asked="more"),
+    Key("model", "text", "", asked="more"),
     Key("frame_mm", "measures", required=True, unit=MILLIMETRES, count=2, asked="first"),
     Key("principal_point_mm", "numbers", [0.0, 0.0], count=2, asked="more"),
     Key("radial_distortion", "numbers", [], asked="more"),
@@ -116,8 +122,10 @@ SCANS = (
     Key("footprints", "file", asked="more"),
     Key("footprint_name", "text", "LMS_TIF_UP", asked="more"),
     Key("scale_number", "number", unit=SCALE_NUMBERS, asked="first"),
+    Key("flying_height_m", "number", unit=HEIGHTS, asked="more"),
     Key("exterior", "file", asked="more"),
     Key("fiducial_measures", "files"),
+    Key("ties", "file"),
     Key("override", "tables"),
 )
 OVERRIDE = (
@@ -162,10 +170,7 @@ ADJUSTMENT = (
     Key("gross_errors", "choice", "w", choices=("w", "tau", "none")),
     Key("risk", "number", DEFAULT.risk, unit=RISK),
 )  # fmt: skip
-ORTHO = (
-    Key("gsd_m", "number", unit=METRES, asked="more"),
-    Key("sheets", "file"),
-)
+ORTHO = (Key("gsd_m", "number", unit=METRES, asked="more"), Key("sheets", "file"))
 TABLES: Mapping[str, tuple[Key, ...]] = {
     "block": BLOCK,
     "camera": CAMERA,
@@ -187,11 +192,11 @@ def keys_of(table: str) -> Mapping[str, Key]:
     return {key.name: key for key in found}
 
 
-def missing_reference(values: Mapping[str, Any]) -> tuple[str, ...]:
+def missing_reference(values: Mapping[str, Any], *, brought: bool) -> tuple[str, ...]:
     """Keys of [reference] that a `block.toml` must still have.
 
     An ortho needs heights; a block without an ortho needs surveyed points or known exterior
-    orientations.
+    orientations, unless points were brought into it.
     """
 
     def has(table: str, key: str) -> bool:
@@ -200,6 +205,6 @@ def missing_reference(values: Mapping[str, Any]) -> tuple[str, ...]:
 
     if has("reference", "ortho"):
         return () if has("reference", "dem") else ("dem",)
-    if has("control", "points") or has("scans", "exterior"):
+    if brought or has("control", "points") or has("scans", "exterior"):
         return ()
     return ("ortho",) if has("reference", "dem") else ("ortho", "dem")

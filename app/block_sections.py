@@ -9,6 +9,8 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.formats.micmac_measures import read_camera_measures
 from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_table
+from core.georeference.camera_types import camera_types
+from core.georeference.principal_distance import proposed_distances, types_named
 from core.said import say
 
 MARKS = (0, 4, 8)
@@ -22,15 +24,15 @@ def read_camera(document: Document, name: str) -> Camera:
         ScanError: `fiducials_file` holds no marks.
     """
     table = document.table("camera", name)
-    principal_distance_mm = table.number("principal_distance_mm")
     width, height = table.measures("frame_mm")
+    distances = _distances(table, (width, height))
     east, north = table.numbers("principal_point_mm")
     if abs(east) > width / 2 or abs(north) > height / 2:
         remedy = "Write millimetres, counted from the fiducial centre (x right, y up)."
         raise table.error("principal_point_mm", "lies outside the picture.", remedy)
     return Camera(
         name,
-        principal_distance_mm,
+        distances[0][0] if distances else table.number("principal_distance_mm"),
         (width, height),
         (east, north),
         _radial_distortion(table),
@@ -39,7 +41,22 @@ def read_camera(document: Document, name: str) -> Camera:
         _marks(table),
         table.flag("digital"),
         _decentring(table, max(width, height) / 2),
+        distances[0][1] if distances else 0.0,
+        distances,
     )
+
+
+def _distances(table: Table, frame_mm: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """What the principal distance may be where it is left out; nothing where it is given."""
+    if table.has("principal_distance_mm"):
+        return ()
+    make, model = table.text("make"), table.text("model")
+    if (make or model) and not types_named(make, model):
+        models = dict.fromkeys(kind.model for kind in camera_types() if kind.model)
+        remedy = say("Leave make and model out, or name one of {models}.", models=list(models))
+        key = "model" if model else "make"
+        raise table.error(key, "no certificate of this camera type is known.", remedy)
+    return proposed_distances(make, model, frame_mm)
 
 
 def _decentring(table: Table, half_mm: float) -> tuple[float, ...]:

@@ -9,13 +9,13 @@ from app.project import Project
 from core.block import Block
 from core.control.stage import ControlFound
 from core.errors import ProjectError
-from core.formats.listed_point import PointList, PointListReading
+from core.formats.listed_point import ListedPoint, PointList, PointListReading
 from core.formats.point_axes import Surroundings
 from core.formats.point_columns import QUANTITIES, Quantity
 from core.formats.point_list import read_point_list
 from core.georeference.stage import Georeferenced
 from core.said import say
-from sessions.decisions import BringPoints, Recorded
+from sessions.decisions import BringPoints, Recorded, standing
 from sessions.session import Session
 
 POINT_TABLE = "points"
@@ -71,6 +71,12 @@ def known_block(session: Session) -> Block | None:
     return None if placed is None else session.replayed(placed.block)
 
 
+def brought_points(session: Session) -> tuple[ListedPoint, ...]:
+    """Points that stand in the session, whatever `block.toml` lists."""
+    said = [item.decision for item in standing(session.decisions())]
+    return tuple(p for one in said if isinstance(one, BringPoints) for p in one.points)
+
+
 def surroundings(crs: str, block: Block | None) -> Surroundings:
     """Where the points of a list ought to lie, and the names they may not have."""
     if block is None or not block.photos:
@@ -91,8 +97,10 @@ def reading_of(answers: Sequence[str]) -> PointListReading:
         if not said or name not in ANSWERS:
             raise ProjectError(
                 "--answer",
-                say("{answer!r} answers nothing.", answer=answer),
-                say("Write one of {names}, an equals sign and the answer.", names=list(ANSWERS)),
+                "{answer!r} answers nothing.",
+                "Write one of {names}, an equals sign and the answer.",
+                answer=answer,
+                names=list(ANSWERS),
             )
         if name == "columns":
             columns = tuple(part.strip() for part in value.split(","))
@@ -100,8 +108,10 @@ def reading_of(answers: Sequence[str]) -> PointListReading:
             if wrong:
                 raise ProjectError(
                     "--answer",
-                    say("{wrong!r} is no column.", wrong=wrong[0]),
-                    say("Name them in their order, of {names}.", names=list(QUANTITIES)),
+                    "{wrong!r} is no column.",
+                    "Name them in their order, of {names}.",
+                    wrong=wrong[0],
+                    names=list(QUANTITIES),
                 )
             reading = replace(reading, columns=cast("tuple[Quantity, ...]", columns))
         else:

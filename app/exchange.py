@@ -1,30 +1,33 @@
 """`gruber export` and `gruber import`: a block to other programs and from them."""
 
-import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from app.block_writing import with_values
+from app.bring_points import known_block
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import HAND_SIGMA_PX, Block
 from core.errors import CrsError, ProjectError
 from core.exchange import exchanged, upright_frame
-from core.formats.exchange import ExchangeBlock, ExchangeFormat, ExchangePhoto, ExchangePoint
+from core.formats.eo_format import read_eo_block, write_eo_block
+from core.formats.exchange import (
+    ExchangeBlock,
+    ExchangeFormat,
+    ExchangePoint,
+    ExchangeTies,
+)
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import USUAL_SIGMA_M, ListedPoint
 from core.formats.micmac_measures import image_measures_name, write_image_measures
 from core.formats.scan_names import scan_stem
-from core.formats.tangent_frame import TangentFrame, in_tangent_frame
+from core.formats.tangent_frame import in_tangent_frame
+from core.formats.tie_list import write_ties
 from core.geometry.crs import operation_between, read_crs
-from core.geometry.exterior import (
-    ExteriorOrientation,
-    angles_from_rotation,
-    rotation_from_angles,
-)
+from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.progress import Part, Progress
 from core.raster.upright import write_upright
 from core.said import say
@@ -36,12 +39,21 @@ BROUGHT = "brought"
 """Folder of the block into which foreign lists are put in our own form."""
 EXPORTS = "export"
 """Folder of the results for what goes out."""
+PLAIN_EO = "eo"
+"""The format of lists that say how they count; others are asked about."""
 PICTURES = "photos"
 """Folder of an export with the scans laid upright."""
-EO_COLUMNS = (
-    "scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg", "sigma_X", "sigma_Y", "sigma_Z",
-    "sigma_omega_deg", "sigma_phi_deg", "sigma_kappa_deg",
-)  # fmt: skip
+BY_ENDING = {
+    ".points": "qgis",
+    ".geojson": "geojson",
+    ".xml": "micmac",
+    ".prj": "inpho",
+    ".out": "bundler",
+    ".json": "opensfm",
+}
+"""The likeliest format of files, by the end of their names."""
+DOCUMENT = b"<document"
+"""With this the XML of Metashape begins."""
 
 
 def format_named(name: str, *, reads: bool) -> ExchangeFormat:
@@ -101,8 +113,7 @@ def export_block(
     target = out or session.results / EXPORTS / (form.default_name or name)
     left = exchanged(block, report, replace(form, curved=True) if tangent else form)
     if tangent:
-        left, frame = in_tangent_frame(left)
-        left = replace(left, notes=(*left.notes, _frame_note(frame)))
+        left, _ = in_tangent_frame(left)
     if form.folder:
         with whole_folder(target) as temporary:
             notes = form.write(temporary, left)
@@ -112,18 +123,6 @@ def export_block(
         with whole_file(target) as temporary:
             notes = form.write(temporary, left)
     return Exported(target, (*left.notes, *notes, *_pictures_note(block, form, pictures)))
-
-
-def _frame_note(frame: TangentFrame) -> str:
-    """Where a tangent frame lies; its own words lead back."""
-    longitude, latitude, height = frame.origin
-    return say(
-        "Coordinates are metres east, north and up of longitude {longitude:.9f}, latitude "
-        "{latitude:.9f}, height {height:.3f}.",
-        longitude=longitude,
-        latitude=latitude,
-        height=height,
-    )
 
 
 def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:
@@ -157,6 +156,16 @@ def _pictures_note(block: Block, form: ExchangeFormat, pictures: bool) -> tuple[
     )
 
 
+def _known(session: Session) -> ExchangeBlock | None:
+    """What the block knows of its photos, by which a list of orientations is judged."""
+    block = known_block(session)
+    if block is None:
+        return None
+    known = exchanged(block, None, FORMATS[PLAIN_EO])
+    photos = {n: replace(p, exterior=block.photos[n].exterior) for n, p in known.photos.items()}
+    return replace(known, photos=photos)
+
+
 @dataclass(frozen=True, slots=True)
 class Brought:
     """What an import took over."""
@@ -167,11 +176,32 @@ class Brought:
     """What was left out, a sentence each."""
 
 
-def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
-    """Take over from a foreign file what this block can use.
+@dataclass(frozen=True, slots=True)
+class TakenOver:
+    """What of a foreign file this block can use, before anything of it is written."""
 
-    Points and measurements are decisions, undone at once. Exterior orientations and fiducials
-    become files in the block's folder that `block.toml` names.
+    decisions: tuple[Decision, ...]
+    """Points and measurements, undone at once."""
+    write: Callable[[], None]
+    """Puts exterior orientations and fiducials into the block's folder, named in `block.toml`."""
+    brought: Brought
+    """What to tell the user."""
+
+
+def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
+    """Take over from a foreign file what this block can use; raises as `taken_over`."""
+    known = _known(session) if name == PLAIN_EO else None
+    taken = taken_over(project, name, path, known)
+    taken.write()
+    if taken.decisions:
+        session.record_all(taken.decisions)
+    return taken.brought
+
+
+def taken_over(
+    project: Project, name: str, path: Path, known: ExchangeBlock | None = None
+) -> TakenOver:
+    """What of a foreign file a block can use; `known` judges how a list of orientations counts.
 
     Raises:
         PhotogrammetryError: The file cannot be read, is in a CRS that cannot be brought into the
@@ -179,36 +209,49 @@ def import_into(project: Project, session: Session, name: str, path: Path) -> Br
     """
     form = format_named(name, reads=True)
     assert form.read is not None
-    foreign = in_block_crs(form.read(path), project.block.crs, path)
+    read = form.read(path) if name != PLAIN_EO else read_eo_block(path, None, known)
+    foreign = in_block_crs(read, project.block.crs, path)
     names = {scan.photo_id.lower(): scan.photo_id for scan in project.scans.listed}
     own = _known_photos(foreign, names)
     if foreign.photos and not own:
         raise ProjectError(
             path,
-            say(
-                "knows no scan of this block; it names {theirs}.",
-                theirs=", ".join(list(foreign.photos)[:3]),
-            ),
-            say("The scans of the block are {ours}.", ours=", ".join(list(names.values())[:3])),
+            "knows no scan of this block; it names {theirs}.",
+            "The scans of the block are {ours}.",
+            theirs=", ".join(list(foreign.photos)[:3]),
+            ours=", ".join(list(names.values())[:3]),
         )
     decisions = decisions_of(foreign, own, path.name)
-    changes = write_lists(project.folder, foreign, own, path, name)
-    if changes:
-        text = project.file.read_text(encoding="utf-8")
-        with whole_file(project.file) as temporary:
-            temporary.write_text(with_values(text, changes), encoding="utf-8")
-    if decisions:
-        session.record_all(decisions)
+
+    def write() -> None:
+        changes = write_lists(project.folder, foreign, own, path, name, ties=ExchangeTies.none())
+        if changes:
+            text = project.file.read_text(encoding="utf-8")
+            with whole_file(project.file) as temporary:
+                temporary.write_text(with_values(text, changes), encoding="utf-8")
+
     counts = {
         "points": len(foreign.points),
         "measurements": sum(isinstance(one, Place) for one in decisions),
         "exteriors": sum(foreign.photos[theirs].exterior is not None for theirs in own),
         "fiducials": sum(bool(foreign.photos[theirs].fiducials_px) for theirs in own),
     }
-    return Brought(
+    brought = Brought(
         {what: count for what, count in counts.items() if count},
         (*foreign.notes, *_left_out(foreign, own)),
     )
+    return TakenOver(decisions, write, brought)
+
+
+def guessed_format(names: Sequence[str], data: bytes) -> str:
+    """The likeliest format of files by their names; empty where they may be a table of points."""
+    plain = [name.lower() for name in names]
+    if "gcp_list.txt" in plain:
+        return "odm"
+    if plain[0].endswith(".xml") and DOCUMENT in data:
+        return "metashape"
+    endings = {Path(name).suffix for name in plain}
+    return next((form for ending, form in BY_ENDING.items() if ending in endings), "")
 
 
 def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
@@ -225,10 +268,10 @@ def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
     if oriented and not read_crs(foreign.crs, path).is_projected:
         raise CrsError(
             path,
-            say(
-                "its orientations are in {theirs}, which is no map projection.", theirs=foreign.crs
-            ),
-            say("Export them in {ours}.", ours=crs),
+            "its orientations are in {theirs}, which is no map projection.",
+            "Export them in {ours}.",
+            theirs=foreign.crs,
+            ours=crs,
         )
     places = [point.position for point in foreign.points.values()]
     places += [tuple(exterior.centre.tolist()) for exterior in oriented.values()]
@@ -288,10 +331,21 @@ def listed(point: ExchangePoint) -> ListedPoint:
 
 
 def write_lists(
-    folder: Path, foreign: ExchangeBlock, own: Mapping[str, str], path: Path, name: str
+    folder: Path,
+    foreign: ExchangeBlock,
+    own: Mapping[str, str],
+    path: Path,
+    name: str,
+    *,
+    ties: ExchangeTies,
 ) -> dict[tuple[str, str], object]:
-    """Orientations and fiducials as files of the block; the keys of `block.toml` that name them."""
+    """Orientations, fiducials and ties as files of the block; the keys of `block.toml` for them."""
     changes: dict[tuple[str, str], object] = {}
+    if len(ties.point):
+        file = folder / BROUGHT / f"{name}-ties.csv"
+        with whole_file(file) as temporary:
+            write_ties(temporary, ties)
+        changes["scans", "ties"] = file.relative_to(folder).as_posix()
     oriented = {
         ours: foreign.photos[theirs]
         for theirs, ours in own.items()
@@ -300,7 +354,8 @@ def write_lists(
     if oriented:
         file = folder / BROUGHT / f"{name}-{path.stem}.csv"
         with whole_file(file) as temporary:
-            write_eo_list(temporary, oriented)
+            listed = {n: replace(p, photo_id=n, file=n) for n, p in oriented.items()}
+            write_eo_block(temporary, ExchangeBlock(photos=listed))
         changes["scans", "exterior"] = file.relative_to(folder).as_posix()
     marked = {
         ours: foreign.photos[theirs]
@@ -314,21 +369,6 @@ def write_lists(
     if marked:
         changes["scans", "fiducial_measures"] = f"{BROUGHT}/{image_measures_name('*')}"
     return changes
-
-
-def write_eo_list(path: Path, photos: Mapping[str, ExchangePhoto]) -> None:
-    """Exterior orientations as the block's own list, every digit kept."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(EO_COLUMNS)
-        for name, photo in photos.items():
-            exterior = photo.exterior
-            assert exterior is not None
-            angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa])
-            sigmas: Sequence[object] = photo.sigma_centre_m or ("", "", "")
-            turns = photo.sigma_angles
-            own: Sequence[object] = ("", "", "") if turns is None else np.degrees(turns).tolist()
-            writer.writerow([name, *exterior.centre.tolist(), *angles.tolist(), *sigmas, *own])
 
 
 def _left_out(foreign: ExchangeBlock, own: Mapping[str, str]) -> tuple[str, ...]:

@@ -16,8 +16,15 @@ from app.block_toml import FILE
 from app.exchange import decisions_of, format_named, write_lists
 from core.arrays import Affine2
 from core.errors import ProjectError
-from core.formats.exchange import ExchangeBlock, ExchangeCamera, ExchangePhoto
+from core.formats.exchange import (
+    ExchangeBlock,
+    ExchangeCamera,
+    ExchangeFormat,
+    ExchangePhoto,
+    ExchangeTies,
+)
 from core.formats.scan_names import scan_stem
+from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import parse_crs
 from core.raster.files import FILES
 from core.said import say
@@ -79,7 +86,7 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
         )
     form = format_named(name, reads=True)
     assert form.read is not None
-    foreign = form.read(project)
+    foreign = _about_the_middle(folder, form.read(project))
     _refuse_film(project, foreign)
     chosen = crs or foreign.crs
     if not chosen:
@@ -91,17 +98,19 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
     if not scans:
         raise ProjectError(
             folder,
-            say("holds no scan of the project, such as {name}.", name=_first_file(foreign)),
+            "holds no scan of the project, such as {name}.",
             "Put the scans into the folder, under the names the project has.",
+            name=_first_file(foreign),
         )
     tables, notes = camera_tables(foreign, scans)
     photos = {n: p for table in tables.values() for n, p in table.photos.items()}
     shown = replace(foreign, photos={**foreign.photos, **photos})
     own = {theirs: scan.stem for theirs, scan in scans.items()}
-    keys = write_lists(folder, shown, own, project, name)
+    keys = write_lists(folder, shown, own, project, name, ties=_renamed(foreign.ties, own))
     with whole_file(target) as temporary:
         temporary.write_text(
-            toml_of(folder, chosen, scans, tables, keys, foreign), encoding="utf-8"
+            toml_of(folder, chosen, scans, tables, keys, foreign, _corrections(form, foreign)),
+            encoding="utf-8",
         )
     decisions = decisions_of(foreign, own, project.name)
     if decisions:
@@ -117,6 +126,18 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
     return Made(target, len(scans), (*foreign.notes, *notes))
 
 
+def _corrections(form: ExchangeFormat, foreign: ExchangeBlock) -> list[str]:
+    """What the program left to be corrected: in coordinates of its own it knew a flat Earth."""
+    curved = form.curved and bool(foreign.crs)
+    left = {"refraction": form.refracts, "curvature": curved}
+    return [name for name in CORRECTIONS if left[name]]
+
+
+def _renamed(ties: ExchangeTies, own: Mapping[str, str]) -> ExchangeTies:
+    """Ties by the names of the block's own photos; those of others keep theirs."""
+    return replace(ties, photo_ids=tuple(own.get(name, name) for name in ties.photo_ids))
+
+
 def _refuse_film(project: Path, foreign: ExchangeBlock) -> None:
     """Refuse a project without pixels: nothing tells how its scans lie."""
     if foreign.on_film:
@@ -125,6 +146,25 @@ def _refuse_film(project: Path, foreign: ExchangeBlock) -> None:
             "knows image points on film, and no pixels of scans.",
             "Make the block with gruber new and its fiducials, then gruber import into it.",
         )
+
+
+def _about_the_middle(folder: Path, foreign: ExchangeBlock) -> ExchangeBlock:
+    """Pixels that a program counts from the middle of its scans, as the scans have them."""
+    if not foreign.from_middle:
+        return foreign
+    middles: dict[str, np.ndarray] = {}
+    for name, scan in scans_of(folder, foreign).items():
+        with FILES.borrow(scan) as dataset:
+            middles[name] = np.array([dataset.width, dataset.height]) / 2
+    photos = dict(foreign.photos)
+    for name, middle in middles.items():
+        matrix = np.array(photos[name].interior)
+        matrix[:, 2] += middle
+        photos[name] = replace(photos[name], pixel_from_image=matrix)
+    ties = foreign.ties
+    shifts = np.array([middles.get(name, np.zeros(2)) for name in ties.photo_ids]).reshape(-1, 2)
+    moved = ties.pixels + shifts[ties.photo] if len(ties.point) else ties.pixels
+    return replace(foreign, photos=photos, ties=replace(ties, pixels=moved))
 
 
 def scans_of(folder: Path, foreign: ExchangeBlock) -> dict[str, Path]:
@@ -161,8 +201,9 @@ def camera_tables(
         if bare and not camera.fiducials_mm:
             raise ProjectError(
                 name,
-                say("nothing says how {names} lie in it.", names=bare[:3]),
+                "nothing says how {names} lie in it.",
                 "Give the interior orientations, or the fiducials.",
+                names=bare[:3],
             )
         tables[name] = camera_table(camera, photos, scans)
         if len(camera.radial) > MOST_RADIAL and any(camera.radial[MOST_RADIAL:]):
@@ -251,10 +292,15 @@ def toml_of(
     tables: Mapping[str, CameraTable],
     keys: Mapping[tuple[str, str], object],
     foreign: ExchangeBlock,
+    corrections: Sequence[str],
 ) -> str:
     """The text of the `block.toml`."""
     document = tomlkit.document()
-    document["block"] = {"name": folder.resolve().name, "crs": crs}
+    document["block"] = {
+        "name": folder.resolve().name,
+        "crs": crs,
+        "corrections": list(corrections),
+    }
     document["camera"] = {name: dict(table.values) for name, table in tables.items()}
     names = list(tables)
     files: Sequence[str] = [scan.relative_to(folder).as_posix() for scan in scans.values()]

@@ -120,7 +120,7 @@ class Recognition:
         alone = self.stands_alone
         ortho_out, dem_out = ("proposals", "level") if alone else ("nothing", "nothing")
         missing = (
-            (True, "distance", "nothing", ("camera.principal_distance_mm",)),
+            (True, "distance", "distance", ("camera.principal_distance_mm",)),
             (not self.scans, "scans", "nothing", ("scans.files",)),
             (not self.ortho, "ortho", ortho_out, ("reference.ortho",)),
             (not self.dem, "dem", dem_out, ("reference.dem",)),
@@ -191,7 +191,8 @@ def write_block_toml(recognition: Recognition, path: Path | None = None) -> Path
 def toml_of(found: Recognition) -> str:
     """The text of a `block.toml`."""
     camera = (
-        "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59",
+        "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59;",
+        "# left out, it is estimated: make and model of the camera help",
         "# principal_distance_mm =",
         _frame_line(found.frame_mm),
         "# fiducials_mm = { 1 = [-84.5, 0.3], 2 = [84.5, -0.2] }  # certified marks, mm; optional",

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from app.desk.inputs import lasting_token
+from app.desk.lasting import lasting_token
 from app.project import Project, described
 from app.running import Running
 from core.block import Block, ExteriorPrior, Photo, footprint
@@ -25,7 +25,7 @@ from core.geometry.camera import Camera
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
-from core.geometry.transforms import fit_similarity, rotation_and_scale
+from core.geometry.transforms import PlaneTransform, fit_affine, fit_similarity, rotation_and_scale
 from core.georeference.stage import Georeferenced
 from core.matching.reference import Reference, open_reference
 from core.raster.scan_file import ScanFiles
@@ -89,6 +89,16 @@ def placeable(project: Project, session: Session) -> Placeable | None:
     return Placeable(
         given, scans, open_reference(given.reference), placed.block, frozenset(nowhere)
     )
+
+
+def standing_block(
+    given: BlockInput, session: Session, reference: Reference, placed: Georeferenced
+) -> Placeable | None:
+    """Any photo of a block that was run, to be placed anew; None without scans or ortho."""
+    scans = cast("ScanSet | None", session.products.latest_value("scans"))
+    if scans is None or not given.reference.ortho:
+        return None
+    return Placeable(given, scans, reference, placed.block)
 
 
 class Placing(Opened):
@@ -162,7 +172,7 @@ class Clicking:
         return {"scans": [self._photo(name) for name in self._found.scans.oriented]}
 
     def fitted(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
-        """Residuals of a similarity, metres; its matrix from pixel to ground, scale and turn."""
+        """Residuals of a similarity and an affinity, metres; matrices from pixel to ground."""
         scan = self._scan(photo_id)
         values = np.array(pairs, dtype=np.float64).reshape(-1, 4)
         if len(values) < 2:
@@ -171,32 +181,40 @@ class Clicking:
         if isinstance(fit, Failure):
             return {"count": len(values), "why": fit.reason}
         turn, _ = rotation_and_scale(fit.matrix, mirrored=True)
+        affine = fit_affine(values[:, :2], values[:, 2:])
         return {
             "count": len(values),
-            "matrix": fit.matrix.tolist(),
-            "residuals": np.round(fit.residuals, 2).tolist() if len(values) > 2 else None,
-            "rms": round(fit.rms, 2) if len(values) > 2 else None,
+            **_told(fit),
+            "affine": None if isinstance(affine, Failure) else _told(affine),
             "pixel_m": round(fit.scale, 4),
             "scale": round(1000 * fit.scale / scan.interior.pixel_size_mm, -1),
             "turn_deg": round(float(np.degrees(turn)), 1),
         }
 
-    def save(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
+    def checked(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
+        """As `fitted`, of pairs that can be kept.
+
+        Raises:
+            ScanError: A single pair, or pairs at one place.
+        """
+        fit = self.fitted(photo_id, pairs)
+        if pairs and "matrix" not in fit:
+            raise ScanError(
+                self._scan(photo_id).scan.path, str(fit.get("why", "One pair is too few.")),
+                "Click two places or more, far apart.",
+            )  # fmt: skip
+        return fit
+
+    def save(self, photo_id: str, pairs: list[Pair], seat_id: str = "") -> dict[str, Any]:
         """Write the `.points` file beside the scan, whole; remove it once it would be empty.
 
         Raises:
             ScanError: A single pair, pairs at one place, or a file that cannot be read: it may hold
                 what somebody clicked elsewhere, so it is not written over.
         """
-        scan = self._scan(photo_id).scan.path
-        fit = self.fitted(photo_id, pairs)
+        scan, fit = self._scan(photo_id).scan.path, self.checked(photo_id, pairs)
         with self._lock:
             path = find_qgis_points(scan) or scan.with_name(scan.name + ".points")
-            if pairs and "matrix" not in fit:
-                raise ScanError(
-                    path, str(fit.get("why", "One pair is too few.")),
-                    "Click two places or more, far apart.",
-                )  # fmt: skip
             off = self._switched_off(path)
             if not pairs and not len(off.plane):
                 path.unlink(missing_ok=True)
@@ -269,6 +287,16 @@ cause=error.cause
         chosen = points.enabled
         pairs = np.column_stack([points.pixels[chosen], points.plane[chosen]])
         return np.round(pairs, 3).tolist(), ""
+
+
+def _told(fit: PlaneTransform) -> dict[str, Any]:
+    """Matrix and residuals of a transform; no residuals where it fits as a matter of course."""
+    checks = bool(np.isfinite(fit.sigma))
+    return {
+        "matrix": fit.matrix.tolist(),
+        "residuals": np.round(fit.residuals, 2).tolist() if checks else None,
+        "rms": round(fit.rms, 2) if checks else None,
+    }
 
 
 def in_crs(points: QgisPoints, crs: str) -> QgisPoints:

@@ -22,6 +22,7 @@ from core.formats.listed_point import ListedPoint
 from core.formats.micmac_measures import read_image_measures
 from core.formats.point_list import read_control_points
 from core.geometry.camera import Camera
+from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import check_range, parse_crs, read_crs
 from core.georeference import archive
 from core.literature.baselines import operator_named
@@ -34,6 +35,7 @@ from core.matching.reference import ReferenceFiles
 from core.results import BlockInput
 from core.said import say
 from core.scans.stage import ScanInput
+from sessions.session import FILE as SESSION_FILE
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,8 @@ class BlockSection:
     """Horizontal CRS: X east, Y north, metres."""
     heights: str = ""
     """Height system, in words or as a code."""
+    corrections: tuple[str, ...] = CORRECTIONS
+    """What rays are corrected for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +84,10 @@ class ScansSection:
     """MicMac's MeasuresIm-*.xml: fiducials measured by hand, which go before found ones."""
     scale_number: float | None = None
     """Scale of the photos, for those that no source places."""
+    flying_height_m: float | None = None
+    """Height above sea from which they were taken, metres."""
+    ties: Path | None = None
+    """Tie points of another program, which are taken over instead of measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,32 +163,39 @@ class Project:
         return self.file.parent
 
 
-def read_project(path: Path) -> Project:
+def read_project(path: Path, *, brought: bool = False) -> Project:
     """Read a block's `block.toml`.
 
     Args:
         path: The file, or the folder that holds it.
+        brought: Whether surveyed points come in now, which tell where it lies.
 
     Raises:
         ProjectError: Something in it cannot be used; says in which line and what to do.
         CrsError: The same, for the CRS.
     """
-    return project_of(Document((path / FILE if path.is_dir() else path).resolve()))
+    return project_of(Document((path / FILE if path.is_dir() else path).resolve()), brought=brought)
 
 
-def project_of(document: Document) -> Project:
+def project_of(document: Document, *, brought: bool = False) -> Project:
     """What a `block.toml` says; raises as `read_project` does."""
     document.check_sections()
     cameras = _cameras(document)
+    adjustment = adjustment_options(document)
+    unknown = next((name for name, camera in cameras.items() if camera.distances_mm), None)
+    if unknown is not None and not adjustment.estimate_cameras:
+        cause = say("nobody states the principal distance of {camera}.", camera=unknown)
+        remedy = "State it in [camera], or let cameras be estimated."
+        raise document.table("adjustment").error("cameras", cause, remedy)
     return Project(
         document.path,
         _block(document),
         cameras,
         _scans(document, cameras),
-        _reference(document),
+        _reference(document, brought or may_have_points(document)),
         _control(document),
         _ortho(document),
-        adjustment_options(document),
+        adjustment,
     )
 
 
@@ -192,12 +207,21 @@ def _block(document: Document) -> BlockSection:
         place = document.place("block", "heights")
         if not read_crs(heights, place).is_vertical:
             remedy = 'Name one, such as "EPSG:8357", or write words: "Bpv".'
-            raise CrsError(
-                place,
-                say("{heights} is no height system.", heights=heights),
-                remedy,
-            )
-    return BlockSection(table.text("name"), crs, heights)
+            raise CrsError(place, say("{heights} is no height system.", heights=heights), remedy)
+    return BlockSection(table.text("name"), crs, heights, _corrections(table))
+
+
+def _corrections(table: Table) -> tuple[str, ...]:
+    """What rays are corrected for, each once."""
+    key = "corrections"
+    given: object = table.values.get(key, list(CORRECTIONS))
+    if not isinstance(given, list) or any(one not in CORRECTIONS for one in given):
+        raise table.error(
+            key,
+            say("must be a list of corrections, not {given!r}.", given=given),
+            say("Write some of {names}, or [] for none.", names=list(CORRECTIONS)),
+        )
+    return tuple(name for name in CORRECTIONS if name in given)
 
 
 def _cameras(document: Document) -> dict[str, Camera]:
@@ -225,7 +249,11 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
         table.file("exterior"),
         cast("archive.GeoreferenceKind", georeference),
         table.files("fiducial_measures"),
-        table.number("scale_number") if table.has("scale_number") else None,
+        *(
+            table.number(key) if table.has(key) else None
+            for key in ("scale_number", "flying_height_m")
+        ),
+        ties=table.file("ties"),
     )
 
 
@@ -233,10 +261,7 @@ def _listed(
     document: Document, table: Table, cameras: Mapping[str, Camera]
 ) -> tuple[ListedScan, ...]:
     """The scans with the overrides applied, in the order of their names."""
-    camera, pixel_um = (
-        table.choice("camera", tuple(cameras)),
-        table.number("scan_pixel_um"),
-    )
+    camera, pixel_um = (table.choice("camera", tuple(cameras)), table.number("scan_pixel_um"))
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
@@ -266,9 +291,7 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
             else "All are excluded already."
         )
         raise override.error(
-            "file",
-            say('"{pattern}" matches none of the scans.', pattern=pattern),
-            remedy,
+            "file", say('"{pattern}" matches none of the scans.', pattern=pattern), remedy
         )
     for scan in meant:
         if override.flag("exclude"):
@@ -288,9 +311,9 @@ def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
     return fnmatch(path.name, pattern) or fnmatch(relative, pattern)
 
 
-def _reference(document: Document) -> ReferenceSection:
+def _reference(document: Document, brought: bool) -> ReferenceSection:
     table = document.table("reference")
-    for needed in missing_reference(document.values):
+    for needed in missing_reference(document.values, brought=brought):
         if table.has("ortho"):
             cause = say("is missing: without heights an ortho gives no control.")
             remedy = say("Add terrain heights, or leave `ortho` out.")
@@ -313,6 +336,11 @@ def _reference(document: Document) -> ReferenceSection:
     )
 
 
+def may_have_points(document: Document) -> bool:
+    """Whether a block was opened before, so that points may have been brought into it."""
+    return (document.path.parent / SESSION_FILE).is_file()
+
+
 def _control(document: Document) -> ControlSection:
     table = document.table("control")
     preset = cast("Preset", table.choice("preset"))
@@ -328,17 +356,11 @@ def _operators(table: Table) -> tuple[str, ...]:
     known = f"Write a list of {', '.join(every)}; without the key it is {list(USUAL_NAMES)}."
     if not isinstance(given, str | list) or not names:
         raise table.error(
-            key,
-            say("must be a list of operators, not {given!r}.", given=given),
-            known,
+            key, say("must be a list of operators, not {given!r}.", given=given), known
         )
     for name in names:
         if name not in every:
-            raise table.error(
-                key,
-                say("{name!r} is no operator.", name=name),
-                known,
-            )
+            raise table.error(key, say("{name!r} is no operator.", name=name), known)
         if name == "akaze" and not has_akaze():
             raise table.error(key, "the OpenCV of this machine has no AKAZE.", "Take another.")
     return tuple(dict.fromkeys(cast("list[str]", names)))
@@ -375,14 +397,12 @@ def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribut
     if attribute not in present:
         cause = say('{name} has no attribute "{attribute}".', name=path.name, attribute=attribute)
         raise table.error(
-            key,
-            cause,
-            say("It has {names}.", names=", ".join(present) or "none at all"),
+            key, cause, say("It has {names}.", names=", ".join(present) or "none at all")
         )
 
 
-def described(project: Project) -> BlockInput:
-    """What the engine is given of a project."""
+def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInput:
+    """What the engine is given of a project; points brought into it tell where it lies, too."""
     scans, reference = project.scans, project.reference
     listed = listed_points(project.control.points, project.block.crs)
     measured: dict[str, dict[str, tuple[float, float]]] = {}
@@ -404,9 +424,12 @@ def described(project: Project) -> BlockInput:
             scans.footprint_name,
             scans.exterior,
             scans.scale_number,
+            scans.flying_height_m,
+            project.block.corrections,
         ),
-        reference=_reference_files(project.block.crs, reference, listed),
+        reference=_reference_files(project.block.crs, reference, (*listed, *brought)),
         surveyed=tuple(surveyed_point(point) for point in listed),
+        ties=() if scans.ties is None else (scans.ties,),
         preset=project.control.preset,
         localisation=LocalisationOptions(orientation=orientation),
         control=ControlStageOptions(orientation=orientation),

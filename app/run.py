@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import shapely
 
+from app.bring_points import brought_points
 from app.height_checks import doubts_after
 from app.project import Project, described
 from app.report.model import ReportContent, Written
@@ -42,7 +43,9 @@ from core.results import BlockInput, StageResults
 from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
-from sessions.replay import Films, judged_scans, mark_changes, with_effect
+from sessions.drawn_masks import standing_masks
+from sessions.marks import Films, judged_scans, said_of_scans
+from sessions.placed_photos import with_clicks
 from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from ui.words.catalogue import LANGUAGES
@@ -89,7 +92,8 @@ class Run:
         self, project: Project, session: Session, voice: Voice, options: RunOptions
     ) -> None:
         self.project, self.session, self.voice, self.options = project, session, voice, options
-        self.given: BlockInput = described(project)
+        given = described(project, brought_points(session))
+        self.given: BlockInput = with_clicks(given, session.decisions())
         self.digest_of = session.products.digest_of
         self.results = StageResults()
         self.passes = 1
@@ -170,6 +174,8 @@ class Run:
         # What is walked again begins where control put the photos in the last pass.
         needs = (*stage.needs, "control") if repeats else stage.needs
         needed = [self.digests[name] for name in needs]
+        if stage.masked and (drawn := standing_masks(self.session.decisions())):
+            needed.append(self.digest_of(drawn))
         digest = self.digest_of(stage.name, stage.version, stage.inputs(self.given), needed)
         self.digests[stage.name] = digest
         products = self.session.products
@@ -188,18 +194,18 @@ class Run:
         return say("{told} (as before)", told=told) if fresh else told
 
     def corrected(self, found: ScanSet) -> ScanSet:
-        """The scans with the fiducials that operators corrected: what follows depends on them."""
+        """The scans as operators corrected them: all that follows depends on their fiducials."""
         decisions = self.session.decisions()
         scans, self.films = judged_scans(found, self.given, decisions), found.oriented
-        if scans is not found:
-            digest = self.digests.get("scans", "")
-            self.digests["scans"] = self.digest_of(digest, with_effect(mark_changes(decisions)))
+        if said := said_of_scans(decisions):
+            self.digests["scans"] = self.digest_of(self.digests.get("scans", ""), said)
         write_fiducials(self.session.results, self.given, scans)
         return scans
 
     def adjust(self, progress: Progress) -> str:
         """Lay the operator's decisions over the block and adjust it."""
-        block = self.session.replayed(self.assembly.report.block, self.films)
+        found, cameras = self.films, self.given.cameras
+        block = self.session.replayed(self.assembly.report.block, found, cameras)
         decisions = [recorded.decision_id for recorded in self.session.decisions()]
         options = self.given.adjustment
         digest = self.digest_of("adjustment", 4, self.digests["control"], decisions, options)

@@ -18,8 +18,8 @@ from core.matching.reference import open_reference
 from core.mosaic.composition import MosaicProduct
 from core.pipeline import STAGES, Stage
 from core.raster.scan_file import check_fits_camera, open_scan
+from sessions.marks import said_of_scans
 from sessions.products import Products
-from sessions.replay import mark_changes, with_effect
 from sessions.session import Session
 
 Check = list[Any]
@@ -157,7 +157,7 @@ def stages_ahead(project: Project, session: Session) -> Iterator[str]:
         product = f"{stage.name}/{passes}" if repeats else stage.name
         if products.fresh(product, digest) is None:
             return False
-        changes = with_effect(mark_changes(session.decisions())) if stage.name == "scans" else ()
+        changes = said_of_scans(session.decisions()) if stage.name == "scans" else ()
         if changes:
             digests["scans"] = products.digest_of(digest, changes)
         return True

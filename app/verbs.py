@@ -153,7 +153,9 @@ class Visit:
                 self.voice.say(
                     say("Guests, who look and decide nothing: {url}", url=desk.guest_url)
                 )
-                return desk.wait()
+                settings = desk.wait()
+                ran = desk.ran
+        return self.through_desk() if ran else settings
 
     def through_placing(self, project: Project, session: Session) -> bool:
         """Let a block that does not stand be placed by clicks; False when settings come first."""
@@ -200,7 +202,8 @@ def export(given: argparse.Namespace, voice: Voice) -> None:
 
 def bring(given: argparse.Namespace, voice: Voice) -> None:
     """What another program knows, or a table of points, into a block."""
-    project, (name, path) = read_project(given.block), given.source
+    name, path = given.source
+    project = read_project(given.block, brought=name == POINT_TABLE)
     with Session.open(project.folder, given.operator) as session:
         if name == POINT_TABLE:
             reading = reading_of(given.answer)

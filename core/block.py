@@ -8,11 +8,27 @@ from typing import Literal
 import numpy as np
 from shapely import Polygon
 
-from core.arrays import FilmPoints, Indices, ObjectPoints, PixelPoints, Position, Scalars, locked
+from core.arrays import (
+    FilmPoints,
+    Flags,
+    Indices,
+    ObjectPoints,
+    PixelPoints,
+    Position,
+    Scalars,
+    locked,
+)
 from core.formats.listed_point import ListedPoint
 from core.geometry.camera import Camera
-from core.geometry.collinearity import Atmosphere, atmosphere_of, film_from_object, object_from_film
+from core.geometry.collinearity import (
+    CORRECTIONS,
+    Atmosphere,
+    atmosphere_of,
+    film_from_object,
+    object_from_film,
+)
 from core.geometry.crs import Bounds
+from core.geometry.drawn_mask import DrawnMask
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 
@@ -74,11 +90,19 @@ class Photo:
     """Mean height of the ground under the photo, metres."""
     oriented: bool = False
     """True once the exterior orientation rests on measurements that could not be chance."""
+    mask: DrawnMask = field(default_factory=DrawnMask)
+    """What a hand drew on the scan."""
+    corrections: tuple[str, ...] = CORRECTIONS
+    """What its rays are corrected for; not what the program it came from knew nothing of."""
 
     @property
     def atmosphere(self) -> Atmosphere:
         """Refraction and curvature, from the approximate height so that they stay constants."""
-        return atmosphere_of(float(self.approximate.centre[2]), self.ground_height_m)
+        air = atmosphere_of(float(self.approximate.centre[2]), self.ground_height_m)
+        return Atmosphere(
+            air.refraction if "refraction" in self.corrections else 0.0,
+            air.curvature_per_m if "curvature" in self.corrections else 0.0,
+        )
 
     def ground_pixel_m(self, camera: Camera) -> float:
         """Size of a scan pixel on the ground under the photo, metres."""
@@ -130,11 +154,6 @@ class SurveyedPoint:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", locked(self.position))
         object.__setattr__(self, "sigma_m", locked(self.sigma_m))
-
-    @property
-    def independent(self) -> bool:
-        """True for a check point that the user brought: the reference says nothing of it."""
-        return self.role == "check" and self.source == "surveyed"
 
 
 def surveyed_point(point: ListedPoint) -> SurveyedPoint:
@@ -212,6 +231,8 @@ class Measurement:
     """Every candidate that was found, best first."""
     readings: tuple[Reading, ...] = ()
     """Each operator's latest, newest last, where hands placed it."""
+    seen: bool = True
+    """False where a proposal was accepted with others, and nobody looked at it here."""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -254,6 +275,13 @@ class TiePoints:
     def count(self) -> int:
         """Number of tie points."""
         return int(self.point.max()) + 1 if len(self.point) else 0
+
+    def kept(self, rays: Flags) -> "TiePoints":
+        """The same with some of the rays; tie points keep their numbers."""
+        return TiePoints(
+            self.photo_ids, self.point[rays], self.photo[rays], self.pixels[rays],
+            self.sigma_px[rays],
+        )  # fmt: skip
 
     @staticmethod
     def none() -> "TiePoints":
@@ -315,6 +343,19 @@ class Block:
         """True when a measurement takes part: it is used, and its point is control."""
         point = self.surveyed.get(measurement.point_id)
         return measurement.used and point is not None and point.role == "control"
+
+    @property
+    def independent_checks(self) -> frozenset[str]:
+        """Check points that the user brought and somebody saw: the reference says nothing of them.
+
+        In one photo at least the place is a hand's, or was looked at when it was accepted.
+        """
+        seen = {item.point_id for item in self.measurements.values() if item.used and item.seen}
+        return frozenset(
+            name
+            for name, point in self.surveyed.items()
+            if point.role == "check" and point.source == "surveyed" and name in seen
+        )
 
     def with_photos(self, photos: Mapping[str, Photo]) -> "Block":
         """The same block with other photos."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from core.said import say
+from core.said import Said, say
 
 
 class PhotogrammetryError(Exception):
@@ -15,11 +15,14 @@ class PhotogrammetryError(Exception):
         told: All of it.
     """
 
-    def __init__(self, file: str | Path, cause: str, remedy: str) -> None:
+    def __init__(self, file: str | Path, cause: str, remedy: str, /, **values: object) -> None:
+        """What is told; `values` stand in the places of cause and remedy."""
         self.file = str(file)
-        self.cause = cause
-        self.remedy = remedy
-        self.told = say("{file}: {cause} {remedy}", file=self.file, cause=cause, remedy=remedy)
+        self.cause = Said(cause, values) if values else cause
+        self.remedy = Said(remedy, values) if values else remedy
+        self.told = say(
+            "{file}: {cause} {remedy}", file=self.file, cause=self.cause, remedy=self.remedy
+        )
         super().__init__(self.told)
 
 

@@ -12,12 +12,7 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import ObjectPoints, PixelPoints
-from core.block import (
-    Block,
-    Measurement,
-    Photo,
-    SurveyedPoint,
-)
+from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.formats.exchange import (
     ExchangeBlock,
     ExchangeCamera,
@@ -26,8 +21,8 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangePoint,
     ExchangeTies,
-    Triple,
 )
+from core.formats.rotations import triple_of
 from core.geometry.camera import Camera, additional_set
 from core.geometry.collinearity import Atmosphere, film_from_object
 from core.said import say
@@ -166,8 +161,8 @@ def _photo(
         photo.camera,
         matrix,
         photo.exterior if photo.oriented else None,
-        None if sigmas is None else _triple(sigmas.centre_m),
-        None if sigmas is None else _triple(sigmas.angles),
+        None if sigmas is None else triple_of(sigmas.centre_m),
+        None if sigmas is None else triple_of(sigmas.angles),
         {} if frame is not None else {name: (column, row) for name, (column, row) in marks},
     )
 
@@ -179,16 +174,10 @@ def _with_refraction(photo: ExchangePhoto, refraction: float, camera: str) -> Ex
     return replace(photo, camera=camera, pixel_from_image=photo.pixel_from_image @ scale)
 
 
-def _triple(values: np.ndarray) -> Triple:
-    """Three floats."""
-    first, second, third = (float(value) for value in values)
-    return first, second, third
-
-
 def _point(point: SurveyedPoint) -> ExchangePoint:
     """A surveyed point."""
     role = "check" if point.role == "check" else "control"
-    return ExchangePoint(point.point_id, _triple(point.position), _triple(point.sigma_m), role)
+    return ExchangePoint(point.point_id, triple_of(point.position), triple_of(point.sigma_m), role)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from core.progress import Work
 from core.reference.stage import ReferenceFeatures, find_reference_points
 from core.results import BlockInput, StageResults
 from core.scans.stage import ScanSet, orient_scans
-from core.ties.stage import Tied, tie_photos
+from core.ties.stage import Tied, taken_over, tie_photos
 
 T = TypeVar("T")
 
@@ -42,6 +42,8 @@ class Stage:
     """Counted up when the same inputs give another value than before."""
     repeated: bool = False
     """Whether it is walked again until the block has settled."""
+    masked: bool = False
+    """Whether it is the first to look at what of a scan is photograph."""
 
 
 def made(value: T | None) -> T:
@@ -83,13 +85,20 @@ def _localisation(given: BlockInput, results: StageResults, work: Work) -> Local
             made(results.localisation), adjusted, scans, features, given.reference, work
         )
     placed = made(results.georeference)
-    return localise_photos(placed, scans, features, given.reference, given.localisation, work)
+    ties = taken_over(given.ties, placed.block)
+    return localise_photos(
+        placed, scans, features, given.reference, given.localisation, work, ties=ties
+    )
 
 
 def _ties(given: BlockInput, results: StageResults, work: Work) -> Tied:
     localised = made(results.localisation)
     if results.ties is not None and results.ties.still_hold(localised.block):
         return results.ties
+    ties = taken_over(given.ties, localised.block)
+    if ties is not None:
+        places = {name: photo.exterior for name, photo in localised.block.photos.items()}
+        return Tied(ties, (), places)
     features = localised.features or detect_features(
         localised.block, results.opened_scans, given.localisation, work.part(0.0, FEATURES_SHARE)
     )
@@ -161,16 +170,17 @@ STAGES: tuple[Stage, ...] = (
         "localisation",
         "The photos on the reference",
         ("georeference", "reference"),
-        lambda given: (given.localisation,),
+        lambda given: (given.localisation, *given.ties),
         _localisation,
         version=2,
         repeated=True,
+        masked=True,
     ),
     Stage(
         "ties",
         "Tie points between the scans",
         ("localisation",),
-        lambda given: (given.localisation.ties,),
+        lambda given: (given.localisation.ties, *given.ties),
         _ties,
         version=8,
         repeated=True,
@@ -181,7 +191,7 @@ STAGES: tuple[Stage, ...] = (
         ("localisation", "ties", "reference"),
         lambda given: (given.control, given.surveyed, given.preset),
         _control,
-        version=12,
+        version=13,
         repeated=True,
     ),
 )

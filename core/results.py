@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block import SurveyedPoint
@@ -37,6 +38,8 @@ class BlockInput:
     """What is known of the ground today, and the block's CRS."""
     surveyed: tuple[SurveyedPoint, ...] = ()
     """Points the user already has."""
+    ties: tuple[Path, ...] = ()
+    """List of another program's tie points, taken over instead of measured; empty for none."""
     preset: Preset = "gruber"
     """Whose control it is."""
     localisation: LocalisationOptions = field(default_factory=LocalisationOptions)

@@ -44,6 +44,7 @@ from core.doubts import Doubt, Failure
 from core.formats.listed_point import ListedPoint
 from core.geometry.camera import Camera
 from core.geometry.collinearity import Atmosphere
+from core.geometry.drawn_mask import DrawnMask
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.georeference.approximation import Approximation
@@ -83,6 +84,7 @@ REGISTERED: tuple[type, ...] = (
     Contradiction,
     ControlFound,
     Doubt,
+    DrawnMask,
     ExteriorOrientation,
     ExteriorPrior,
     ExteriorSigmas,

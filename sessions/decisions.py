@@ -1,11 +1,12 @@
 """What the operator said about a point, as frozen values; the session appends and replays them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from core.block import Measurement, Role
 from core.formats.listed_point import ListedPoint
+from core.scans.judging import FiducialMeasurement
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
 """Why a measurement is rejected."""
@@ -76,6 +77,8 @@ class Place:
     sigma_px: float | None = None
     """Standard deviation per axis, pixels, of a measurement moved onto the peak it lay beside, or
     of a proposal that was accepted; None where a hand placed it."""
+    seen: bool = True
+    """False for a proposal accepted with others: nobody looked at it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +190,55 @@ class PlaceFiducial:
 
 
 @dataclass(frozen=True, slots=True)
+class DrawMask:
+    """Part of a scan, or of every scan of a camera, is no photograph; or is one after all."""
+
+    subject: str
+    """The photo, or the camera where `on_film`."""
+    outline: tuple[tuple[float, float], ...]
+    """Corners, or the middle line of a brush: scan pixels, film millimetres where `on_film`."""
+    width: float
+    """Of the brush, in the same unit; 0 for an outline that is filled."""
+    hides: bool
+    """False for the eraser."""
+    on_film: bool = False
+    """Whether it holds for every scan of a camera."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacePhoto:
+    """A photo lies where the same places were clicked in it and in the ortho."""
+
+    photo_id: str
+    """The photo."""
+    pairs: tuple[tuple[float, float, float, float], ...]
+    """Column, row, easting, northing; none gives the photo back to its sources."""
+
+
+@dataclass(frozen=True, slots=True)
+class FillMarks:
+    """The marks of a camera that are like one which the operator pointed at."""
+
+    camera: str
+    """Name of the camera."""
+    photo_id: str
+    """The photo with the example."""
+    column: float
+    """Middle of the example, pixels, corner origin."""
+    row: float
+    """As `column`."""
+    found: Mapping[str, tuple[FiducialMeasurement, ...]]
+    """What was found, by photo: kept, so that it need not be found again."""
+    places_mm: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict[str, tuple[float, float]]
+    )
+    """Where the marks lie on the film, millimetres, estimated from the roll; empty where a
+    certificate says so."""
+    sigma_mm: float = 0.0
+    """Standard deviation of such a place per axis, millimetres."""
+
+
+@dataclass(frozen=True, slots=True)
 class Withdraw:
     """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
 
@@ -196,11 +248,16 @@ class Withdraw:
 
 PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChoosePeak
 """A decision about one point in one photo."""
-FiducialDecision = JudgeFiducial | PlaceFiducial
-"""A decision about one fiducial of one scan."""
+FiducialDecision = JudgeFiducial | PlaceFiducial | FillMarks
+"""A decision about one fiducial of one scan, or about those of a camera that look alike."""
 PointsDecision = SetRole | AddPoint | BringPoints
 """A decision about surveyed points themselves."""
-Decision = PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | Withdraw
+ScanDecision = DrawMask | PlacePhoto
+"""A decision about a whole scan: its mask, or where it lies."""
+Decision = (
+    PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | ScanDecision
+    | Withdraw
+)  # fmt: skip
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)
 

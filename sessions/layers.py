@@ -10,6 +10,7 @@ import shapely
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Position, locked
 from core.block import Block, Measurement, Status
+from core.geometry.drawn_mask import outlines
 from sessions.geopackage import Feature, Layer, register_crs, replace_layer
 from sessions.store import Store
 
@@ -76,6 +77,14 @@ RESIDUAL_VECTORS = Layer(
     | dict.fromkeys(("residual_px", "residual_m", "scale"), "DOUBLE"),
 )
 
+MASKS = Layer(
+    "masks",
+    "What operators left out of scans, on level ground; outlines in scan pixels, corner origin",
+    "POLYGON",
+    False,
+    {"photo_id": "TEXT", "scan": "TEXT", "kind": "TEXT", "pixels": "TEXT", "area_m2": "DOUBLE"},
+)
+
 
 def write_layers(
     store: Store,
@@ -100,6 +109,7 @@ def write_layers(
         (MEASUREMENTS, list(_measurements(block, report))),
         (NEW_POINTS, list(_new_points(report))),
         (RESIDUAL_VECTORS, list(_residual_vectors(block, report, residual_scale))),
+        (MASKS, list(_masks(block, report))),
     )
     with store.writing() as transaction:
         srs_id = register_crs(transaction, block.crs)
@@ -127,6 +137,22 @@ def _footprints(block: Block, footprints: Mapping[str, shapely.Polygon]) -> Iter
     for photo_id, polygon in footprints.items():
         if photo_id in block.photos and not polygon.is_empty:
             yield polygon, (photo_id, str(block.photos[photo_id].scan), polygon.area)
+
+
+def _masks(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
+    """A polygon for each part that was drawn, where its photo shows the mean height."""
+    for photo_id, known in block.photos.items():
+        photo, camera = report.block.photos.get(photo_id, known), block.camera_of(photo_id)
+        for kind, area in (("hidden", known.mask.hidden), ("freed", known.mask.freed)):
+            for part in outlines(area):
+                ground = shapely.transform(
+                    part,
+                    lambda pixels, photo=photo, camera=camera: photo.object_from_pixel(
+                        pixels, np.full(len(pixels), photo.ground_height_m), camera
+                    )[:, :2],
+                )
+                named = (photo_id, str(known.scan), kind)
+                yield ground, (*named, shapely.to_wkt(part, 1), ground.area)
 
 
 def _points(block: Block, report: AdjustmentReport) -> Iterable[Feature]:

@@ -37,6 +37,8 @@ def placed(proposed: Measurement | None, decision: Place, recorded: Recorded) ->
     column, row = np.mean([(one.column, one.row) for one in together], axis=0).tolist()
     sigma = mean_sigma_px(together) if decision.sigma_px is None else decision.sigma_px
     peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
+    who = ", ".join(one.operator for one in together)
+    reason = f"placed by {who}" if decision.seen else f"accepted with others by {who}"
     return Measurement(
         decision.point_id,
         decision.photo_id,
@@ -45,9 +47,10 @@ def placed(proposed: Measurement | None, decision: Place, recorded: Recorded) ->
         sigma,
         score=1.0,
         status="accepted",
-        reason=f"placed by {', '.join(one.operator for one in together)}",
+        reason=reason,
         peaks=(*peaks, Peak(column, row, sigma, 1.0, "operator")),
         readings=readings if decision.sigma_px is None else (),
+        seen=decision.seen,
     )
 
 

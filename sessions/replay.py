@@ -16,18 +16,8 @@ from core.block import (
     TiePoints,
     surveyed_point,
 )
-from core.geometry.interior import InteriorOrientation
+from core.geometry.camera import Camera
 from core.localisation.on_points import stand_on_points
-from core.results import BlockInput
-from core.scans.corrected_marks import (
-    Changes,
-    MarkChange,
-    corrected_interior,
-    corrected_scan,
-    corrected_scans,
-)
-from core.scans.interior_orientation import ScanOrientation
-from core.scans.stage import ScanSet
 from sessions.decisions import (
     NOT_VISIBLE,
     Accept,
@@ -35,7 +25,8 @@ from sessions.decisions import (
     BringPoints,
     ChoosePeak,
     Decision,
-    FiducialDecision,
+    DrawMask,
+    FillMarks,
     JudgeFiducial,
     JudgePhoto,
     JudgeTie,
@@ -44,6 +35,7 @@ from sessions.decisions import (
     PhotoDecision,
     Place,
     PlaceFiducial,
+    PlacePhoto,
     PointsDecision,
     Recorded,
     Reject,
@@ -51,113 +43,13 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
+from sessions.drawn_masks import knows_subject, standing_masks, with_masks
+from sessions.marks import Films, knows, with_marks
+from sessions.placed_photos import with_placed
 from sessions.readings import SAME_PLACE_PX, placed
 
-MarkChanges = dict[str, dict[str, MarkChange]]
-"""By photo and by the name of the mark."""
-Films = Mapping[str, ScanOrientation]
-"""Scans with their marks as they were found, by photo."""
 SAME_RAY_PX = 1.0
 """Two rays of a photo nearer than this, scan pixels, are the same."""
-
-
-def mark_changes(decisions: Sequence[Recorded]) -> MarkChanges:
-    """What stands of all that was said about fiducials."""
-    marks: MarkChanges = {}
-    for item in standing(decisions):
-        if isinstance(item.decision, JudgeFiducial | PlaceFiducial):
-            changed(marks, item.decision)
-    return marks
-
-
-def with_effect(marks: MarkChanges) -> MarkChanges:
-    """Without what leaves a mark where and as it was found."""
-    moved = {
-        name: {mark: change for mark, change in own.items() if change != MarkChange()}
-        for name, own in marks.items()
-    }
-    return {name: own for name, own in moved.items() if own}
-
-
-def changed(marks: MarkChanges, decision: FiducialDecision) -> None:
-    """Add one decision: the last verdict and the last place of a mark count."""
-    own = marks.setdefault(decision.photo_id, {})
-    before = own.get(decision.name, MarkChange())
-    match decision:
-        case PlaceFiducial(column=column, row=row):
-            own[decision.name] = MarkChange((column, row))
-        case JudgeFiducial(use=use):
-            own[decision.name] = replace(before, use=use)
-
-
-def knows(block: Block, decision: FiducialDecision) -> bool:
-    """True when a block has the photo, and its camera or its scan the mark."""
-    photo = block.photos.get(decision.photo_id)
-    if photo is None:
-        return False
-    named = block.camera_of(decision.photo_id).fiducials_mm
-    return decision.name in named or decision.name in photo.interior.names
-
-
-def with_changes(block: Block, marks: MarkChanges, found: Films | None = None) -> Block:
-    """The block with interior orientations from corrected marks.
-
-    Args:
-        block: Any block; its marks may have been corrected before it was made.
-        marks: What was said.
-        found: The scans as they were found, which make the result exact and let a correction be
-            taken back; without them, marks count as good as usual ones.
-    """
-    fresh: dict[str, InteriorOrientation] = {}
-    for name, photo in block.photos.items():
-        own, camera = marks.get(name, {}), block.camera_of(name)
-        if found is not None and name in found:
-            scan = found[name]
-            pixel_mm = scan.interior.pixel_size_mm
-            fresh[name] = (
-                corrected_scan(scan, camera, pixel_mm, own).interior if own else (scan.interior)
-            )
-        elif own:
-            fresh[name] = corrected_interior(photo.interior, camera, own)
-    photos = {
-        name: replace(block.photos[name], interior=interior)
-        for name, interior in fresh.items()
-        if not _same_interior(interior, block.photos[name].interior)
-    }
-    return block.with_photos({**block.photos, **photos}) if photos else block
-
-
-def _same_interior(one: InteriorOrientation, other: InteriorOrientation) -> bool:
-    """True when both put every pixel on the same place of the film, by the same marks."""
-    return one is other or (
-        one.names == other.names
-        and np.array_equal(one.film_from_pixel_matrix, other.film_from_pixel_matrix)
-        and np.array_equal(one.warp, other.warp)
-    )
-
-
-def judged_scans(scans: ScanSet, given: BlockInput, decisions: Sequence[Recorded]) -> ScanSet:
-    """The scans as they were found, with the marks that operators corrected."""
-    marks: dict[str, Changes] = {
-        name: own
-        for name, own in with_effect(mark_changes(decisions)).items()
-        if name in scans.oriented
-    }
-    if not marks:
-        return scans
-    inputs = {scan.path.stem: scan for scan in given.scans}
-    families = scans.cameras or given.cameras
-    oriented = corrected_scans(
-        scans.oriented,
-        {name: families[inputs[name].camera] for name in scans.oriented},
-        {name: inputs[name].scan_pixel_um / 1000 for name in scans.oriented},
-        marks,
-    )
-    changed_ones = [name for name in marks if oriented[name] is not scans.oriented[name]]
-    gone = [doubt for name in changed_ones for doubt in scans.oriented[name].doubts]
-    doubts = tuple(doubt for doubt in scans.doubts if doubt not in gone)
-    doubts += tuple(doubt for name in changed_ones for doubt in oriented[name].doubts)
-    return replace(scans, oriented=oriented, doubts=doubts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,17 +63,23 @@ class Replayed:
     session and tried again at every replay."""
 
 
-def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = None) -> Replayed:
+def replay(
+    block: Block,
+    decisions: Sequence[Recorded],
+    found: Films | None = None,
+    given: Mapping[str, Camera] | None = None,
+) -> Replayed:
     """The block with the standing decisions laid over it, in the order they were made.
 
     Args:
         block: As the engine left it.
         decisions: Everything recorded.
         found: Scans with their fiducials as they were found; see `with_changes`.
+        given: The cameras as the block describes them; by default those of the block.
     """
+    block = with_placed(block, decisions)
     measurements, surveyed = dict(block.measurements), dict(block.surveyed)
     known_photos, unmatched = block.photos, list[Recorded]()
-    marks: dict[str, dict[str, MarkChange]] = {}
     known = {recorded.decision_id for recorded in decisions}
     # What was measured of a point holds whenever its list comes in again.
     for recorded in standing(decisions):
@@ -196,15 +94,17 @@ def replay(block: Block, decisions: Sequence[Recorded], found: Films | None = No
             case JudgeTie() | JudgePhoto() as decision:
                 after = judged(block, decision)
                 matched, block = after is not None, after or block
-            case JudgeFiducial() | PlaceFiducial() as decision:
+            case JudgeFiducial() | PlaceFiducial() | FillMarks() as decision:
                 matched = knows(block, decision)
-                changed(marks, decision)
+            case DrawMask() | PlacePhoto() as decision:
+                matched = knows_subject(block, decision)
             case decision:
                 matched = _decide(block, surveyed, measurements, decision, recorded=recorded)
         if not matched:
             unmatched.append(recorded)
-    block = with_changes(block, with_effect(marks), found)
+    block = with_marks(block, decisions, found, block.cameras if given is None else given)
     block = replace(block, surveyed=surveyed, measurements=measurements)
+    block = with_masks(block, standing_masks(decisions))
     return Replayed(stand_on_points(block, taken_out(decisions)), tuple(unmatched))
 
 
@@ -302,8 +202,10 @@ def _decide(
         return False
     key = decision.point_id, decision.photo_id
     known = measurements.get(key)
-    if known is None and isinstance(decision, MarkNotVisible):
-        known = _expected(block, surveyed[decision.point_id], decision.photo_id)
+    point = surveyed[decision.point_id]
+    dismissed = isinstance(decision, Reject) and (point.source == "surveyed" or point.role == "new")
+    if known is None and (dismissed or isinstance(decision, MarkNotVisible)):
+        known = _expected(block, point, decision.photo_id)
     decided = _decided(known, decision, recorded)
     if decided is None:
         return False
@@ -312,7 +214,7 @@ def _decide(
 
 
 def _expected(block: Block, point: SurveyedPoint, photo_id: str) -> Measurement | None:
-    """Where a point that nobody measured ought to lie, for who says that it cannot be seen."""
+    """Where a point that nobody measured ought to lie, for who says that it is not to be seen."""
     camera = block.camera_of(photo_id)
     pixel = block.photos[photo_id].pixel_from_object(point.position[None], camera)[0]
     if not np.isfinite(pixel).all():
@@ -337,7 +239,7 @@ def _decided(
         case _ if proposed is None:
             return None
         case Accept():
-            return replace(proposed, status="accepted", reason="")
+            return replace(proposed, status="accepted", reason="", seen=True)
         case Reject(reason=reason):
             return replace(proposed, status="rejected", reason=reason, readings=())
         case MarkNotVisible():
@@ -363,7 +265,7 @@ def _held(
             decision.point_id, decision.photo_id, column, row, HAND_SIGMA_PX, status="accepted"
         )
     if isinstance(decision, Accept) and _near(proposed, column, row):
-        return replace(proposed, status="accepted", reason="")
+        return replace(proposed, status="accepted", reason="", seen=True)
     peaks = [peak for peak in proposed.peaks if _near(peak, column, row)]
     if not peaks:
         return replace(
@@ -429,8 +331,4 @@ def _with_tie(block: Block, decision: JudgeTie) -> Block | None:
         return None
     if decision.use:
         return block
-    kept = ties.point != number
-    fewer = TiePoints(
-        ties.photo_ids, ties.point[kept], ties.photo[kept], ties.pixels[kept], ties.sigma_px[kept]
-    )
-    return replace(block, ties=fewer)
+    return replace(block, ties=ties.kept(ties.point != number))

@@ -13,6 +13,7 @@ import shapely
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
 from core.errors import StorageError
+from core.geometry.camera import Camera
 from core.said import say
 from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
@@ -26,9 +27,10 @@ from sessions.decisions import (
 )
 from sessions.disk import explain_disk_errors
 from sessions.layers import write_layers
+from sessions.marks import Films
 from sessions.processes import only_run
 from sessions.products import Products
-from sessions.replay import Films, Replayed, replay, with_place
+from sessions.replay import Replayed, replay, with_place
 from sessions.store import Row, Store
 
 FILE = "session.gpkg"
@@ -83,7 +85,11 @@ class Session:
         return self.record_all((decision,), seen, operator)[0]
 
     def record_all(
-        self, decisions: Sequence[Decision], seen: Block | None = None, operator: str | None = None
+        self,
+        decisions: Sequence[Decision],
+        seen: Block | None = None,
+        operator: str | None = None,
+        joined: Recorded | None = None,
     ) -> tuple[Recorded, ...]:
         """Put decisions on the disk; when this returns, they are there.
 
@@ -95,10 +101,13 @@ class Session:
             seen: The block that was on screen: fills in the place that was looked at, so that a
                 later run cannot move what a human has accepted.
             operator: Who decided; the session's own operator by default.
+            joined: What the same operator began and these complete: they bear its time.
         """
         self._when = max(datetime.now(UTC), self._when + timedelta(milliseconds=1))
         when = self._when.isoformat(timespec="milliseconds")
         who = operator or self.operator
+        if joined is not None and joined.who == who:
+            when = joined.when
         recorded: list[Recorded] = []
         for decision in decisions:
             placed = decision if seen is None else with_place(decision, seen)
@@ -117,13 +126,17 @@ class Session:
         """What was recorded after a given decision, by whomever; 0 for everything."""
         return tuple(self._recorded(row) for row in self._store.rows(after=decision_id))
 
-    def replayed(self, block: Block, found: Films | None = None) -> Block:
-        """The block with all standing decisions laid over it; `found` as for `replay`."""
-        return self.replayed_all(block, found).block
+    def replayed(
+        self, block: Block, found: Films | None = None, given: Mapping[str, Camera] | None = None
+    ) -> Block:
+        """The block with all standing decisions laid over it; the others as for `replay`."""
+        return self.replayed_all(block, found, given).block
 
-    def replayed_all(self, block: Block, found: Films | None = None) -> Replayed:
+    def replayed_all(
+        self, block: Block, found: Films | None = None, given: Mapping[str, Camera] | None = None
+    ) -> Replayed:
         """As `replayed`, with the decisions that find no place in this block."""
-        return replay(block, self.decisions(), found)
+        return replay(block, self.decisions(), found, given)
 
     def undo(self, operator: str | None = None) -> Recorded | None:
         """Withdraw the operator's own last decision that stands, and what was recorded with it.

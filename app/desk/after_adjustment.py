@@ -39,7 +39,7 @@ class AfterAdjustment:
             evidence=self.evidence(report),
         )  # fmt: skip
         extra = extra_of(state, desk.base, desk.recorded, desk.doubts, desk.dem)
-        state = with_predictions(replace(state, extra=extra))
+        state = with_predictions(replace(state, extra=extra), desk.dem)
         drawn = redrawn(desk.drawn, state.oriented)
         return replace(
             desk,
@@ -55,10 +55,10 @@ class AfterAdjustment:
 def adopt_adjustment(now: DeskSnapshot, found: DeskSnapshot, stale_m: float) -> DeskSnapshot:
     """The desk as it stands now, with what follows from the newest adjustment."""
     then = found.state
-    predictions = then.to_measure.predictions
+    measured = replace(then.to_measure, proposals=now.state.to_measure.proposals)
     state = with_waiting(replace(
         now.state, report=then.report, before=then.before, adjusting=False, extra=then.extra,
-        evidence=then.evidence, to_measure=replace(now.state.to_measure, predictions=predictions),
+        evidence=then.evidence, to_measure=measured,
     ))  # fmt: skip
     # Orthos may have been made meanwhile.
     same = now.state.made is then.made

@@ -6,11 +6,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from app.desk.messages import (
     Adjusted,
     Deliver,
+    Delivery,
+    FillEnded,
+    FillStep,
     Measured,
     ProposalsWanted,
     Proposed,
@@ -24,7 +27,8 @@ from core.block import Block
 from core.doubts import Failure
 from core.errors import Cancelled, PhotogrammetryError
 from core.progress import Progress
-from ui.review.gestures import Gesture
+from sessions.decisions import FillMarks
+from ui.review.gestures import Gesture, MarkPlaced
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
@@ -38,6 +42,11 @@ REPORT_EVERY_S = 0.15
 
 Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
 """(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
+Fill = Callable[[MarkPlaced, DeskSnapshot, Progress], tuple[FillMarks | None, Notice]]
+"""(gesture, desk, progress): look for all marks like the one that was pointed at."""
+Step = Callable[[float, float, str, float | None], Delivery]
+"""(done, total, what, seconds left): how far long work is, as a message."""
+T = TypeVar("T")
 Measure = Callable[[Gesture | ProposalsWanted, DeskSnapshot, Deliver], Measured | Proposed]
 """(gesture, desk, begun): measure what a gesture asks for, or propose places."""
 
@@ -173,26 +182,33 @@ def _not_measured(gesture: Gesture | ProposalsWanted, why: str) -> Measured:
     return Measured(gesture.seat_id, None, Notice("notice.not-done", {"why": why}, grave=True))
 
 
-class Remaker:
-    """Makes orthos again in a thread of its own, so that deciding goes on meanwhile."""
+class LongWork:
+    """One long piece of work at a time in a thread of its own, so that deciding goes on."""
 
-    def __init__(self, remake: Remake, deliver: Deliver) -> None:
-        self._remake, self._deliver = remake, deliver
+    def __init__(self, name: str, step: Step, deliver: Deliver) -> None:
+        self._name, self._step, self._deliver = name, step, deliver
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
     @property
     def busy(self) -> bool:
-        """True while orthos are being made."""
+        """True while it is done."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
-        """Begin; only one making at a time."""
+    def begin(
+        self, work: Callable[[Progress], T], ended: Callable[[T | None, str, bool], Delivery]
+    ) -> None:
+        """Begin, unless something is being done.
+
+        Args:
+            work: Told of `Cancelled` by its progress.
+            ended: (what came of it, why nothing did, whether it was stopped), as a message.
+        """
         if self.busy:
             return
         self._stop.clear()
         self._thread = threading.Thread(
-            target=self._run, args=(photo_ids, report), name="orthos", daemon=True
+            target=self._run, args=(work, ended), name=self._name, daemon=True
         )
         self._thread.start()
 
@@ -206,25 +222,65 @@ class Remaker:
         if self._thread is not None:
             self._thread.join(timeout=30)
 
-    def _run(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
-        failure, cancelled = "", False
+    def _run(
+        self, work: Callable[[Progress], T], ended: Callable[[T | None, str, bool], Delivery]
+    ) -> None:
+        made, failure, cancelled = None, "", False
         try:
-            self._remake(photo_ids, _Watched(self._stop, self._deliver), report)
+            made = work(_Watched(self._stop, self._deliver, self._step))
         except Cancelled:
             cancelled = True
         except PhotogrammetryError as error:
             failure = error.told
         except Exception as error:
-            logger.exception("Making orthos failed.")
+            logger.exception("Long work failed (%s).", self._name)
             failure = f"{type(error).__name__}: {error}"
-        self._deliver(RemakeEnded(photo_ids, report, failure, cancelled))
+        self._deliver(ended(made, failure, cancelled))
+
+
+class Remaker(LongWork):
+    """Makes orthos again."""
+
+    def __init__(self, remake: Remake, deliver: Deliver) -> None:
+        super().__init__("orthos", RemakeStep, deliver)
+        self._remake = remake
+
+    def start(self, photo_ids: tuple[str, ...], report: AdjustmentReport) -> None:
+        """Begin; only one making at a time."""
+        self.begin(
+            lambda progress: self._remake(photo_ids, progress, report),
+            lambda _, failure, cancelled: RemakeEnded(photo_ids, report, failure, cancelled),
+        )
+
+
+class Filler(LongWork):
+    """Looks for marks like one that was pointed at."""
+
+    def __init__(self, fill: Fill, deliver: Deliver) -> None:
+        super().__init__("marks", FillStep, deliver)
+        self._fill = fill
+
+    def start(self, gesture: MarkPlaced, desk: DeskSnapshot) -> None:
+        """Begin; only one search at a time."""
+
+        def ended(
+            found: tuple[FillMarks | None, Notice] | None, failure: str, cancelled: bool
+        ) -> FillEnded:
+            if found is not None:
+                return FillEnded(gesture.seat_id, *found)
+            notice = Notice("notice.fill-cancelled")
+            if not cancelled:
+                notice = Notice("notice.not-done", {"why": failure}, grave=True)
+            return FillEnded(gesture.seat_id, None, notice)
+
+        self.begin(lambda progress: self._fill(gesture, desk, progress), ended)
 
 
 class _Watched:
     """Progress that is passed on with an estimate of the time left, and can be stopped."""
 
-    def __init__(self, stop: threading.Event, deliver: Deliver) -> None:
-        self._stop, self._deliver = stop, deliver
+    def __init__(self, stop: threading.Event, deliver: Deliver, step: Step) -> None:
+        self._stop, self._deliver, self._step = stop, deliver, step
         self._begun = time.perf_counter()
         self._told = 0.0
 
@@ -238,7 +294,7 @@ class _Watched:
         self._told = now
         share = done / total if total else 0.0
         left = (now - self._begun) * (1 - share) / share if share > 0.02 else None
-        self._deliver(RemakeStep(done, total, what, left))
+        self._deliver(self._step(done, total, what, left))
 
 
 def survived(function: Callable[[Any], None], argument: Any) -> str:

@@ -17,10 +17,10 @@ from core.formats.exchange_formats import FORMATS
 from core.progress import SILENT
 from sessions.atomic_write import whole_file
 from sessions.session import RESULTS, Session
-from ui.web.running import operators_only, told
+from ui.web.running import json_of, operators_only, told
 
 
-def standing_export(project: Project, name: str) -> Exported:
+def standing_export(project: Project, name: str, pictures: bool = False) -> Exported:
     """The block as all decisions leave it, in `results/export`."""
     voice = Terminal(LastingConsole(quiet=True))
     with Session.open(project.folder, "gruber") as session:
@@ -28,7 +28,7 @@ def standing_export(project: Project, name: str) -> Exported:
         walk.walk()
         report = walk.adjusted
         return export_block(
-            session, report.block, report, name, None, pictures=False, progress=SILENT
+            session, report.block, report, name, None, pictures=pictures, progress=SILENT
         )
 
 
@@ -45,14 +45,19 @@ def titles() -> Mapping[str, str]:
     return {name: FORMATS[name].title for name in format_names(reads=False)}
 
 
+def upright_formats() -> list[str]:
+    """Formats whose pixels are those of scans laid upright."""
+    return [name for name in titles() if FORMATS[name].holds == "upright"]
+
+
 def export_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
     """`POST /export/NAME`, for operators; one is written at a time."""
     turn = threading.Lock()
 
-    def write(name: str) -> dict[str, Any]:
+    def write(name: str, pictures: bool) -> dict[str, Any]:
         with turn:
             project = read_project(project_file)
-            done = standing_export(project, name)
+            done = standing_export(project, name, pictures)
             file = done.path if done.path.is_file() else zipped(done.path)
         inside = file.relative_to(project.folder / RESULTS).as_posix()
         return {"file": inside, "notes": done.notes}
@@ -62,7 +67,8 @@ def export_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
         name = request.match_info["name"]
         if name not in titles():
             raise web.HTTPNotFound
+        pictures = bool((await json_of(request)).get("pictures"))
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(None, lambda: told(lambda: write(name)))
+        return await loop.run_in_executor(None, lambda: told(lambda: write(name, pictures)))
 
     return (web.post("/export/{name}", export),)

@@ -1,9 +1,7 @@
 """The review desk of a block that has been run: what it works on, and what it may set off."""
 
 import io
-import os
-import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, cast
@@ -11,13 +9,18 @@ from typing import Protocol, cast
 import numpy as np
 from aiohttp import web
 
-from app.desk.background import Adjust, Remake
+from app.bring_points import brought_points
+from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import export_routes
-from app.desk.measuring import TransferSource
+from app.desk.filling import Filling
+from app.desk.lasting import lasting_token as lasting_token
+from app.desk.measuring import PhotoToPhoto, Sigmas
+from app.placing import Placeable, standing_block
 from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
+from app.running import Running
 from app.terminal import JsonLines
-from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ExteriorSigmas
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.expected_gain import expected_gains
 from core.adjustment.influence import influence_of
@@ -26,9 +29,10 @@ from core.adjustment.weights import Terrain
 from core.arrays import ObjectPoints
 from core.block import Block, Measurement, Photo
 from core.control.likeness import Likeness, likeness_about, search_options
+from core.control.located import Surroundings
 from core.control.prediction import covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
-from core.control.transfer import Surroundings, transfer_point
+from core.control.transfer import propose_by_ortho, refine_place, transfer_point
 from core.doubts import Doubt, Failure
 from core.errors import ProjectError
 from core.geometry.camera import Camera
@@ -44,7 +48,8 @@ from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
 from core.said import say
-from core.scans.stage import ScanSet
+from core.scans.drawn_area import with_drawn
+from core.scans.stage import ScanSet, find_like
 from sessions.session import HIDDEN, Session
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
 from ui.review.snapshot import DeskSnapshot
@@ -130,6 +135,8 @@ class DeskInputs:
     """Compares reference and scan; None where there is nothing to compare with."""
     token: str = ""
     """Secret of the desk; a new one when empty."""
+    fill: Fill | None = None
+    """Looks for all marks like one that was pointed at; None where scans cannot be read."""
     template_m: float = 0.0
     """Half the side of the patches the engine compared, metres; 0 when it compared none."""
     doubts: tuple[Doubt, ...] = ()
@@ -142,7 +149,7 @@ class DeskInputs:
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
     evidence: Callable[[AdjustmentReport], Evidence] = no_evidence
     """What the equations of an adjustment tell beside its report."""
-    transfer: TransferSource | None = None
+    transfer: PhotoToPhoto | None = None
     """Finds a place of some photos in others; None where there is nothing to find it with."""
     holes: Callable[[], Holes] = no_mosaic
     """Holes inside the mosaic on disk."""
@@ -152,6 +159,10 @@ class DeskInputs:
     """Whether the block has a reference ortho."""
     results: Path | None = None
     """Folder of tables and report, to be read and taken away from the desk."""
+    placing: Placeable | None = None
+    """What a photo is placed anew on; None where there is no ortho to click in."""
+    running: Running | None = None
+    """Runs the block from the desk."""
 
 
 def first_state(desk: DeskInputs) -> DeskState:
@@ -177,7 +188,7 @@ def desk_inputs(
     Raises:
         ProjectError: The block has not been run as far as its control points.
     """
-    given = described(project)
+    given = described(project, brought_points(session))
     assembly = cast("ControlFound | None", session.products.latest_value("control"))
     placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
     localised = cast("Localised | None", session.products.latest_value("localisation"))
@@ -188,14 +199,14 @@ def desk_inputs(
             say("Run it first: gruber run {folder}", folder=project.folder),
         )
     scans = ScanFiles(project.folder)
-    files = given.reference
-    block = assembly.report.block
+    files, block = given.reference, assembly.report.block
     reference = open_reference(files, placed.block.search_bounds, level_of(block))
-    compared = Comparing(reference, given.control.orientation, scans.opened)
+    initial = initial_state_of(given, session, placed)
+    opened = photographs(scans, initial)
+    compared = Comparing(reference, given.control.orientation, opened)
     terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
     adjusting = Adjusting(given.adjustment, terrain)
-    initial = initial_state_of(given, session, placed)
-    report = adjusting(session.replayed(block, initial.films))
+    report = adjusting(session.replayed(block, initial.films, initial.cameras))
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
         name=project.block.name,
@@ -210,6 +221,8 @@ def desk_inputs(
         choose=adjusting.choose,
         evidence=adjusting.evidence,
         initial=initial,
+        placing=standing_block(given, session, reference, placed),
+        running=Running(project.file),
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
         routes=export_routes(project.file),
@@ -221,8 +234,9 @@ def desk_inputs(
         operator=operator,
         host=host,
         port=port,
+        fill=Filling(find_like),
         likeness=compared if reference.ortho.is_there else None,
-        transfer=Transferring(reference.dem, scans.opened),
+        transfer=Transferring(reference, opened),
         token=lasting_token(project.folder / HIDDEN),
         template_m=template_m(report.block, reference.ortho, given.control.orientation),
     )
@@ -241,9 +255,9 @@ def initial_state_of(given: BlockInput, session: Session, placed: Georeferenced)
     sources = {name: str(found.source) for name, found in placed.approximations.items()}
     exterior = {name: photo.exterior for name, photo in placed.block.photos.items()}
     if scans is None:
-        return InitialState({}, pixels_mm, sources, placed.set_aside, exterior)
+        return InitialState({}, pixels_mm, sources, placed.set_aside, exterior, given.cameras)
     set_aside = {**scans.set_aside, **placed.set_aside}
-    return InitialState(scans.oriented, pixels_mm, sources, set_aside, exterior)
+    return InitialState(scans.oriented, pixels_mm, sources, set_aside, exterior, given.cameras)
 
 
 class Adjusting:
@@ -294,7 +308,7 @@ class Comparing:
 
     def __call__(self, photo: Photo, camera: Camera, position: ObjectPoints) -> Likeness | Failure:
         """How alike both are about a position (1, 3)."""
-        opened = OpenPhoto(photo, camera, self.open_scan(photo.scan))
+        opened = OpenPhoto(photo, camera, masked_scan(photo, self.open_scan))
         options = search_options(opened, self.reference, self.orientation, SEARCH_M)
         pixel = photo.pixel_from_object(position, camera)
         return likeness_about(opened, self.reference, pixel, options)
@@ -304,23 +318,51 @@ class Comparing:
 class Transferring:
     """Finds what photos show of a point in the other photos of a block."""
 
-    heights: HeightSource
-    """The terrain."""
+    reference: Reference
+    """The terrain, and the ortho where the block has one."""
     open_scan: Callable[[Path], ScanFile]
     """Scans by their path."""
 
-    def __call__(
-        self,
-        block: Block,
-        sigmas: Mapping[str, ExteriorSigmas],
-        point_id: str,
-        measured: Sequence[Measurement],
+    def proposals(
+        self, block: Block, sigmas: Sigmas, point_id: str, measured: Sequence[Measurement]
     ) -> Sequence[Measurement]:
-        """Where the other photos show it, each with its probability; nothing where none does."""
-        scans = {name: self.open_scan(photo.scan) for name, photo in block.photos.items()}
-        around = Surroundings(block, scans, sigmas, self.heights)
-        found = transfer_point(around, point_id, measured)
+        """Where photos show a point, each with its probability; nothing where none does.
+
+        By those in which it is measured; before there are any, by the ortho.
+        """
+        around, ortho = self._around(block, sigmas), self.reference.ortho
+        if measured:
+            found = transfer_point(around, point_id, measured)
+        elif ortho.is_there:
+            point = block.surveyed[point_id]
+            found = propose_by_ortho(around, point, ortho, self.reference.ortho_sigma_m)
+        else:
+            return ()
         return () if isinstance(found, Failure) else found.proposals
+
+    def refined(
+        self, block: Block, sigmas: Sigmas, place: Measurement, measured: Sequence[Measurement]
+    ) -> Measurement | Failure:
+        """A place on what other photos show of its point."""
+        return refine_place(self._around(block, sigmas), place, measured)
+
+    def _around(self, block: Block, sigmas: Sigmas) -> Surroundings:
+        scans = {name: masked_scan(photo, self.open_scan) for name, photo in block.photos.items()}
+        return Surroundings(block, scans, sigmas, self.reference.dem)
+
+
+def photographs(read: ScanFiles, initial: InitialState) -> Callable[[Path], ScanFile]:
+    """Scans by their path, with what of each the program took for photograph."""
+    usable = {film.scan.path: film.scan.usable for film in initial.films.values()}
+    return lambda path: replace(read.opened(path), usable=usable.get(path))
+
+
+def masked_scan(photo: Photo, open_scan: Callable[[Path], ScanFile]) -> ScanFile:
+    """The scan of a photo, which knows what was drawn on it."""
+    scan = open_scan(photo.scan)
+    if not photo.mask:
+        return scan
+    return replace(scan, usable=with_drawn(scan.usable, photo.mask, scan.size_px))
 
 
 class OrthoMaker:
@@ -377,20 +419,3 @@ def template_m(block: Block, ortho: Ortho, options: OrientationOptions) -> float
         reduction = max(1, int(np.floor(finest / pixel + 0.25)))
         sides.append(options.template_half_px * reduction * pixel)
     return float(np.median(sides)) if sides else 0.0
-
-
-def lasting_token(hidden: Path) -> str:
-    """The desk's secret, kept for its owner only, so that pages find a desk opened again."""
-    path = hidden / "desk-token"
-    try:
-        kept = path.read_text(encoding="ascii").strip()
-        if len(kept) >= 32:
-            return kept
-        path.unlink()
-    except (FileNotFoundError, UnicodeDecodeError):
-        path.unlink(missing_ok=True)
-    token = secrets.token_urlsafe(24)
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="ascii") as file:
-        file.write(token)
-    return token

@@ -1,15 +1,19 @@
-"""Lists of surveyed points at the desk: looked at before they come in, in no thread of the loop."""
+"""Lists of points and files of other programs at the desk: looked at before they come in."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast, get_args, get_type_hints
 
-from app.bring_points import surroundings
+from app.bring_points import POINT_TABLE, surroundings
 from app.desk.messages import Measured
+from app.exchange import Brought, format_names, guessed_format, taken_over
+from app.project import read_project
 from core.block import UNKNOWN_M, Block, footprint
 from core.errors import PhotogrammetryError
+from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import PointList, PointListReading
 from core.formats.point_axes import AXES
 from core.formats.point_columns import QUANTITIES
@@ -48,8 +52,11 @@ class DeskPoints:
         Raises:
             PhotogrammetryError: It is no table of text, or its CRS is unknown.
         """
+        if form := _format_of(name, data, reading):
+            with _laid_out(name, data, reading) as path:
+                return self._told(form, taken_over(read_project(self._folder), form, path).brought)
         block = self._now()
-        return _page_of(_read(name, data, reading, block), block)
+        return {"format": "", **_page_of(_read(name, data, reading, block), block)}
 
     def bring(
         self, seat_id: str, name: str, data: bytes, reading: Mapping[str, Any]
@@ -59,6 +66,8 @@ class DeskPoints:
         Raises:
             PhotogrammetryError: As for `read`.
         """
+        if form := _format_of(name, data, reading):
+            return self._bring_foreign(seat_id, form, name, data, reading)
         block = self._now()
         found = _read(name, data, reading, block)
         if found.questions or not found.points:
@@ -66,6 +75,23 @@ class DeskPoints:
         notice = Notice("notice.brought", {"count": f"{len(found.points)}"})
         self._hand_in(Measured(seat_id, BringPoints(found.points, name), notice))
         return {"brought": len(found.points)}
+
+    def _bring_foreign(
+        self, seat_id: str, form: str, name: str, data: bytes, reading: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Hand in what another program's file brings; orientations count from the next run on."""
+        with _laid_out(name, data, reading) as path:
+            taken = taken_over(read_project(self._folder), form, path)
+            taken.write()
+        count = sum(taken.brought.counts.values())
+        notice = Notice("notice.brought.foreign", {"name": _plain(name), "count": f"{count}"})
+        self._hand_in(Measured(seat_id, None, notice, more=taken.decisions))
+        return {"brought": count}
+
+    @staticmethod
+    def _told(form: str, brought: Brought) -> dict[str, Any]:
+        """All that the page shows of another program's file."""
+        return {"format": form, "counts": dict(brought.counts), "notes": list(brought.notes)}
 
     def known(self, name: str) -> dict[str, Any]:
         """A surveyed point of the user's own; empty where there is none."""
@@ -114,9 +140,53 @@ def _is_choice(name: str, value: Any) -> bool:
             return value in CHOICES.get(name, ())
 
 
+FOLDERS = ("micmac", "mmvii", "qgis")
+"""Formats that are read from a folder, of one file too."""
+
+
+def import_titles() -> dict[str, str]:
+    """Formats of other programs that can be read, with what a user calls them."""
+    return {name: FORMATS[name].title for name in format_names(reads=True) if name != POINT_TABLE}
+
+
+def _format_of(name: str, data: bytes, reading: Mapping[str, Any]) -> str:
+    """The format of other programs that was chosen or is likeliest; empty for a table."""
+    chosen = reading.get("format")
+    if chosen is None:
+        return guessed_format([one for one, _ in _files(name, data, reading)], data)
+    return str(chosen) if chosen in import_titles() else ""
+
+
+def _plain(name: str) -> str:
+    """A file's own name, no path in it."""
+    return Path(name.replace("\\", "/")).name or "points"
+
+
+def _files(name: str, data: bytes, reading: Mapping[str, Any]) -> list[tuple[str, bytes]]:
+    """Files that came one behind the other, by the names and sizes that the page tells."""
+    listed = cast("list[Any]", reading.get("files") or [[name, len(data)]])
+    found: list[tuple[str, bytes]] = []
+    start = 0
+    for one, size in listed:
+        found.append((_plain(str(one)), data[start : start + int(size)]))
+        start += int(size)
+    return found
+
+
+@contextmanager
+def _laid_out(name: str, data: bytes, reading: Mapping[str, Any]) -> Generator[Path]:
+    """The files in a folder of their own: the single one, or the folder."""
+    files = _files(name, data, reading)
+    with TemporaryDirectory() as folder:
+        for one, part in files:
+            (Path(folder) / one).write_bytes(part)
+        whole = len(files) > 1 or _format_of(name, data, reading) in FOLDERS
+        yield Path(folder) if whole else Path(folder) / files[0][0]
+
+
 def _read(name: str, data: bytes, reading: Mapping[str, Any], block: Block) -> PointList:
     """A list that came over the wire, under its own name."""
-    plain = Path(name.replace("\\", "/")).name or "points"
+    plain = _plain(name)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "points"
         path.write_bytes(data)

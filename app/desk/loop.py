@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from app.desk.after_adjustment import AfterAdjustment, adopt_adjustment
-from app.desk.background import Measurer, Remaker, Worker, survived
+from app.desk.background import Filler, Measurer, Remaker, Worker, survived
 from app.desk.inputs import DeskInputs, first_snapshot
 from app.desk.measuring import (
     MeasuringTool,
     Proposer,
     is_overtaken,
-    next_name,
     notice_of_point,
     with_name,
 )
@@ -21,6 +20,8 @@ from app.desk.messages import (
     Adjusted,
     Closed,
     Event,
+    FillEnded,
+    FillStep,
     Measured,
     MeasuringBegun,
     Proposed,
@@ -44,8 +45,9 @@ from sessions.decisions import (
 )
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
-from ui.review.gestures import AnswerAsked, Freed, Gesture
+from ui.review.gestures import AnswerAsked, Freed, Gesture, MarkPlaced
 from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
+from ui.review.new_points import ORTHO, act_of, next_name
 from ui.review.outcome import Act, outcome_of
 from ui.review.pages import Pages
 from ui.review.queue import seat_down
@@ -73,6 +75,7 @@ class ReviewLoop:
         self._trial: TrialWork | None = None
         self._worker = Worker(inputs.adjust, self.submit)
         self._remaker = Remaker(inputs.remake, self.submit)
+        self._filler = None if inputs.fill is None else Filler(inputs.fill, self.submit)
         tool = MeasuringTool(inputs.likeness, inputs.reference_sigma_m, inputs.transfer)
         self._measurer, self._proposer = Measurer(tool, self.submit), Proposer()
         self._thread = threading.Thread(target=self._run, name="review", daemon=True)
@@ -81,7 +84,7 @@ class ReviewLoop:
         """Begin: lay earlier decisions over the block, and adjust if there are any."""
         now, state = self._now, self._now.state
         state = replace(state, evidence=self._inputs.evidence(state.report))
-        state = with_predictions(state)
+        state = with_predictions(state, now.dem)
         self._screen.publish(now.drawn)
         self._now = replace(
             now,
@@ -106,6 +109,8 @@ class ReviewLoop:
     def close(self) -> None:
         """Stop the work beside it, and end after what is already in the inbox."""
         self._remaker.close()
+        if self._filler is not None:
+            self._filler.close()
         self._worker.close()
         self._measurer.close()
         self._inbox.put(Closed())
@@ -134,10 +139,8 @@ class ReviewLoop:
                 self._take_measured(event)
             case Proposed():
                 self._take_proposals(event)
-            case RemakeStep():
-                self._take_remake_step(event)
-            case RemakeEnded():
-                self._take_remake(event)
+            case RemakeStep() | FillStep() | RemakeEnded() | FillEnded():
+                self._take_long_work(event)
             case Closed():
                 pass
             case gesture:
@@ -172,10 +175,10 @@ class ReviewLoop:
         self._replay_due = False
         now, recorded = self._now, self._session.decisions()
         plain = [item for item in standing(recorded) if not isinstance(item.decision, Withdraw)]
-        block = self._session.replayed(now.base, now.initial.films)
+        block = self._session.replayed(now.base, now.initial.films, now.initial.cameras)
         state = replace(now.state, block=block, decided=len(plain))
         extra = extra_of(state, now.base, recorded, now.doubts, now.dem)
-        state = kept_up(now.state, replace(state, extra=extra))
+        state = kept_up(now.state, replace(state, extra=extra), now.dem)
         table = now.table.with_changes(now.state, state)
         self._now = replace(now, state=state, recorded=recorded).with_table(table)
 
@@ -229,8 +232,9 @@ class ReviewLoop:
         if amends and last is not None and gives_reason(last.decision, decisions[0]):
             # The reason belongs to the rejection just made: one decision, one undo.
             self._session.undo(operator)
-        seen = self._now.state.block
-        self._last = self._session.record_all(decisions, seen=seen, operator=operator)[-1]
+        state = self._now.state
+        with_it = act_of(decisions, state, self._now.recorded)
+        self._last = self._session.record_all(decisions, state.block, operator, with_it)[-1]
         self._replay_due = True
 
     def _do(self, act: Act, gesture: Gesture, seat: Seat) -> None:
@@ -251,6 +255,11 @@ class ReviewLoop:
             case "cancel" if state.remaking is not None:
                 self._remaker.cancel()
                 self._change_state(remaking=replace(state.remaking, cancelling=True))
+            case "fill" if isinstance(gesture, MarkPlaced):
+                self._fill(gesture)
+            case "cancel filling" if self._filler is not None and state.filling is not None:
+                self._filler.cancel()
+                self._change_state(filling=replace(state.filling, cancelling=True))
             case "fit whole" | "fit current":
                 self._screen.fit(seat.seat_id, seat, state.oriented, act == "fit whole")
             case _:
@@ -284,7 +293,9 @@ class ReviewLoop:
         if isinstance(decision, AddPoint):
             if decision.point_id in self._now.state.block.surveyed:
                 # Two were asked for before either was found: the second takes the next name.
-                decision = with_name(decision, next_name(self._now.state, self._now.recorded))
+                decision = with_name(
+                    decision, next_name(ORTHO, self._now.state, self._now.recorded)
+                )
                 notice = notice_of_point(decision)
             best = max(decision.measured, key=lambda item: item.score)
             seat = replace(seat, current=best.key)
@@ -299,8 +310,8 @@ class ReviewLoop:
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = seat.with_draft(draft), None
-        if decision is not None:
-            self._record((decision,), seat.operator)
+        if decisions := (*((decision,) if decision else ()), *event.more):
+            self._record(decisions, seat.operator)
         self._now = self._now.with_seat(seat)
         self._screen.tell(event.seat_id, notice)
 
@@ -344,11 +355,34 @@ class ReviewLoop:
         self._change_state(remaking=Remaking())
         self._remaker.start(stale, state.report)
 
-    def _take_remake_step(self, step: RemakeStep) -> None:
-        before = self._now.state.remaking
+    def _take_long_work(self, event: RemakeStep | FillStep | RemakeEnded | FillEnded) -> None:
+        match event:
+            case RemakeStep() | FillStep():
+                self._take_step(event)
+            case RemakeEnded():
+                self._take_remake(event)
+            case FillEnded():
+                self._take_filled(event)
+
+    def _take_step(self, step: RemakeStep | FillStep) -> None:
+        name = "remaking" if isinstance(step, RemakeStep) else "filling"
+        before: Remaking | None = getattr(self._now.state, name)
         cancelling = before is not None and before.cancelling
-        remaking = Remaking(step.done, step.total, step.what, step.seconds_left, cancelling)
-        self._change_state(remaking=remaking)
+        making = Remaking(step.done, step.total, step.what, step.seconds_left, cancelling)
+        self._change_state(**{name: making})
+
+    def _take_filled(self, event: FillEnded) -> None:
+        """Record marks that were found by an example, and show them."""
+        self._change_state(filling=None)
+        if event.decision is not None:
+            self._record((event.decision,), self._seat(event.seat_id).operator)
+        self._screen.tell(event.seat_id, event.notice)
+
+    def _fill(self, gesture: MarkPlaced) -> None:
+        """Look for all marks like one, unless that is being done."""
+        if self._filler is not None and not self._filler.busy:
+            self._change_state(filling=Remaking())
+            self._filler.start(gesture, self._now)
 
     def _take_remake(self, ended: RemakeEnded) -> None:
         state = replace(self._now.state, remaking=None)

@@ -1,7 +1,8 @@
 """Places measured in scans because a gesture asked: read and computed beside the review thread."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,20 +15,35 @@ from core.doubts import Failure
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
 from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
-from sessions.names import next_name as next_of_pattern
 from sessions.readings import SAME_PLACE_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import with_drafted
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
+from ui.review.new_points import ORTHO, next_name
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice, Seat
 
-TransferSource = Callable[
-    [Block, Mapping[str, ExteriorSigmas], str, Sequence[Measurement]], Sequence[Measurement]
-]
-"""(oriented photos, how well, point, where it is measured) -> where the other photos show it."""
-PATTERN = "H#"
-"""Names of points chosen in the ortho."""
+Sigmas = Mapping[str, ExteriorSigmas]
+"""How well photos are oriented."""
+
+
+class PhotoToPhoto(Protocol):
+    """Compares scans with each other, and with the ortho where there is one."""
+
+    def proposals(
+        self, block: Block, sigmas: Sigmas, point_id: str, measured: Sequence[Measurement]
+    ) -> Sequence[Measurement]:
+        """Where photos show a point, by where it is measured."""
+        ...
+
+    def refined(
+        self, block: Block, sigmas: Sigmas, place: Measurement, measured: Sequence[Measurement]
+    ) -> Measurement | Failure:
+        """A place on what other photos show of its point."""
+        ...
+
+
+NOTHING_ALIKE = Failure("there is nothing to compare with")
 SURE, AGREEING_PX = 0.7, 0.3
 """Likeness and agreement of its two ways that make a mark an example for others."""
 SAME_PIXEL = 0.02
@@ -42,7 +58,7 @@ class MeasuringTool:
     """Compares reference and scan; None where there is nothing to compare with."""
     sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
     """Accuracy of reference ortho (east, north) and DEM, metres."""
-    transfer: TransferSource | None = None
+    transfer: PhotoToPhoto | None = None
     """Finds a place of some photos in others; None where the scans cannot be read."""
 
     def __call__(
@@ -75,7 +91,7 @@ class MeasuringTool:
         if not shown:
             return Measured(seat_id, None, Notice("notice.no-scan", grave=True))
         begun(MeasuringBegun(seat_id, Notice("notice.measuring", {"count": str(len(shown))})))
-        name = next_name(desk.state, desk.recorded)
+        name = next_name(ORTHO, desk.state, desk.recorded)
         found = measure_point(desk.state, name, place, (desk.dem, self.likeness), self.sigma_m)
         return Measured(seat_id, found, notice_of_point(found), known=len(desk.recorded))
 
@@ -85,49 +101,74 @@ class MeasuringTool:
         photos = {photo for point, photo in state.to_measure.waiting if point == name}
         measured = measured_of(state, name)
         found: Iterable[Measurement] = ()
-        if self.transfer is not None and measured and photos:
-            shown = photos | {item.photo_id for item in measured}
-            block = state.oriented
-            within = {photo: block.photos[photo] for photo in sorted(shown)}
-            found = self.transfer(
-                block.with_photos(within), state.report.exterior_sigmas, name, measured
-            )
+        # A new point has no coordinates by which the ortho could show it.
+        known = bool(measured) or state.block.surveyed[name].role != "new"
+        if self.transfer is not None and known and photos:
+            within = self._within(state, photos | {item.photo_id for item in measured})
+            found = self.transfer.proposals(within, state.report.exterior_sigmas, name, measured)
         mine = tuple(item for item in found if item.photo_id in photos)
         return Proposed(wanted.seat_id, name, mine)
 
-    def _refine(self, gesture: Refined, desk: DeskSnapshot) -> Measured:
-        """The measurement, or its draft, on the peak of likeness beside it; and how far that is.
+    @staticmethod
+    def _within(state: DeskState, photos: Iterable[str]) -> Block:
+        """The block of some photos."""
+        block = state.oriented
+        return block.with_photos({photo: block.photos[photo] for photo in sorted(photos)})
 
-        On the peak that was measured it keeps its weight; elsewhere it is as if placed by hand.
+    def _refine(self, gesture: Refined, desk: DeskSnapshot) -> Measured:
+        """The measurement, or its draft, on what is alike beside it; and how far that is.
+
+        Alike is what other scans show of a point that hands measure; else the ortho. On the peak
+        that was measured a measurement keeps its weight; elsewhere it is as if placed by hand.
         """
         seat_id, key, known = gesture.seat_id, gesture.key, len(desk.recorded)
+        state = desk.state
         draft = desk.seats[seat_id].draft_of(key) if seat_id in desk.seats else None
-        measured = desk.state.measurement_of(key)
-        drafted = with_drafted(desk.state, draft).measurement_of(key) if draft else None
+        measured = state.measurement_of(key)
+        drafted = with_drafted(state, draft).measurement_of(key) if draft else None
         start = drafted or measured
         assert start is not None, "only what has a row is refined"
         assert measured is not None, "only what has a row is refined"
-        point, oriented = desk.state.block.surveyed[gesture.key[0]], desk.state.oriented
-        photo, camera = oriented.photos[gesture.key[1]], oriented.camera_of(gesture.key[1])
-        found = Failure("there is nothing to compare with")
-        if self.likeness is not None:
-            found = self.likeness(photo, camera, point.position[None, :])
-        place = found if isinstance(found, Failure) else found.refined(start.pixel)
+        others = [item for item in measured_of(state, key[0]) if item.photo_id != key[1]]
+        by_photos = bool(others) and key in state.to_measure.predictions
+        text = "notice.refined.photos" if by_photos else "notice.refined"
+        place = self._by_photos(state, start, others) if by_photos else self._by_ortho(state, start)
         if isinstance(place, Failure):
             refused = Notice("notice.not-refined", {"why": place.reason})
             return Measured(seat_id, None, refused, known=known)
-        column, row = (float(value) for value in place[0])
-        moved = column - start.column, row - start.row
+        moved = place.column - start.column, place.row - start.row
         values = {
             "distance": f"{np.hypot(*moved):.2f}",
             "column": f"{moved[0]:+.2f}",
             "row": f"{moved[1]:+.2f}",
         }
-        away = np.hypot(column - measured.column, row - measured.row)
-        own = away < SAME_PLACE_PX and not desk.state.is_waiting(key)
-        sigma = measured.sigma_px if own else None
-        decision = Place(*key, column, row, sigma)
-        return Measured(seat_id, decision, Notice("notice.refined", values), draft, known)
+        away = np.hypot(place.column - measured.column, place.row - measured.row)
+        own = away < SAME_PLACE_PX and not state.is_waiting(key)
+        sigma = place.sigma_px if by_photos else measured.sigma_px if own else None
+        decision = Place(*key, place.column, place.row, sigma)
+        return Measured(seat_id, decision, Notice(text, values), draft, known)
+
+    def _by_photos(
+        self, state: DeskState, start: Measurement, others: Sequence[Measurement]
+    ) -> Measurement | Failure:
+        """On what other scans show of the point."""
+        if self.transfer is None:
+            return NOTHING_ALIKE
+        within = self._within(state, {start.photo_id, *(item.photo_id for item in others)})
+        return self.transfer.refined(within, state.report.exterior_sigmas, start, others)
+
+    def _by_ortho(self, state: DeskState, start: Measurement) -> Measurement | Failure:
+        """On the peak of likeness to the ortho."""
+        point, oriented = state.block.surveyed[start.point_id], state.oriented
+        if self.likeness is None or point.role == "new":
+            return NOTHING_ALIKE
+        photo, camera = oriented.photos[start.photo_id], oriented.camera_of(start.photo_id)
+        found = self.likeness(photo, camera, point.position[None, :])
+        place = found if isinstance(found, Failure) else found.refined(start.pixel)
+        if isinstance(place, Failure):
+            return place
+        column, row = (float(value) for value in place[0])
+        return replace(start, column=column, row=row)
 
 
 def measured_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:
@@ -152,7 +193,7 @@ class Proposer:
                 continue
             name = seat.current[0]
             measured = measured_of(state, name)
-            if self._wanted.get(name, ()) != measured:
+            if self._wanted.get(name) != measured:
                 self._wanted[name] = measured
                 yield ProposalsWanted(seat.seat_id, name)
 
@@ -187,12 +228,6 @@ def is_overtaken(decision: Place | PlaceFiducial, newer: Sequence[Recorded]) -> 
     subject = [getattr(decision, name) for name in names]
     others = [[getattr(item.decision, name, None) for name in names] for item in newer]
     return subject in others
-
-
-def next_name(state: DeskState, recorded: Sequence[Recorded]) -> str:
-    """H1, H2 and so on: never a name that was given before, withdrawn points included."""
-    names = [item.decision.point_id for item in recorded if isinstance(item.decision, AddPoint)]
-    return next_of_pattern(PATTERN, (*names, *state.block.surveyed))
 
 
 def photos_showing(

@@ -7,7 +7,15 @@ from typing import Protocol
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.doubts import Failure
-from sessions.decisions import AddPoint, BringPoints, Place, PlaceFiducial
+from sessions.decisions import (
+    AddPoint,
+    BringPoints,
+    Decision,
+    FillMarks,
+    Place,
+    PlaceFiducial,
+    PlacePhoto,
+)
 from ui.review.compare import Drawn
 from ui.review.gestures import Gesture
 from ui.review.picture import Part
@@ -83,7 +91,7 @@ class Measured:
 
     seat_id: str
     """Who asked."""
-    decision: AddPoint | BringPoints | Place | PlaceFiducial | None
+    decision: AddPoint | BringPoints | Place | PlaceFiducial | PlacePhoto | None
     """To be recorded, but a place, which is a draft; None when nothing was found."""
     notice: Notice
     """What to tell the operator."""
@@ -91,6 +99,8 @@ class Measured:
     """The draft a refinement began from: another one that was made meanwhile stays."""
     known: int = 0
     """So many decisions were recorded when it was asked for."""
+    more: tuple[Decision, ...] = ()
+    """To be recorded with it, as one act."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +159,32 @@ class RemakeEnded:
     """True when the operator stopped it."""
 
 
-Delivery = Adjusted | Tried | Measured | Proposed | MeasuringBegun | RemakeStep | RemakeEnded
+@dataclass(frozen=True, slots=True)
+class FillStep:
+    """How far the search for marks like an example is."""
+
+    done: float
+    total: float
+    what: str
+    seconds_left: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FillEnded:
+    """Marks like an example were found, or not."""
+
+    seat_id: str
+    """Who asked."""
+    decision: FillMarks | None
+    """To be recorded; None when nothing was found, or the operator stopped it."""
+    notice: Notice
+    """What to tell the operator."""
+
+
+Delivery = (
+    Adjusted | Tried | Measured | Proposed | MeasuringBegun | RemakeStep | RemakeEnded
+    | FillStep | FillEnded
+)  # fmt: skip
 """What the work in the background hands back."""
 Event = Gesture | Delivery | SeatTaken | SeatLeft | SceneOpened | Closed
 """All that the loop takes, in order."""

@@ -10,14 +10,18 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
+from aiohttp import web
 from jaxtyping import Float64
 
 from app.desk.background import survived
-from app.desk.exporting import titles
+from app.desk.exporting import titles, upright_formats
 from app.desk.inputs import DeskInputs, first_state
-from app.desk.listed_points import DeskPoints
+from app.desk.listed_points import DeskPoints, import_titles
 from app.desk.loop import ReviewLoop
-from app.desk.messages import Event, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.desk.masks import mask_route
+from app.desk.messages import Event, Measured, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.desk.placing import DeskClicking
+from app.running import Running
 from core.block import Block
 from core.geometry.crs import Bounds
 from ui.review.compare import (
@@ -49,9 +53,11 @@ SWITCH_S = 0.001
 class OpenDesk(Opened):
     """An open review desk."""
 
-    def __init__(self, front: Front, parts: list[Any], settings: threading.Event) -> None:
+    def __init__(
+        self, front: Front, parts: list[Any], settings: threading.Event, running: Running | None
+    ) -> None:
         super().__init__(front)
-        self._parts, self._settings = parts, settings
+        self._parts, self._settings, self._running = parts, settings, running
         self._over = threading.Event()
 
     @property
@@ -64,12 +70,17 @@ class OpenDesk(Opened):
         """The 3D scene."""
         return next(part for part in self._parts if isinstance(part, SceneServer))
 
+    @property
+    def ran(self) -> bool:
+        """Whether a run from the desk has gone through: the desk is to be opened on its block."""
+        return self._running is not None and self._running.gone_through.is_set()
+
     def wait(self) -> bool:
         """Whether an operator wants to see files and settings; False when the desk was closed.
 
-        Ctrl-C passes through.
+        Or when a run has gone through. Ctrl-C passes through.
         """
-        while not self._over.wait(timeout=0.3):
+        while not self.ran and not self._over.wait(timeout=0.3):
             if self._settings.is_set():
                 return True
         return False
@@ -111,9 +122,11 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     start = _start(desk, lattice)
     settings = threading.Event()
     points = DeskPoints(desk.block, desk.session.folder, inbox.put)
+    placing = _placing_routes(desk, tiles, inbox.put)
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
-        routes=(leaving_route(settings.set), *point_routes(points), *desk.routes),
+        routes=(leaving_route(settings.set), *point_routes(points), *placing,
+                mask_route(desk.initial), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
     bounds = _block_bounds(desk, state.oriented)
@@ -122,11 +135,23 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     loop.start()
     drawn = drawn_from_block(state.oriented)
     illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
-    parts = [front, illustrator, loop, scene, tiles]
-    opened = OpenDesk(front, parts, settings)
+    running = [] if desk.running is None else [desk.running]
+    opened = OpenDesk(
+        front, [front, illustrator, *running, loop, scene, tiles], settings, desk.running
+    )
     opened.listen()
     illustrator.start(tiles, scene)
     return opened
+
+
+def _placing_routes(
+    desk: DeskInputs, tiles: TileStore, hand_in: Callable[[Measured], None]
+) -> tuple[web.RouteDef, ...]:
+    """Addresses of the page that places photos; none where there is no ortho to click in."""
+    if desk.placing is None or desk.running is None:
+        return ()
+    folder = desk.session.folder
+    return DeskClicking(desk.placing, folder, desk.running, tiles, hand_in).routes()
 
 
 def _draped(
@@ -249,8 +274,12 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "lattice": lattice.part(desk.ortho.bounds),
         "results": desk.results is not None,
         "formats": titles() if desk.routes else {},
+        "upright": upright_formats() if desk.routes else [],
+        "imports": import_titles() if desk.routes else {},
         "free": desk.choose is not None,
+        "fill": desk.fill is not None,
         "ortho": desk.has_ortho,
+        "placeable": desk.placing is not None,
         # Nothing but the scans says how far to go in where there is no ortho.
         "ortho_pixel": desk.ortho.ground_sample_distance_m if desk.has_ortho else lattice.pixel_m,
     }  # fmt: skip

@@ -21,11 +21,11 @@ from core.quality.check_points import CHECKS, STANDARD_LEAST, independent_checks
 def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
     """The user's check points one by one and together; `count` is 0 where there are none.
 
-    Those that were proposals stand apart under `kept_out`.
+    Those that were proposals, or that nobody saw, stand apart under `kept_out`.
     """
-    surveyed = report.block.surveyed
-    own = [check for check in report.checks if surveyed[check.point_id].independent]
-    proposals = [c for c in report.checks if not surveyed[c.point_id].independent]
+    seen = report.block.independent_checks
+    own = [check for check in report.checks if check.point_id in seen]
+    proposals = [check for check in report.checks if check.point_id not in seen]
     rest = kept_out(report)
     apart = {
         "count": rest.count,

@@ -20,6 +20,9 @@ KINDS = {
     "JudgePhoto": "photos judged",
     "JudgeFiducial": "fiducials",
     "PlaceFiducial": "fiducials",
+    "DrawMask": "masks drawn",
+    "PlacePhoto": "photos placed",
+    "FillMarks": "fiducials",
 }
 """What each kind of decision is counted as."""
 

@@ -281,7 +281,7 @@ def _checks(report: AdjustmentReport) -> dict[str, Any]:
             "difference_m": check.difference_m.tolist(),
             "predicted_sigma_m": None if check.sigma_m is None else check.sigma_m.tolist(),
             "used_scans": check.used_scans,
-            "independent": report.block.surveyed[check.point_id].independent,
+            "independent": check.point_id in report.block.independent_checks,
         }
         for check in report.checks
     ]

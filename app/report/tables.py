@@ -98,6 +98,7 @@ def final_status(report: AdjustmentReport, measurement: Measurement) -> tuple[st
 
 def check_rows(report: AdjustmentReport) -> list[list[Cell]]:
     """One row per check point: known coordinates, computed minus known."""
+    independent = report.block.independent_checks
     return [
         [
             check.point_id,
@@ -106,7 +107,7 @@ def check_rows(report: AdjustmentReport) -> list[list[Cell]]:
             check.used_scans,
         ]
         for check in report.checks
-        if report.block.surveyed[check.point_id].independent
+        if check.point_id in independent
     ]
 
 

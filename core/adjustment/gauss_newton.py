@@ -30,6 +30,10 @@ HUBER_LIMIT = 2.0
 """Residuals (both coordinates together) beyond this many sigmas lose weight."""
 # design: from what hardly shortens a step to where nothing moves any more.
 FIRST_DAMPING, MOST_DAMPING = 1e-4, 1e6
+# measured: tests/core/adjustment/test_unknown_distance.py; a principal distance a quarter off needs
+# two, half of them leaves it where it was, twice as many change nothing.
+WATCHED = 4
+"""Full steps that may pass over a rise of the cost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,12 +87,38 @@ def minimise(
         if increment is not None and _cost(lin, fit.taking_part, limit) <= cost:
             fit = _accepted(fit, trial, lin)
             damping = damping / 10 if damping > FIRST_DAMPING else 0.0
+        elif not damping and (beyond := _beyond(network, pattern, fit, limit, cost)) is not None:
+            fit = beyond
         else:
             fit = replace(fit, steps=fit.steps + 1)
             damping = max(10 * damping, FIRST_DAMPING)
         if damping > MOST_DAMPING:
             break
     return fit
+
+
+def _beyond(network: Network, pattern: Pattern, fit: Fit, limit: float, cost: float) -> Fit | None:
+    """Where some full steps lead that pass over a rise; None where they do not lead lower.
+
+    A principal distance that is only proposed and the flying heights are exchanged by a fifth of
+    themselves. Along that way full steps miss by what is of second order, and come back with the
+    next; damped ones would creep (watchdog technique, Chamberlain and others 1982).
+    """
+    if not any(camera.sigma_principal_distance_mm for camera in network.cameras):
+        return None
+    for _ in range(WATCHED):
+        state, increment = _step(network, pattern, fit, 0.0)
+        if increment is None:
+            return None
+        lin = linearise(network, state)
+        found = _cost(lin, fit.taking_part, limit)
+        fit = _accepted(fit, state, lin)
+        if found <= cost:
+            return fit
+        if not np.isfinite(found):
+            return None
+        fit = replace(fit, weights=_weights(lin, fit.taking_part, limit))
+    return None
 
 
 def _accepted(fit: Fit, state: State, lin: Linearised) -> Fit:

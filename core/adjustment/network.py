@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from core.adjustment.adjusted import AdjustmentOptions
-from core.adjustment.positioning import Positioning, positioning_of
+from core.adjustment.positioning import MEASURED_M, Positioning, positioning_of
 from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
 from core.block import Block, Measurement, Photo
 from core.errors import OrientationError
@@ -37,6 +37,9 @@ SMALLEST_SIGMA_MM = 1e-6
 # design: k3 cannot be told from k1 and k2 by the photos of one block.
 CONSTANTS = 5
 """Unknown constants of every camera: principal distance, x0, y0, k1, k2."""
+# design: all heights together then weigh a ninth of what is known of the distance itself.
+HEIGHTS_FREE = 3.0
+"""So much looser heights are that follow from a principal distance which is only proposed."""
 PER_PHOTO = "@"
 """Between a camera's name and the photo's, where each photo has constants of its own."""
 # design: with 44 additional parameters each the dense border has 4,900 unknowns, 192 MB.
@@ -208,6 +211,7 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
         remedy = say('Up to {most} work; write self_calibration_per = "camera".', most=MOST_CAMERAS)
         raise OrientationError("block.toml [adjustment] self_calibration_per", cause, remedy)
     place = {photo.photo_id: index for index, photo in enumerate(photos)}
+    camera = np.array([names.index(group) for group in groups], dtype=np.int64)
     measurements = tuple(
         measurement
         for measurement in block.measurements.values()
@@ -223,11 +227,11 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
         photos=photos,
         cameras=cameras,
         camera_names=tuple(names),
-        camera=np.array([names.index(group) for group in groups], dtype=np.int64),
+        camera=camera,
         measurements=measurements,
         rays=_rays(block, place, kept, tie_point, measurements, control),
         points=_points(block, tie_point, control),
-        priors=_priors(photos, cameras, options, len(more.names)),
+        priors=_priors(photos, cameras, camera, options, len(more.names)),
         scale=scale.reshape(-1, CONSTANTS + len(more.names)),
         estimate_cameras=options.estimate_cameras,
         additional=more,
@@ -330,26 +334,57 @@ def _points(block: Block, tie_point: Indices, control: tuple[str, ...]) -> Point
 
 
 def _priors(
-    photos: Sequence[Photo], cameras: Sequence[Camera], options: AdjustmentOptions, more: int
+    photos: Sequence[Photo],
+    cameras: Sequence[Camera],
+    of_photo: Indices,
+    options: AdjustmentOptions,
+    more: int,
 ) -> Priors:
     """Means and weights of exterior orientations and camera constants."""
     approximate = [photo.approximate for photo in photos]
     rotations = np.array([known.object_from_image for known in approximate]).reshape(-1, 3, 3)
     distortion = options.sigma_distortion_um / 1000.0
     sigmas = np.array(
-        [options.sigma_principal_distance_mm]
-        + [options.sigma_principal_point_mm] * 2
-        + [distortion] * 2
-        + [options.sigma_additional_um / 1000.0] * more
+        [
+            [camera.sigma_principal_distance_mm or options.sigma_principal_distance_mm]
+            + [options.sigma_principal_point_mm] * 2
+            + [distortion] * 2
+            + [options.sigma_additional_um / 1000.0] * more
+            for camera in cameras
+        ]
     )
     return Priors(
         centres=np.array([known.centre for known in approximate]).reshape(-1, 3),
-        centre_weights=_weights([p.prior.sigma_centre_m for p in photos], SMALLEST_SIGMA_M),
+        centre_weights=_weights(
+            [
+                _sigma_centre(photo, cameras[row], int(np.sum(of_photo == row)))
+                for photo, row in zip(photos, of_photo.tolist(), strict=True)
+            ],
+            SMALLEST_SIGMA_M,
+        ),
         angles=angles_from_rotations(rotations),
         angle_weights=_weights([p.prior.sigma_angles for p in photos], SMALLEST_SIGMA_RAD),
         constants=np.array([constants_of(c.certificate) for c in cameras]).reshape(-1, 6),
-        constant_weights=np.tile(1 / np.maximum(sigmas, SMALLEST_SIGMA_MM), (len(cameras), 1)),
+        constant_weights=1 / np.maximum(sigmas.reshape(len(cameras), -1), SMALLEST_SIGMA_MM)
+        if cameras
+        else np.zeros((0, 0)),
     )
+
+
+def _sigma_centre(photo: Photo, camera: Camera, photos: int) -> Position:
+    """Standard deviations of a centre, metres.
+
+    Where it was not measured in flight its height follows from the scale of the photo and the
+    principal distance. An error of a proposed distance is in the heights of all its photos alike,
+    so that they must not speak for it together.
+    """
+    sigma = photo.prior.sigma_centre_m
+    if np.all(sigma <= MEASURED_M):
+        return sigma
+    above = float(photo.approximate.centre[2]) - photo.ground_height_m
+    share = camera.sigma_principal_distance_mm / camera.certificate.principal_distance_mm
+    loose = HEIGHTS_FREE * np.sqrt(photos) * share * above
+    return np.array([sigma[0], sigma[1], np.hypot(sigma[2], loose)])
 
 
 def _weights(sigmas: Sequence[Position], smallest: float) -> Float64[np.ndarray, "photos 3"]:

@@ -14,6 +14,8 @@ SIGNIFICANT = 3.0
 # design: one takes up 80 % of the other's variance.
 SAME = 0.9
 """Two parameters that are correlated more closely than this cannot be told apart."""
+FLYING_HEIGHT = "flying height"
+"""Partner of a principal distance that is exchanged for it."""
 CONSTANT_NAMES = ("principal_distance_mm", "x0_mm", "y0_mm", "k1_um", "k2_um")
 """Names of a camera's constants; k1 and k2 as displacement at the corner of the frame."""
 
@@ -82,9 +84,16 @@ def shared_parameters(
     owners, names, units = _names(network)
     parameters: list[SharedParameter] = []
     off = np.abs(correlations - np.eye(len(names)))
+    heights = _with_heights(network, precision, sigmas)
     for row, (owner, name, unit) in enumerate(zip(owners, names, units, strict=True)):
         partner = int(np.argmax(off[row])) if len(names) > 1 else row
         sigma = sigma_nought * float(sigmas[row])
+        correlation = float(correlations[row, partner]) if partner != row else 0.0
+        other = (
+            names[partner] if owners[partner] == owner else f"{names[partner]} {owners[partner]}"
+        )
+        if abs(heights.get(row, 0.0)) > abs(correlation):
+            correlation, other = heights[row], FLYING_HEIGHT
         parameters.append(
             SharedParameter(
                 owner,
@@ -92,14 +101,29 @@ def shared_parameters(
                 float(values[row]) * unit,
                 sigma * unit,
                 0.0 if row in held else float(values[row]) / max(sigma, TINY),
-                float(correlations[row, partner]) if partner != row else 0.0,
-                names[partner]
-                if owners[partner] == owner
-                else f"{names[partner]} {owners[partner]}",
+                correlation,
+                other,
                 row in held,
             )
         )
     return tuple(parameters)
+
+
+def _with_heights(
+    network: Network, precision: Precision, sigmas: Float64[np.ndarray, "shared"]
+) -> dict[int, float]:
+    """Largest correlation of each principal distance with the flying height of one of its photos.
+
+    Over level ground, or in one photo, they are exchanged for one another.
+    """
+    found: dict[int, float] = {}
+    for camera in range(len(network.cameras) if network.lensed else 0):
+        row, photos = camera * network.lens, np.flatnonzero(network.camera == camera)
+        own = np.sqrt(precision.photos[photos, 2, 2]) * sigmas[row]
+        # design: keeps a division from failing.
+        every = precision.mixed[photos, 2, row] / np.maximum(own, TINY)
+        found[row] = float(every[np.argmax(np.abs(every))])
+    return found
 
 
 def _figures(

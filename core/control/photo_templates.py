@@ -1,4 +1,4 @@
-"""What one photo shows of a place, as another photo would see it, and where that lies there.
+"""What one photo, or an ortho, shows of a place, as another photo would see it, and where it lies.
 
 Both orientations and a plane through the ground say how one scan is turned, stretched and sheared
 against the other; so a place measured in a photo is a template for all others, whichever way their
@@ -7,6 +7,7 @@ scans lie and whatever their scale. Least squares matching finds what the plane 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -17,10 +18,12 @@ from core.frames import HALF_PIXEL
 from core.geometry.resection import PhotoModel
 from core.matching.local_search import LEAST_KNOWN, LEAST_USABLE, RIM_PX
 from core.matching.operators import FusedOperator, HighPassOperator, Operator
-from core.matching.patches import OpenPhoto, Window, read_scan
+from core.matching.patches import OpenPhoto, ScanPart, Window, filled, read_scan
 from core.matching.peaks import ScoreMap, level_and_spread
 from core.matching.precision import place_covariance, sharpness_of
 from core.matching.template_search import Image
+from core.raster.grid import Grid
+from core.raster.ortho import Ortho
 from core.ties.refinement import PatchSize, patch_centres, refine_rays
 
 OPERATORS: tuple[Operator, ...] = (HighPassOperator(), FusedOperator())
@@ -42,6 +45,70 @@ MOST_SHIFT_PX = 2.0
 Plane = Float64[np.ndarray, "2 2"]
 Wider = Float32[np.ndarray, "wide_rows wide_columns"]
 Surfaces = tuple[ScoreMap, ...]
+
+
+@runtime_checkable
+class Source(Protocol):
+    """A picture that shows a place."""
+
+    @property
+    def pixel(self) -> PixelPoints:
+        """Where it shows it, pixels of the picture, (1, 2)."""
+        ...
+
+    @property
+    def by_plane(self) -> Plane:
+        """Pixels (column, row) for a metre of the ground plane east and north."""
+        ...
+
+    @property
+    def half_px(self) -> int:
+        """So far about it the picture shows what belongs to the place, pixels of the pass."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Of the picture."""
+        ...
+
+    def read(self, window: Window) -> ScanPart:
+        """A window of the picture."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownInOrtho:
+    """A place of the ground in an ortho, which counts its pixels from that place."""
+
+    ortho: Ortho
+    """The ortho."""
+    plane: Float64[np.ndarray, "2"]
+    """Easting and northing, metres."""
+    half_px: int = HALF_PX
+    """As of any source."""
+    name: str = "ortho"
+    """As of any source."""
+
+    @property
+    def pixel(self) -> PixelPoints:
+        """The origin."""
+        return np.zeros((1, 2))
+
+    @property
+    def by_plane(self) -> Plane:
+        """North is up."""
+        return np.diag([1.0, -1.0]) / self.ortho.ground_sample_distance_m
+
+    def read(self, window: Window) -> ScanPart:
+        """A window of the ortho; beyond it nothing is usable."""
+        gsd = self.ortho.ground_sample_distance_m
+        east, north = (float(value) for value in self.plane)
+        grid = Grid(
+            east + window.column * gsd, north - window.row * gsd,
+            gsd * window.reduction, window.columns, window.rows,
+        )  # fmt: skip
+        patch = self.ortho.read(grid)
+        return ScanPart(window, filled(patch.values, patch.mask), patch.mask)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +136,18 @@ class Shown:
         photo = opened.photo
         model = PhotoModel(photo.interior, opened.camera, photo.atmosphere)
         pixels, derivatives = model.linearised(position[None], photo.exterior)
-        by_object = derivatives[0, :, :3]
+        # A point that moves is a centre that moves the other way.
+        by_object = -derivatives[0, :, :3]
         return Shown(opened, pixels, by_object[:, :2] + np.outer(by_object[:, 2], slope))
+
+    @property
+    def name(self) -> str:
+        """Of the photo."""
+        return self.opened.photo.photo_id
+
+    def read(self, window: Window) -> ScanPart:
+        """A window of the scan."""
+        return read_scan(self.opened, window)
 
     def at(self, pixel: PixelPoints) -> "Shown":
         """The same place elsewhere in the scan."""
@@ -92,7 +169,7 @@ class Template:
         return bool(self.usable[side - half : side + half + 1].mean() >= LEAST_KNOWN)
 
 
-def template_of(source: Shown, target: Shown, half: int, reduction: int) -> Template:
+def template_of(source: Source, target: Shown, half: int, reduction: int) -> Template:
     """A window of the source's scan as the target's would show it.
 
     Args:
@@ -109,7 +186,7 @@ def template_of(source: Shown, target: Shown, half: int, reduction: int) -> Temp
     size = max(1, int(float(np.sqrt(abs(np.linalg.det(linear)))) * reduction))
     low = np.floor(pixels.min(axis=0)).astype(np.int64) - 2 * size
     columns, rows = (np.ceil((pixels.max(axis=0) - low) / size).astype(np.int64) + 3).tolist()
-    part = read_scan(source.opened, Window(int(low[0]), int(low[1]), columns, rows, size))
+    part = source.read(Window(int(low[0]), int(low[1]), columns, rows, size))
     side = len(steps)
     places = (part.window.window_from_pixel(pixels) - HALF_PIXEL).astype(np.float32)
     right, down = places[:, 0].reshape(side, side), places[:, 1].reshape(side, side)
@@ -139,7 +216,7 @@ class Looked:
 
 
 def looked(
-    sources: Sequence[Shown], target: Shown, search: tuple[int, int], reduction: int
+    sources: Sequence[Source], target: Shown, search: tuple[int, int], reduction: int
 ) -> Looked | None:
     """Compare what some photos show of a place with a window of another.
 
@@ -161,7 +238,7 @@ def looked(
     size = 2 * (np.array(search) + reach) + 1
     low = corner * reduction
     window = Window(int(low[0]), int(low[1]), int(size[0]), int(size[1]), reduction)
-    part = read_scan(target.opened, window)
+    part = target.read(window)
     middle = np.array(part.usable.shape) // 2
     first, last = middle - inner_px, middle + inner_px + 1
     inside = part.usable[first[0] : last[0], first[1] : last[1]]
@@ -211,7 +288,7 @@ class FinePlace:
     """How alike both patches are in the end."""
 
 
-def finely(source: Shown, target: Shown) -> FinePlace | None:
+def finely(source: Source, target: Shown) -> FinePlace | None:
     """Lay what one photo shows of a place onto another by least squares.
 
     Done with smooth, wide patches first and with fine ones from where these lie; the place that is
@@ -235,7 +312,7 @@ def finely(source: Shown, target: Shown) -> FinePlace | None:
     return best
 
 
-def peak_sigma_px(source: Shown, target: Shown) -> float:
+def peak_sigma_px(source: Source, target: Shown) -> float:
     """Standard deviation per axis of a place that only the peak of likeness tells, scan pixels.
 
     Args:
@@ -247,16 +324,16 @@ def peak_sigma_px(source: Shown, target: Shown) -> float:
     return _sigma_px(fixed, searched, (target.pixel - middle)[0], size)
 
 
-def _patches(source: Shown, target: Shown, size: PatchSize) -> tuple[Image, Wider, PixelPoints]:
+def _patches(source: Source, target: Shown, size: PatchSize) -> tuple[Image, Wider, PixelPoints]:
     """What the source shows as the target lies, a wider window of the target, and its middle."""
     fixed = template_of(source, target, size.radius_px, 1)
     wide = size.searched_radius_px
     left, top = (np.floor(target.pixel[0]).astype(np.int64) - wide).tolist()
-    searched = read_scan(target.opened, Window(left, top, 2 * wide + 1, 2 * wide + 1, 1))
+    searched = target.read(Window(left, top, 2 * wide + 1, 2 * wide + 1, 1))
     return fixed.grey, searched.grey, patch_centres(target.pixel)
 
 
-def _refined(source: Shown, target: Shown, size: PatchSize) -> FinePlace | None:
+def _refined(source: Source, target: Shown, size: PatchSize) -> FinePlace | None:
     """With patches of one size; None where they do not agree."""
     fixed, searched, middle = _patches(source, target, size)
     start = np.column_stack([np.eye(2), (target.pixel - middle)[0]])

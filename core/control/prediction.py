@@ -99,6 +99,7 @@ def predict_points(
     points: Sequence[SurveyedPoint],
     covariances: Covariances,
     sigma_nought: float = 1.0,
+    places: Mapping[str, Float64[np.ndarray, "3 3"]] | None = None,
 ) -> dict[tuple[str, str], Prediction]:
     """Every point in every photo whose picture area shows it, best view of each point first.
 
@@ -107,12 +108,14 @@ def predict_points(
         points: What is sought, with coordinates and their standard deviations.
         covariances: Of the photos that took part in the adjustment.
         sigma_nought: Of that adjustment.
+        places: Covariances of points whose coordinates do not err independently, square metres.
     """
     found: list[Prediction] = []
     if not points:
         return {}
     positions = np.array([point.position for point in points])
-    variances = np.array([point.sigma_m for point in points]) ** 2
+    whole = places or {}
+    spaces = np.array([whole.get(p.point_id, np.diag(p.sigma_m**2)) for p in points])
     unit = max(sigma_nought, LEAST_UNIT) ** 2
     for name, photo in block.photos.items():
         camera = block.camera_of(name)
@@ -122,7 +125,7 @@ def predict_points(
             continue
         known = covariances.get(name)
         own = prior_covariance(photo) if known is None else unit * known
-        spreads = _spreads(photo, camera, positions[seen], own, variances[seen])
+        spreads = pixel_spreads(photo, camera, positions[seen], own, spaces[seen])
         angles = _nadir_angles(photo, positions[seen])
         found += [
             Prediction(
@@ -155,21 +158,22 @@ def shown_in(photo: Photo, camera: Camera, positions: ObjectPoints) -> tuple[Pix
     return pixels, np.where(sound & on_scan, margins, -np.inf)
 
 
-def _spreads(
+def pixel_spreads(
     photo: Photo,
     camera: Camera,
     positions: ObjectPoints,
     own: Covariance,
-    variances: Float64[np.ndarray, "points 3"],
+    spaces: Float64[np.ndarray, "points 3 3"] | None = None,
 ) -> Float64[np.ndarray, "points 2 2"]:
-    """Covariances of the predicted pixels."""
+    """Covariances of projected pixels, by those of the photo and, where they err, of the points."""
     partials = film_partials(positions, photo.exterior, camera, photo.atmosphere)
     parts = [partials.by_centre, partials.by_rotation, partials.by_camera]
     told = np.concatenate(parts, axis=1)[:, : len(own)]
     rows = np.moveaxis(told, 2, 0)
     by_point = np.moveaxis(partials.by_centre, 2, 0)
     film = rows @ own @ np.swapaxes(rows, 1, 2)
-    film += by_point * variances[:, None, :] @ np.swapaxes(by_point, 1, 2)
+    if spaces is not None:
+        film += by_point @ spaces @ np.swapaxes(by_point, 1, 2)
     to_pixels = _pixels_by_film(photo, partials.film.T)
     return to_pixels @ film @ np.swapaxes(to_pixels, 1, 2)
 

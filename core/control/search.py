@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.arrays import Mask, PixelPoints, Scalars
+from core.arrays import Flags, Mask, PixelPoints, Scalars
 from core.block import Peak
 from core.localisation.photo_orientation import (
     OrientationOptions,
@@ -33,6 +33,7 @@ from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap, detect_peaks, level_and_spread, local_maxima
 from core.matching.reference import Reference
 from core.progress import Progress
+from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferencePoints
 
 Keep = Callable[[str, str, ScoreMap], None]
@@ -253,6 +254,33 @@ def seen_from(
             float(plan.point_sigma_m[point]),
         ),
     )
+
+
+def on_photograph(searches: Sequence[Search], scans: Mapping[str, ScanFile]) -> tuple[Search, ...]:
+    """Searches without candidates that lie where their scan is no photograph.
+
+    A point is searched where it is expected on photograph; a note or a housing beside it may look
+    more like the template than the ground does.
+    """
+    usable: dict[str, Flags] = {}
+    for name in {search.photo_id for search in searches}:
+        area = scans[name].usable
+        own = [(p.column, p.row) for one in searches if one.photo_id == name for p in one.peaks]
+        if area is not None:
+            usable[name] = area.at(np.array(own, dtype=np.float64).reshape(-1, 2))
+    left: list[Search] = []
+    for search in searches:
+        if search.photo_id not in usable:
+            left.append(search)
+            continue
+        count = len(search.peaks)
+        may, usable[search.photo_id] = np.split(usable[search.photo_id], [count])
+        peaks = tuple(peak for peak, kept in zip(search.peaks, may, strict=True) if kept)
+        fewer = replace(
+            search, peaks=peaks, distance_m=search.distance_m[may], sigma_m=search.sigma_m[may]
+        )
+        left.append(search if may.all() else fewer)
+    return tuple(left)
 
 
 def sigma_on_ground_m(

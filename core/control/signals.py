@@ -12,17 +12,15 @@ import numpy as np
 
 from core.arrays import PixelPoints
 from core.block import UNKNOWN_M, Measurement
-from core.control.transfer import (
+from core.control.located import (
     Located,
     Surroundings,
-    Transferred,
     located,
     pointing_px,
-    proposed,
-    shown,
     slope_at,
     usable,
 )
+from core.control.transfer import Transferred, proposed, shown
 from core.doubts import Failure
 from core.raster.scan_file import ScanFile, read_window
 from core.scans.centring import Centre, centre_by_symmetry, disc_weights

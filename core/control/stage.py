@@ -20,7 +20,7 @@ from core.control.common_shift import common_shift, weighed
 from core.control.datum import lay_on_reference
 from core.control.multi_photo import KeptSurfaces, joint_searches
 from core.control.proposals import borne_out, judged, with_proposals
-from core.control.search import Search, search_points
+from core.control.search import Search, on_photograph, search_points
 from core.doubts import Doubt, Failure
 from core.localisation.initial_orientation import Site, join_photos
 from core.localisation.photo_orientation import OrientationOptions
@@ -188,7 +188,7 @@ def propose_and_adjust(
     Returns:
         The last adjustment, and how far its probabilities are borne out.
     """
-    searches = seen = tuple[Search, ...]()
+    searches = believed = tuple[Search, ...]()
     report, resting = None, {}
     with KeptSurfaces() as kept:
         for done in range(ROUNDS):
@@ -196,14 +196,15 @@ def propose_and_adjust(
             searches = seen = search_photos(block, site, options, searches, kept, part)
             if agrees or done > 0:
                 seen = joint_searches(block, site, options.orientation, searches, kept, work.mapper)
-            proposed, resting = judged(seen, site.sources)
+            believed = on_photograph(seen, site.scans)
+            proposed, resting = judged(believed, site.sources)
             before = with_proposals(block, site.points, site.sources, proposed)
             report = adjusted_without_gross(before, options.adjustment)
             moved, block = movement(before, report), report.block
             if moved < SETTLED and seen is not searches:
                 break
     assert report is not None
-    return report, borne_out(seen, site.sources, resting)
+    return report, borne_out(believed, site.sources, resting)
 
 
 def search_photos(

@@ -9,39 +9,41 @@ templates, say what chance brings about in these very windows. Nothing is learne
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from core.adjustment.adjusted import ExteriorSigmas
-from core.arrays import Position
-from core.block import UNKNOWN_M, Block, Measurement, Peak, Photo, SurveyedPoint
-from core.control.photo_templates import FinePlace, Looked, Shown, finely, looked, peak_sigma_px
+from core.block import UNKNOWN_M, Measurement, Peak, SurveyedPoint
+from core.control.located import (
+    ABOVE_GROUND_M,
+    Located,
+    Plane,
+    Surroundings,
+    derivatives,
+    located,
+    pointing_px,
+    slope_at,
+    usable,
+)
+from core.control.photo_templates import (
+    FinePlace,
+    Looked,
+    Shown,
+    ShownInOrtho,
+    Source,
+    finely,
+    looked,
+    peak_sigma_px,
+)
 from core.control.search import decoys_outside
 from core.doubts import Failure
-from core.geometry.intersection import Intersection, OrientedRay, intersect
-from core.geometry.resection import PhotoModel
 from core.matching.local_search import SEPARATION_PX
-from core.matching.patches import OpenPhoto, object_on_ground
 from core.matching.peaks import ScorePeak, detect_peaks, level_and_spread
 from core.matching.probability import GATE, Searches, probabilities
-from core.raster.dem import HeightSource
-from core.raster.scan_file import ScanFile
+from core.raster.ortho import Ortho
 from core.said import say
 
-Plane = Float64[np.ndarray, "2 2"]
-Space = Float64[np.ndarray, "3 3"]
-
-# design: a house or a tree; what is measured need not stand on the bare ground.
-ABOVE_GROUND_M = 5.0
-"""Standard deviation of a point's height against that of the terrain, metres."""
-# design: the relief of hilly country; as the adjustment holds points at first.
-RELIEF = 0.05
-"""The same where no terrain is known, as a share of the flying height."""
-# design: over a few metres slopes of the ground show, over more its bends.
-SLOPE_M = 10.0
-"""The plane of the ground is laid through heights this far about a point, metres."""
 # design: chance needs room to show itself: some sixty peaks of two surfaces and more.
 LEAST_SEARCH_PX = 28
 """Least half-width of a search, pixels of the pass."""
@@ -85,37 +87,6 @@ class Transferred:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
-    """What a transfer needs to know besides the point."""
-
-    block: Block
-    """Photos as they are oriented, cameras, surveyed points."""
-    scans: Mapping[str, ScanFile]
-    """Opened scans by photo; photos without one are left out."""
-    sigmas: Mapping[str, ExteriorSigmas]
-    """How well the photos are oriented; those not in it, as their prior says."""
-    heights: HeightSource | None = None
-    """The terrain; without one, the mean height under each photo."""
-
-    def opened(self, photo_id: str) -> OpenPhoto:
-        """A photo with its camera and its scan at hand."""
-        camera = self.block.camera_of(photo_id)
-        return OpenPhoto(self.block.photos[photo_id], camera, self.scans[photo_id])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Located:
-    """Where a point is on the ground as far as is known."""
-
-    position: Position
-    """Easting, northing, height, metres."""
-    covariance: Space
-    """Square metres."""
-    slope: Float64[np.ndarray, "2"]
-    """Rise of the ground for a metre east and north."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Search:
     """A point searched in one photo."""
 
@@ -154,105 +125,63 @@ def transfer_point(
     return proposed(around, point_id, where, votes, done, pointing_px(sources))
 
 
-def located(
-    around: Surroundings, measured: Sequence[Measurement], point: SurveyedPoint | None
-) -> Located | Failure:
-    """Where the rays of a point meet; where a single one meets the ground.
+def propose_by_ortho(
+    around: Surroundings, point: SurveyedPoint, ortho: Ortho, ortho_sigma_m: float
+) -> Transferred | Failure:
+    """Propose a point that no photo has been measured in, by what an ortho shows at its place.
+
+    How far the ortho itself may be off there counts with the prediction and with each place.
 
     Args:
-        around: The block; the orientations' own errors count with the rays.
-        measured: Measurements in oriented photos, one or more.
-        point: Where its height comes from if that is known.
+        around: The block and its scans.
+        point: The point, with coordinates.
+        ortho: The ortho.
+        ortho_sigma_m: Its standard deviation per axis, metres.
     """
-    if len(measured) > 1:
-        met = _met(around, measured)
-        if isinstance(met, Intersection):
-            return Located(met.position, met.covariance, slope_at(around, met.position))
-    opened, pixel = around.opened(measured[0].photo_id), measured[0].pixel
-    height, sigma = _height(around, opened, pixel, point)
-    position = opened.photo.object_from_pixel(pixel, np.array([height]), opened.camera)[0]
-    if not np.isfinite(position).all():
-        return Failure("its ray does not meet the ground")
-    by_object, spread = _derivatives(around, opened.photo, position)
-    spread = spread + np.eye(2) * measured[0].sigma_px ** 2
-    to_plane = np.linalg.inv(by_object[:, :2])
-    along = np.append(-to_plane @ by_object[:, 2], 1.0)
-    covariance = sigma**2 * np.outer(along, along)
-    covariance[:2, :2] += to_plane @ spread @ to_plane.T
-    return Located(position, covariance, slope_at(around, position))
-
-
-def pointing_px(measured: Sequence[Measurement]) -> float:
-    """What the pointing at the place carries over to all other photos, pixels."""
-    return float(np.sum([item.sigma_px**-2 for item in measured]) ** -0.5)
-
-
-def _met(around: Surroundings, measured: Sequence[Measurement]) -> Intersection | Failure:
-    """The intersection of two rays or more."""
+    if point.sigma_m[0] >= UNKNOWN_M:
+        return Failure("its place in the ortho is not known")
+    position, sigma_m = point.position.copy(), point.sigma_m.copy()
+    if sigma_m[2] >= UNKNOWN_M:
+        known = np.nan if around.heights is None else around.heights.heights(position[None, :2])[0]
+        if not np.isfinite(known):
+            return Failure("its height is not known")
+        position[2], sigma_m[2] = known, ABOVE_GROUND_M
+    off = float(np.hypot(ortho_sigma_m, sigma_m[:2].max()))
+    covariance = np.diag([off**2, off**2, sigma_m[2] ** 2])
+    where = Located(position, covariance, slope_at(around, position))
     block = around.block
-    photos = [block.photos[item.photo_id] for item in measured]
-    film = [p.interior.film_from_pixel(m.pixel) for p, m in zip(photos, measured, strict=True)]
-    rays = [OrientedRay(p.exterior, block.cameras[p.camera], p.atmosphere) for p in photos]
-    sigma = [p.interior.pixel_size_mm * m.sigma_px for p, m in zip(photos, measured, strict=True)]
-    first = intersect(np.concatenate(film), np.array(sigma), rays)
-    if isinstance(first, Failure):
-        return first
-    wider = [
-        np.hypot(own, p.interior.pixel_size_mm * _typical(_derivatives(around, p, first.position)))
-        for own, p in zip(sigma, photos, strict=True)
-    ]
-    return intersect(np.concatenate(film), np.array(wider), rays)
-
-
-def _typical(derivatives: tuple[Float64[np.ndarray, "2 3"], Plane]) -> float:
-    """Standard deviation per axis of the orientation's part, pixels."""
-    return float(np.sqrt(np.trace(derivatives[1]) / 2))
-
-
-def _derivatives(
-    around: Surroundings, photo: Photo, position: Position
-) -> tuple[Float64[np.ndarray, "2 3"], Plane]:
-    """Pixels by the point (2, 3), and their covariance from the photo's orientation."""
-    camera = around.block.cameras[photo.camera]
-    model = PhotoModel(photo.interior, camera, photo.atmosphere)
-    by_all = model.linearised(position[None], photo.exterior)[1][0]
-    known = around.sigmas.get(photo.photo_id)
-    centre = photo.prior.sigma_centre_m if known is None else known.centre_m
-    angles = photo.prior.sigma_angles if known is None else known.angles
-    variances = np.concatenate([centre, angles]) ** 2
-    return by_all[:, :3], (by_all * variances) @ by_all.T
-
-
-def _height(
-    around: Surroundings, opened: OpenPhoto, pixel: np.ndarray, point: SurveyedPoint | None
-) -> tuple[float, float]:
-    """Height of a point on a ray, and its standard deviation, metres."""
-    if point is not None and point.sigma_m[2] < UNKNOWN_M:
-        return float(point.position[2]), float(point.sigma_m[2])
-    photo = opened.photo
-    if around.heights is not None:
-        ground = object_on_ground(photo, opened.camera, pixel, around.heights)
-        if np.isfinite(ground).all():
-            return float(ground[0, 2]), ABOVE_GROUND_M
-    above = float(photo.exterior.centre[2]) - photo.ground_height_m
-    return photo.ground_height_m, RELIEF * above
-
-
-def slope_at(around: Surroundings, position: Position) -> Float64[np.ndarray, "2"]:
-    """Rise of the terrain for a metre east and north; level where it is not known."""
-    if around.heights is None:
-        return np.zeros(2)
-    steps = SLOPE_M * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    heights = around.heights.heights(position[:2] + steps)
-    return np.nan_to_num(np.array([heights[0] - heights[1], heights[2] - heights[3]])) / (
-        2 * SLOPE_M
+    pixels_m = [p.ground_pixel_m(block.camera_of(name)) for name, p in block.photos.items()]
+    pointing = off / float(np.median(pixels_m))
+    return proposed(
+        around, point.point_id, where, [ShownInOrtho(ortho, position[:2])], set(), pointing
     )
 
 
-def usable(around: Surroundings, photo_id: str) -> bool:
-    """Whether a photo is oriented and its scan at hand."""
-    photo = around.block.photos.get(photo_id)
-    return photo is not None and photo.oriented and photo_id in around.scans
+def refine_place(
+    around: Surroundings, place: Measurement, measured: Sequence[Measurement]
+) -> Measurement | Failure:
+    """A place in a photo laid by least squares onto what other photos show of its point.
+
+    Args:
+        around: The block and its scans.
+        place: Where the point is pointed at, a pixel or two beside it.
+        measured: Where it is measured; the photo itself does not count.
+    """
+    sources = [m for m in measured if m.photo_id != place.photo_id and usable(around, m.photo_id)]
+    if not sources or not usable(around, place.photo_id):
+        return Failure("the point is measured in no other oriented photo")
+    where = located(around, sources, around.block.surveyed.get(place.point_id))
+    if isinstance(where, Failure):
+        return where
+    target = Shown.of(around.opened(place.photo_id), where.position, where.slope).at(place.pixel)
+    fine = [finely(shown(around, where, source), target) for source in sources]
+    places = [one for one in fine if one is not None]
+    if not places:
+        return Failure("nothing there looks like the place that was measured")
+    pixel, sigma = _mean(places)
+    column, row = (float(value) for value in pixel[0])
+    sigma = float(np.hypot(sigma, pointing_px(sources)))
+    return replace(place, column=column, row=row, sigma_px=sigma)
 
 
 def shown(around: Surroundings, where: Located, item: Measurement) -> Shown:
@@ -265,7 +194,7 @@ def proposed(
     around: Surroundings,
     point_id: str,
     where: Located,
-    sources: Sequence[Shown],
+    sources: Sequence[Source],
     done: set[str],
     pointing: float,
 ) -> Transferred:
@@ -278,7 +207,7 @@ def proposed(
         target = Shown.of(around.opened(photo_id), where.position, where.slope)
         if not _inside(target):
             continue
-        by_object, spread = _derivatives(around, target.opened.photo, where.position)
+        by_object, spread = derivatives(around, target.opened.photo, where.position)
         covariance = by_object @ where.covariance @ by_object.T + spread
         found = _searched(photo_id, sources, target, covariance)
         if isinstance(found, Failure):
@@ -309,7 +238,7 @@ def _inside(target: Shown) -> bool:
 
 
 def _searched(
-    photo_id: str, sources: Sequence[Shown], target: Shown, covariance: Plane
+    photo_id: str, sources: Sequence[Source], target: Shown, covariance: Plane
 ) -> _Search | Failure:
     """Look for the place in one photo, no further away than it can be."""
     reach = GATE * np.sqrt(np.diag(covariance))
@@ -393,7 +322,7 @@ def _judged(searches: Sequence[_Search]) -> list[np.ndarray]:
 
 
 def _measurement(
-    point_id: str, search: _Search, right: np.ndarray, sources: Sequence[Shown], pointing: float
+    point_id: str, search: _Search, right: np.ndarray, sources: Sequence[Source], pointing: float
 ) -> Measurement | Failure:
     """The most probable candidate, finely measured."""
     best = int(np.argmax(right))
@@ -406,7 +335,7 @@ def _measurement(
     # source: Rayleigh's law of the length of a normal error in the plane.
     near = 1.0 - np.exp(-0.5 * (RIGHT_PX / sigma) ** 2)
     probability = float(right[best] * near)
-    names = ", ".join(sorted(source.opened.photo.photo_id for source in sources))
+    names = ", ".join(sorted(source.name for source in sources))
     reason = say(
         "proposed from {photos}, right with probability {probability:.2f}",
         photos=names,
@@ -426,7 +355,7 @@ def _peak(search: _Search, number: int) -> Peak:
 
 
 def _refined(
-    search: _Search, peak: ScorePeak, sources: Sequence[Shown]
+    search: _Search, peak: ScorePeak, sources: Sequence[Source]
 ) -> tuple[np.ndarray, float]:
     """The place of a candidate to a part of a pixel, (1, 2), and its standard deviation."""
     reduction = search.looked.reduction

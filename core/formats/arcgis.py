@@ -4,15 +4,11 @@ A frame bears its own affine transform, since every scan lies in its own way; wh
 frames table comes before the same entry in the cameras table. Film is in micrometres.
 """
 
-import csv
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from core.arrays import Affine2
-from core.errors import ProjectError
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -21,7 +17,7 @@ from core.formats.exchange import (
     ExchangePhoto,
 )
 from core.formats.film_rays import MICROMETRES, principal_distance_mm, untested
-from core.formats.records import Record, read_text
+from core.formats.records import Row, read_rows, write_rows
 from core.formats.scan_names import scan_stem
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say
@@ -33,7 +29,6 @@ NEEDED = ("Raster", "CameraID", "PerspectiveX", "PerspectiveY", "PerspectiveZ")
 """Columns that the frames table must have."""
 ANGLES = ("Omega", "Phi", "Kappa")
 TURN = 360.0  # source: degrees of a whole turn.
-REMEDY = "The columns are those of Esri's frames and cameras table schemas."
 
 
 def write_arcgis(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
@@ -43,7 +38,7 @@ def write_arcgis(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         What was left out.
     """
     path.mkdir(parents=True, exist_ok=True)
-    rows: list[list[str]] = []
+    rows: list[list[object]] = []
     seen: dict[str, float] = {}
     missing: list[str] = []
     for name, photo in block.photos.items():
@@ -57,15 +52,16 @@ def write_arcgis(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         angles = np.degrees([turned.omega, turned.phi, turned.kappa])
         film = _film_from_pixel(photo.pixel_from_image, distance, camera.principal_point_mm)
         numbers = [*turned.centre.tolist(), *angles.tolist(), *film]
-        rows.append([str(len(rows) + 1), photo.file, camera.name, *map(repr, numbers), block.crs])
+        rows.append([len(rows) + 1, photo.file, camera.name, *numbers, block.crs])
     head = ["ObjectID", *NEEDED, *ANGLES, *AFFINE, "SRS"]
-    _write(path / FRAMES, [head, *rows])
-    cameras = [["ObjectID", "CameraID", "FocalLength", "PrincipalX", "PrincipalY"]]
+    write_rows(path / FRAMES, [head, *rows])
+    cameras: list[list[object]] = [
+        ["ObjectID", "CameraID", "FocalLength", "PrincipalX", "PrincipalY"]
+    ]
     for name, distance in seen.items():
         point = [value * MICROMETRES for value in block.cameras[name].principal_point_mm]
-        numbers = [repr(value) for value in (distance * MICROMETRES, *point)]
-        cameras.append([str(len(cameras)), name, *numbers])
-    _write(path / CAMERAS, cameras)
+        cameras.append([len(cameras), name, distance * MICROMETRES, *point])
+    write_rows(path / CAMERAS, cameras)
     return (*_lost(block, missing), untested())
 
 
@@ -95,69 +91,60 @@ def _film_from_pixel(
     ]
 
 
-def _write(path: Path, rows: list[list[str]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        csv.writer(stream, lineterminator="\n").writerows(rows)
-
-
 def read_arcgis(path: Path) -> ExchangeBlock:
     """A folder with `frames.csv` and `cameras.csv`.
 
     Raises:
         ProjectError: A table is missing or damaged, or a frame names a camera that is none.
     """
-    frames, cameras = _rows(path / FRAMES, NEEDED), _rows(path / CAMERAS, ("CameraID",))
-    held: dict[str, tuple[ExchangeCamera, _Row]] = {}
+    frames, cameras = read_rows(path / FRAMES, NEEDED), read_rows(path / CAMERAS, ("CameraID",))
+    held: dict[str, tuple[ExchangeCamera, Row]] = {}
     for row in cameras:
-        name = row.text("CameraID")
-        point = (row.number("PrincipalX", 0.0), row.number("PrincipalY", 0.0))
+        name = row.filled("CameraID")
+        keys = ("PrincipalX", "PrincipalY")
+        x, y = (row.number_in(key) if row.cell(key) else 0.0 for key in keys)
         held[name] = (
             ExchangeCamera(
                 name,
-                principal_distance_mm=row.number("FocalLength") / MICROMETRES,
-                principal_point_mm=(point[0] / MICROMETRES, point[1] / MICROMETRES),
+                principal_distance_mm=row.number_in("FocalLength") / MICROMETRES,
+                principal_point_mm=(x / MICROMETRES, y / MICROMETRES),
             ),
             row,
         )
     photos: dict[str, ExchangePhoto] = {}
     crs = ""
     for row in frames:
-        file = row.text("Raster").replace("\\", "/").rsplit("/", 1)[-1]
+        file = row.filled("Raster").replace("\\", "/").rsplit("/", 1)[-1]
         name = scan_stem(file)
-        if name in photos:
-            raise row.refused(
-                say("Line {number}: the photo {photo} stands twice.",
-                    number=row.line, photo=name), "Leave one row for every photo."
-            )  # fmt: skip
-        camera = row.text("CameraID")
+        row.refuse_again(name, photos)
+        camera = row.filled("CameraID")
         if camera not in held:
             raise row.refused(
-                say("Line {number}: the camera {camera!r} is unknown.",
-                    number=row.line, camera=camera), "Give it a row in cameras.csv."
-            )  # fmt: skip
-        crs = row.cells.get("SRS", "") or crs
+                "Line {number}: the camera {camera!r} is unknown.",
+                "Give it a row in cameras.csv.",
+                camera=camera,
+            )
+        crs = row.cell("SRS") or crs
         photos[name] = _photo(name, file, row, *held[camera])
     return ExchangeBlock(crs, {name: one for name, (one, _) in held.items()}, photos)
 
 
-def _photo(
-    name: str, file: str, row: "_Row", camera: ExchangeCamera, of_camera: "_Row"
-) -> ExchangePhoto:
-    centre = np.array([row.number(f"Perspective{axis}") for axis in "XYZ"])
-    written = [row.number(angle) for angle in ANGLES]
+def _photo(name: str, file: str, row: Row, camera: ExchangeCamera, of_camera: Row) -> ExchangePhoto:
+    centre = np.array(row.triple_in(NEEDED[2:]))
+    written = row.triple_in(ANGLES)
     if any(abs(value) > TURN for value in written):
         raise row.refused(
-            say("Line {number}: an angle of {value} degrees is more than a whole turn.",
-                number=row.line, value=max(written, key=abs)),
+            "Line {number}: an angle of {value} degrees is more than a whole turn.",
             "Omega, Phi, Kappa are in degrees.",
-        )  # fmt: skip
+            value=max(written, key=abs),
+        )
     omega, phi, kappa = np.radians(written).tolist()
-    source = row if row.cells.get("A0") else of_camera
+    source = row if row.cell("A0") else of_camera
     affine = None
-    if source.cells.get("A0"):
-        values = np.array([source.number(key) for key in AFFINE]).reshape(2, 3)
+    if source.cell("A0"):
+        values = np.array([source.number_in(key) for key in AFFINE]).reshape(2, 3)
         affine = _pixel_from_image(values, camera)
-        if float(source.cells.get("AffineDirection") or 1) < 0:
+        if float(source.cell("AffineDirection") or 1) < 0:
             raise row.refused(
                 "AffineDirection turns from film to image.",
                 "Give the transform from image to film (AffineDirection 1).",
@@ -176,50 +163,6 @@ def _pixel_from_image(values: Affine2, camera: ExchangeCamera) -> Affine2:
     return np.column_stack([linear, inverse @ (point - values[:, 0])])
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """One row, by the heads of its table."""
-
-    path: Path
-    line: int
-    cells: Mapping[str, str]
-
-    def text(self, key: str) -> str:
-        """A cell that must hold something."""
-        value = self.cells.get(key, "").strip()
-        if not value:
-            raise self.refused(
-                say("Line {number}: the column {column} is empty.", number=self.line, column=key),
-                REMEDY,
-            )
-        return value
-
-    def number(self, key: str, default: float | None = None) -> float:
-        """A cell as a number."""
-        if default is not None and not self.cells.get(key, "").strip():
-            return default
-        return Record(self.path, self.line, (self.text(key),)).value(0)
-
-    def refused(self, cause: str, remedy: str) -> ProjectError:
-        """An error about this row."""
-        return ProjectError(self.path, cause, remedy)
-
-
-def _rows(path: Path, needed: tuple[str, ...]) -> list[_Row]:
-    table = csv.DictReader(read_text(path).splitlines())
-    heads = [head.strip() for head in table.fieldnames or ()]
-    for name in needed:
-        if name not in heads:
-            raise ProjectError(path, say("The column {missing} is missing.", missing=name), REMEDY)
-    rows = [
-        _Row(path, number, {str(k).strip(): v or "" for k, v in row.items() if k is not None})
-        for number, row in enumerate(table, 2)
-    ]
-    if not rows:
-        raise ProjectError(path, "The list holds no rows.", REMEDY)
-    return rows
-
-
 ARCGIS_FORMAT = ExchangeFormat(
     name="arcgis",
     title="ArcGIS: frames and cameras tables",
@@ -230,9 +173,7 @@ ARCGIS_FORMAT = ExchangeFormat(
         rotation="Omega, Phi, Kappa, degrees: R = R_x R_y R_z turns image space into object space",
         camera="focal length and principal point in micrometres; A0 to B2 from pixels to "
         "micrometres in the fiducial frame, for every frame; no distortion",
-        sigmas="none",
         lost="lens distortion, points, measurements, ties, fiducials, standard deviations",
-        tested="untested on real files",
     ),
     holds="film",
     write=write_arcgis,

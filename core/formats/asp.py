@@ -11,7 +11,6 @@ import numpy as np
 
 from core.arrays import Rotation
 from core.errors import ProjectError
-from core.formats.earth_frame import EARTH_M, EarthFrame, zone_of
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -28,6 +27,7 @@ from core.formats.film_rays import numbered
 from core.formats.records import Record, read_records
 from core.formats.scan_names import scan_stem
 from core.frames import HALF_PIXEL
+from core.geometry.map_in_space import EARTH_M, MapInSpace, map_crs, map_in_space, zone_of
 from core.said import say
 
 # source: documentation of the program.
@@ -61,13 +61,13 @@ def read_asp(path: Path) -> ExchangeBlock:
         )
     points, degrees, measured, files_of = _control(lists)
     notes: list[str] = []
-    earth: EarthFrame | None = None
+    earth: MapInSpace | None = None
     crs = ""
     everywhere = all(np.linalg.norm(camera.centre) > EARTH_M for camera in cameras.values())
     if degrees or (cameras and everywhere):
         place = np.array(degrees[:1]) if degrees else _first_place(cameras)
         crs = zone_of(place)
-        earth = EarthFrame.of(crs, str(path))
+        earth = map_in_space(map_crs(crs, path))
     if cameras and not everywhere:
         notes.append(say("Cameras stand in a frame of their own, not on the Earth."))
     if points and earth is not None:
@@ -105,8 +105,9 @@ class _Camera:
             if key not in values:
                 raise ProjectError(
                     path,
-                    say("The entry {key!r} is missing.", key=key),
+                    "The entry {key!r} is missing.",
                     "A camera has fu, fv, cu, cv, C and R.",
+                    key=key,
                 )
         turn = np.array(values["R"]).reshape(3, 3)
         if np.abs(turn @ turn.T - np.eye(3)).max() > ROUND or np.linalg.det(turn) < 0:
@@ -117,7 +118,7 @@ class _Camera:
         return _Camera(values, np.array(values["C"]), left @ right)
 
     def photo(
-        self, name: str, file: str, earth: EarthFrame | None
+        self, name: str, file: str, earth: MapInSpace | None
     ) -> tuple[ExchangeCamera, ExchangePhoto]:
         """Camera and photo; on a map where the Earth below it is given."""
         pitch = self.values.get("pitch", [1.0])[0]
@@ -125,11 +126,19 @@ class _Camera:
         k1, k2, p1, p2, k3 = (self.values.get(key, [0.0])[0] for key in LENS)
         centre, turn = self.centre, self.turn
         if earth is not None:
-            centre = earth.from_earth(centre[None])[0]
-            turn = earth.axes(centre).T @ turn
+            centre = earth.to_object(centre[None])[0]
+            turn = earth.turn_at(centre).T @ turn
         radial = (k1, k2, k3) if k3 else (k1, k2)
         frame = FrameCamera(
-            fv, (cu + HALF_PIXEL, cv + HALF_PIXEL), fu - fv, 0.0, radial, (p1, p2), turn.T, centre
+            None,
+            fv,
+            (cu + HALF_PIXEL, cv + HALF_PIXEL),
+            fu - fv,
+            0.0,
+            radial,
+            (p1, p2),
+            turn.T,
+            centre,
         )
         affine, tangential, exterior = from_frame_camera(frame)
         return (
@@ -141,8 +150,7 @@ class _Camera:
 def _first_place(cameras: dict[str, _Camera]) -> np.ndarray:
     """Longitude, latitude, height of one camera."""
     centre = next(iter(cameras.values())).centre[None]
-    earth = EarthFrame.of("EPSG:32633", "").earth_from_degrees
-    return np.column_stack(earth.transform(*centre.T, direction="INVERSE"))
+    return map_in_space(map_crs("EPSG:32633", "")).space_degrees(centre)
 
 
 def _parted(line: str) -> list[str]:
@@ -167,7 +175,8 @@ def _control(
             name = names.get(record.text(0), record.text(0))
             latitude, longitude, height = record.triple(1)
             sigma = record.triple(4)
-            _check(record, name, points, latitude)
+            record.refuse_again(name, points)
+            _check(record, latitude)
             role = "check" if "check" in path.stem.lower() else "control"
             points[name] = ExchangePoint(name, (longitude, latitude, height), sigma, role)
             degrees.append([longitude, latitude, height])
@@ -187,19 +196,14 @@ def _control(
     return points, degrees, measured, files
 
 
-def _check(record: Record, name: str, points: dict[str, ExchangePoint], latitude: float) -> None:
-    if name in points:
-        raise record.refused(
-            say("Line {number}: the point {point} stands twice.", number=record.number, point=name),
-            "Give every point one name.",
-        )
+def _check(record: Record, latitude: float) -> None:
     if abs(latitude) > 90:
         raise record.refused(
-            say("Line {number}: {latitude} is no latitude.",
-                number=record.number, latitude=latitude),
+            "Line {number}: {latitude} is no latitude.",
             "Control is given as latitude, longitude in degrees and height; perhaps they are "
             "swapped, or map coordinates.",
-        )  # fmt: skip
+            latitude=latitude,
+        )
 
 
 def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
@@ -212,7 +216,7 @@ def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         CrsError: The block does not say its CRS: there is no Earth below it.
     """
     path.mkdir(parents=True, exist_ok=True)
-    earth = EarthFrame.of(block.crs, str(path))
+    earth = map_in_space(map_crs(block.crs, path))
     notes: list[str] = [
         say("Heights are written as they stand, as if above the ellipsoid of WGS 84.")
     ]
@@ -229,9 +233,11 @@ def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
             notes.append(say("Radial terms after the third are left out ({photo}).", photo=name))
     if skewed:
         notes.append(
-            say("{count:# scan is|# scans are} turned or sheared, which a camera here cannot be.",
-                count=skewed)
-        )  # fmt: skip
+            say(
+                "{count:# scan is|# scans are} turned or sheared, which a camera here cannot be.",
+                count=skewed,
+            )
+        )
     for role, file in (("control", "control.gcp"), ("check", "check.gcp")):
         chosen = [point for point in block.points.values() if point.role == role]
         if chosen:
@@ -241,10 +247,10 @@ def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _camera_text(frame: FrameCamera, earth: EarthFrame) -> str:
+def _camera_text(frame: FrameCamera, earth: MapInSpace) -> str:
     rotation, centre = frame.with_rotation_and_centre()
-    turn = earth.axes(np.asarray(centre)) @ rotation.T
-    place = earth.earth(np.asarray(centre)[None])[0]
+    turn = earth.turn_at(np.asarray(centre)) @ rotation.T
+    place = earth.from_object(np.asarray(centre)[None])[0]
     column, row = (value - HALF_PIXEL for value in frame.principal_point_px)
     k1, k2, k3 = (*frame.radial, 0.0, 0.0, 0.0)[:MOST_RADIAL]
     numbers = {
@@ -267,7 +273,7 @@ def _camera_text(frame: FrameCamera, earth: EarthFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _control_text(block: ExchangeBlock, chosen: Sequence[ExchangePoint], earth: EarthFrame) -> str:
+def _control_text(block: ExchangeBlock, chosen: Sequence[ExchangePoint], earth: MapInSpace) -> str:
     """Points with their measurements, numbered; comments keep the names."""
     numbers = numbered(point.point_id for point in chosen)
     lines = ["# WGS 84, heights as they stand"]

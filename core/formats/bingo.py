@@ -19,23 +19,24 @@ from core.formats.exchange import (
     ExchangePoint,
 )
 from core.formats.film_rays import (
+    END,
     FilmRay,
     block_of_rays,
     film_rays,
+    not_oriented,
+    photo_groups,
     principal_distance_mm,
     refuse_twice,
     refuse_unknown,
     untested,
 )
-from core.formats.records import Record, read_records
+from core.formats.records import Record, one_word, read_records, write_lines
 from core.formats.rotations import FULL_TURN, RADIANS, angles_of, rotation_of
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.said import say
 
 IMAGE, GEO, CAMERAS = "image.dat", "geoin.dat", "cameras.txt"
 """Files of the folder; the last one is ours."""
-END = "-99"
-"""Ends the points of a photo."""
 ORIENTATION, CONTROL, CHECK = "ORIA", "CONT", "CHCK"
 """First words of lines of `geoin.dat`."""
 AFTER_POSITION = 5  # source: definition; word, name and three coordinates come before.
@@ -50,40 +51,29 @@ def write_bingo(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     """
     path.mkdir(parents=True, exist_ok=True)
     rays, notes = film_rays(block)
-    image = "".join(f"{line}\n" for line in _image_lines(block, rays))
-    (path / IMAGE).write_text(image, encoding="utf-8")
-    geo = "".join(f"{line}\n" for line in _geo_lines(block))
-    (path / GEO).write_text(geo, encoding="utf-8")
+    write_lines(path / IMAGE, _image_lines(block, rays))
+    write_lines(path / GEO, _geo_lines(block))
     seen = {photo.camera: name for name, photo in block.photos.items() if photo.camera}
     cameras = [
-        f"{_word(camera)} {principal_distance_mm(block, name)!r}"
+        f"{one_word(camera)} {principal_distance_mm(block, name)!r}"
         for camera, name in seen.items()
         if camera in block.cameras and block.photos[name].pixel_from_image is not None
     ]
-    (path / CAMERAS).write_text("".join(f"{line}\n" for line in cameras), encoding="utf-8")
-    lost = [
-        say("{count:# photo has|# photos have} no orientation: left out.", count=missing)
-        for missing in (sum(photo.exterior is None for photo in block.photos.values()),)
-        if missing
-    ]
+    write_lines(path / CAMERAS, cameras)
+    lost = [*not_oriented(block.photos.values())]
     if any(photo.sigma_centre_m for photo in block.photos.values()):
         lost.append(say("Standard deviations of orientations are left out."))
     return (*notes, *lost, untested())
-
-
-def _word(name: str) -> str:
-    """A name as one word, since blanks part the columns."""
-    return "_".join(name.split()) or "-"
 
 
 def _image_lines(block: ExchangeBlock, rays: Sequence[FilmRay]) -> Iterator[str]:
     for name, photo in block.photos.items():
         seen = [ray for ray in rays if ray.photo_id == name]
         if seen:
-            yield f"{_word(name)} {_word(photo.camera)}"
+            yield f"{one_word(name)} {one_word(photo.camera)}"
             for ray in seen:
                 sigma = "" if ray.sigma_mm is None else f" {ray.sigma_mm!r}"
-                yield f"{_word(ray.point_id)} {ray.x_mm!r} {ray.y_mm!r}{sigma}"
+                yield f"{one_word(ray.point_id)} {ray.x_mm!r} {ray.y_mm!r}{sigma}"
             yield END
 
 
@@ -92,10 +82,12 @@ def _geo_lines(block: ExchangeBlock) -> Iterator[str]:
         if photo.exterior is not None:
             turned = angles_of("phi-omega-kappa", photo.exterior.object_from_image)
             numbers = [*photo.exterior.centre.tolist(), *(a / RADIANS["gon"] for a in turned)]
-            yield " ".join([ORIENTATION, _word(name), *map(repr, numbers)])
+            yield " ".join([ORIENTATION, one_word(name), *map(repr, numbers)])
     for name, point in block.points.items():
         word = CONTROL if point.role == "control" else CHECK
-        yield " ".join([word, _word(name), *map(repr, (*point.position, *(point.sigma_m or ())))])
+        yield " ".join(
+            [word, one_word(name), *map(repr, (*point.position, *(point.sigma_m or ())))]
+        )
 
 
 def read_bingo(path: Path) -> ExchangeBlock:
@@ -122,8 +114,9 @@ def read_bingo(path: Path) -> ExchangeBlock:
         if rays and camera not in cameras:
             raise ProjectError(
                 folder,
-                say("Nothing says the principal distance of camera {camera!r}.", camera=camera),
+                "Nothing says the principal distance of camera {camera!r}.",
                 "Put a line `CAMERA MILLIMETRES` into cameras.txt beside geoin.dat.",
+                camera=camera,
             )
         one = ExchangePhoto(name, photo.file, camera, exterior=photo.exterior)
         every.append((one, cameras.get(camera, 1.0)))
@@ -136,11 +129,7 @@ def _geo(path: Path) -> tuple[dict[str, ExchangePhoto], dict[str, ExchangePoint]
     for record in read_records(path, comment="C "):
         word = record.text(0).upper()
         name = record.text(1) if word in (ORIENTATION, CONTROL, CHECK) else ""
-        if name in photos or name in points:
-            raise record.refused(
-                say("Line {number}: {name} stands twice.", number=record.number, name=name),
-                "Give every photo and every point one line.",
-            )
+        record.refuse_again(name, {**photos, **points})
         if word == ORIENTATION:
             exterior = ExteriorOrientation(np.array(record.triple(2)), *_angles(record))
             photos[name] = ExchangePhoto(name, f"{name}.tif", exterior=exterior)
@@ -157,9 +146,10 @@ def _angles(record: Record) -> tuple[float, float, float]:
     beyond = next((value for value in written if abs(value) > FULL_TURN["gon"]), None)
     if beyond is not None:
         raise record.refused(
-            say("Line {number}: an angle of {value} gon is more than a whole turn.",
-                number=record.number, value=beyond), "Angles are phi, omega, kappa in gon."
-        )  # fmt: skip
+            "Line {number}: an angle of {value} gon is more than a whole turn.",
+            "Angles are phi, omega, kappa in gon.",
+            value=beyond,
+        )
     phi, omega, kappa = (value * RADIANS["gon"] for value in written)
     return angles_from_rotation(rotation_of("phi-omega-kappa", (phi, omega, kappa)))
 
@@ -168,18 +158,11 @@ def _rays(path: Path) -> tuple[list[FilmRay], dict[str, str]]:
     """Measurements, and the camera of every photo."""
     rays: list[FilmRay] = []
     cameras: dict[str, str] = {}
-    photo = ""
-    for record in read_records(path, comment="C "):
-        if record.text(0) == END:
-            photo = ""
-        elif not photo:
-            photo = record.text(0)
-            cameras[photo] = record.text(1)
-        else:
-            sigma = record.value(3) if len(record.cells) > 3 else None
-            rays.append(FilmRay(record.text(0), photo, record.value(1), record.value(2), sigma))
-    if photo:
-        raise ProjectError(path, "does not end with -99.", "The file was cut off: give all of it.")
+    for head, rows in photo_groups(path, comment="C "):
+        cameras[head.text(0)] = head.text(1)
+        for row in rows:
+            sigma = row.value(3) if len(row.cells) > 3 else None
+            rays.append(FilmRay(row.text(0), head.text(0), row.value(1), row.value(2), sigma))
     return rays, cameras
 
 
@@ -196,7 +179,6 @@ BINGO_FORMAT = ExchangeFormat(
         sigmas="control, metres; measurements, millimetres",
         lost="scans, fiducials, standard deviations of orientations, object points of ties; blanks "
         "in names",
-        tested="untested on real files",
     ),
     holds="film",
     write=write_bingo,

@@ -4,7 +4,6 @@ Its camera is ours: x right, y up, z backwards. Places count from the principal 
 file names neither that nor the size of the scans, so `gruber.json` beside it does.
 """
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation as Turn
 
 from core.arrays import PixelPoints
 from core.errors import ExchangeError
+from core.formats.colmap import SIDECAR, Sidecar, read_sidecar
 from core.formats.colmap_files import GREY
 from core.formats.exchange import (
     FLIP,
@@ -22,25 +22,30 @@ from core.formats.exchange import (
     ExchangeFormat,
     ExchangePhoto,
     ExchangeTies,
+    FrameInterior,
     ideal_from_image,
     image_from_ideal,
 )
 from core.formats.frame_interiors import (
-    FrameInterior,
     exchange_camera,
     exchange_photo,
     frame_photos,
     named_photos,
-    rounded_origin,
+    oriented_frames,
+    trimmed_radial,
     where_any,
+    without_orientation,
 )
+from core.formats.records import write_json
 from core.formats.xml_files import AGAIN, digits, read_text
 from core.said import say
 
-BUNDLE, NAMES, SIDECAR = "bundle.out", "list.txt", "gruber.json"
+BUNDLE, NAMES = "bundle.out", "list.txt"
 HEAD = "# Bundle file v0.3"
 CAMERA = 15  # source: Bundler's manual; f, k1, k2, nine of the rotation, three of the translation.
 VIEW = 4  # source: Bundler's manual; camera, key, x, y.
+MIDDLE = (0.0, 0.0)  # source: Bundler's manual; the middle of the image.
+"""Principal point of a scan of unknown size: Bundler puts it into the middle."""
 RADIAL_TERMS = 2  # source: Bundler's manual; k1, k2.
 
 
@@ -54,10 +59,7 @@ def write_bundler(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         ExchangeError: No photo is oriented.
     """
     photos = frame_photos(block)
-    oriented = {n: f for n, f in photos.frames.items() if f.camera_from_object is not None}
-    if not oriented:
-        raise ExchangeError(folder, "No photo of the block is oriented.", "Adjust the block first.")
-    origin = rounded_origin([one.with_rotation_and_centre()[1] for one in oriented.values()])
+    oriented, origin = oriented_frames(photos, folder)
     lines: list[str] = []
     for frame in oriented.values():
         rotation, centre = frame.with_rotation_and_centre()
@@ -82,12 +84,8 @@ def write_bundler(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
             for name, frame in oriented.items()
         },
     }
-    (folder / SIDECAR).write_text(json.dumps(told, indent=1, ensure_ascii=False), encoding="utf-8")
-    without = [name for name in block.photos if name not in oriented]
-    notes = where_any(
-        without,
-        say("Without interior or exterior orientation, and so left out: {photos}.", photos=without),
-    )
+    write_json(folder / SIDECAR, told)
+    notes = without_orientation(name for name in block.photos if name not in oriented)
     bent = [name for name, one in photos.interiors.items() if _is_beyond(one)]
     return notes + where_any(
         bent,
@@ -149,13 +147,13 @@ def read_bundler(path: Path) -> ExchangeBlock:
     lines = read_text(file).splitlines()
     if not lines or lines[0].strip() != HEAD:
         raise ExchangeError(
-            file, say("It does not begin with '{head}'.", head=HEAD), "Export it as version 0.3."
+            file, "It does not begin with '{head}'.", "Export it as version 0.3.", head=HEAD
         )
     try:
         numbers = iter([float(word) for line in lines[1:] for word in line.split()])
         cameras, points = int(next(numbers)), int(next(numbers))
         names = [line.split()[0] for line in read_text(file.parent / NAMES).splitlines() if line]
-        told = _told(file.parent / SIDECAR)
+        told = read_sidecar(file.parent)
         if len(names) != cameras:
             raise ValueError(f"{cameras} cameras, {len(names)} names")
         values = [_take(numbers, CAMERA) for _ in range(cameras)]
@@ -163,40 +161,18 @@ def read_bundler(path: Path) -> ExchangeBlock:
         ties = _ties(numbers, points, photos, told)
     except (ValueError, KeyError, TypeError, IndexError, StopIteration, OverflowError) as error:
         raise ExchangeError(
-            file, say("It is cut off or damaged ({error}).", error=repr(error)[:90]), AGAIN
+            file, "It is cut off or damaged ({error}).", AGAIN, error=repr(error)[:90]
         ) from error
     lenses = {
         photo.camera: ExchangeCamera(
-            photo.camera, _trimmed(one[1:3]), size_px=told.get(photo.file, _NOWHERE)[1]
+            photo.camera, trimmed_radial(one[1:3]), size_px=_size(told, photo.file)
         )
         for photo, one in zip(photos, values, strict=True)
         if photo.camera
     }
-    notes = ()
-    if any(photo.camera and photo.pixel_from_image is None for photo in photos):
-        notes = (
-            "Bundler names neither principal point nor size: photos came without interior "
-            "orientation and tie points.",
-        )
-    crs = str(told[""][2]) if "" in told else ""
-    return ExchangeBlock(crs, lenses, named_photos(photos, file), ties=ties, notes=notes)
-
-
-_Told = dict[str, tuple[tuple[float, ...], tuple[int, int] | None, str]]
-_NOWHERE: tuple[tuple[float, ...], None, str] = ((), None, "")
-
-
-def _told(path: Path) -> _Told:
-    """Principal point and size of each scan; under no name the origin and the CRS."""
-    if not path.exists():
-        return {}
-    told = json.loads(read_text(path))
-    found: _Told = {"": (_finite(told["origin"], 3), None, str(told["crs"]))}
-    for file, values in told["photos"].items():
-        column, row, width, height = _finite(values, 4)
-        size = (int(width), int(height)) if width and height else None
-        found[str(file)] = ((column, row), size, "")
-    return found
+    return ExchangeBlock(
+        told.crs, lenses, named_photos(photos, file), ties=ties, from_middle=not told.photos
+    )
 
 
 def _finite(values: list[float], count: int) -> tuple[float, ...]:
@@ -207,36 +183,32 @@ def _finite(values: list[float], count: int) -> tuple[float, ...]:
     return found
 
 
+def _size(told: Sidecar, file: str) -> tuple[int, int] | None:
+    """Columns and rows of a scan, where the file beside the model says them."""
+    _, _, width, height = told.photos.get(file, (0.0,) * 4)
+    return (int(width), int(height)) if width and height else None
+
+
 def _take(numbers: Iterator[float], count: int) -> tuple[float, ...]:
     """The next numbers."""
     return _finite([next(numbers) for _ in range(count)], count)
 
 
-def _trimmed(radial: tuple[float, ...]) -> tuple[float, ...]:
-    """Without noughts at its end."""
-    while radial and radial[-1] == 0.0:
-        radial = radial[:-1]
-    return radial
-
-
-def _photo(name: str, values: tuple[float, ...], told: _Told) -> ExchangePhoto:
+def _photo(name: str, values: tuple[float, ...], told: Sidecar) -> ExchangePhoto:
     """A photo; without orientation where Bundler has none."""
     focal, k1, k2, *place = values
     if focal <= 0:
         return exchange_photo(name, "", None)
     image = np.array(place[:9]).reshape(3, 3)
     rotation = FLIP @ Turn.from_matrix(image).as_matrix()
-    origin = np.array(told[""][0]) if "" in told else np.zeros(3)
-    centre = origin - image.T @ np.array(place[9:])
-    point, size, _ = told.get(name, _NOWHERE)
-    interior = None
-    if point:
-        interior = FrameInterior(size, focal, (point[0], point[1]), radial=(k1, k2))
+    centre = told.origin - image.T @ np.array(place[9:])
+    point = told.photos.get(name, MIDDLE)
+    interior = FrameInterior(_size(told, name), focal, (point[0], point[1]), radial=(k1, k2))
     return exchange_photo(name, f"lens-{name}", interior, rotation, centre)
 
 
 def _ties(
-    numbers: Iterator[float], count: int, photos: list[ExchangePhoto], told: _Told
+    numbers: Iterator[float], count: int, photos: list[ExchangePhoto], told: Sidecar
 ) -> ExchangeTies:
     """Points with what sees them, in photos whose principal point is known."""
     rays: list[tuple[int, int, tuple[float, float]]] = []
@@ -247,18 +219,16 @@ def _ties(
         for _ in range(int(next(numbers))):
             camera, _key, x, y = _take(numbers, VIEW)
             photo = photos[int(camera)]
-            point = told.get(photo.file, _NOWHERE)[0]
-            if point:
-                rays.append((number, int(camera), (point[0] + x, point[1] - y)))
+            point = told.photos.get(photo.file, MIDDLE)
+            rays.append((number, int(camera), (point[0] + x, point[1] - y)))
     if not rays:
         return ExchangeTies.none()
-    origin = np.array(told[""][0])
     return ExchangeTies(
         tuple(photo.photo_id for photo in photos),
         np.array([ray[0] for ray in rays]),
         np.array([ray[1] for ray in rays]),
         np.array([ray[2] for ray in rays]),
-        positions=np.array(positions) + origin,
+        positions=np.array(positions) + told.origin,
     )
 
 
@@ -271,14 +241,13 @@ BUNDLER = ExchangeFormat(
         rotation="matrix by rows: camera (x right, y up, z backwards) from object; translation is "
         "minus the turned centre",
         camera="focal length in pixels, k1, k2 from the ideal to the measured place",
-        sigmas="none",
         lost="principal point, k3 and tangential terms (taken out of the places), surveyed points, "
         "standard deviations, names of tie points, photos that are not oriented",
-        tested="untested on real files",
     ),
     holds="upright",
     write=write_bundler,
     read=read_bundler,
     default_name="bundler",
+    curved=False,
 )
 """Bundler's files."""

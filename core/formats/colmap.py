@@ -30,17 +30,20 @@ from core.formats.exchange import (
     ExchangeFormat,
     ExchangePhoto,
     ExchangeTies,
+    FrameInterior,
 )
 from core.formats.frame_interiors import (
-    FrameInterior,
     FramePhotos,
     exchange_camera,
     exchange_photo,
     frame_photos,
     named_photos,
-    rounded_origin,
+    oriented_frames,
+    size_of,
     where_any,
+    without_orientation,
 )
+from core.formats.records import write_json
 from core.formats.xml_files import AGAIN, read_text
 from core.said import say
 
@@ -63,12 +66,7 @@ def write_colmap(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         ExchangeError: No photo has an orientation.
     """
     photos = frame_photos(block)
-    oriented = {
-        name: frame for name, frame in photos.frames.items() if frame.camera_from_object is not None
-    }
-    if not oriented:
-        raise ExchangeError(folder, "No photo of the block is oriented.", "Adjust the block first.")
-    origin = rounded_origin([frame.with_rotation_and_centre()[1] for frame in oriented.values()])
+    oriented, origin = oriented_frames(photos, folder)
     numbers = {name: number for number, name in enumerate(photos.interiors, 1)}
     points, seen = _tracks(block.ties, tuple(oriented), origin)
     images: dict[int, Image] = {}
@@ -90,7 +88,7 @@ def write_colmap(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         "cameras": {str(number): name for name, number in numbers.items()},
         "ties": {str(n): block.ties.names[n - 1] for n in points if block.ties.names},
     }
-    (folder / SIDECAR).write_text(json.dumps(told, indent=1, ensure_ascii=False), encoding="utf-8")
+    write_json(folder / SIDECAR, told)
     return _notes(block, photos, set(oriented), len(points))
 
 
@@ -135,7 +133,7 @@ def colmap_camera(interior: FrameInterior) -> tuple[str, tuple[int, int], list[f
 
     Skew and terms beyond k3 are left out.
     """
-    size = interior.size_px or _size(interior)
+    size = size_of(interior)
     f, (cx, cy) = interior.focal_px, interior.principal_point_px
     terms = [*interior.radial[:3]]
     while terms and terms[-1] == 0.0:
@@ -152,12 +150,6 @@ def colmap_camera(interior: FrameInterior) -> tuple[str, tuple[int, int], list[f
     return "FULL_OPENCV", size, [*both, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
 
 
-def _size(interior: FrameInterior) -> tuple[int, int]:
-    """A frame about the principal point, where nobody knows the size of the scan."""
-    column, row = interior.principal_point_px
-    return max(1, round(2 * column)), max(1, round(2 * row))
-
-
 def interior_of(
     path: Path, number: int, model: str, size: tuple[int, int], values: list[float]
 ) -> FrameInterior:
@@ -170,14 +162,14 @@ def interior_of(
     if model not in ("SIMPLE_PINHOLE", "PINHOLE", *RADIAL_TERMS) or any(lens[5:]):
         raise ExchangeError(
             path,
-            say("Camera {number} has the model {model}.", number=number, model=model),
+            "Camera {number} has the model {model}.",
             "Take over frame cameras alone: SIMPLE_PINHOLE to FULL_OPENCV without k4, k5, k6.",
+            number=number,
+            model=model,
         )
     focal_x, focal_y = (values[0], values[0]) if model in ONE_FOCAL else (values[0], values[1])
     if not (np.isfinite(values).all() and focal_x > 0 and focal_y > 0 and min(size) > 0):
-        raise ExchangeError(
-            path, say("Camera {number} has impossible values.", number=number), AGAIN
-        )
+        raise ExchangeError(path, "Camera {number} has impossible values.", AGAIN, number=number)
     place = values[1:3] if model in ONE_FOCAL else values[2:4]
     tangential = (lens[2], lens[3]) if model.endswith("OPENCV") else (0.0, 0.0)
     radial = tuple(lens[:2]) + tuple(lens[4:5])
@@ -218,26 +210,15 @@ def _notes(
     block: ExchangeBlock, photos: FramePhotos, oriented: set[str], points: int
 ) -> tuple[str, ...]:
     """What COLMAP cannot hold of this block."""
-    without = [name for name in block.photos if name not in oriented]
-    notes = where_any(
-        without,
-        say(
-            "Without interior or exterior orientation, and so left out: {photos}.",
-            photos=", ".join(without),
-        ),
-    )
+    notes = without_orientation(name for name in block.photos if name not in oriented)
     skewed = [name for name, one in photos.interiors.items() if one.skew_px or one.radial[3:]]
     notes += where_any(
-        skewed,
-        say("COLMAP holds no skew and no k4; left out of: {photos}.", photos=", ".join(skewed)),
+        skewed, say("COLMAP holds no skew and no k4; left out of: {photos}.", photos=skewed)
     )
     unsized = [name for name, one in photos.interiors.items() if one.size_px is None]
     notes += where_any(
         unsized,
-        say(
-            "The size of the scans is not known and was guessed: {photos}.",
-            photos=", ".join(unsized),
-        ),
+        say("The size of the scans is not known and was guessed: {photos}.", photos=unsized),
     )
     if block.points:
         notes += ("COLMAP holds no surveyed points; points and measurements are left out.",)
@@ -264,8 +245,8 @@ class Sidecar:
     """Names of cameras by number."""
     ties: Mapping[str, str]
     """Names of tie points by number."""
-    sizes: Mapping[str, tuple[int, int]]
-    """Columns and rows of scans by photo, where the model has no place for them."""
+    photos: Mapping[str, tuple[float, ...]]
+    """Principal point, columns and rows by scan, for programs that have no place for them."""
 
 
 def read_sidecar(folder: Path) -> Sidecar:
@@ -284,13 +265,16 @@ def read_sidecar(folder: Path) -> Sidecar:
             raise ValueError("origin")
         cameras = {str(key): str(name) for key, name in told.get("cameras", {}).items()}
         ties = {str(key): str(name) for key, name in told.get("ties", {}).items()}
-        sizes = {str(k): (int(v[0]), int(v[1])) for k, v in told.get("sizes", {}).items()}
-        return Sidecar(str(told["crs"]), origin, cameras, ties, sizes)
+        photos = {str(k): tuple(map(float, v)) for k, v in told.get("photos", {}).items()}
+        if not np.isfinite([value for values in photos.values() for value in values]).all():
+            raise ValueError("photos")
+        return Sidecar(str(told["crs"]), origin, cameras, ties, photos)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise ExchangeError(
             path,
-            say("It says no origin and CRS ({error}).", error=error),
+            "It says no origin and CRS ({error}).",
             "Export the model again, or take this file away to read local coordinates.",
+            error=error,
         ) from error
 
 
@@ -305,12 +289,13 @@ def _photo(
     if image.camera not in interiors:
         raise ExchangeError(
             path,
-            say("{name} has camera {number}, which is not there.", name=image.name,
-                number=image.camera),
+            "{name} has camera {number}, which is not there.",
             AGAIN,
-        )  # fmt: skip
+            name=image.name,
+            number=image.camera,
+        )
     if not (np.isfinite(image.turn).all() and np.isfinite(image.shift).all() and image.turn.any()):
-        raise ExchangeError(path, say("{name} has no orientation.", name=image.name), AGAIN)
+        raise ExchangeError(path, "{name} has no orientation.", AGAIN, name=image.name)
     rotation: Rotation = Turn.from_quat(image.turn, scalar_first=True).as_matrix()
     return exchange_photo(
         image.name,
@@ -330,9 +315,7 @@ def _ties(path: Path, model: Model, photos: list[ExchangePhoto], told: Sidecar) 
         for image, spot in point.track:
             if image not in index or not 0 <= spot < len(model.images[image].pixels):
                 raise ExchangeError(
-                    path,
-                    say("Point {number} is seen in what is not there.", number=number),
-                    AGAIN,
+                    path, "Point {number} is seen in what is not there.", AGAIN, number=number
                 )
             rays.append((place[number], index[image], model.images[image].pixels[spot].tolist()))
     if not rays:
@@ -358,7 +341,6 @@ COLMAP = ExchangeFormat(
         "translation is minus the turned centre",
         camera="smallest of SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, PINHOLE, OPENCV, FULL_OPENCV "
         "that holds the lens; pixels",
-        sigmas="none",
         lost="surveyed points and their measurements, fiducials, photos that are not oriented, "
         "tie points without coordinates, skew, standard deviations",
         tested="a text model that COLMAP wrote; pycolmap opens what we write",

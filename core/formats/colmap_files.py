@@ -14,14 +14,21 @@ from jaxtyping import Float64
 from core.arrays import PixelPoints, Position
 from core.errors import ExchangeError
 from core.formats.xml_files import AGAIN, digits, read_bytes, read_text
-from core.said import say
 
 # source: COLMAP, src/colmap/sensor/models.h: number of each model and of its parameters.
 MODELS = {
-    "SIMPLE_PINHOLE": (0, 3), "PINHOLE": (1, 4), "SIMPLE_RADIAL": (2, 4), "RADIAL": (3, 5),
-    "OPENCV": (4, 8), "OPENCV_FISHEYE": (5, 8), "FULL_OPENCV": (6, 12), "FOV": (7, 5),
-    "SIMPLE_RADIAL_FISHEYE": (8, 4), "RADIAL_FISHEYE": (9, 5), "THIN_PRISM_FISHEYE": (10, 12),
-}  # fmt: skip
+    "SIMPLE_PINHOLE": (0, 3),
+    "PINHOLE": (1, 4),
+    "SIMPLE_RADIAL": (2, 4),
+    "RADIAL": (3, 5),
+    "OPENCV": (4, 8),
+    "OPENCV_FISHEYE": (5, 8),
+    "FULL_OPENCV": (6, 12),
+    "FOV": (7, 5),
+    "SIMPLE_RADIAL_FISHEYE": (8, 4),
+    "RADIAL_FISHEYE": (9, 5),
+    "THIN_PRISM_FISHEYE": (10, 12),
+}
 """Number and count of parameters by name."""
 NAMES = {number: name for name, (number, _) in MODELS.items()}
 """Names by number."""
@@ -188,7 +195,7 @@ class _Line:
     def refused(self) -> ExchangeError:
         """An error that names it."""
         return ExchangeError(
-            self.path, say("Line {number} is not as COLMAP writes it.", number=self.number), AGAIN
+            self.path, "Line {number} is not as COLMAP writes it.", AGAIN, number=self.number
         )
 
     def whole(self, index: int) -> int:
@@ -273,9 +280,7 @@ class _Bytes:
     def refused(self) -> ExchangeError:
         """An error that names the byte."""
         return ExchangeError(
-            self.path,
-            say("It is cut off or damaged at byte {place}.", place=self.place),
-            AGAIN,
+            self.path, "It is cut off or damaged at byte {place}.", AGAIN, place=self.place
         )
 
     def take(self, layout: str) -> tuple[float, ...]:

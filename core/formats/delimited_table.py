@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.errors import ProjectError
-from core.said import say
 
 DELIMITERS = ("\t", ";", ",", " ")
 """Those that are recognised, the safest first; a blank stands for any run of blanks."""
@@ -21,8 +20,16 @@ ENCODINGS = ("utf-8", "utf-16", "cp1250")
 MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 """Byte order marks."""
 # source: first bytes of zip (xlsx, ods), old Excel, PDF, TIFF, PNG, SQLite and gzip files.
-BINARY = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0", b"%PDF", b"II*\x00", b"MM\x00*", b"\x89PNG",
-          b"SQLite format", b"\x1f\x8b")  # fmt: skip
+BINARY = (
+    b"PK\x03\x04",
+    b"\xd0\xcf\x11\xe0",
+    b"%PDF",
+    b"II*\x00",
+    b"MM\x00*",
+    b"\x89PNG",
+    b"SQLite format",
+    b"\x1f\x8b",
+)
 # design: a hundred times the longest list of control known to us.
 MOST_BYTES = 20_000_000
 # design: name and three coordinates, with one column to spare for a comment.
@@ -127,34 +134,41 @@ def _text(path: Path, encoding: str) -> tuple[str, str]:
         data = path.read_bytes() if size <= MOST_BYTES else b""
     except OSError as error:
         raise ProjectError(
-            path, say("cannot be read ({error}).", error=error), "Give a file that you may read."
+            path, "cannot be read ({error}).", "Give a file that you may read.", error=error
         ) from error
     if size > MOST_BYTES:
         raise ProjectError(
-            path, say("is too large for a list of points ({size} bytes).", size=size),
+            path,
+            "is too large for a list of points ({size} bytes).",
             "Give a list that holds the points of this block.",
-        )  # fmt: skip
+            size=size,
+        )
     if data.startswith(BINARY):
         raise ProjectError(
-            path, "is no text but a spreadsheet, picture or archive.",
+            path,
+            "is no text but a spreadsheet, picture or archive.",
             "Save the table as CSV or as text.",
-        )  # fmt: skip
+        )
     if not encoding:
         encoding = _encoding(data)
     try:
         text = data.decode(encoding)
     except (UnicodeDecodeError, LookupError) as error:
         raise ProjectError(
-            path, say("is no text in {encoding} ({error}).", encoding=encoding, error=error),
+            path,
+            "is no text in {encoding} ({error}).",
             "Save it as UTF-8 text, or name its encoding.",
-        ) from error  # fmt: skip
+            encoding=encoding,
+            error=error,
+        ) from error
     if "\0" in text:
         raise ProjectError(path, "is no text.", "Save the table as CSV or as text.")
     if text.lstrip().startswith(("<", "{")):
         raise ProjectError(
-            path, "is XML or JSON, not a table.",
+            path,
+            "is XML or JSON, not a table.",
             "Name its format with --from, or save the points as a table.",
-        )  # fmt: skip
+        )
     return text.removeprefix("\ufeff"), encoding
 
 

@@ -5,22 +5,17 @@ like write and read one way of counting, whatever the list leaves unsaid.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from core.errors import ProjectError
 from core.formats.eo_list import ASKED, EoList, EoRecord, is_steep, read_eo_records
-from core.formats.exchange import (
-    Conventions,
-    ExchangeBlock,
-    ExchangeFormat,
-    ExchangePhoto,
-    Triple,
-    pixels_of,
-)
-from core.formats.rotations import CONVENTIONS, RADIANS, AngleConvention, angles_of
-from core.geometry.exterior import ExteriorOrientation
+from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePhoto, Triple
+from core.formats.film_rays import median_misfit, not_oriented
+from core.formats.rotations import CONVENTIONS, RADIANS, AngleConvention, angles_of, rotation_of
+from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.said import say
 
 PLAIN = AngleConvention("omega-phi-kappa", "deg")
@@ -62,6 +57,8 @@ def read_eo_block(
         listed = read_eo_records(path, best)
     if known is not None:
         _check_axes(path, listed, known)
+        if said is None and not told:
+            _check_angles(path, listed, known)
     photos = {name: _photo(record) for name, record in listed.records.items() if record.angles}
     notes = [told] if told else []
     bare = len(listed.records) - len(photos)
@@ -94,6 +91,39 @@ def _photo(record: EoRecord) -> ExchangePhoto:
     )
 
 
+def _check_angles(path: Path, listed: EoList, known: ExchangeBlock) -> None:
+    """Refuse a list whose angles fit what is known far better in another way than it says."""
+    photos = {name: _photo(record) for name, record in listed.records.items() if record.angles}
+    stated, unit = _misfit(ExchangeBlock(photos=photos), known)
+    others: list[tuple[float, str]] = []
+    for convention in CONVENTIONS:
+        counted = {
+            name: _photo(replace(record, angles=_angles(record.written, convention)))
+            for name, record in listed.records.items()
+            if record.written is not None
+        }
+        others.append((_misfit(ExchangeBlock(photos=counted), known)[0], convention.name))
+    best, name = min(others, default=(np.inf, ""))
+    if np.isfinite(best) and CLEARLY * best < stated:
+        raise ProjectError(
+            path,
+            "Angles read as the list says miss what is known of the photos by {stated:.3g} {unit}; "
+            "as {best} by {least:.3g}.",
+            ASKED,
+            stated=stated,
+            unit=unit,
+            best=f"eo-{name}",
+            least=best,
+        )
+
+
+def _angles(written: Triple | None, convention: AngleConvention) -> Triple:
+    """omega, phi, kappa (radians) of three angles as a list gives them."""
+    assert written is not None, "only rows with angles are counted"
+    first, second, third = (value * RADIANS[convention.unit] for value in written)
+    return angles_from_rotation(rotation_of(convention.order, (first, second, third)))
+
+
 def _check_axes(path: Path, listed: EoList, known: ExchangeBlock) -> None:
     """Refuse a list that comes to lie where the block is only when its axes are swapped."""
     places = [point.position for point in known.points.values()]
@@ -112,14 +142,12 @@ def _check_axes(path: Path, listed: EoList, known: ExchangeBlock) -> None:
     if given > FAR_M and min(others) * CLEARLY < given:
         raise ProjectError(
             path,
-            say(
-                "The photos lie {far:,.0f} km from the block; with axes swapped or signs turned "
-                "{near:,.0f} km.",
-                far=given / 1000,
-                near=min(others) / 1000,
-            ),
+            "The photos lie {far:,.0f} km from the block; with axes swapped or signs turned "
+            "{near:,.0f} km.",
             "Give X as easting and Y as northing in the CRS of the block (for S-JTSK that is "
             "EPSG:5514, both negative).",
+            far=given / 1000,
+            near=min(others) / 1000,
         )
 
 
@@ -150,15 +178,13 @@ def fitting_convention(path: Path, known: ExchangeBlock) -> tuple[AngleConventio
     if second is not None and second[0] < CLEARLY * best[0]:
         raise ProjectError(
             path,
-            say(
-                "Angles fit as {best} ({first:.3g} {unit}) and as {other} ({second:.3g} {unit}).",
-                best=f"eo-{best[1].name}",
-                first=best[0],
-                other=f"eo-{second[1].name}",
-                second=second[0],
-                unit=best[2],
-            ),
+            "Angles fit as {best} ({first:.3g} {unit}) and as {other} ({second:.3g} {unit}).",
             ASKED,
+            best=f"eo-{best[1].name}",
+            first=best[0],
+            other=f"eo-{second[1].name}",
+            second=second[0],
+            unit=best[2],
         )
     told = say(
         "Angles are read as {order} in {angle_unit}: they fit within {misfit:.3g} {unit}; "
@@ -175,9 +201,14 @@ def fitting_convention(path: Path, known: ExchangeBlock) -> tuple[AngleConventio
 
 def _misfit(listed: ExchangeBlock, known: ExchangeBlock) -> tuple[float, str]:
     """How far a list is from what is known: pixels where points are measured, else degrees."""
-    distances = _distances(listed, known)
-    if len(distances):
-        return float(np.median(distances)), "px"
+    photos = {
+        name: replace(photo, exterior=listed.photos[name].exterior)
+        for name, photo in known.photos.items()
+        if name in listed.photos
+    }
+    off = median_misfit(replace(known, photos=photos))
+    if np.isfinite(off) or known.measurements:
+        return off, "px"
     turns: list[float] = []
     for name, photo in listed.photos.items():
         prior = known.photos[name].exterior if name in known.photos else None
@@ -185,34 +216,6 @@ def _misfit(listed: ExchangeBlock, known: ExchangeBlock) -> tuple[float, str]:
             turn = photo.exterior.object_from_image.T @ prior.object_from_image
             turns.append(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))))
     return (float(np.degrees(np.median(turns))), "deg") if turns else (np.inf, "deg")
-
-
-def _distances(listed: ExchangeBlock, known: ExchangeBlock) -> list[float]:
-    """Pixels between measured points and where the list puts them; infinite behind the camera."""
-    places: dict[str, list[tuple[Triple, float, float]]] = {}
-    for one in known.measurements:
-        if one.point_id in known.points:
-            place = (known.points[one.point_id].position, one.column, one.row)
-            places.setdefault(one.photo_id, []).append(place)
-    ties = known.ties
-    if ties.positions is not None:
-        for point, photo, pixel in zip(ties.point, ties.photo, ties.pixels, strict=True):
-            east, north, height = ties.positions[point].tolist()
-            place = ((east, north, height), float(pixel[0]), float(pixel[1]))
-            places.setdefault(ties.photo_ids[photo], []).append(place)
-    distances: list[float] = []
-    for name, seen in places.items():
-        photo, model = listed.photos.get(name), known.photos.get(name)
-        if photo is None or model is None or model.pixel_from_image is None:
-            continue
-        oriented = ExchangePhoto(
-            name, model.file, model.camera, model.pixel_from_image, photo.exterior
-        )
-        points = np.array([position for position, _, _ in seen], dtype=np.float64)
-        pixels = pixels_of(points, oriented, known.camera_of(name))
-        off = np.hypot(*(pixels - np.array([[c, r] for _, c, r in seen])).T)
-        distances += np.where(np.isfinite(off), off, np.inf).tolist()
-    return distances
 
 
 def write_eo_block(
@@ -243,21 +246,16 @@ def write_eo_block(
             cells += _values(photo.sigma_angles, RADIANS[unit])
         lines.append(",".join(cells))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return left_out(block, oriented=len(oriented), turned=plain)
+    return left_out(block, turned=plain)
 
 
 def _values(sigma: Triple | None, unit: float) -> list[str]:
     return ["", "", ""] if sigma is None else [repr(float(value / unit)) for value in sigma]
 
 
-def left_out(block: ExchangeBlock, *, oriented: int, turned: bool = True) -> tuple[str, ...]:
+def left_out(block: ExchangeBlock, *, turned: bool = True) -> tuple[str, ...]:
     """What of a block a list of orientations does not hold, a sentence each."""
-    notes: list[str] = []
-    missing = len(block.photos) - oriented
-    if missing:
-        notes.append(
-            say("{count:# photo has|# photos have} no orientation: left out.", count=missing)
-        )
+    notes = [*not_oriented(block.photos.values())]
     if not turned and any(photo.sigma_angles for photo in block.photos.values()):
         notes.append(
             say("Standard deviations are those of omega, phi, kappa: angles carry none here.")
@@ -291,10 +289,8 @@ def _conventions(convention: AngleConvention, reads: str) -> Conventions:
     if convention.order == PLAIN.order:
         sigmas += f"; omega, phi, kappa, {UNIT_NAMES[convention.unit]}"
     return Conventions(
-        pixels="none",
         object_space="easting, northing, height, metres; the CRS in a comment",
         rotation=f"{ROTATIONS[convention.order]}; {UNIT_NAMES[convention.unit]}{reads}",
-        camera="none",
         sigmas=sigmas,
         lost="cameras, interior orientations, points, measurements, ties; photos not oriented",
         tested="ERDAS (Addis Ababa, radians) and IGN (opk-alex, degrees) lists of photos whose "

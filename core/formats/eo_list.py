@@ -27,7 +27,6 @@ from core.formats.rotations import (
 )
 from core.formats.scan_names import scan_stem
 from core.geometry.exterior import angles_from_rotation
-from core.said import say
 
 REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."
 ASKED = (
@@ -134,11 +133,7 @@ def read_eo_records(path: Path, said: AngleConvention | None = None) -> EoList:
         names = ("scan", "x", "y", "z", *said.order.split("-"))
         columns = _Columns({name: index for index, name in enumerate(names)}, None, None)
     else:
-        raise ProjectError(
-            path,
-            say("The column {shown} is missing.", shown="scan"),
-            REMEDY,
-        )
+        raise ProjectError(path, "The column {shown} is missing.", REMEDY, shown="scan")
     convention = _convention(path, columns, _stated(comments), said)
     table = _Table(path, delimiter, columns, convention)
     records: dict[str, EoRecord] = {}
@@ -148,13 +143,11 @@ def read_eo_records(path: Path, said: AngleConvention | None = None) -> EoList:
         if record.scan in first:
             raise ProjectError(
                 path,
-                say(
-                    "Row {number}: the scan {scan} stands twice, in row {first} already.",
-                    number=number,
-                    scan=record.scan,
-                    first=first[record.scan],
-                ),
+                "Row {number}: the scan {scan} stands twice, in row {first} already.",
                 "Leave one row for every scan.",
+                number=number,
+                scan=record.scan,
+                first=first[record.scan],
             )
         records[record.scan], first[record.scan] = record, number
     return EoList(records, _stated_crs(comments))
@@ -185,8 +178,9 @@ def _lines(path: Path) -> list[tuple[int, str]]:
     except (OSError, UnicodeDecodeError) as error:
         raise ProjectError(
             path,
-            say("The exterior orientation list cannot be read ({error}).", error=error),
+            "The exterior orientation list cannot be read ({error}).",
             "Check the path of `exterior` in [scans]; the list is UTF-8 text.",
+            error=error,
         ) from error
     every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
     return [(number, line) for number, line in every if line]
@@ -234,19 +228,20 @@ def _columns(path: Path, heads: Sequence[str]) -> _Columns:
         # Two columns may be names (an id and a label): the later one is nearer to a file's name.
         if name in at and name != "scan":
             raise ProjectError(
-                path, say("The column {shown} stands twice.", shown=head), "Leave one of the two."
+                path, "The column {shown} stands twice.", "Leave one of the two.", shown=head
             )
         at[name], units[name] = index, unit
     for needed in ("scan", "x", "y", "z"):
         if needed not in at:
             shown = needed if needed == "scan" else needed.upper()
-            raise ProjectError(path, say("The column {missing} is missing.", missing=shown), REMEDY)
+            raise ProjectError(path, "The column {missing} is missing.", REMEDY, missing=shown)
     given: set[AngleUnit] = {unit for unit in units.values() if unit is not None}
     if len(given) > 1:
         raise ProjectError(
             path,
-            say("The angles are headed in two units, {units}.", units=", ".join(sorted(given))),
+            "The angles are headed in two units, {units}.",
             "Give all three angles in one unit.",
+            units=", ".join(sorted(given)),
         )
     unit: AngleUnit | None = next(iter(given), None)
     plain = all(PLAIN_UNIT.fullmatch(h.strip("# ").lower()) for h in heads if _word(h)[1])
@@ -264,9 +259,7 @@ def _order(
             missing = ", ".join(
                 name + (f"_{unit}" if unit else "") for name in names if name not in at
             )
-            raise ProjectError(
-                path, say("The column {missing} is missing.", missing=missing), REMEDY
-            )
+            raise ProjectError(path, "The column {missing} is missing.", REMEDY, missing=missing)
     if "yaw" in at:
         return "yaw-pitch-roll"
     if "omega" in at and (plain or at["omega"] < at["phi"]):
@@ -306,17 +299,15 @@ def _convention(
             if theirs is not None and theirs != ours:
                 raise ProjectError(
                     path,
-                    say(
-                        "The list says {theirs}, and is to be read as {ours}.",
-                        theirs=theirs,
-                        ours=ours,
-                    ),
+                    "The list says {theirs}, and is to be read as {ours}.",
                     "Correct the list or what you said.",
+                    theirs=theirs,
+                    ours=ours,
                 )
         return said
     if unit is None:
         bare = next(n for n in ("omega", "yaw", "phi", "kappa") if n in columns.at)
-        raise ProjectError(path, say("The column {bare} does not say its unit.", bare=bare), ASKED)
+        raise ProjectError(path, "The column {bare} does not say its unit.", ASKED, bare=bare)
     if order is None:
         raise ProjectError(
             path,
@@ -339,12 +330,14 @@ class _Table:
         """One row as a value."""
         name = self._cell("scan", cells)
         if not name:
-            raise ProjectError(self.path, say("Row {number} names no scan.", number=number), REMEDY)
+            raise ProjectError(self.path, "Row {number} names no scan.", REMEDY, number=number)
         if len(cells) <= self.columns.last_angle:
             raise ProjectError(
                 self.path,
-                say("Row {number} ({scan}) ends early.", number=number, scan=name),
+                "Row {number} ({scan}) ends early.",
                 "The file was cut off, or a column is missing in this row.",
+                number=number,
+                scan=name,
             )
         centre = self._triple(number, name, POSITION, cells)
         if centre is None:
@@ -367,13 +360,11 @@ class _Table:
     def _empty(self, number: int, scan: str, column: str) -> ProjectError:
         return ProjectError(
             self.path,
-            say(
-                "Row {number} ({scan}), column {empty} is empty.",
-                number=number,
-                scan=scan,
-                empty=column,
-            ),
+            "Row {number} ({scan}), column {empty} is empty.",
             REMEDY,
+            number=number,
+            scan=scan,
+            empty=column,
         )
 
     def _triple(
@@ -397,13 +388,11 @@ class _Table:
         except ValueError as error:
             raise ProjectError(
                 self.path,
-                say(
-                    "Row {number}, column {column}: '{cell}' is not a number.",
-                    number=number,
-                    column=column,
-                    cell=cell,
-                ),
+                "Row {number}, column {column}: '{cell}' is not a number.",
                 REMEDY,
+                number=number,
+                column=column,
+                cell=cell,
             ) from error
         return value if np.isfinite(value) else None
 
@@ -416,14 +405,12 @@ class _Table:
         if beyond is not None:
             raise ProjectError(
                 self.path,
-                say(
-                    "Row {number} ({scan}): an angle of {value} {unit} is more than a whole turn.",
-                    number=number,
-                    scan=scan,
-                    value=beyond,
-                    unit=convention.unit,
-                ),
+                "Row {number} ({scan}): an angle of {value} {unit} is more than a whole turn.",
                 "Head the angles with the unit they are in: _deg, _gon or _rad.",
+                number=number,
+                scan=scan,
+                value=beyond,
+                unit=convention.unit,
             )
         factor = RADIANS[convention.unit]
         radians = written[0] * factor, written[1] * factor, written[2] * factor
@@ -447,12 +434,10 @@ class _Table:
         if sigma is not None and min(sigma) < 0:
             raise ProjectError(
                 self.path,
-                say(
-                    "Row {number} ({scan}): a standard deviation is below nought.",
-                    number=number,
-                    scan=scan,
-                ),
+                "Row {number} ({scan}): a standard deviation is below nought.",
                 "Standard deviations are in metres, and in the unit of the angles.",
+                number=number,
+                scan=scan,
             )
 
 

@@ -28,9 +28,9 @@ from core.arrays import (
     Scalars,
     locked,
 )
+from core.formats.rotations import Triple
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 
-Triple = tuple[float, float, float]
 Pair = tuple[float, float]
 # design: distortion moves points by a hundredth, so a step leaves a hundredth of the error.
 ROUNDS = 30
@@ -89,6 +89,18 @@ class ExchangePhoto:
     def __post_init__(self) -> None:
         if self.pixel_from_image is not None:
             object.__setattr__(self, "pixel_from_image", locked(self.pixel_from_image))
+
+    @property
+    def orientation(self) -> ExteriorOrientation:
+        """The exterior orientation of a photo that has one."""
+        assert self.exterior is not None, "only an oriented photo lies anywhere"
+        return self.exterior
+
+    @property
+    def interior(self) -> Affine2:
+        """pixel_from_image of a photo that has one."""
+        assert self.pixel_from_image is not None, "only then its pixels are known"
+        return self.pixel_from_image
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +185,8 @@ class ExchangeBlock:
     """Tie points."""
     notes: tuple[str, ...] = ()
     """What could not be taken over, a sentence each."""
+    from_middle: bool = False
+    """Whether its pixels count from the middle of the scans, since nobody said their size."""
     on_film: bool = False
     """Whether its pixels are micrometres of film, since its program knows no scans."""
 
@@ -191,20 +205,20 @@ principal point, affinity and skew in pixels; `upright`, square pixels that are 
 class Conventions:
     """How a format counts, a short English phrase each; the page of conventions is made of them."""
 
-    pixels: str
-    """Origin and axes of pixels."""
     object_space: str
     """Axes, frame and unit of coordinates."""
-    rotation: str
-    """Angles or matrix: order, unit, direction, axes of the camera."""
-    camera: str
-    """Principal distance, principal point, distortion: units and formula."""
-    sigmas: str
-    """Which standard deviations it holds."""
     lost: str
     """What of a block it cannot hold."""
-    tested: str
-    """On which program's files it was tested; or `untested on real files`."""
+    pixels: str = "none"
+    """Origin and axes of pixels."""
+    rotation: str = "none"
+    """Angles or matrix: order, unit, direction, axes of the camera."""
+    camera: str = "none"
+    """Principal distance, principal point, distortion: units and formula."""
+    sigmas: str = "none"
+    """Which standard deviations it holds."""
+    tested: str = "untested on real files"
+    """On which program's files it was tested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,29 +285,37 @@ def pixels_of(points: ObjectPoints, photo: ExchangePhoto, camera: ExchangeCamera
     return image @ photo.pixel_from_image[:, :2].T + photo.pixel_from_image[:, 2]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameCamera:
-    """An oriented photo as most programs hold it: camera axes x right, y down, z forwards.
+@dataclass(frozen=True, slots=True)
+class FrameInterior:
+    """A camera as most programs hold it, without its place: axes x right, y down, z forwards.
 
     With u = X / Z, v = Y / Z of the camera's axes, distorted by OpenCV's formula:
     column = c_x + (focal + affinity) u + skew v, row = c_y + focal v.
     """
 
+    size_px: tuple[int, int] | None
+    """Columns and rows, where they are known."""
     focal_px: float
     """Principal distance in rows, pixels."""
     principal_point_px: Pair
     """Column and row, outer corner."""
-    affinity_px: float
+    affinity_px: float = 0.0
     """b1: how much longer it is in columns, pixels."""
-    skew_px: float
+    skew_px: float = 0.0
     """b2, pixels."""
-    radial: tuple[float, ...]
+    radial: tuple[float, ...] = ()
     """k1, k2, ..."""
-    tangential: Pair
+    tangential: Pair = (0.0, 0.0)
     """p1, p2 as OpenCV has them: du = 2 p1 u v + p2 (r^2 + 2 u^2), dv = p1 (r^2 + 2 v^2) + ..."""
-    camera_from_object: Rotation | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameCamera(FrameInterior):
+    """A photo as most programs hold it: its camera, and its place where it is oriented."""
+
+    camera_from_object: Rotation | None = None
     """Rotation into the camera's axes; None where the photo is not oriented."""
-    centre: Position | None
+    centre: Position | None = None
     """Perspective centre, metres."""
 
     def with_rotation_and_centre(self) -> tuple[Rotation, Position]:
@@ -328,6 +350,7 @@ def frame_camera(photo: ExchangePhoto, camera: ExchangeCamera) -> FrameCamera:
     if exterior is not None:
         rotation = _spatial(turn) @ FLIP @ exterior.object_from_image.T
     return FrameCamera(
+        camera.size_px,
         focal,
         (float(photo.pixel_from_image[0, 2]), float(photo.pixel_from_image[1, 2])),
         float(upper[0, 0]) - focal,
@@ -337,6 +360,15 @@ def frame_camera(photo: ExchangePhoto, camera: ExchangeCamera) -> FrameCamera:
         rotation,
         None if exterior is None else exterior.centre,
     )
+
+
+def placed(
+    interior: FrameInterior, rotation: Rotation | None = None, centre: Position | None = None
+) -> FrameCamera:
+    """A camera with its place: rotation into its axes, perspective centre in metres."""
+    point, tangential = interior.principal_point_px, interior.tangential
+    own = interior.focal_px, point, interior.affinity_px, interior.skew_px, interior.radial
+    return FrameCamera(interior.size_px, *own, tangential, rotation, centre)
 
 
 def from_frame_camera(frame: FrameCamera) -> tuple[Affine2, Pair, ExteriorOrientation | None]:

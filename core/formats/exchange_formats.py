@@ -46,5 +46,5 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         FOOTPRINTS_FORMAT,
         STAC_FORMAT,
     )
-}  # fmt: skip
+}
 """By the name that `--to` and `--from` take."""

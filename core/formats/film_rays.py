@@ -23,6 +23,7 @@ from core.formats.exchange import (
     image_from_ideal,
     pixels_of,
 )
+from core.formats.records import Record, read_records
 from core.said import say
 
 # design: rounds of ten micrometres are what film is scanned with.
@@ -184,9 +185,7 @@ def ties_of(rays: Sequence[FilmRay]) -> ExchangeTies:
 
 
 def with_interiors(
-    block: ExchangeBlock,
-    cameras: Mapping[str, ExchangeCamera],
-    photos: Mapping[str, ExchangePhoto],
+    block: ExchangeBlock, cameras: Mapping[str, ExchangeCamera], photos: Mapping[str, ExchangePhoto]
 ) -> ExchangeBlock:
     """A block of rays with the pixels of scans whose interior orientations are known.
 
@@ -227,6 +226,39 @@ def with_interiors(
     )
 
 
+END = "-99"
+"""Ends the points of a photo in files of PAT-B and BINGO."""
+
+
+def photo_groups(path: Path, comment: str = "") -> list[tuple[Record, list[Record]]]:
+    """Groups of lines that begin with a photo and end with -99.
+
+    Raises:
+        ProjectError: The last group does not end.
+    """
+    groups: list[tuple[Record, list[Record]]] = []
+    within = False
+    for record in read_records(path, comment=comment):
+        if record.text(0) == END:
+            within = False
+        elif within:
+            groups[-1][1].append(record)
+        else:
+            within = True
+            groups.append((record, []))
+    if within:
+        raise ProjectError(path, "does not end with -99.", "The file was cut off: give all of it.")
+    return groups
+
+
+def not_oriented(photos: Iterable[ExchangePhoto]) -> tuple[str, ...]:
+    """A word on photos that go out without, where there are any."""
+    missing = sum(photo.exterior is None for photo in photos)
+    if not missing:
+        return ()
+    return (say("{count:# photo has|# photos have} no orientation: left out.", count=missing),)
+
+
 def refuse_twice(path: Path, rays: Sequence[FilmRay]) -> None:
     """Refuse a point that is measured twice in a photo.
 
@@ -238,12 +270,10 @@ def refuse_twice(path: Path, rays: Sequence[FilmRay]) -> None:
         if (ray.point_id, ray.photo_id) in seen:
             raise ProjectError(
                 path,
-                say(
-                    "Point {point} is measured twice in photo {photo}.",
-                    point=ray.point_id,
-                    photo=ray.photo_id,
-                ),
+                "Point {point} is measured twice in photo {photo}.",
                 "Leave one measurement of a point in every photo.",
+                point=ray.point_id,
+                photo=ray.photo_id,
             )
         seen.add((ray.point_id, ray.photo_id))
 
@@ -259,31 +289,37 @@ def refuse_unknown(path: Path, rays: Sequence[FilmRay], photos: Iterable[str]) -
         if ray.photo_id not in known:
             raise ProjectError(
                 path,
-                say(
-                    "Point {point} is measured in photo {photo}, which is unknown.",
-                    point=ray.point_id,
-                    photo=ray.photo_id,
-                ),
+                "Point {point} is measured in photo {photo}, which is unknown.",
                 "Give the photo, or take its measurements out.",
+                point=ray.point_id,
+                photo=ray.photo_id,
             )
 
 
 def median_misfit(block: ExchangeBlock) -> float:
-    """Median distance, in pixels, of measured surveyed points from where the block shows them.
+    """Median distance, in pixels, of what is measured from where the block shows it.
 
-    Infinite where nothing can be compared.
+    Surveyed points and ties with coordinates; infinite where nothing can be compared.
     """
-    distances: list[float] = []
+    seen: dict[str, list[tuple[float, ...]]] = {}
     for one in block.measurements:
-        photo = block.photos.get(one.photo_id)
-        point = block.points.get(one.point_id)
-        if photo is None or point is None:
+        if one.point_id in block.points:
+            place = block.points[one.point_id].position
+            seen.setdefault(one.photo_id, []).append((*place, one.column, one.row))
+    ties = block.ties
+    if ties.positions is not None:
+        rays = np.column_stack([ties.positions[ties.point], ties.pixels]).tolist()
+        for photo, ray in zip(ties.photo, rays, strict=True):
+            seen.setdefault(ties.photo_ids[photo], []).append(tuple(ray))
+    distances: list[float] = []
+    for name, rays in seen.items():
+        photo = block.photos.get(name)
+        if photo is None or photo.exterior is None or photo.pixel_from_image is None:
             continue
-        if photo.exterior is None or photo.pixel_from_image is None:
-            continue
-        pixel = pixels_of(np.array([point.position]), photo, block.camera_of(one.photo_id))[0]
-        off = float(np.hypot(pixel[0] - one.column, pixel[1] - one.row))
-        distances.append(off if np.isfinite(off) else np.inf)
+        values = np.array(rays)
+        pixels = pixels_of(values[:, :3], photo, block.camera_of(name))
+        off = np.hypot(*(pixels - values[:, 3:]).T)
+        distances += np.where(np.isfinite(off), off, np.inf).tolist()
     return float(np.median(distances)) if distances else np.inf
 
 

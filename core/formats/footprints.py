@@ -16,7 +16,6 @@ from shapely.geometry.base import BaseGeometry
 
 from core.errors import ProjectError
 from core.formats.scan_names import scan_stem
-from core.said import say
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,12 +96,10 @@ def _read(path: Path, name_attribute: str) -> tuple[dict[str, Any], Any, Any]:
         ) from error
     raise ProjectError(
         path,
-        say(
-            "It has no attribute '{name_attribute}', only {names}.",
-            name_attribute=name_attribute,
-            names=", ".join(sorted(set(seen))) or "none",
-        ),
+        "It has no attribute '{name_attribute}', only {names}.",
         "Name the attribute that holds the file names as `footprint_name` in [scans].",
+        name_attribute=name_attribute,
+        names=", ".join(sorted(set(seen))) or "none",
     )
 
 

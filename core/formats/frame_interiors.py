@@ -3,7 +3,7 @@
 A scan may lie in its own way, so one camera of ours can become several of theirs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,48 +16,16 @@ from core.formats.exchange import (
     ExchangeCamera,
     ExchangePhoto,
     FrameCamera,
-    Pair,
+    FrameInterior,
     Triple,
     frame_camera,
     from_frame_camera,
+    placed,
 )
 from core.said import say
 
 # source: rounding of the affine's decomposition, relative to the principal distance.
 ROUNDING = 1e-12
-
-
-@dataclass(frozen=True, slots=True)
-class FrameInterior:
-    """A frame camera without its place: what photos can share. Fields as in `FrameCamera`."""
-
-    size_px: tuple[int, int] | None
-    """Columns and rows, where they are known."""
-    focal_px: float
-    """Principal distance in rows, pixels."""
-    principal_point_px: Pair
-    """Column and row, outer corner."""
-    affinity_px: float = 0.0
-    """How much longer it is in columns, pixels."""
-    skew_px: float = 0.0
-    """Pixels."""
-    radial: tuple[float, ...] = ()
-    """k1, k2, ..."""
-    tangential: Pair = (0.0, 0.0)
-    """p1, p2 as OpenCV has them."""
-
-    def frame(self, rotation: Rotation | None, centre: Position | None) -> FrameCamera:
-        """With a place (rotation into the camera's axes, centre in metres), where it is known."""
-        return FrameCamera(
-            self.focal_px,
-            self.principal_point_px,
-            self.affinity_px,
-            self.skew_px,
-            self.radial,
-            self.tangential,
-            rotation,
-            centre,
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,30 +65,54 @@ def frame_photos(block: ExchangeBlock) -> FramePhotos:
     return FramePhotos(interiors, camera, frames, tuple(lost))
 
 
+def oriented_frames(photos: FramePhotos, folder: Path) -> tuple[dict[str, FrameCamera], Position]:
+    """Photos with an orientation, and a round place near their middle.
+
+    Raises:
+        ExchangeError: None has one.
+    """
+    found = {n: one for n, one in photos.frames.items() if one.camera_from_object is not None}
+    if not found:
+        raise ExchangeError(folder, "No photo of the block is oriented.", "Adjust the block first.")
+    return found, rounded_origin([one.with_rotation_and_centre()[1] for one in found.values()])
+
+
+def without_orientation(names: Iterable[str]) -> tuple[str, ...]:
+    """A word on photos that were left out, where there are any."""
+    listed = list(names)
+    told = say(
+        "Without interior or exterior orientation, and so left out: {photos}.", photos=listed
+    )
+    return where_any(listed, told)
+
+
+def size_of(interior: FrameInterior) -> tuple[int, int]:
+    """Columns and rows; a frame about the principal point where nobody knows them."""
+    column, row = interior.principal_point_px
+    return interior.size_px or (max(1, round(2 * column)), max(1, round(2 * row)))
+
+
 def _interior(lens: ExchangeCamera, frame: FrameCamera) -> FrameInterior:
     """Without what is rounding alone."""
     limit = ROUNDING * frame.focal_px
     affinity, skew = (
         0.0 if abs(value) < limit else value for value in (frame.affinity_px, frame.skew_px)
     )
-    return FrameInterior(
-        lens.size_px,
-        frame.focal_px,
-        frame.principal_point_px,
-        affinity,
-        skew,
-        frame.radial,
-        frame.tangential,
-    )
+    point, focal = frame.principal_point_px, frame.focal_px
+    return FrameInterior(lens.size_px, focal, point, affinity, skew, frame.radial, frame.tangential)
 
 
 def exchange_camera(name: str, interior: FrameInterior) -> ExchangeCamera:
     """The camera of ours that belongs to a frame camera."""
-    _, tangential, _ = from_frame_camera(interior.frame(None, None))
-    radial = interior.radial
+    _, tangential, _ = from_frame_camera(placed(interior))
+    return ExchangeCamera(name, trimmed_radial(interior.radial), tangential, interior.size_px)
+
+
+def trimmed_radial(radial: tuple[float, ...]) -> tuple[float, ...]:
+    """Radial terms without noughts at their end."""
     while radial and radial[-1] == 0.0:
         radial = radial[:-1]
-    return ExchangeCamera(name, radial, tangential, interior.size_px)
+    return radial
 
 
 def exchange_photo(
@@ -142,7 +134,7 @@ def exchange_photo(
         sigma_centre_m: Standard deviations of the centre.
     """
     shape = interior or FrameInterior(None, 1.0, (0.0, 0.0))
-    matrix, _, exterior = from_frame_camera(shape.frame(rotation, centre))
+    matrix, _, exterior = from_frame_camera(placed(shape, rotation, centre))
     known = None if interior is None else matrix
     return ExchangePhoto(photo_name(file), file, camera, known, exterior, sigma_centre_m)
 
@@ -170,8 +162,10 @@ def named_photos(photos: list[ExchangePhoto], path: Path) -> dict[str, ExchangeP
         if other is not photo:
             raise ExchangeError(
                 path,
-                say("{one} and {other} would be one photo.", one=other.file, other=photo.file),
+                "{one} and {other} would be one photo.",
                 "Rename one of the two scans.",
+                one=other.file,
+                other=photo.file,
             )
     return found
 

@@ -29,7 +29,8 @@ from core.formats.exchange import (
     pixels_of,
 )
 from core.formats.outlines import ground_outline
-from core.formats.records import read_text
+from core.formats.records import json_numbers, read_text, write_json
+from core.formats.rotations import triple_of
 from core.formats.scan_names import scan_stem
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation
@@ -70,9 +71,12 @@ def write_geojson(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     notes: list[str] = []
     if missing:
         notes.append(
-            say("{count:# photo has|# photos have} no footprint: orientation, scan size or ground "
-                "are unknown.", count=missing)
-        )  # fmt: skip
+            say(
+                "{count:# photo has|# photos have} no footprint: orientation, scan size or ground "
+                "are unknown.",
+                count=missing,
+            )
+        )
     if len(block.ties.point):
         notes.append(say("Tie points are left out."))
     if block.cameras:
@@ -133,8 +137,7 @@ def _write(path: Path, name: str, features: Sequence[dict[str, Any]], crs: str) 
         named = f"urn:ogc:def:crs:{authority.upper()}::{code}"
         layer["crs"] = {"type": "name", "properties": {"name": named}}
     layer["features"] = list(features)
-    text = json.dumps(layer, ensure_ascii=False, indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_json(path, layer)
 
 
 def read_geojson(path: Path) -> ExchangeBlock:
@@ -175,7 +178,7 @@ def _layer(path: Path) -> _Layer:
         layer = json.loads(read_text(path))
     except ValueError as error:
         raise ProjectError(
-            path, say("is no GeoJSON ({error}).", error=error), "Export the layer again."
+            path, "is no GeoJSON ({error}).", "Export the layer again.", error=error
         ) from error
     features = layer.get("features") if isinstance(layer, dict) else None
     if not isinstance(features, list):
@@ -203,36 +206,40 @@ class _Found:
         if crs and self.crs and crs != self.crs:
             raise ProjectError(
                 path,
-                say("is in {crs}, other layers are in {other}.", crs=crs, other=self.crs),
+                "is in {crs}, other layers are in {other}.",
                 "Export all layers in one CRS.",
+                crs=crs,
+                other=self.crs,
             )
         self.crs = crs or self.crs
 
     def take_photos(self, path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         """Footprints with orientations where they have them."""
         for number, fields in enumerate(rows, 1):
+            where = f"{path}:{number}"
             file = str(fields.get(NAME) or "")
             name = scan_stem(file)
             if not name or name in self.photos:
                 cause = say("Feature {number} names no scan.", number=number)
                 if name:
-                    cause = say("Feature {number}: the scan {scan} stands twice.",
-                                number=number, scan=name)  # fmt: skip
+                    cause = say(
+                        "Feature {number}: the scan {scan} stands twice.", number=number, scan=name
+                    )
                 raise ProjectError(path, cause, "Give every scan one footprint.")
             exterior = None
             if fields.get("X") is not None:
-                values = [_number(path, number, fields, key) for key in ("X", "Y", "Z")]
+                values = [json_numbers(where, fields, key, 1)[0] for key in ("X", "Y", "Z")]
                 keys = ("omega_deg", "phi_deg", "kappa_deg")
-                angles = np.radians([_number(path, number, fields, key) for key in keys])
+                angles = np.radians([json_numbers(where, fields, key, 1)[0] for key in keys])
                 exterior = ExteriorOrientation(np.array(values), *angles.tolist())
-            sigma = _triple(path, number, fields, "sigma_deg")
+            sigma = _triple(where, fields, "sigma_deg")
             self.photos[name] = ExchangePhoto(
                 name,
                 file,
                 str(fields.get("camera") or ""),
                 exterior=exterior,
-                sigma_centre_m=_triple(path, number, fields, "sigma_m"),
-                sigma_angles=None if sigma is None else _radians(sigma),
+                sigma_centre_m=_triple(where, fields, "sigma_m"),
+                sigma_angles=None if sigma is None else triple_of(np.radians(sigma)),
             )
 
     def take_points(self, path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -246,27 +253,31 @@ class _Found:
             if missing:
                 raise ProjectError(
                     path,
-                    say("Feature {number} has no {missing}.", number=number, missing=missing[0]),
+                    "Feature {number} has no {missing}.",
                     "Points have cross_id, Z, X_ref, Y_ref, x_col, y_row; footprints LMS_TIF_UP.",
+                    number=number,
+                    missing=missing[0],
                 )
             self._take_point(path, number, fields, photo)
         self.photos.setdefault(photo, ExchangePhoto(photo, f"{photo}.tif"))
 
     def _take_point(self, path: Path, number: int, fields: Mapping[str, Any], photo: str) -> None:
-        identity = fields["cross_id"]
+        identity, where = fields["cross_id"], f"{path}:{number}"
         name = str(int(identity)) if isinstance(identity, float) else str(identity)
         keys = ("X_ref", "Y_ref", "Z", "x_col", "y_row")
-        east, north, height, column, row = (_number(path, number, fields, key) for key in keys)
+        east, north, height, column, row = (json_numbers(where, fields, key, 1)[0] for key in keys)
         role = "check" if fields.get("role") == "check" else "control"
-        sigma = _triple(path, number, fields, "sigma_m")
+        sigma = _triple(where, fields, "sigma_m")
         point = ExchangePoint(name, (east, north, height), sigma, role)
         known = self.points.setdefault(name, point)
         if np.abs(np.array(known.position) - point.position).max() > SAME_M:
             raise ProjectError(
                 path,
-                say("Feature {number}: point {point} lies elsewhere than in another layer.",
-                    number=number, point=name), "Give every point one name and one place.",
-            )  # fmt: skip
+                "Feature {number}: point {point} lies elsewhere than in another layer.",
+                "Give every point one name and one place.",
+                number=number,
+                point=name,
+            )
         quality = float(fields.get("quality") or 0.0)
         given = fields.get("sigma_pix")
         measurement = ExchangeMeasurement(
@@ -274,7 +285,7 @@ class _Found:
             photo,
             column + HALF_PIXEL,
             row + HALF_PIXEL,
-            None if given is None else _number(path, number, fields, "sigma_pix"),
+            None if given is None else json_numbers(where, fields, "sigma_pix", 1)[0],
         )
         before = self.measured.get((name, photo))
         self.doubled += before is not None
@@ -286,49 +297,33 @@ class _Found:
         notes: list[str] = []
         if self.doubled:
             notes.append(
-                say("{count:# candidate|# candidates} of lower quality in a photo left out.",
-                    count=self.doubled)
-            )  # fmt: skip
+                say(
+                    "{count:# candidate|# candidates} of lower quality in a photo left out.",
+                    count=self.doubled,
+                )
+            )
         if self.resampled:
             notes.append(
-                say("Pixels of {count:# photo|# photos} are those of a resampled copy: their "
-                    "measurements are left out.", count=len(self.resampled))
-            )  # fmt: skip
+                say(
+                    "Pixels of {count:# photo|# photos} are those of a resampled copy: their "
+                    "measurements are left out.",
+                    count=len(self.resampled),
+                )
+            )
         measured = tuple(
             one for _, one in self.measured.values() if one.photo_id not in self.resampled
         )
         return ExchangeBlock(self.crs, {}, self.photos, self.points, measured, notes=tuple(notes))
 
 
-def _number(path: Path, number: int, fields: Mapping[str, Any], key: str) -> float:
-    """An attribute as a finite number."""
-    value: Any = fields.get(key)
-    plain = isinstance(value, int | float) and not isinstance(value, bool)
-    if not plain or not np.isfinite(float(value)):
-        raise ProjectError(
-            path,
-            say("Feature {number}: {key} is {value!r}, not a number.",
-                number=number, key=key, value=str(value)),
-            "Numbers have a decimal point and no unit.",
-        )  # fmt: skip
-    return float(value)
-
-
-def _triple(path: Path, number: int, fields: Mapping[str, Any], key: str) -> Triple | None:
+def _triple(where: str, fields: Mapping[str, Any], key: str) -> Triple | None:
     """An attribute that holds three numbers, where it does."""
     values = fields.get(key)
     if isinstance(values, str):  # GDAL hands lists on as text.
         values = json.loads(values) if values.startswith("[") else None
     if not isinstance(values, list) or len(values) != len("XYZ"):
         return None
-    parts = dict(zip("XYZ", values, strict=True))
-    first, second, third = (_number(path, number, parts, axis) for axis in "XYZ")
-    return first, second, third
-
-
-def _radians(angles: Triple) -> Triple:
-    first, second, third = np.radians(angles).tolist()
-    return first, second, third
+    return triple_of(json_numbers(where, {key: values}, key, len("XYZ")))
 
 
 GEOJSON_FORMAT = ExchangeFormat(
@@ -340,7 +335,6 @@ GEOJSON_FORMAT = ExchangeFormat(
         "layer",
         rotation="omega_deg, phi_deg, kappa_deg of footprints, which are ours: R = R_x R_y R_z "
         "turns image space into object space",
-        camera="none",
         sigmas="points, measurements and orientations, in attributes of ours",
         lost="cameras, interior orientations, ties, fiducials; points that no photo shows",
         tested="attributes as a published thesis prints them",

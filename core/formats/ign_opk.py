@@ -23,8 +23,8 @@ from core.formats.exchange import (
     ExchangeTies,
     Holds,
 )
-from core.formats.film_rays import median_misfit, tie_names
-from core.formats.records import Record, only_file, read_records, read_text
+from core.formats.film_rays import median_misfit, not_oriented, tie_names
+from core.formats.records import Record, one_word, only_file, read_records, read_text, write_lines
 from core.formats.rotations import RADIANS, AngleUnit
 from core.formats.scan_names import scan_stem
 from core.geometry.exterior import ExteriorOrientation
@@ -89,25 +89,27 @@ def _list(path: Path) -> tuple[dict[str, int], AngleUnit | None, list[Record]]:
             said = record.cells[-1].lower().replace("é", "e")
             if said not in UNITS:
                 raise record.refused(
-                    say("Line {number}: the unit of angles {said!r} is unknown.",
-                        number=record.number, said=said), ASKED
-                )  # fmt: skip
+                    "Line {number}: the unit of angles {said!r} is unknown.", ASKED, said=said
+                )
             unit = UNITS[said]
         if "NOM" in words:
             header = {COLUMNS.get(word, word): index for index, word in enumerate(words)}
             missing = [head for head, name in COLUMNS.items() if name not in header]
             if missing:
                 raise record.refused(
-                    say("The column {missing} is missing.", missing=missing[0]),
+                    "The column {missing} is missing.",
                     "The header is NOM X Y Z O P K CAMERA.",
+                    missing=missing[0],
                 )
             if at + 1 == len(records):
                 raise record.refused("The list holds no rows.", "Give the whole file.")
             return header, unit, records[at + 1 :]
     raise ProjectError(
-        path, say("The column {missing} is missing.", missing="NOM"),
+        path,
+        "The column {missing} is missing.",
         "The header is NOM X Y Z O P K CAMERA.",
-    )  # fmt: skip
+        missing="NOM",
+    )
 
 
 def _crs(path: Path) -> str:
@@ -129,19 +131,16 @@ def _photos(
     photos: dict[str, ExchangePhoto] = {}
     for row in rows:
         name = scan_stem(row.text(header["name"]))
-        if name in photos:
-            raise row.refused(
-                say("Line {number}: the photo {photo} stands twice.",
-                    number=row.number, photo=name), "Leave one row for every photo."
-            )  # fmt: skip
+        row.refuse_again(name, photos)
         centre = np.array([row.value(header[axis]) for axis in "xyz"])
         angles = [row.value(header[axis]) * RADIANS[unit] for axis in "opk"]
         camera = row.text(header["CAMERA"]) if "CAMERA" in header else ""
         if cameras and camera not in cameras:
             raise row.refused(
-                say("Line {number}: the camera {camera!r} is unknown.",
-                    number=row.number, camera=camera), "Put its file beside the list."
-            )  # fmt: skip
+                "Line {number}: the camera {camera!r} is unknown.",
+                "Put its file beside the list.",
+                camera=camera,
+            )
         affine = None
         if camera in cameras:
             affine = _affine(path.parent, cameras[camera])
@@ -196,11 +195,7 @@ def _points(folder: Path) -> dict[str, ExchangePoint]:
     points: dict[str, ExchangePoint] = {}
     for record in read_records(path) if path is not None else ():
         name = _plain(record.text(0))
-        if name in points:
-            raise record.refused(
-                say("Line {number}: the point {point} stands twice.",
-                    number=record.number, point=name), "Give every point one name."
-            )  # fmt: skip
+        record.refuse_again(name, points)
         role = "control" if record.text(1) == CONTROL else "check"
         points[name] = ExchangePoint(name, record.triple(2), role=role)
     return points
@@ -217,18 +212,19 @@ def _with_measurements(folder: Path, block: ExchangeBlock) -> ExchangeBlock:
             column, row = record.value(2), record.value(3)
             if len(record.cells) > 4:
                 raise record.refused(
-                    say("Line {number} holds more than point, photo, column and row.",
-                        number=record.number), "Points in space do not belong into a .MES file."
-                )  # fmt: skip
+                    "Line {number} holds more than point, photo, column and row.",
+                    "Points in space do not belong into a .MES file.",
+                )
             if photo not in block.photos:
                 lost.add(photo)
                 continue
             if (point, photo) in measured or (point, photo) in ties:
                 raise record.refused(
-                    say("Point {point} is measured twice in photo {photo}.",
-                        point=point, photo=photo),
+                    "Point {point} is measured twice in photo {photo}.",
                     "Leave one measurement of a point in every photo.",
-                )  # fmt: skip
+                    point=point,
+                    photo=photo,
+                )
             if point in block.points:
                 measured[point, photo] = ExchangeMeasurement(point, photo, column, row)
             else:
@@ -238,9 +234,11 @@ def _with_measurements(folder: Path, block: ExchangeBlock) -> ExchangeBlock:
     notes = block.notes
     if lost:
         notes += (
-            say("{count:# photo is|# photos are} measured that the list does not hold: left out.",
-                count=len(lost)),
-        )  # fmt: skip
+            say(
+                "{count:# photo is|# photos are} measured that the list does not hold: left out.",
+                count=len(lost),
+            ),
+        )
     return replace(
         block,
         measurements=tuple(measured.values()),
@@ -303,54 +301,40 @@ def write_opk(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         turned = photo.exterior
         angles = np.degrees([turned.omega, turned.phi, turned.kappa])
         numbers = [repr(float(value)) for value in (*turned.centre, *angles)]
-        lines.append("\t".join([_word(name), *numbers, _word(photo.camera or "-")]))
-    _write(path / "block.OPK", lines)
+        lines.append("\t".join([one_word(name), *numbers, one_word(photo.camera or "-")]))
+    write_lines(path / "block.OPK", lines)
     notes = _write_cameras(path, block)
-    _write(
+    write_lines(
         path / "control.APP",
         [
-            f'"{_word(point.point_id)}" {CONTROL if point.role == "control" else CHECK} '
+            f'"{one_word(point.point_id)}" {CONTROL if point.role == "control" else CHECK} '
             + " ".join(repr(value) for value in point.position)
             for point in block.points.values()
         ],
     )
-    _write(
+    write_lines(
         path / "control.MES",
         [
-            f'"{_word(m.point_id)}" {_word(m.photo_id)} {m.column!r} {m.row!r}'
+            f'"{one_word(m.point_id)}" {one_word(m.photo_id)} {m.column!r} {m.row!r}'
             for m in block.measurements
         ],
     )
     names, ties = tie_names(block), block.ties
-    _write(
+    write_lines(
         path / "ties.MES",
         [
-            f"{_word(names[point])} {_word(ties.photo_ids[photo])} {pixel[0]!r} {pixel[1]!r}"
+            f"{one_word(names[point])} {one_word(ties.photo_ids[photo])} {pixel[0]!r} {pixel[1]!r}"
             for point, photo, pixel in zip(
                 ties.point, ties.photo, ties.pixels.tolist(), strict=True
             )
         ],
     )
-    missing = len(block.photos) - len(oriented)
-    if missing:
-        notes.append(
-            say("{count:# photo has|# photos have} no orientation: left out.", count=missing)
-        )
+    notes += not_oriented(block.photos.values())
     if any(point.sigma_m for point in block.points.values()) or any(
         photo.sigma_centre_m for photo in block.photos.values()
     ):
         notes.append(say("The format holds no standard deviations."))
     return tuple(notes)
-
-
-def _word(name: str) -> str:
-    """A name as one word, since blanks part the columns."""
-    return "_".join(name.split())
-
-
-def _write(path: Path, lines: Sequence[str]) -> None:
-    if lines:
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _write_cameras(path: Path, block: ExchangeBlock) -> list[str]:
@@ -369,10 +353,10 @@ def _write_cameras(path: Path, block: ExchangeBlock) -> list[str]:
             continue
         written.add(camera.name)
         size = camera.size_px or (0, 0)
-        _write(
+        write_lines(
             path / f"camera-{len(written)}.txt",
             [
-                f"Name = {_word(camera.name)}",
+                f"Name = {one_word(camera.name)}",
                 f"PPAx = {shift[0]!r}",
                 f"PPAy = {shift[1]!r}",
                 f"focal = {focal!r}",
@@ -383,9 +367,11 @@ def _write_cameras(path: Path, block: ExchangeBlock) -> list[str]:
             notes.append(say("The lens distortion of {camera} is left out.", camera=camera.name))
     if bent:
         notes.append(
-            say("{count:# scan is|# scans are} turned or sheared, which a camera here cannot be.",
-                count=len(bent))
-        )  # fmt: skip
+            say(
+                "{count:# scan is|# scans are} turned or sheared, which a camera here cannot be.",
+                count=len(bent),
+            )
+        )
     return notes
 
 
@@ -398,7 +384,6 @@ OPK_FORMAT = ExchangeFormat(
         rotation="R = R_x(omega) R_y(phi) R_z(kappa) turns image space into the map's axes; "
         "degrees, gon or radians as `UNITE ANGLE` says",
         camera="focal length and principal point in pixels; no distortion",
-        sigmas="none",
         lost="lens distortion, scans that are turned, standard deviations, object points of ties, "
         "fiducials",
         tested="IGN's own files (Borea): within a pixel of its expected pixels",

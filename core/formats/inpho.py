@@ -31,7 +31,7 @@ from core.formats.film_rays import (
     untested,
     with_interiors,
 )
-from core.formats.records import Record, read_records
+from core.formats.records import Record, one_word, read_records, write_lines
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.said import say
@@ -63,18 +63,13 @@ def write_inpho(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     for point in block.points.values():
         code = CONTROL_CODE if point.role == "control" else CHECK_CODE
         cells = [*map(repr, point.position), code, *map(repr, point.sigma_m or (0, 0, 0))]
-        lines.append(" ".join(["  " + _word(point.point_id), *cells]))
+        lines.append(" ".join(["  " + one_word(point.point_id), *cells]))
     lines += ["$END_POINTS"]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_lines(path, lines)
     lost: list[str] = []
     if any(photo.sigma_centre_m for photo in block.photos.values()):
         lost.append(say("Standard deviations of orientations are left out."))
     return (*notes, *lost, untested())
-
-
-def _word(name: str) -> str:
-    """A name as one word, since blanks part the columns."""
-    return "_".join(name.split()) or "-"
 
 
 def _camera_lines(block: ExchangeBlock, photo: ExchangePhoto) -> Iterator[str]:
@@ -86,7 +81,7 @@ def _camera_lines(block: ExchangeBlock, photo: ExchangePhoto) -> Iterator[str]:
     shift = (photo.pixel_from_image[:, 2] - HALF_PIXEL).tolist()
     columns, rows = camera.size_px or (0, 0)
     yield "$CAMERA_DEFINITION"
-    yield f"  $ID : {_word(photo.camera)}-{_word(photo.photo_id)}"
+    yield f"  $ID : {one_word(photo.camera)}-{one_word(photo.photo_id)}"
     yield f"  $CCD_COLUMNS : {columns}"
     yield f"  $CCD_ROWS : {rows}"
     yield "  $PIXEL_REFERENCE : CenterTopLeft"
@@ -102,11 +97,11 @@ def _photo_lines(
     block: ExchangeBlock, photo: ExchangePhoto, rays: Sequence[FilmRay]
 ) -> Iterator[str]:
     yield "$PHOTO"
-    yield f"  $PHOTO_NUM : {_word(photo.photo_id)}"
+    yield f"  $PHOTO_NUM : {one_word(photo.photo_id)}"
     yield f"  $PHOTO_FILE : {photo.file}"
     oriented = photo.camera in block.cameras and photo.pixel_from_image is not None
     if oriented:
-        yield f"  $CAMERA_ID : {_word(photo.camera)}-{_word(photo.photo_id)}"
+        yield f"  $CAMERA_ID : {one_word(photo.camera)}-{one_word(photo.photo_id)}"
     if photo.exterior is not None:
         distance = principal_distance_mm(block, photo.photo_id) if oriented else 0.0
         yield "  $EXT_ORI : "
@@ -119,7 +114,7 @@ def _photo_lines(
         for ray in rays:
             code = "2" if ray.point_id in controls else "1"
             sigma = 0.0 if ray.sigma_mm is None else ray.sigma_mm
-            cells = (_word(ray.point_id), repr(ray.x_mm), repr(ray.y_mm), repr(sigma), code)
+            cells = (one_word(ray.point_id), repr(ray.x_mm), repr(ray.y_mm), repr(sigma), code)
             yield "    " + " ".join([*cells, "{ * }"])
         yield "  $END_POINTS"
     yield "$END"
@@ -184,21 +179,16 @@ class _Project:
                 depth -= 1
         raise ProjectError(
             self.path,
-            say(
-                "line {line}: the block that begins here does not end.", line=records[at - 1].number
-            ),
+            "line {line}: the block that begins here does not end.",
             "The file was cut off: give all of it.",
+            line=records[at - 1].number,
         )
 
     def _control(self, records: Sequence[Record], at: int) -> int:
         end = self._end(records, at, "$END_POINTS")
         for record in records[at:end]:
             name = record.text(0)
-            if name in self.points:
-                raise record.refused(
-                    say("Line {number}: the point {point} stands twice.",
-                        number=record.number, point=name), "Give every point one name."
-                )  # fmt: skip
+            record.refuse_again(name, self.points)
             sigma = record.triple(AFTER_CODE) if len(record.cells) > AFTER_CODE else (0.0, 0.0, 0.0)
             role = "check" if record.text(4) == CHECK_CODE else "control"
             self.points[name] = ExchangePoint(
@@ -211,7 +201,7 @@ class _Project:
         name = values["$ID"].cells[-1] if "$ID" in values else head.text(0)
         if "$FOCAL_LENGTH" not in values:
             raise head.refused(
-                say("Line {number}: the camera has no $FOCAL_LENGTH.", number=head.number),
+                "Line {number}: the camera has no $FOCAL_LENGTH.",
                 "Give the principal distance in millimetres.",
             )
         distance = values["$FOCAL_LENGTH"].value(len(values["$FOCAL_LENGTH"].cells) - 1)
@@ -231,15 +221,10 @@ class _Project:
         values = _values(inside)
         if "$PHOTO_NUM" not in values:
             raise head.refused(
-                say("Line {number}: the photo has no $PHOTO_NUM.", number=head.number),
-                "Give every photo a name.",
+                "Line {number}: the photo has no $PHOTO_NUM.", "Give every photo a name."
             )
         name = values["$PHOTO_NUM"].text(2)
-        if name in self.photos:
-            raise head.refused(
-                say("Line {number}: the photo {photo} stands twice.",
-                    number=head.number, photo=name), "Leave one row for every photo."
-            )  # fmt: skip
+        head.refuse_again(name, self.photos)
         file = " ".join(values["$PHOTO_FILE"].cells[2:]) if "$PHOTO_FILE" in values else ""
         camera = values["$CAMERA_ID"].cells[-1] if "$CAMERA_ID" in values else ""
         exterior, distance, inner = None, 1.0, False
@@ -263,7 +248,7 @@ class _Project:
         square = matrix.shape == np.eye(3).shape
         if not square or np.abs(matrix @ matrix.T - np.eye(3)).max() > ROUND:
             raise head.refused(
-                say("Line {number}: $EXT_ORI holds no rotation.", number=head.number),
+                "Line {number}: $EXT_ORI holds no rotation.",
                 "Focal length and position, then three rows of three numbers.",
             )
         left, _, right = np.linalg.svd(matrix)
@@ -324,7 +309,6 @@ INPHO_FORMAT = ExchangeFormat(
         sigmas="control, metres; measurements, millimetres",
         lost="lens distortion, fiducials, standard deviations of orientations, object points of "
         "ties; blanks in names",
-        tested="untested on real files",
     ),
     holds="film",
     write=write_inpho,

@@ -19,13 +19,10 @@ from core.formats.exchange import (
     FrameCamera,
     from_frame_camera,
 )
-from core.formats.frame_interiors import (
-    FrameInterior,
-    frame_photos,
-    rounded_origin,
-    where_any,
-)
-from core.formats.map_in_space import (
+from core.formats.frame_interiors import FrameInterior, frame_photos, rounded_origin, where_any
+from core.formats.metashape_reading import read_metashape
+from core.formats.xml_files import Element, add, digits, write_xml
+from core.geometry.map_in_space import (
     MapInSpace,
     geocentric_axes,
     geographic_of,
@@ -33,8 +30,6 @@ from core.formats.map_in_space import (
     map_in_space,
     origin_of,
 )
-from core.formats.metashape_reading import read_metashape
-from core.formats.xml_files import Element, add, digits, write_xml
 from core.said import say
 
 CAMERAS, MARKERS, OPK = "cameras.xml", "markers.xml", "cameras_opk.txt"
@@ -238,10 +233,7 @@ def _write_opk(path: Path, block: ExchangeBlock, frames: Mapping[str, FrameCamer
             cells = [block.photos[name].file, *(digits([value]) for value in values)]
             lines.append("\t".join(cells))
     matrix = ", ".join(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-    head = [
-        f"# Cameras ({len(lines)})",
-        f"# PhotoID, X, Y, Z, Omega, Phi, Kappa, {matrix}",
-    ]
+    head = [f"# Cameras ({len(lines)})", f"# PhotoID, X, Y, Z, Omega, Phi, Kappa, {matrix}"]
     path.write_text("\n".join([*head, *lines]) + "\n", encoding="utf-8")
 
 

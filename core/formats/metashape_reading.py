@@ -15,26 +15,15 @@ from core.formats.exchange import (
     ExchangeMeasurement,
     ExchangePhoto,
     ExchangePoint,
+    FrameInterior,
     Triple,
 )
-from core.formats.frame_interiors import (
-    FrameInterior,
-    exchange_camera,
-    exchange_photo,
-    named_photos,
-)
-from core.formats.map_in_space import MapInSpace, crs_text, geographic_of, map_in_space, plain_crs
+from core.formats.frame_interiors import exchange_camera, exchange_photo, named_photos
 from core.formats.records import read_records
-from core.formats.xml_files import (
-    AGAIN,
-    Element,
-    child,
-    number_of,
-    numbers_in,
-    read_xml,
-    trimmed,
-)
+from core.formats.xml_files import AGAIN, Element, child, number_of, numbers_in, read_xml, trimmed
+from core.geometry.crs import horizontal
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.map_in_space import MapInSpace, crs_text, geographic_of, map_in_space
 from core.said import say
 
 # source: matrices of 3 x 3 and 4 x 4.
@@ -101,8 +90,9 @@ def _read_document(path: Path) -> ExchangeBlock:
     if len(chunks) != 1:
         raise ExchangeError(
             path,
-            say("It holds {count:# chunk|# chunks}, not one.", count=len(chunks)),
+            "It holds {count:# chunk|# chunks}, not one.",
             "Export the chunk you want by itself.",
+            count=len(chunks),
         )
     chunk = chunks[0]
     crs, frame = _crs(chunk, path)
@@ -117,9 +107,7 @@ def _read_document(path: Path) -> ExchangeBlock:
         sensor = camera.get("sensor_id", "")
         if not label or not key or key in labels or (sensor and sensor not in interiors):
             raise ExchangeError(
-                path,
-                say("Camera {key} has no label, no sensor, or is there twice.", key=key),
-                AGAIN,
+                path, "Camera {key} has no label, no sensor, or is there twice.", AGAIN, key=key
             )
         interior = interiors[sensor][1] if sensor else None
         photo = exchange_photo(label, names.get(sensor, ""), interior)
@@ -145,14 +133,15 @@ def _crs(chunk: Element, path: Path) -> tuple[str, MapInSpace | None]:
         crs = CRS.from_wkt(text)
     except CRSError as error:
         raise ExchangeError(
-            path, say("Its CRS cannot be read ({error}).", error=error), AGAIN
+            path, "Its CRS cannot be read ({error}).", AGAIN, error=error
         ) from error
-    plane = plain_crs(crs)
+    plane = horizontal(crs)
     if not plane.is_projected:
         raise ExchangeError(
             path,
-            say("Its coordinates are in {crs}, not on a map in metres.", crs=crs.name),
+            "Its coordinates are in {crs}, not on a map in metres.",
             "Convert the chunk's reference to a projected CRS and export it again.",
+            crs=crs.name,
         )
     # Metashape knows no shift of datum here: the frame is that of the map's own ellipsoid.
     return crs_text(plane), map_in_space(plane, geographic_of(plane))
@@ -177,7 +166,7 @@ def _interiors(chunk: Element, path: Path) -> dict[str, tuple[str, FrameInterior
         kinds = {sensor.get("type", "frame"), *(one.get("type", "frame") for one in known.values())}
         if kinds != {"frame"}:
             raise ExchangeError(
-                path, say("{label} is no frame camera.", label=label), "Take it out of the chunk."
+                path, "{label} is no frame camera.", "Take it out of the chunk.", label=label
             )
         found[key] = (label, None if best is None else _interior(sensor, best, path))
     return found
@@ -243,14 +232,14 @@ def _oriented(
         return photo
     matrix = _whole(camera, "transform", SIXTEEN, path).reshape(4, 4)
     if not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=STRAIGHT):
-        raise ExchangeError(path, say("{name} has no rotation.", name=photo.file), AGAIN)
+        raise ExchangeError(path, "{name} has no rotation.", AGAIN, name=photo.file)
     place = chunk.scale * chunk.rotation @ matrix[:3, 3] + chunk.translation
     turn = chunk.rotation
     if frame is not None:
         place = frame.to_object(place[None])[0]
         turn = frame.turn_at(place).T @ turn
     if not np.isfinite(place).all():
-        raise ExchangeError(path, say("{name} lies outside its CRS.", name=photo.file), AGAIN)
+        raise ExchangeError(path, "{name} lies outside its CRS.", AGAIN, name=photo.file)
     sigma = None
     if camera.find("location_covariance") is not None:
         covariance = _whole(camera, "location_covariance", NINE, path).reshape(3, 3)
@@ -269,7 +258,7 @@ def _points(chunk: Element, path: Path) -> tuple[dict[str, ExchangePoint], dict[
         key, label = marker.get("id", ""), marker.get("label", "")
         if not key or not label or key in labels or label in labels.values():
             raise ExchangeError(
-                path, say("Marker {key} has no label or is there twice.", key=key), AGAIN
+                path, "Marker {key} has no label or is there twice.", AGAIN, key=key
             )
         labels[key] = label
         reference = marker.find("reference")
@@ -309,12 +298,10 @@ def _measurements(
             if point is None or photo is None:
                 raise ExchangeError(
                     path,
-                    say(
-                        "Marker {marker} is measured in camera {camera}; one of both is not there.",
-                        marker=marker.get("marker_id", ""),
-                        camera=location.get("camera_id", ""),
-                    ),
+                    "Marker {marker} is measured in camera {camera}; one of both is not there.",
                     AGAIN,
+                    marker=marker.get("marker_id", ""),
+                    camera=location.get("camera_id", ""),
                 )
             if location.get("valid") not in NO:
                 column, row = (_attribute(location, axis, path) for axis in "xy")

@@ -1,7 +1,7 @@
 """A block as MicMac's folder: cameras, orientations, fiducials, points, measurements and ties."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,10 +19,9 @@ from core.formats.exchange import (
     ExchangePoint,
     Pair,
 )
+from core.formats.frame_interiors import without_orientation
 from core.formats.micmac_lens import DOWN, held_lens, lens_of
-from core.formats.micmac_measures import (
-    PREFIX as MEASURES_OF_IMAGE,
-)
+from core.formats.micmac_measures import PREFIX as MEASURES_OF_IMAGE
 from core.formats.micmac_measures import (
     corner_of,
     film_from_written,
@@ -49,6 +48,7 @@ from core.formats.micmac_points import (
     MEASURES,
     POINTS,
     by_name,
+    one_set,
     read_measures,
     read_points_text,
     read_points_xml,
@@ -57,6 +57,7 @@ from core.formats.micmac_points import (
 )
 from core.formats.micmac_ties import FOLDER as TIES
 from core.formats.micmac_ties import read_homol, write_couples, write_homol
+from core.formats.outlines import ground_height
 from core.frames import HALF_PIXEL
 from core.said import Said, say
 
@@ -133,16 +134,7 @@ def _orientations(folder: Path) -> tuple[Path | None, Path]:
         inside = folder.name.startswith("Ori-")
         return folder, folder.parent if inside else folder
     sets = [one for one in sorted(folder.glob("Ori-*")) if any(one.glob(f"{PREFIX}*{SUFFIX}"))]
-    if len(sets) > 1:
-        raise ExchangeError(
-            folder,
-            say(
-                "It holds several sets of orientations: {names}.",
-                names=", ".join(one.name for one in sets),
-            ),
-            "Give the folder of the one you want.",
-        )
-    return (sets[0] if sets else None), folder
+    return one_set(folder, sets), folder
 
 
 def _oriented(folder: Path, root: Path) -> _Read:
@@ -182,22 +174,28 @@ def camera_of(
         film: Origin of the film in the file's unit, and the factors of its axes.
     """
     name, lens = calibration.name, calibration.lens
+    empty = ExchangeCamera(name, size_px=calibration.size_px)
     if lens is None:
-        empty = ExchangeCamera(name, size_px=calibration.size_px)
-        return empty, None, say(
+        told = say(
             "The camera {name} has the distortion {model}, which is not taken over: its photos "
-            "come without interior orientation.", name=name, model=calibration.model,
-        )  # fmt: skip
+            "come without interior orientation.",
+            name=name,
+            model=calibration.model,
+        )
+        return empty, None, told
     linear = pixel_from_file[:, :2] @ calibration.scan_from_unit[:, :2]
     shift = pixel_from_file[:, :2] @ calibration.scan_from_unit[:, 2] + pixel_from_file[:, 2]
     held = held_lens(lens, calibration.size)
     off = held.off * float(np.sqrt(abs(np.linalg.det(linear))))
     if off > HELD_PX:
-        empty = ExchangeCamera(name, size_px=calibration.size_px)
-        return empty, None, say(
+        told = say(
             "The lens of {name} cannot be held to {limit} px (best is {off:.3g} px): its photos "
-            "come without interior orientation.", name=name, limit=HELD_PX, off=off,
-        )  # fmt: skip
+            "come without interior orientation.",
+            name=name,
+            limit=HELD_PX,
+            off=off,
+        )
+        return empty, None, told
     affine = np.column_stack(
         [
             linear @ held.file_from_image[:, :2],
@@ -220,8 +218,10 @@ def camera_of(
     if off > SAME_PX:
         note = say(
             "The lens of {name} was fitted by the terms that a block holds; it is {off:.2g} px off "
-            "at most.", name=name, off=off,
-        )  # fmt: skip
+            "at most.",
+            name=name,
+            off=off,
+        )
     return camera, affine, note
 
 
@@ -275,8 +275,10 @@ def _points_and_measures(
                 if before != one:
                     raise ExchangeError(
                         path,
-                        say("{name} is measured twice in {scan}.", name=one.point_id, scan=file),
+                        "{name} is measured twice in {scan}.",
                         "Take one of the two away.",
+                        name=one.point_id,
+                        scan=file,
                     )
     return by_name(root, points), list(measures.values())
 
@@ -305,8 +307,10 @@ def _same_file(root: Path, photo: ExchangePhoto, file: str) -> None:
     if photo.file != file:
         raise ExchangeError(
             root,
-            say("{one} and {other} would be one photo.", one=photo.file, other=file),
+            "{one} and {other} would be one photo.",
             "Rename one of the two scans.",
+            one=photo.file,
+            other=file,
         )
 
 
@@ -333,7 +337,7 @@ def write_micmac(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
     return tuple(left)
 
 
-def _write_cameras(folder: Path, block: ExchangeBlock) -> Iterator[Said]:
+def _write_cameras(folder: Path, block: ExchangeBlock) -> Iterator[str]:
     """Calibrations, orientations and the fiducials of the cameras; says what is left out."""
     ground = ground_height(block)
     marked = ""
@@ -358,11 +362,7 @@ def _write_cameras(folder: Path, block: ExchangeBlock) -> Iterator[Said]:
         for photo in block.photos.values()
         if photo.exterior is None or photo.pixel_from_image is None
     ]
-    if missing:
-        yield say(
-            "Without interior or exterior orientation, and so left out: {photos}.",
-            photos=", ".join(missing),
-        )
+    yield from without_orientation(missing)
 
 
 def _write_set(
@@ -432,19 +432,6 @@ def _pixel_from_unit(calibration: Calibration, pixel_from_image: Affine2) -> Aff
     linear = pixel_from_image[:, :2] * DOWN / lens.focal
     shift = pixel_from_image[:, 2] - HALF_PIXEL - linear @ np.array(lens.principal_point)
     return np.column_stack([linear, shift])
-
-
-def ground_height(block: ExchangeBlock) -> float | None:
-    """Mean height of all points of a block, metres; None where none is known."""
-    heights: list[float] = [point.position[2] for point in block.points.values()]
-    if block.ties.positions is not None:
-        heights += _finite(block.ties.positions[:, 2].tolist())
-    return float(np.mean(heights)) if heights else None
-
-
-def _finite(values: Iterable[float]) -> list[float]:
-    """Those that are numbers."""
-    return [value for value in values if np.isfinite(value)]
 
 
 MICMAC = ExchangeFormat(

@@ -11,23 +11,21 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from defusedxml.ElementTree import fromstring
 
-from core.errors import ScanError
-from core.formats.xml_files import write_xml
+from core.errors import ExchangeError
+from core.formats.exchange import Pair
+from core.formats.xml_files import add, digits, numbers_of, read_xml, text_of, trimmed, write_xml
 from core.frames import HALF_PIXEL
-from core.said import say
 
-Pair = tuple[float, float]
 Places = Mapping[str, Pair]
 PREFIX, SUFFIX = "MeasuresIm-", ".xml"
 
 
-def read_image_measures(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
+def read_image_measures(path: Path) -> dict[str, dict[str, Pair]]:
     """Marks in pixels (column, row; outer corner of the first pixel), by image and by mark.
 
     Raises:
-        ScanError: Missing, no XML, or without marks.
+        ExchangeError: Missing, no XML, or without marks.
     """
     return {
         image: {name: (x + HALF_PIXEL, y + HALF_PIXEL) for name, (x, y) in marks.items()}
@@ -35,11 +33,11 @@ def read_image_measures(path: Path) -> dict[str, dict[str, tuple[float, float]]]
     }
 
 
-def read_camera_measures(path: Path) -> dict[str, tuple[float, float]]:
+def read_camera_measures(path: Path) -> dict[str, Pair]:
     """The camera's marks in the film frame: millimetres from their middle, x right, y up.
 
     Raises:
-        ScanError: Missing, no XML, or without marks.
+        ExchangeError: Missing, no XML, or without marks.
     """
     marks = next(iter(_read(path).values()))
     origin, factors = _film_frame(marks)
@@ -51,7 +49,7 @@ def film_from_written(path: Path) -> tuple[Pair, Pair]:
     """Origin of the film frame in a camera's file, and the factors of its axes.
 
     Raises:
-        ScanError: Missing, no XML, or without marks.
+        ExchangeError: Missing, no XML, or without marks.
     """
     return _film_frame(next(iter(_read(path).values())))
 
@@ -96,58 +94,27 @@ def image_measures_name(image: str) -> str:
     return f"{PREFIX}{image}{SUFFIX}"
 
 
-def _read(path: Path) -> dict[str, dict[str, tuple[float, float]]]:
+def _read(path: Path) -> dict[str, dict[str, Pair]]:
     """Both numbers of every mark as written, by image and mark."""
-    try:
-        text = path.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise ScanError(
-            path,
-            say("The marks cannot be read ({strerror}).", strerror=error.strerror),
-            "Check the file.",
-        ) from error
-    try:
-        root: ElementTree.Element = fromstring(text, forbid_dtd=True)
-        found = {
-            _text(one, "NameIm") or path.stem.removeprefix(PREFIX): {
-                _text(mark, "NamePt"): _pair(_text(mark, "PtIm"))
-                for mark in one.iter("OneMesureAF1I")
-            }
-            for one in root.iter("MesureAppuiFlottant1Im")
-        }
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ScanError(
-            path,
-            say("It holds no marks of MicMac ({error}).", error=error),
-            "Export MeasuresIm-*.xml or MeasuresCamera.xml again.",
-        ) from error
-    found = {image: marks for image, marks in found.items() if marks}
+    found: dict[str, dict[str, Pair]] = {}
+    for one in read_xml(path).iter("MesureAppuiFlottant1Im"):
+        image = trimmed(one.find("NameIm")) or path.stem.removeprefix(PREFIX)
+        for mark in one.iter("OneMesureAF1I"):
+            x, y = numbers_of(mark, "PtIm", 2, path)
+            found.setdefault(image, {})[text_of(mark, "NamePt", path)] = (x, y)
     if not found:
-        raise ScanError(path, "It holds no marks.", "Measure some in SaisieAppuisInit first.")
+        raise ExchangeError(path, "It holds no marks.", "Measure some in SaisieAppuisInit first.")
     return found
-
-
-def _text(element: ElementTree.Element, tag: str) -> str:
-    """Text of a child, trimmed: samples carry blanks."""
-    return (element.findtext(tag) or "").strip()
-
-
-def _pair(text: str) -> tuple[float, float]:
-    """Two numbers."""
-    x, y = (float(word) for word in text.split())
-    if not np.isfinite([x, y]).all():
-        raise ValueError(f"{text} is no place")
-    return x, y
 
 
 def _write(path: Path, image: str, marks: Places, wrapped: bool) -> None:
     """One image's marks, indented as MicMac does."""
     one = ElementTree.Element("MesureAppuiFlottant1Im")
-    ElementTree.SubElement(one, "NameIm").text = image
-    for name, (x, y) in marks.items():
-        mark = ElementTree.SubElement(one, "OneMesureAF1I")
-        ElementTree.SubElement(mark, "NamePt").text = name
-        ElementTree.SubElement(mark, "PtIm").text = f"{x!r} {y!r}"
+    add(one, "NameIm", image)
+    for name, place in marks.items():
+        mark = add(one, "OneMesureAF1I")
+        add(mark, "NamePt", name)
+        add(mark, "PtIm", digits(place))
     root = one
     if wrapped:
         root = ElementTree.Element("SetOfMesureAppuisFlottants")

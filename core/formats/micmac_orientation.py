@@ -29,15 +29,16 @@ from core.formats.xml_files import (
     write_xml,
 )
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
-from core.said import say
 
 PREFIX, SUFFIX = "Orientation-", ".xml"
 FORWARDS, BACKWARDS = "eConvApero_DistM2C", "eConvApero_DistC2M"
 # source: definition of degree and gon.
 ANGLES = {
-    "eConvAngErdas": np.pi / 180, "eConvAngErdas_Grade": np.pi / 200,
-    "eConvAngPhotoMDegre": np.pi / 180, "eConvAngPhotoMGrade": np.pi / 200,
-}  # fmt: skip
+    "eConvAngErdas": np.pi / 180,
+    "eConvAngErdas_Grade": np.pi / 200,
+    "eConvAngPhotoMDegre": np.pi / 180,
+    "eConvAngPhotoMGrade": np.pi / 200,
+}
 """Conventions whose three angles are omega, phi, kappa, with a unit's radians."""
 SAME = np.column_stack([np.eye(2), np.zeros(2)])
 """OrIntImaM2C of a camera that counts in pixels."""
@@ -112,7 +113,7 @@ def _convention(one: Element, place: Element, path: Path) -> str:
     said = {trimmed(place.find("KnownConv")), trimmed(one.find("ConvOri/KnownConv"))} - {""}
     if len(said) > 1:
         raise ExchangeError(
-            path, say("It names two conventions: {names}.", names=", ".join(sorted(said))), AGAIN
+            path, "It names two conventions: {names}.", AGAIN, names=", ".join(sorted(said))
         )
     return next(iter(said), FORWARDS)
 
@@ -131,8 +132,9 @@ def _rotation(place: Element, convention: str, path: Path) -> Rotation:
         return rotation_from_angles(*(angle * ANGLES[convention] for angle in angles))
     raise ExchangeError(
         path,
-        say("Its rotation follows {convention}, which is not known.", convention=convention),
+        "Its rotation follows {convention}, which is not known.",
         "Convert it with mm3d OriConvert, or export the orientation as a matrix.",
+        convention=convention,
     )
 
 
@@ -155,8 +157,9 @@ def _calibration_file(path: Path, one: Element) -> Path:
     if found is None:
         raise ExchangeError(
             path,
-            say("Its calibration {name} is not there.", name=named),
+            "Its calibration {name} is not there.",
             "Put the calibration beside the orientations.",
+            name=named,
         )
     return found
 

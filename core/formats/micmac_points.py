@@ -5,7 +5,7 @@ standard deviations is what MicMac writes where nobody said any, and is read as 
 """
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Literal
 
@@ -24,7 +24,6 @@ from core.formats.xml_files import (
     write_xml,
 )
 from core.frames import HALF_PIXEL
-from core.said import say
 
 POINTS, MEASURES, IMAGE = (
     "DicoAppuisFlottant",
@@ -82,13 +81,11 @@ def _rows(path: Path, lines: list[str], columns: list[str]) -> Iterator[Exchange
         if len(row) < len(columns):
             raise ExchangeError(
                 path,
-                say(
-                    "Line {number} has {found} of {wanted} columns.",
-                    number=number,
-                    found=len(row),
-                    wanted=len(columns),
-                ),
+                "Line {number} has {found} of {wanted} columns.",
                 "Give every point all columns of the first line.",
+                number=number,
+                found=len(row),
+                wanted=len(columns),
             )
         cells = dict(zip(columns, row, strict=False))
         where = f"{path}:{number}"
@@ -111,6 +108,38 @@ def said_sigma(values: tuple[float, ...]) -> Triple | None:
     return None if (x, y, z) == UNSAID else (x, y, z)
 
 
+def one_set(folder: Path, sets: Sequence[Path]) -> Path | None:
+    """The only one of several sets of one kind; None where there is none.
+
+    Raises:
+        ExchangeError: There are several.
+    """
+    if len(sets) > 1:
+        raise ExchangeError(
+            folder,
+            "It holds several sets of one kind: {names}.",
+            "Give the folder of the one you want, or move the others away.",
+            names=[one.name for one in sets],
+        )
+    return sets[0] if sets else None
+
+
+def refuse_again(path: Path, seen: Container[object], name: str, file: str) -> None:
+    """Refuse a point that was measured in a scan before.
+
+    Raises:
+        ExchangeError: It was.
+    """
+    if (file, name) in seen:
+        raise ExchangeError(
+            path,
+            "{name} is measured twice in {scan}.",
+            "Take one of the two away.",
+            name=name,
+            scan=file,
+        )
+
+
 def by_name(path: Path, points: Iterable[ExchangePoint]) -> dict[str, ExchangePoint]:
     """Points by name.
 
@@ -122,8 +151,9 @@ def by_name(path: Path, points: Iterable[ExchangePoint]) -> dict[str, ExchangePo
         if found.setdefault(point.point_id, point).position != point.position:
             raise ExchangeError(
                 path,
-                say("The point {name} has two places.", name=point.point_id),
+                "The point {name} has two places.",
                 "Rename one of the two, or take it away.",
+                name=point.point_id,
             )
     return found
 
@@ -166,12 +196,7 @@ def read_measures(path: Path) -> list[tuple[str, ExchangeMeasurement]]:
             column, row = numbers_of(one, "PtIm", 2, path)
             sigma = _sigma(one, "PrecPointe", path) or common
             place = (column + HALF_PIXEL, row + HALF_PIXEL)
-            if (file, name) in seen:
-                raise ExchangeError(
-                    path,
-                    say("{name} is measured twice in {scan}.", name=name, scan=file),
-                    "Take one of the two away.",
-                )
+            refuse_again(path, seen, name, file)
             seen.add((file, name))
             found.append((file, ExchangeMeasurement(name, PurePath(file).stem, *place, sigma)))
     return found
@@ -183,7 +208,7 @@ def _sigma(element: ElementTree.Element, tag: str, path: Path) -> float | None:
         return None
     value = number_of(element, tag, path)
     if value <= 0:
-        raise ExchangeError(path, say("{tag} is not above nought.", tag=tag), AGAIN)
+        raise ExchangeError(path, "{tag} is not above nought.", AGAIN, tag=tag)
     return value
 
 

@@ -77,9 +77,7 @@ def _files(folder: Path) -> dict[tuple[str, str], Path]:
 
 
 def _chained(
-    scans: tuple[str, ...],
-    rays: Float64[np.ndarray, "rays 3"],
-    links: Int[np.ndarray, "2 pairs"],
+    scans: tuple[str, ...], rays: Float64[np.ndarray, "rays 3"], links: Int[np.ndarray, "2 pairs"]
 ) -> ReadTies:
     """Tie points of rays (scan, column, row) that pairs link."""
     count = len(rays)
@@ -101,9 +99,10 @@ def _chained(
         notes = (
             say(
                 "{count:# tie point meets|# tie points meet} a scan in two places and "
-                "{count:is|are} left out.", count=len(wrong),
+                "{count:is|are} left out.",
+                count=len(wrong),
             ),
-        )  # fmt: skip
+        )
     return ReadTies(ties, notes)
 
 
@@ -144,9 +143,7 @@ def _text(path: Path) -> Pairs:
             words = []
         if len(words) not in COLUMNS:
             raise ExchangeError(
-                path,
-                say("Line {number} is not of four numbers and a weight.", number=number),
-                AGAIN,
+                path, "Line {number} is not of four numbers and a weight.", AGAIN, number=number
             )
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
@@ -208,7 +205,7 @@ def read_couples(path: Path) -> list[tuple[str, str]]:
     for one in read_xml(path, COUPLES).iter(COUPLE):
         words = trimmed(one).split()
         if len(words) != 2:
-            raise ExchangeError(path, say("{text!r} is no couple.", text=trimmed(one)[:60]), AGAIN)
+            raise ExchangeError(path, "{text!r} is no couple.", AGAIN, text=trimmed(one)[:60])
         found.append((words[0], words[1]))
     return found
 

@@ -28,10 +28,11 @@ from core.formats.exchange import (
     Triple,
     frame_camera,
 )
+from core.formats.frame_interiors import without_orientation
 from core.formats.micmac import SAME_PX, camera_of
 from core.formats.micmac_lens import MicmacLens, lens_of_frame
 from core.formats.micmac_orientation import SAME, Calibration
-from core.formats.micmac_points import by_name
+from core.formats.micmac_points import by_name, one_set, refuse_again
 from core.formats.xml_files import (
     AGAIN,
     Element,
@@ -112,16 +113,7 @@ def _orientations(folder: Path) -> tuple[Path | None, Path]:
         return folder, folder.parents[1]
     root = folder / PROJECT if (folder / PROJECT).is_dir() else folder
     sets = [one for one in sorted(root.glob("Ori/*")) if any(one.glob(f"{ORI}*.xml"))]
-    if len(sets) > 1:
-        raise ExchangeError(
-            folder,
-            say(
-                "It holds several sets of orientations: {names}.",
-                names=", ".join(one.name for one in sets),
-            ),
-            "Give the folder of the one you want.",
-        )
-    return (sets[0] if sets else None), root
+    return one_set(folder, sets), root
 
 
 def _data(path: Path) -> Element:
@@ -148,8 +140,9 @@ def _calibration(orientation: Path, named: str) -> Calibration:
     if not path.is_file():
         raise ExchangeError(
             orientation,
-            say("Its calibration {name} is not there.", name=named),
+            "Its calibration {name} is not there.",
             "Put the calibration beside the orientations.",
+            name=named,
         )
     one = child(_data(path), INNER, path)
     width, height = (round(side) for side in numbers_of(one, "PixelFrame/NbPix", 2, path))
@@ -189,17 +182,8 @@ def _points_and_measures(
     """Points and measurements of the one set of them."""
     points: list[ExchangePoint] = []
     measures: list[tuple[str, ExchangeMeasurement]] = []
-    folders = {path.parent for path in root.glob("*/*/Mes*.xml")}
-    if len(folders) > 1:
-        raise ExchangeError(
-            root,
-            say(
-                "It holds several sets of measurements: {names}.",
-                names=", ".join(sorted(one.name for one in folders)),
-            ),
-            "Leave the one you want, and move the others away.",
-        )
-    for path in sorted(path for folder in folders for path in folder.glob("Mes*.xml")):
+    chosen = one_set(root, sorted({path.parent for path in root.glob("*/*/Mes*.xml")}))
+    for path in sorted(chosen.glob("Mes*.xml")) if chosen is not None else ():
         data = _data(path)
         for image in data.iter(MARKS):
             measures += _measures(path, image)
@@ -211,16 +195,11 @@ def _points_and_measures(
 def _measures(path: Path, image: Element) -> Iterator[tuple[str, ExchangeMeasurement]]:
     """Measurements in one scan."""
     file = text_of(image, "NameIm", path)
-    seen: set[str] = set()
+    seen: set[tuple[str, str]] = set()
     for one in image.findall("Measures/el"):
         name = text_of(one, "Name", path)
-        if name in seen:
-            raise ExchangeError(
-                path,
-                say("{name} is measured twice in {scan}.", name=name, scan=file),
-                "Take one of the two away.",
-            )
-        seen.add(name)
+        refuse_again(path, seen, name, file)
+        seen.add((file, name))
         column, row = numbers_of(one, "Pt", 2, path)
         sigma = None
         if one.find("Sigma2") is not None:
@@ -268,14 +247,7 @@ def write_mmvii(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
             _write_measures(marks / f"MesIm-{photo.file}.xml", photo.file, own)
     if block.points:
         _write_points(marks / f"MesGCP-{SET}.xml", block)
-    if missing:
-        notes.append(
-            say(
-                "Without interior or exterior orientation, and so left out: {photos}.",
-                photos=", ".join(missing),
-            )
-        )
-    return tuple(notes)
+    return (*notes, *without_orientation(missing))
 
 
 def _write_photo(
@@ -293,8 +265,10 @@ def _write_photo(
         if off > SAME_PX:
             yield say(
                 "The lens of {name} was fitted by the terms that MMVII holds; it is {off:.2g} px "
-                "off at most.", name=name, off=off,
-            )  # fmt: skip
+                "off at most.",
+                name=name,
+                off=off,
+            )
     rotation, centre = frame.with_rotation_and_centre()
     root = _serialised()
     pose = add(child(root, "Data", folder), POSE)

@@ -6,8 +6,6 @@ Pixels count from the centre of the first pixel, as OpenSfM has them; heights ar
 import re
 from pathlib import Path
 
-from pyproj import CRS
-
 from core.errors import ExchangeError
 from core.formats.exchange import (
     Conventions,
@@ -18,10 +16,10 @@ from core.formats.exchange import (
     ExchangePoint,
 )
 from core.formats.frame_interiors import exchange_photo, where_any
-from core.formats.map_in_space import map_crs, plain_crs
 from core.formats.records import read_records
 from core.formats.xml_files import digits
 from core.frames import HALF_PIXEL
+from core.geometry.map_in_space import crs_text, map_crs
 from core.said import say
 
 UTM = re.compile(r"WGS84\s+UTM\s+(\d{1,2})([NS])", re.IGNORECASE)
@@ -49,12 +47,7 @@ def write_odm(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
             pixel = digits([one.column - HALF_PIXEL, one.row - HALF_PIXEL])
             lines.append(
                 "\t".join(
-                    [
-                        *place.split(),
-                        *pixel.split(),
-                        block.photos[one.photo_id].file,
-                        one.point_id,
-                    ]
+                    [*place.split(), *pixel.split(), block.photos[one.photo_id].file, one.point_id]
                 )
             )
     if len(lines) == 1:
@@ -92,16 +85,16 @@ def read_odm(path: Path) -> ExchangeBlock:
         photo = exchange_photo(record.text(NAME - 1), "", None)
         if photos.setdefault(photo.photo_id, photo).file != photo.file:
             raise record.refused(
-                say("{name} would be two scans.", name=photo.photo_id),
-                "Rename one of the two scans.",
+                "{name} would be two scans.", "Rename one of the two scans.", name=photo.photo_id
             )
         unnamed = places.get(place, str(len(places) + 1))
         name = record.cells[NAME] if len(record.cells) > NAME else unnamed
         places.setdefault(place, name)
         if points.setdefault(name, ExchangePoint(name, place)).position != place:
             raise record.refused(
-                say("Line {number}: {name} has two places.", number=record.number, name=name),
+                "Line {number}: {name} has two places.",
                 "Rename one of the two, or take it away.",
+                name=name,
             )
         column, row = record.value(3) + HALF_PIXEL, record.value(4) + HALF_PIXEL
         measurements.append(ExchangeMeasurement(name, photo.photo_id, column, row))
@@ -115,9 +108,7 @@ def _crs(path: Path, text: str) -> str:
     zone = UTM.fullmatch(text.strip())
     if zone is not None:
         text = f"EPSG:{ZONES[zone[2].upper()] + int(zone[1])}"
-    crs: CRS = plain_crs(map_crs(text, path))
-    authority = crs.to_authority()
-    return ":".join(authority) if authority else crs.to_wkt()
+    return crs_text(map_crs(text, path))
 
 
 ODM = ExchangeFormat(
@@ -126,9 +117,6 @@ ODM = ExchangeFormat(
     conventions=Conventions(
         pixels="column right, row down, from the centre of the first pixel",
         object_space="easting, northing, height in the CRS of the first line, metres",
-        rotation="none",
-        camera="none",
-        sigmas="none",
         lost="orientations, cameras, tie points, roles, standard deviations, points that are "
         "measured nowhere",
         tested="a list written for ODM; its pixels are whole, so the half pixel rests on the "

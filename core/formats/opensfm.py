@@ -16,7 +16,6 @@ from core.arrays import PixelPoints
 from core.errors import ExchangeError
 from core.formats.colmap import SIDECAR, read_sidecar
 from core.formats.colmap_files import GREY
-from core.formats.earth_frame import zone_of
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -25,30 +24,41 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangePoint,
     ExchangeTies,
+    FrameInterior,
 )
 from core.formats.frame_interiors import (
-    FrameInterior,
     exchange_camera,
     exchange_photo,
     frame_photos,
     named_photos,
-    rounded_origin,
-    where_any,
+    oriented_frames,
+    size_of,
+    without_orientation,
 )
-from core.formats.map_in_space import MapInSpace, Origin, map_crs, map_in_space, origin_of
+from core.formats.records import write_json
+from core.formats.rotations import triple_of
 from core.formats.xml_files import AGAIN, read_text
-from core.said import say
+from core.geometry.map_in_space import (
+    WGS84,
+    MapInSpace,
+    Origin,
+    map_crs,
+    map_in_space,
+    origin_of,
+    zone_of,
+)
 
 RECONSTRUCTION, REFERENCE = "reconstruction.json", "reference_lla.json"
 POINTS, TRACKS = "ground_control_points.json", "tracks.csv"
 VERSION = "OPENSFM_TRACKS_VERSION_v2"
-WGS84 = 4326  # source: code of EPSG.
 # design: of no meaning to an adjustment; that of a keypoint of some pixels.
 SCALE = 0.001
 LENSES = {
-    "perspective": ("k1", "k2"), "simple_radial": ("k1",), "radial": ("k1", "k2"),
+    "perspective": ("k1", "k2"),
+    "simple_radial": ("k1",),
+    "radial": ("k1", "k2"),
     "brown": ("k1", "k2", "k3"),
-}  # fmt: skip
+}
 """Radial terms of the projections that are frame cameras."""
 
 
@@ -63,13 +73,8 @@ def write_opensfm(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         ExchangeError: No photo is oriented.
     """
     photos = frame_photos(block)
-    oriented = {
-        name: frame for name, frame in photos.frames.items() if frame.camera_from_object is not None
-    }
-    if not oriented:
-        raise ExchangeError(folder, "No photo of the block is oriented.", "Adjust the block first.")
+    oriented, middle = oriented_frames(photos, folder)
     plane, datum = map_crs(block.crs, folder), CRS.from_epsg(WGS84)
-    middle = rounded_origin([one.with_rotation_and_centre()[1] for one in oriented.values()])
     longitude, latitude, _ = origin_of(plane, datum, middle)
     space = map_in_space(plane, datum, (longitude, latitude, 0.0))
     reference = {"latitude": latitude, "longitude": longitude, "altitude": 0.0}
@@ -91,20 +96,16 @@ def write_opensfm(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         places = space.from_object(block.ties.positions[known])
         for number, place in zip(known.tolist(), places.tolist(), strict=True):
             coordinates[names[number]] = {"color": [float(GREY)] * 3, "coordinates": place}
-    whole = {
-        "cameras": cameras, "shots": shots, "points": coordinates, "reference_lla": reference,
-    }  # fmt: skip
+    whole = {"cameras": cameras, "shots": shots, "points": coordinates, "reference_lla": reference}
     folder.mkdir(parents=True, exist_ok=True)
-    _dump(folder / RECONSTRUCTION, [whole])
-    _dump(folder / REFERENCE, reference)
-    _dump(folder / POINTS, {"points": _surveyed(block, space, photos.interiors, photos.camera)})
-    _dump(folder / SIDECAR, {"crs": block.crs, "origin": [0.0, 0.0, 0.0]})
-    _write_tracks(folder / TRACKS, block, photos.interiors, photos.camera)
-    without = [name for name in block.photos if name not in oriented]
-    notes = where_any(
-        without,
-        say("Without interior or exterior orientation, and so left out: {photos}.", photos=without),
+    write_json(folder / RECONSTRUCTION, [whole])
+    write_json(folder / REFERENCE, reference)
+    write_json(
+        folder / POINTS, {"points": _surveyed(block, space, photos.interiors, photos.camera)}
     )
+    write_json(folder / SIDECAR, {"crs": block.crs, "origin": [0.0, 0.0, 0.0]})
+    _write_tracks(folder / TRACKS, block, photos.interiors, photos.camera)
+    notes = without_orientation(name for name in block.photos if name not in oriented)
     return (
         *notes,
         "Coordinates went into space: the map's scale remains, and heights went out as if above "
@@ -112,38 +113,36 @@ def write_opensfm(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
     )
 
 
-def _dump(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(value, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def _size(one: FrameInterior) -> tuple[int, int]:
-    """Columns and rows; a frame about the principal point where nobody knows them."""
-    column, row = one.principal_point_px
-    return one.size_px or (max(1, round(2 * column)), max(1, round(2 * row)))
-
-
 def _written(one: FrameInterior) -> dict[str, Any]:
     """A brown camera: it holds any lens of a block but skew and k4."""
-    (width, height), (column, row) = _size(one), one.principal_point_px
+    (width, height), (column, row) = size_of(one), one.principal_point_px
     unit = max(width, height)
     k1, k2, k3 = (*one.radial, 0.0, 0.0, 0.0)[:3]
     return {
-        "projection_type": "brown", "width": width, "height": height,
-        "focal_x": (one.focal_px + one.affinity_px) / unit, "focal_y": one.focal_px / unit,
-        "c_x": (column - width / 2) / unit, "c_y": (row - height / 2) / unit,
-        "k1": k1, "k2": k2, "p1": one.tangential[0], "p2": one.tangential[1], "k3": k3,
-    }  # fmt: skip
+        "projection_type": "brown",
+        "width": width,
+        "height": height,
+        "focal_x": (one.focal_px + one.affinity_px) / unit,
+        "focal_y": one.focal_px / unit,
+        "c_x": (column - width / 2) / unit,
+        "c_y": (row - height / 2) / unit,
+        "k1": k1,
+        "k2": k2,
+        "p1": one.tangential[0],
+        "p2": one.tangential[1],
+        "k3": k3,
+    }
 
 
 def _normalised(pixels: PixelPoints, one: FrameInterior) -> PixelPoints:
     """From the middle of the scan, in parts of its longer side."""
-    size = np.array(_size(one), dtype=np.float64)
+    size = np.array(size_of(one), dtype=np.float64)
     return (pixels - size / 2) / size.max()
 
 
 def _pixels(places: PixelPoints, one: FrameInterior) -> PixelPoints:
     """Back."""
-    size = np.array(_size(one), dtype=np.float64)
+    size = np.array(size_of(one), dtype=np.float64)
     return places * size.max() + size / 2
 
 
@@ -154,7 +153,7 @@ def _surveyed(
     found: dict[str, dict[str, Any]] = {}
     for name, point in block.points.items():
         place = np.array([point.position])
-        longitude, latitude = space.degrees(place[:, :2])[0].tolist()
+        longitude, latitude, _ = space.degrees(place)[0].tolist()
         position = {"latitude": latitude, "longitude": longitude, "altitude": point.position[2]}
         found[name] = {"id": name, "position": position, "observations": []}
     for one in block.measurements:
@@ -199,8 +198,9 @@ def read_opensfm(path: Path) -> ExchangeBlock:
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise ExchangeError(
             file,
-            say("It is no reconstruction of OpenSfM ({error}).", error=repr(error)[:120]),
+            "It is no reconstruction of OpenSfM ({error}).",
             "Choose a project with a whole reconstruction.json.",
+            error=repr(error)[:120],
         ) from error
 
 
@@ -245,8 +245,9 @@ def _interior(one: Any, file: Path) -> FrameInterior:
     if kind not in LENSES:
         raise ExchangeError(
             file,
-            say("It has a camera of the kind {kind}.", kind=str(kind)[:60]),
+            "It has a camera of the kind {kind}.",
             "Frame cameras alone are taken over: perspective, simple_radial, radial, brown.",
+            kind=str(kind)[:60],
         )
     width, height = int(one["width"]), int(one["height"])
     unit = max(width, height)
@@ -273,14 +274,11 @@ def _space(reference: Any, file: Path) -> tuple[str, MapInSpace | None]:
         return "", None
     origin: Origin = (longitude, latitude, height)
     crs = read_sidecar(file.parent).crs or zone_of(np.array([origin]))
-    return crs, map_in_space(map_crs(crs, file), CRS.from_epsg(WGS84), origin)
+    return crs, map_in_space(map_crs(crs, file), origin=origin)
 
 
 def _read_points(
-    path: Path,
-    block: ExchangeBlock,
-    interiors: dict[str, FrameInterior],
-    space: MapInSpace | None,
+    path: Path, block: ExchangeBlock, interiors: dict[str, FrameInterior], space: MapInSpace | None
 ) -> tuple[dict[str, ExchangePoint], tuple[ExchangeMeasurement, ...]]:
     """Surveyed points, where there is such a file and a place on the Earth."""
     points: dict[str, ExchangePoint] = {}
@@ -293,16 +291,16 @@ def _read_points(
         if {"longitude", "latitude", "altitude"} <= place.keys():
             keys = ("longitude", "latitude", "altitude")
             degrees = _finite([place[key] for key in keys], 3)
-            east, north = space.plan(degrees[None, :2])[0].tolist()
-            points[name] = ExchangePoint(name, (east, north, float(degrees[2])))
+            points[name] = ExchangePoint(name, triple_of(space.from_degrees(degrees[None])[0]))
         for seen in one.get("observations", ()):
             if seen["shot_id"] not in files:
                 raise ExchangeError(
                     path,
-                    say("{name} is measured in {shot}, which is not there.", name=name,
-                        shot=str(seen["shot_id"])[:60]),
+                    "{name} is measured in {shot}, which is not there.",
                     AGAIN,
-                )  # fmt: skip
+                    name=name,
+                    shot=str(seen["shot_id"])[:60],
+                )
             photo = files[seen["shot_id"]]
             interior = interiors[block.photos[photo].camera]
             pixel = _pixels(_finite(seen["projection"], 2)[None], interior)[0].tolist()
@@ -362,7 +360,6 @@ OPENSFM = ExchangeFormat(
         "turned by the map's axes at its own place",
         camera="brown: focal_x, focal_y, c_x, c_y in parts of the longer side; k1 to k3, p1, p2 as "
         "OpenCV has them",
-        sigmas="none",
         lost="standard deviations, roles, fiducials, photos that are not oriented, skew",
         tested="reconstructions that OpenSfM and ODM wrote; tracks.csv and "
         "ground_control_points.json by description alone",

@@ -10,10 +10,12 @@ import pyogrio.errors
 import pyogrio.raw
 import shapely
 
+from core.arrays import ObjectPoints, PixelPoints
 from core.errors import ProjectError
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
+    ExchangeCamera,
     ExchangeFormat,
     ExchangePhoto,
     frame_camera,
@@ -31,35 +33,42 @@ STEEPEST = -0.05  # design: rays within three degrees of the horizon reach nowhe
 
 
 def ground_height(block: ExchangeBlock) -> float | None:
-    """Median height of all points that are known, metres; None where none is."""
+    """Mean height of all points that are known, metres; None where none is."""
     heights = [point.position[2] for point in block.points.values()]
-    if not heights and block.ties.positions is not None:
+    if block.ties.positions is not None:
         known = block.ties.positions[:, 2]
-        heights = known[np.isfinite(known)].tolist()
-    return float(np.median(heights)) if heights else None
+        heights += known[np.isfinite(known)].tolist()
+    return float(np.mean(heights)) if heights else None
+
+
+def ground_places(
+    photo: ExchangePhoto, camera: ExchangeCamera, pixels: PixelPoints, level: float
+) -> ObjectPoints | None:
+    """Where pixels of an oriented photo meet level ground; None where one does not."""
+    assert photo.exterior is not None, "only an oriented photo lies on the ground"
+    assert photo.pixel_from_image is not None, "only an oriented photo lies on the ground"
+    linear, shift = photo.pixel_from_image[:, :2], photo.pixel_from_image[:, 2]
+    ideal = ideal_from_image(np.linalg.solve(linear, (pixels - shift).T).T, camera)
+    rays = np.column_stack([ideal, -np.ones(len(ideal))]) @ photo.exterior.object_from_image.T
+    fall = float(photo.exterior.centre[2]) - level
+    if fall <= 0 or np.any(rays[:, 2] / np.linalg.norm(rays, axis=1) > STEEPEST):
+        return None
+    return photo.exterior.centre - rays * (fall / rays[:, 2:])
 
 
 def ground_outline(block: ExchangeBlock, photo: ExchangePhoto) -> list[list[float]] | None:
     """Easting and northing of a scan's corners on level ground, closed; None where unknown."""
-    height = ground_height(block)
-    camera = block.cameras.get(photo.camera)
-    if height is None or camera is None or camera.size_px is None:
+    level, camera = ground_height(block), block.cameras.get(photo.camera)
+    if level is None or camera is None or camera.size_px is None:
         return None
     if photo.exterior is None or photo.pixel_from_image is None:
         return None
-    pixels = np.array(CORNERS, dtype=np.float64) * camera.size_px
-    linear, shift = photo.pixel_from_image[:, :2], photo.pixel_from_image[:, 2]
-    ideal = ideal_from_image(np.linalg.solve(linear, (pixels - shift).T).T, camera)
-    rays = np.column_stack([ideal, -np.ones(len(ideal))]) @ photo.exterior.object_from_image.T
-    if np.any(rays[:, 2] / np.linalg.norm(rays, axis=1) > STEEPEST):
+    corners = np.array(CORNERS, dtype=np.float64) * camera.size_px
+    places = ground_places(photo, camera, corners, level)
+    if places is None:
         return None
-    reach = (height - photo.exterior.centre[2]) / rays[:, 2]
-    if np.any(reach <= 0):
-        return None
-    ring = (photo.exterior.centre + reach[:, None] * rays)[:, :2]
-    if shapely.Polygon(ring).exterior.is_ccw:
-        return ring.tolist()
-    return ring[::-1].tolist()
+    ring = places[:, :2]
+    return ring.tolist() if shapely.Polygon(ring).exterior.is_ccw else ring[::-1].tolist()
 
 
 def off_nadir(photo: ExchangePhoto) -> float:
@@ -112,9 +121,12 @@ def write_footprints(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     lost = len(rings) - len(known)
     if lost:
         return (
-            say("{count:# photo has|# photos have} no footprint: orientation, scan size or ground "
-                "are unknown.", count=lost),
-        )  # fmt: skip
+            say(
+                "{count:# photo has|# photos have} no footprint: orientation, scan size or ground "
+                "are unknown.",
+                count=lost,
+            ),
+        )
     return ()
 
 
@@ -122,12 +134,9 @@ FOOTPRINTS_FORMAT = ExchangeFormat(
     name="footprints",
     title="Footprints as a vector file",
     conventions=Conventions(
-        pixels="none",
-        object_space="easting, northing, metres, on level ground at the median height of all "
+        object_space="easting, northing, metres, on level ground at the mean height of all "
         "points; the CRS in the file",
-        rotation="none",
         camera="none; the principal distance in pixels as an attribute",
-        sigmas="none",
         lost="all but the outlines of photos, named by `LMS_TIF_UP`",
         tested="GDAL reads it; the Czech Office's footprints are read by `[scans] footprints`",
     ),

@@ -5,7 +5,6 @@ for its orientation, groups of points that end with -99. `names.csv`, which is o
 that the numbers stand for. Image points are free of lens distortion, from the principal point.
 """
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,18 +20,21 @@ from core.formats.exchange import (
     ExchangePoint,
 )
 from core.formats.film_rays import (
+    END,
     MICROMETRES,
     FilmRay,
     block_of_rays,
     film_rays,
     median_misfit,
+    not_oriented,
     numbered,
+    photo_groups,
     principal_distance_mm,
     refuse_twice,
     refuse_unknown,
     untested,
 )
-from core.formats.records import Record, only_file, read_records
+from core.formats.records import Record, only_file, read_records, read_rows, write_lines, write_rows
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.said import say
 
@@ -40,8 +42,8 @@ ORIENTATIONS, IMAGE, CONTROL = "patb_eo.txt", "patb_img.im", "patb_cntl.con"
 """Names of the files, as PCI gives them."""
 CHECKS, NAMES = "patb_check.con", "names.csv"
 """Check points apart, so that none steers; what the numbers stand for."""
-END = "-99"
-"""Ends a group of points, and a file."""
+KINDS = ("kind", "number", "name", "file")
+"""Columns of the file of names."""
 ROUND = 1e-6  # design: twelve digits of a matrix leave far less.
 """How far a matrix may be from a rotation."""
 SECOND, THIRD = 5, 4  # source: PCI on PAT-B; nine numbers of the matrix on two records.
@@ -61,36 +63,29 @@ def write_patb(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     for name, photo in block.photos.items():
         if photo.exterior is not None:
             lines += _orientation(photo_numbers[name], photo.exterior)
-    (path / ORIENTATIONS).write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
-    image = _image_lines(block, rays, photo_numbers, point_numbers)
-    (path / IMAGE).write_text("".join(f"{line}\n" for line in image), encoding="ascii")
+    write_lines(path / ORIENTATIONS, lines)
+    write_lines(path / IMAGE, _image_lines(block, rays, photo_numbers, point_numbers))
     for file, role in ((CONTROL, "control"), (CHECKS, "check")):
         rows = [
             f"{point_numbers[name]} " + " ".join(map(repr, point.position))
             for name, point in block.points.items()
             if point.role == role
         ]
-        text = "".join(f"{line}\n" for line in [*rows, END])
         if rows or role == "control":
-            (path / file).write_text(text, encoding="ascii")
-    with (path / NAMES).open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(("kind", "number", "name", "file"))
-        files = {name: photo.file for name, photo in block.photos.items()}
-        table.writerows(("photo", n, name, files[name]) for name, n in photo_numbers.items())
-        table.writerows(("point", n, name, "") for name, n in point_numbers.items())
+            write_lines(path / file, [*rows, END])
+    listed = [("photo", n, name, block.photos[name].file) for name, n in photo_numbers.items()]
+    listed += [("point", n, name, "") for name, n in point_numbers.items()]
+    write_rows(path / NAMES, [KINDS, *listed])
     return (*notes, *_lost(block), untested())
 
 
 def _lost(block: ExchangeBlock) -> Iterator[str]:
     """What the format has no place for."""
-    if any(point.sigma_m for point in block.points.values()) or any(
+    if any(one.sigma_m for one in block.points.values()) or any(
         one.sigma_px for one in block.measurements
     ):
         yield say("The format holds no standard deviations.")
-    missing = sum(photo.exterior is None for photo in block.photos.values())
-    if missing:
-        yield say("{count:# photo has|# photos have} no orientation: left out.", count=missing)
+    yield from not_oriented(block.photos.values())
 
 
 def _orientation(number: str, exterior: ExteriorOrientation) -> list[str]:
@@ -137,8 +132,9 @@ def read_patb(path: Path) -> ExchangeBlock:
     if listed is None:
         raise ProjectError(
             path,
-            say("holds no {file}.", file=ORIENTATIONS),
+            "holds no {file}.",
             "Give the folder with patb_eo.txt, patb_img.im and patb_cntl.con.",
+            file=ORIENTATIONS,
         )
     names = _names(path / NAMES)
     photos = _photos(listed, names)
@@ -173,15 +169,8 @@ def _names(path: Path) -> dict[tuple[str, str], tuple[str, str]]:
     """Name and file by kind and number; empty where nobody kept them."""
     if not path.exists():
         return {}
-    with path.open(encoding="utf-8", newline="") as stream:
-        rows = csv.DictReader(stream)
-        return {
-            (row.get("kind") or "", row.get("number") or ""): (
-                row.get("name") or "",
-                row.get("file") or "",
-            )
-            for row in rows
-        }
+    rows = ([row.cell(key) for key in KINDS] for row in read_rows(path, KINDS))
+    return {(kind, number): (name, file) for kind, number, name, file in rows}
 
 
 def _photos(
@@ -192,25 +181,22 @@ def _photos(
     if not records or len(records) % 3:
         raise ProjectError(
             path,
-            say("holds {count:# line|# lines}, not three for every photo.", count=len(records)),
+            "holds {count:# line|# lines}, not three for every photo.",
             "Each photo has a line with number and position, and two with its matrix.",
+            count=len(records),
         )
     for first, second, third in zip(records[::3], records[1::3], records[2::3], strict=True):
         number = first.text(0)
         name, file = names.get(("photo", number), (number, ""))
-        if name in photos:
-            raise first.refused(
-                say("Line {number}: the photo {photo} stands twice.",
-                    number=first.number, photo=name), "Leave one row for every photo."
-            )  # fmt: skip
+        first.refuse_again(name, photos)
         entries = [second.value(n) for n in range(SECOND)] + [third.value(n) for n in range(THIRD)]
         matrix = np.array(entries).reshape(3, 3)
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROUND or np.linalg.det(matrix) < 0:
             raise second.refused(
-                say("Line {number}: the matrix of photo {photo} is no rotation.",
-                    number=second.number, photo=name),
+                "Line {number}: the matrix of photo {photo} is no rotation.",
                 "Nine numbers, row by row, of a right-handed rotation.",
-            )  # fmt: skip
+                photo=name,
+            )
         left, _, right = np.linalg.svd(matrix)
         exterior = ExteriorOrientation(
             np.array(first.triple(1)), *angles_from_rotation(left @ right)
@@ -228,11 +214,7 @@ def _points(
     points: dict[str, ExchangePoint] = {}
     for record in _groups(path):
         name = names.get(("point", record.text(0)), (record.text(0), ""))[0]
-        if name in points or name in known:
-            raise record.refused(
-                say("Line {number}: the point {point} stands twice.",
-                    number=record.number, point=name), "Give every point one name."
-            )  # fmt: skip
+        record.refuse_again(name, {**points, **known})
         role = "check" if check else "control"
         points[name] = ExchangePoint(name, record.triple(1), role=role)
     return points
@@ -252,18 +234,15 @@ def _rays(
     """Measurements, and principal distances by photo, millimetres."""
     rays: list[FilmRay] = []
     distances: dict[str, float] = {}
-    photo = ""
     _groups(path)
-    for record in read_records(path, comment=""):
-        if record.text(0) == END:
-            photo = ""
-        elif not photo:
-            photo = names.get(("photo", record.text(0)), (record.text(0), ""))[0]
-            distances[photo] = record.value(1) / MICROMETRES
-        else:
-            point = names.get(("point", record.text(0)), (record.text(0), ""))[0]
-            x, y = record.value(1) / MICROMETRES, record.value(2) / MICROMETRES
-            rays.append(FilmRay(point, photo, x, y))
+    for head, rows in photo_groups(path):
+        photo = names.get(("photo", head.text(0)), (head.text(0), ""))[0]
+        distances[photo] = head.value(1) / MICROMETRES
+        for row in rows:
+            point = names.get(("point", row.text(0)), (row.text(0), ""))[0]
+            rays.append(
+                FilmRay(point, photo, row.value(1) / MICROMETRES, row.value(2) / MICROMETRES)
+            )
     return rays, distances
 
 
@@ -277,10 +256,8 @@ PATB_FORMAT = ExchangeFormat(
         "of metres, twelve of the matrix); when read, the other way round if measured control says "
         "so",
         camera="principal distance in micrometres; distortion and refraction are taken out",
-        sigmas="none",
         lost="scans, fiducials, standard deviations, object points of ties; names are numbers "
         "(`names.csv`, ours, keeps them)",
-        tested="untested on real files",
     ),
     holds="film",
     write=write_patb,

@@ -191,9 +191,13 @@ def _evidence_of_axes(axes: AxesFound, count: int, around: Surroundings) -> tupl
     if around.bounds is None:
         return (say("{axes}: so all of them lie in Czechia or Slovakia.", axes=words),)
     return (
-        say("{axes}: so {inside} of {count:# point|# points} lie in the block or near it.",
-            axes=words, inside=axes.inside, count=count),
-    )  # fmt: skip
+        say(
+            "{axes}: so {inside} of {count:# point|# points} lie in the block or near it.",
+            axes=words,
+            inside=axes.inside,
+            count=count,
+        ),
+    )
 
 
 def _asked_of_axes(axes: AxesFound, count: int) -> Question:
@@ -265,8 +269,11 @@ def evidence_of_crs(
     return say(
         "From {source} to {target} by {words}, accurate to {accuracy:.2f} m, which is added to the "
         "standard deviations; heights stay as they are.",
-        source=reading.crs, target=around.crs, words=operation.words, accuracy=operation.accuracy_m,
-    )  # fmt: skip
+        source=reading.crs,
+        target=around.crs,
+        words=operation.words,
+        accuracy=operation.accuracy_m,
+    )
 
 
 def within_reach(
@@ -286,8 +293,11 @@ def within_reach(
     words = say(
         "{count:# point lies|# points lie} far outside the block, such as {name}, "
         "{east:+,.0f} m east and {north:+,.0f} m north of its middle.",
-        count=len(beyond), name=beyond[0].point.point_id, east=east, north=north,
-    )  # fmt: skip
+        count=len(beyond),
+        name=beyond[0].point.point_id,
+        east=east,
+        north=north,
+    )
     choices = (
         Choice("leave out", say("leave them out")),
         Choice("keep", say("bring them all the same")),
@@ -300,8 +310,13 @@ def _beyond(row: ReadRow, around: Surroundings) -> RefusedRow:
     assert around.bounds is not None, "nothing lies outside a block without bounds"
     east, north = mean_place(_plane([row]), around.bounds)
     return RefusedRow(
-        row.source.number, row.source.text,
-        say("{name} lies {east:+,.0f} m east and {north:+,.0f} m north of the block's middle.",
-            name=row.point.point_id, east=east, north=north),
+        row.source.number,
+        row.source.text,
+        say(
+            "{name} lies {east:+,.0f} m east and {north:+,.0f} m north of the block's middle.",
+            name=row.point.point_id,
+            east=east,
+            north=north,
+        ),
         say("Check its digits and its CRS."),
-    )  # fmt: skip
+    )

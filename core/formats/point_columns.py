@@ -10,9 +10,19 @@ import numpy as np
 from core.formats.delimited_table import number_of
 
 Quantity = Literal[
-    "", "id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "sigma_xy", "role", "description",
+    "",
+    "id",
+    "X",
+    "Y",
+    "Z",
+    "sigma_X",
+    "sigma_Y",
+    "sigma_Z",
+    "sigma_xy",
+    "role",
+    "description",
     "sketch",
-]  # fmt: skip
+]
 """What a column holds; nothing where it is not read. X and Y are the list's own two columns of
 plane coordinates, whichever way they point."""
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
@@ -39,15 +49,26 @@ WORDS: dict[Quantity, str] = {
     "comments bemerkung beschreibung code kod stabilizace opis",
     "sketch": "sketch photo image picture foto fotografie nacrt nakres mistopis skizze obrazek "
     "bild sketchfile photofile imagefile imagefilename soubor",
-}  # fmt: skip
+}
 """Names of columns as lists have them: small letters without accents, units and signs."""
 KNOWN: dict[str, Quantity] = {
     word: quantity for quantity, words in WORDS.items() for word in words.split()
 }
 GEOGRAPHIC = {"lon", "long", "longitude", "lat", "latitude", "delka", "sirka"}
 """Names of columns that hold degrees."""
-EAST_NORTH = {"e", "em", "east", "easting", "eastings", "xeasting",
-              "n", "north", "northing", "northings", "ynorthing"}  # fmt: skip
+EAST_NORTH = {
+    "e",
+    "em",
+    "east",
+    "easting",
+    "eastings",
+    "xeasting",
+    "n",
+    "north",
+    "northing",
+    "northings",
+    "ynorthing",
+}
 """Names that leave no doubt which of the two is easting."""
 ROLE_WORDS = {
     "control": "control vlicovaci vlic gcp gcpcontrol passpunkt full xyz 3d",

@@ -1,22 +1,27 @@
 """Surveyed points as the tables that Metashape, Pix4D and anybody read."""
 
-import csv
 import re
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from core.errors import ProjectError
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePoint
 from core.formats.point_axes import Surroundings
-from core.formats.point_list import read_point_list
-from core.formats.records import read_text
+from core.formats.point_list import read_point_list, refuse_doubtful
+from core.formats.records import read_text, write_rows
 from core.geometry.crs import read_crs
 from core.said import say
 
 METASHAPE_HEAD = (
-    "Label", "X/Easting", "Y/Northing", "Z/Altitude",
-    "Accuracy_X_(m)", "Accuracy_Y_(m)", "Accuracy_Z_(m)", "role", "Enabled",
-)  # fmt: skip
+    "Label",
+    "X/Easting",
+    "Y/Northing",
+    "Z/Altitude",
+    "Accuracy_X_(m)",
+    "Accuracy_Y_(m)",
+    "Accuracy_Z_(m)",
+    "role",
+    "Enabled",
+)
 """Heads of Metashape's reference, checks not enabled; `role`, which is ours, brings them back."""
 PLAIN_HEAD = ("id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "role")
 """Heads of the plain table."""
@@ -32,9 +37,8 @@ def write_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     Returns:
         What was left out.
     """
-    rows = [[p.point_id, *_numbers(p), p.role] for p in block.points.values()]
-    lines = [f"# CRS: {block.crs}"] if block.crs else []
-    _write(path, lines, [PLAIN_HEAD, *rows])
+    rows = [(p.point_id, *point_numbers(p), p.role) for p in block.points.values()]
+    write_rows(path, [PLAIN_HEAD, *rows], [f"# CRS: {block.crs}"] if block.crs else [])
     return _lost(block)
 
 
@@ -46,10 +50,10 @@ def write_metashape_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     """
     head = [f"# CoordinateSystem: {block.crs}"] if block.crs else []
     rows = [
-        [p.point_id, *_numbers(p), p.role, "1" if p.role == "control" else "0"]
+        [p.point_id, *point_numbers(p), p.role, "1" if p.role == "control" else "0"]
         for p in block.points.values()
     ]
-    _write(path, [*head, "#" + ",".join(METASHAPE_HEAD)], rows)
+    write_rows(path, rows, [*head, "#" + ",".join(METASHAPE_HEAD)])
     return _lost(block)
 
 
@@ -63,13 +67,13 @@ def write_pix4d_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     for file, role in ((POINTS, "control"), (CHECKS, "check")):
         rows = [[p.point_id, *_for_pix4d(p)] for p in block.points.values() if p.role == role]
         if rows or role == "control":
-            _write(path / file, (), rows)
+            write_rows(path / file, rows)
     files = {name: photo.file for name, photo in block.photos.items()}
     marks = [
-        [files.get(one.photo_id, one.photo_id), one.point_id, repr(one.column), repr(one.row)]
+        [files.get(one.photo_id, one.photo_id), one.point_id, one.column, one.row]
         for one in block.measurements
     ]
-    _write(path / MARKS, (), marks)
+    write_rows(path / MARKS, marks)
     notes: list[str] = []
     if any(photo.exterior is not None for photo in block.photos.values()):
         notes.append(say("The table holds points alone: no orientations and no cameras."))
@@ -94,15 +98,7 @@ def read_points(path: Path) -> ExchangeBlock:
         )
     read_crs(crs, path)
     found = read_point_list(path, Surroundings(crs))
-    if found.refused:
-        row = found.refused[0]
-        raise ProjectError(
-            path, say("line {line}: {cause}", line=row.number, cause=row.cause), row.remedy
-        )
-    if found.questions:
-        raise ProjectError(
-            path, found.questions[0].words, "Bring the list in at the desk, which asks."
-        )
+    refuse_doubtful(path, found, "Bring the list in at the desk, which asks.")
     points = {
         one.point_id: ExchangePoint(
             one.point_id,
@@ -115,23 +111,15 @@ def read_points(path: Path) -> ExchangeBlock:
     return ExchangeBlock(crs, points=points, notes=found.evidence)
 
 
-def _numbers(point: ExchangePoint) -> list[str]:
-    sigmas = ["", "", ""] if point.sigma_m is None else list(map(repr, point.sigma_m))
-    return [*map(repr, point.position), *sigmas]
+def point_numbers(point: ExchangePoint) -> tuple[object, ...]:
+    """Coordinates and standard deviations as cells of a table."""
+    return (*point.position, *(point.sigma_m or ("", "", "")))
 
 
-def _for_pix4d(point: ExchangePoint) -> list[str]:
+def _for_pix4d(point: ExchangePoint) -> tuple[float, ...]:
     """Coordinates, then accuracy in plan and height."""
-    if point.sigma_m is None:
-        return list(map(repr, point.position))
-    plan = max(point.sigma_m[:2])
-    return [*map(repr, point.position), repr(plan), repr(point.sigma_m[2])]
-
-
-def _write(path: Path, lines: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.writelines(f"{line}\n" for line in lines)
-        csv.writer(stream, lineterminator="\n").writerows(rows)
+    sigma = point.sigma_m
+    return (*point.position, *((max(sigma[:2]), sigma[2]) if sigma is not None else ()))
 
 
 def _lost(block: ExchangeBlock) -> tuple[str, ...]:
@@ -144,8 +132,6 @@ def _conventions(sigmas: str, tested: str, pixels: str = "none") -> Conventions:
     return Conventions(
         pixels=pixels,
         object_space="easting, northing, height, metres",
-        rotation="none",
-        camera="none",
         sigmas=sigmas,
         lost="all but surveyed points" + ("" if pixels == "none" else " and their measurements"),
         tested=tested,

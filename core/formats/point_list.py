@@ -95,16 +95,22 @@ def read_control_points(path: Path, crs: str) -> tuple[ListedPoint, ...]:
     found = read_point_list(path, Surroundings(crs), PointListReading(axes=AS_WRITTEN))
     if not found.table.rows:
         return ()
+    refuse_doubtful(path, found, "Name the columns as id,X,Y,Z,sigma_xy,sigma_z,role.")
+    return found.points
+
+
+def refuse_doubtful(path: Path, found: PointList, remedy: str) -> None:
+    """Refuse a list that leaves something to be asked, or a row of it out.
+
+    Raises:
+        ProjectError: It does.
+    """
     if found.refused:
         row = found.refused[0]
-        raise ProjectError(
-            path, say("line {line}: {cause}", line=row.number, cause=row.cause), row.remedy
-        )
+        cause = say("line {line}: {cause}", line=row.number, cause=row.cause)
+        raise ProjectError(path, cause, row.remedy)
     if found.questions:
-        raise ProjectError(
-            path, found.questions[0].words, "Name the columns as id,X,Y,Z,sigma_xy,sigma_z,role."
-        )
-    return found.points
+        raise ProjectError(path, found.questions[0].words, remedy)
 
 
 def _evidence_of_form(reading: PointListReading, table: DelimitedTable) -> tuple[str, ...]:
@@ -145,9 +151,13 @@ def _asked_of_columns(columns: Sequence[Quantity], table: DelimitedTable) -> Que
         unit = unit_of(table.header[n]) if n < len(table.header) else ""
         if quantity in COORDINATES and unit not in ("", "m", "deg", "\u00b0"):
             return Question(
-                "columns", say("The column {name} counts in {unit}, not in metres.",
-                               name=table.header[n], unit=unit)
-            )  # fmt: skip
+                "columns",
+                say(
+                    "The column {name} counts in {unit}, not in metres.",
+                    name=table.header[n],
+                    unit=unit,
+                ),
+            )
     return None
 
 
@@ -191,8 +201,10 @@ def _asked_of_refused(refused: Sequence[RefusedRow], left: int) -> Question:
     """Whether the rest of the list comes in without the refused rows."""
     words = say(
         "{count:# row is|# rows are} refused, the first in line {line}: {cause}",
-        count=len(refused), line=refused[0].number, cause=refused[0].cause,
-    )  # fmt: skip
+        count=len(refused),
+        line=refused[0].number,
+        cause=refused[0].cause,
+    )
     choice = Choice(
         "leave out", say("bring the other {left:# point|# points} without them", left=left)
     )

@@ -82,10 +82,13 @@ def _fitted(row: TableRow, width: int, found: PointList) -> tuple[str, ...]:
     if found.table.delimiter == " " and columns[-1:] == ("description",):
         return (*row.cells[: width - 1], " ".join(row.cells[width - 1 :]))
     raise UnusableRow(
-        say("the row has {count:# cell|# cells} and there are {width:# column|# columns}.",
-            count=len(row.cells), width=width),
+        say(
+            "the row has {count:# cell|# cells} and there are {width:# column|# columns}.",
+            count=len(row.cells),
+            width=width,
+        ),
         say(SPREADSHEET_REMEDY),
-    )  # fmt: skip
+    )
 
 
 def _coordinate(cell: str, quantity: str, decimal: str) -> float:
@@ -112,10 +115,13 @@ def _sigmas(text: dict[Quantity, str], found: PointList) -> Triple:
         scale = SCALES.get(unit_of(header[n]) if n < len(header) else "", 1.0)
         if value is None or not 0 < value < np.inf:
             raise UnusableRow(
-                say("{quantity} is '{cell}', which is no standard deviation.",
-                    quantity=quantity, cell=text[quantity]),
+                say(
+                    "{quantity} is '{cell}', which is no standard deviation.",
+                    quantity=quantity,
+                    cell=text[quantity],
+                ),
                 say("Standard deviations are above 0; leave the cell empty where it is not known."),
-            )  # fmt: skip
+            )
         known[quantity] = value * scale
     plan = known.get("sigma_xy", found.reading.sigma_plan_m)
     height = known.get("sigma_Z", found.reading.sigma_height_m)
@@ -155,8 +161,11 @@ def without_duplicates(
     words = say(
         "{count:# name stands|# names stand} twice with different values, such as {name} in lines "
         "{first} and {again}. Which row holds?",
-        count=len({one[0] for one in differing}), name=name, first=first, again=again,
-    )  # fmt: skip
+        count=len({one[0] for one in differing}),
+        name=name,
+        first=first,
+        again=again,
+    )
     choices = Choice("first", say("the first")), Choice("last", say("the last"))
     return list(kept.values()), (Question("duplicates", words, choices),)
 

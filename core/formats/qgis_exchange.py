@@ -6,7 +6,6 @@ mean height of all points; the .aux.xml holds the CRS as well. A scan without su
 its measured points there instead (GDAL's GCPs; with both, GDAL forgets the CRS of the transform).
 """
 
-import csv
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path, PurePath
 
@@ -23,21 +22,25 @@ from core.formats.exchange import (
     ExchangeMeasurement,
     ExchangePhoto,
     ExchangePoint,
-    Triple,
-    ideal_from_image,
     pixels_of,
 )
-from core.formats.micmac import ground_height
+from core.formats.outlines import ground_height, ground_places
+from core.formats.point_files import PLAIN_HEAD, point_numbers
 from core.formats.qgis_points import QgisPoints, read_qgis_points, write_qgis_points
+from core.formats.records import read_rows, write_rows
 from core.formats.world_file import write_world_file
-from core.formats.xml_files import add, numbers_in, read_text
+from core.formats.xml_files import add
 from core.said import Said, say
 
 POINTS = "points.csv"
-COLUMNS = ("id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "role")
-"""Columns of points.csv; the deviations may be empty."""
-WORLD = {".tif": ".tfw", ".tiff": ".tfw", ".jpg": ".jgw", ".jpeg": ".jgw", ".png": ".pgw",
-         ".jp2": ".j2w"}  # fmt: skip
+WORLD = {
+    ".tif": ".tfw",
+    ".tiff": ".tfw",
+    ".jpg": ".jgw",
+    ".jpeg": ".jgw",
+    ".png": ".pgw",
+    ".jp2": ".j2w",
+}
 """Ending of a world file by that of the scan; .wld for all others."""
 # design: two places less than this apart are one point, whatever was rounded.
 SAME_M = 1e-3
@@ -57,7 +60,8 @@ def write_qgis(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         What was left out, a sentence each.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    _write_list(folder / POINTS, block)
+    points = [(p.point_id, *point_numbers(p), p.role) for p in block.points.values()]
+    write_rows(folder / POINTS, [PLAIN_HEAD, *points])
     level = ground_height(block)
     missing: list[str] = []
     for photo in block.photos.values():
@@ -111,17 +115,12 @@ def ground_affine(photo: ExchangePhoto, camera: ExchangeCamera, level: float) ->
     if camera.size_px is not None:
         sides = [np.linspace(0.0, side, GRID) for side in camera.size_px]
         pixels = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-        image = (pixels - shift) @ np.linalg.inv(linear).T
     else:
-        reach = _reach(camera)
-        sides = [np.linspace(-side, side, GRID) for side in reach]
-        image = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-    ideal = ideal_from_image(image, camera)
-    rays = np.column_stack([ideal, -np.ones(len(ideal))]) @ photo.exterior.object_from_image.T
-    height = float(photo.exterior.centre[2]) - level
-    if height <= 0 or (rays[:, 2] >= 0).any():
+        sides = [np.linspace(-side, side, GRID) for side in _reach(camera)]
+        pixels = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2) @ linear.T + shift
+    places = ground_places(photo, camera, pixels, level)
+    if places is None:
         return None
-    places = photo.exterior.centre + rays * (-height / rays[:, 2:])
     seen = pixels_of(places, photo, camera)
     middle = seen.mean(axis=0)
     design = np.column_stack([seen - middle, np.ones(len(seen))])
@@ -167,16 +166,6 @@ def _write_aux(
     path.write_bytes(ElementTree.tostring(root, encoding="utf-8") + b"\n")
 
 
-def _write_list(path: Path, block: ExchangeBlock) -> None:
-    """Names, heights, deviations and roles of the points, which .points cannot hold."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for point in block.points.values():
-            sigma = point.sigma_m or ("", "", "")
-            writer.writerow([point.point_id, *point.position, *sigma, point.role])
-
-
 def read_qgis(folder: Path) -> ExchangeBlock:
     """Read the .points files of a folder, whose places points.csv names and gives heights.
 
@@ -212,12 +201,13 @@ def read_qgis(folder: Path) -> ExchangeBlock:
             if len(near) != 1:
                 raise ExchangeError(
                     path,
-                    say(
-                        "{count:# point|# points} of points.csv lie at {east:.3f} {north:.3f}, not "
-                        "one.", count=len(near), east=float(place[0]), north=float(place[1]),
-                    ),
+                    "{count:# point|# points} of points.csv lie at {east:.3f} {north:.3f}, not "
+                    "one.",
                     "Give every place of the .points files one row in points.csv.",
-                )  # fmt: skip
+                    count=len(near),
+                    east=float(place[0]),
+                    north=float(place[1]),
+                )
             column, row = pixel.tolist()
             measurements.append(ExchangeMeasurement(names[int(near[0])], photo, column, row))
     return ExchangeBlock(crs, {}, photos, points, tuple(measurements))
@@ -225,24 +215,14 @@ def read_qgis(folder: Path) -> ExchangeBlock:
 
 def _read_list(path: Path) -> dict[str, ExchangePoint]:
     """Points of points.csv by name."""
-    rows = list(csv.DictReader(read_text(path).splitlines()))
     found: dict[str, ExchangePoint] = {}
-    for number, row in enumerate(rows, start=2):
-        cells = {key: (row.get(key) or "").strip() for key in COLUMNS}
-        where = Path(f"{path}:{number}")
-        name = cells["id"]
-        if not name or name in found:
-            raise ExchangeError(
-                where, "The point has no name, or that of another point.", "Name it otherwise."
-            )
-        x, y, z = numbers_in(" ".join(cells[key] for key in "XYZ"), 3, "X Y Z", where)
-        spread = " ".join(cells[f"sigma_{key}"] for key in "XYZ").strip()
-        sigma: Triple | None = None
-        if spread:
-            sx, sy, sz = numbers_in(spread, 3, "sigma_X sigma_Y sigma_Z", where)
-            sigma = (sx, sy, sz)
-        role = "check" if cells["role"] == "check" else "control"
-        found[name] = ExchangePoint(name, (x, y, z), sigma, role)
+    for row in read_rows(path, PLAIN_HEAD[:4]):
+        name = row.filled("id")
+        row.refuse_again(name, found)
+        spread = PLAIN_HEAD[4:7]
+        sigma = row.triple_in(spread) if any(row.cell(key) for key in spread) else None
+        role = "check" if row.cell("role") == "check" else "control"
+        found[name] = ExchangePoint(name, row.triple_in(("X", "Y", "Z")), sigma, role)
     return found
 
 
@@ -255,7 +235,6 @@ QGIS = ExchangeFormat(
         object_space="easting, northing of the block's CRS; heights in points.csv and .aux.xml",
         rotation="none: an affine transform of the scan onto level ground at the mean height of "
         "all points",
-        camera="none",
         sigmas="points, in points.csv",
         lost="orientations and cameras beyond the affine transform, fiducials, deviations of "
         "measurements, tie points; two points of one plan position",

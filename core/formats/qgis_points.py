@@ -15,13 +15,17 @@ from jaxtyping import Float64
 
 from core.arrays import Flags, PixelPoints, locked
 from core.errors import ScanError
-from core.said import say
 
 HEADER = ("mapX", "mapY", "sourceX", "sourceY", "enable", "dX", "dY", "residual")
 COLUMNS = {
-    "mapx": "east", "mapy": "north", "sourcex": "column", "sourcey": "row",
-    "pixelx": "column", "pixely": "row", "enable": "enable",
-}  # fmt: skip
+    "mapx": "east",
+    "mapy": "north",
+    "sourcex": "column",
+    "sourcey": "row",
+    "pixelx": "column",
+    "pixely": "row",
+    "enable": "enable",
+}
 NEEDED = ("east", "north", "column", "row")
 
 
@@ -63,8 +67,9 @@ def read_qgis_points(path: Path) -> QgisPoints:
     except OSError as error:
         raise ScanError(
             path,
-            say("The points cannot be read ({strerror}).", strerror=error.strerror),
+            "The points cannot be read ({strerror}).",
             "Check the file.",
+            strerror=error.strerror,
         ) from error
     crs = next((line[5:].strip() for line in lines if line.upper().startswith("#CRS:")), "")
     body = [line for line in lines if line.strip() and not line.startswith("#")]
@@ -113,8 +118,9 @@ def _column_places(path: Path, rows: list[list[str]]) -> tuple[dict[str, int], l
     ]
     raise ScanError(
         path,
-        say("The column {missing} is missing.", missing=", ".join(missing)),
+        "The column {missing} is missing.",
         "Save the points again in the QGIS georeferencer.",
+        missing=", ".join(missing),
     )
 
 
@@ -128,9 +134,7 @@ def _numbers(path: Path, rows: list[list[str]], places: dict[str, int]) -> np.nd
         ]
     except (ValueError, IndexError) as error:
         raise ScanError(
-            path,
-            say("A row is not of numbers: {error}.", error=error),
-            "Save the points again in QGIS.",
+            path, "A row is not of numbers: {error}.", "Save the points again in QGIS.", error=error
         ) from error
     return np.array(values, dtype=np.float64).reshape(-1, 5)
 

@@ -64,8 +64,13 @@ class ProjectLayer:
     """Whether it is switched on."""
 
 
-STATES = {"auto": "#2a9d3a", "accepted": "#1b7a2b", "dubious": "#d98c00", "rejected": "#b3261e",
-          "unused": "#8a8a8a"}  # fmt: skip
+STATES = {
+    "auto": "#2a9d3a",
+    "accepted": "#1b7a2b",
+    "dubious": "#d98c00",
+    "rejected": "#b3261e",
+    "unused": "#8a8a8a",
+}
 """Colours of the states of points and measurements."""
 # design: legible at the scale of a block, the lesser layers thinner.
 SESSION_LAYERS: tuple[tuple[str, Kind, Style], ...] = (
@@ -74,6 +79,7 @@ SESSION_LAYERS: tuple[tuple[str, Kind, Style], ...] = (
     ("photos", "point", Style("#222222", 3.0, "triangle", "photo_id")),
     ("measurements", "point", Style(size_mm=1.5, by="status", colours=STATES)),
     ("footprints", "polygon", Style("#1f6fb2", 0.3)),
+    ("masks", "polygon", Style("#b3261e", 0.3)),
 )
 """Layers of a session's GeoPackage, from the top, in their styles."""
 
@@ -137,7 +143,10 @@ def write_qgis_project(
     for name, layer in zip(names, layers, strict=True):
         _map_layer(held, name, layer, crs)
         add(order, "layer").set("id", name)
-    paths = add(add(add(root, "properties"), "Paths"), "Absolute", "false")
+    properties = add(root, "properties")
+    # QGIS reads a project's CRS only where its projections are switched on.
+    add(add(properties, "SpatialRefSys"), "ProjectionsEnabled", "1").set("type", "int")
+    paths = add(add(properties, "Paths"), "Absolute", "false")
     paths.set("type", "bool")
     ElementTree.indent(root)
     path.write_bytes(HEAD + ElementTree.tostring(root, encoding="utf-8") + b"\n")
@@ -234,13 +243,28 @@ def _symbol(parent: Element, name: str, layer: ProjectLayer, colour: str) -> Non
     ink = ",".join(map(str, bytes.fromhex(colour.removeprefix("#")))) + ",255"
     size = repr(layer.style.size_mm)
     properties: dict[Kind, dict[str, str]] = {
-        "point": {"name": layer.style.shape, "color": ink, "size": size, "size_unit": "MM",
-                  "outline_color": "255,255,255,255", "outline_width": "0.2"},
-        "line": {"line_color": ink, "line_width": size, "line_width_unit": "MM",
-                 "line_style": "solid"},
-        "polygon": {"style": "no", "outline_color": ink, "outline_width": size,
-                    "outline_width_unit": "MM", "outline_style": "solid"},
-    }  # fmt: skip
+        "point": {
+            "name": layer.style.shape,
+            "color": ink,
+            "size": size,
+            "size_unit": "MM",
+            "outline_color": "255,255,255,255",
+            "outline_width": "0.2",
+        },
+        "line": {
+            "line_color": ink,
+            "line_width": size,
+            "line_width_unit": "MM",
+            "line_style": "solid",
+        },
+        "polygon": {
+            "style": "no",
+            "outline_color": ink,
+            "outline_width": size,
+            "outline_width_unit": "MM",
+            "outline_style": "solid",
+        },
+    }
     for key, value in properties[layer.kind].items():
         one = add(part, "prop")
         one.set("k", key)

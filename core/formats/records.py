@@ -1,15 +1,17 @@
 """Text files of other programs, line by line: numbers that are none are told with their line."""
 
-from collections.abc import Callable, Sequence
+import csv
+import json
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.rotations import Triple
-from core.said import say
+from core.formats.rotations import Triple, triple_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +34,11 @@ class Record:
         if index >= len(self.cells):
             raise ProjectError(
                 self.path,
-                say(
-                    "Line {number} ends after {count:# entry|# entries}; at least {needed} are "
-                    "needed.",
-                    number=self.number,
-                    count=len(self.cells),
-                    needed=index + 1,
-                ),
+                "Line {number} ends after {count:# entry|# entries}; at least {needed} are needed.",
                 "The file was cut off, or is of another format.",
+                number=self.number,
+                count=len(self.cells),
+                needed=index + 1,
             )
         return self.cells[index]
 
@@ -57,8 +56,10 @@ class Record:
         if not np.isfinite(value):
             raise ProjectError(
                 self.path,
-                say("Line {number}: '{cell}' is not a number.", number=self.number, cell=cell),
+                "Line {number}: '{cell}' is not a number.",
                 "Numbers have a decimal point and no unit.",
+                number=self.number,
+                cell=cell,
             )
         return value
 
@@ -66,9 +67,143 @@ class Record:
         """Three numbers that follow one another."""
         return self.value(first), self.value(first + 1), self.value(first + 2)
 
-    def refused(self, cause: str, remedy: str) -> ProjectError:
-        """An error about this line."""
-        return ProjectError(self.path, cause, remedy)
+    def refused(self, cause: str, remedy: str, **values: object) -> ProjectError:
+        """An error about this line, whose number and the values stand in cause and remedy."""
+        return ProjectError(self.path, cause, remedy, number=self.number, **values)
+
+    def refuse_again(self, name: str, known: Container[str]) -> None:
+        """Refuse a name that another line has.
+
+        Raises:
+            ProjectError: It is known.
+        """
+        if name in known:
+            raise self.refused(
+                "Line {number}: {name} stands twice.",
+                "Give every photo and every point one line.",
+                name=name,
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Row(Record):
+    """One line of a table, by the heads of its columns."""
+
+    heads: Mapping[str, int]
+    """Index of each column."""
+
+    def cell(self, key: str) -> str:
+        """What stands in a column; nothing where there is none, or the row ends before it."""
+        index = self.heads.get(key, len(self.cells))
+        return self.cells[index] if index < len(self.cells) else ""
+
+    def filled(self, key: str) -> str:
+        """A cell that must hold something.
+
+        Raises:
+            ProjectError: It is empty.
+        """
+        if not self.cell(key):
+            raise self.refused(
+                "Line {number}: the column {column} is empty.", "Fill it in.", column=key
+            )
+        return self.cell(key)
+
+    def number_in(self, key: str) -> float:
+        """A cell as a finite number.
+
+        Raises:
+            ProjectError: It is empty, or none.
+        """
+        self.filled(key)
+        return self.value(self.heads[key])
+
+    def triple_in(self, keys: Sequence[str]) -> Triple:
+        """Three cells as numbers."""
+        return triple_of(self.number_in(key) for key in keys)
+
+
+def read_rows(path: Path, needed: Sequence[str]) -> list[Row]:
+    """Rows of a table with commas between its columns and their names above.
+
+    Raises:
+        ProjectError: It cannot be read, has no rows, or lacks a needed column.
+    """
+    first, *rows = (*csv.reader(read_text(path).splitlines()), [])
+    heads = {head.strip(): index for index, head in enumerate(first)}
+    for name in needed:
+        if name not in heads:
+            raise ProjectError(
+                path,
+                "The column {missing} is missing.",
+                "The table needs the columns {needed}.",
+                missing=name,
+                needed=needed,
+            )
+    found = [
+        Row(path, number, tuple(cell.strip() for cell in cells), heads)
+        for number, cells in enumerate(rows, 2)
+        if cells
+    ]
+    if not found:
+        raise ProjectError(path, "The list holds no rows.", "Give the whole file.")
+    return found
+
+
+def write_rows(path: Path, rows: Iterable[Sequence[object]], above: Sequence[str] = ()) -> None:
+    """Write a table with commas between its columns, numbers with all their digits.
+
+    Args:
+        path: The file.
+        rows: Its rows, the names of the columns first.
+        above: Lines above them, comments perhaps.
+    """
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        stream.writelines(f"{line}\n" for line in above)
+        csv.writer(stream, lineterminator="\n").writerows(rows)
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Write lines of text; no file where there are none."""
+    text = "".join(f"{line}\n" for line in lines)
+    if text:
+        path.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write JSON, accents as they are."""
+    text = json.dumps(value, ensure_ascii=False, indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def json_numbers(where: str | Path, fields: Mapping[str, Any], key: str, count: int) -> list[float]:
+    """A field of JSON that holds so many finite numbers.
+
+    Raises:
+        ProjectError: It does not.
+    """
+    value: Any = fields.get(key)
+    values: list[Any] = value if isinstance(value, list) else [value]
+    plain = [
+        float(one)
+        for one in values
+        if isinstance(one, int | float) and not isinstance(one, bool) and np.isfinite(float(one))
+    ]
+    if len(plain) != count or len(values) != count:
+        raise ProjectError(
+            where,
+            "{key} is {value!r}, not {count:# number|# numbers}.",
+            "Numbers have a decimal point and no unit.",
+            key=key,
+            value=str(value)[:60],
+            count=count,
+        )
+    return plain
+
+
+def one_word(name: str) -> str:
+    """A name as one word, for files in which blanks part the columns."""
+    return "_".join(name.split()) or "-"
 
 
 def read_records(
@@ -104,8 +239,9 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise ProjectError(
             path,
-            say("cannot be read ({error}).", error=error.strerror or error),
+            "cannot be read ({error}).",
             "Check the path, and that you may read it.",
+            error=error.strerror or error,
         ) from error
     if b"\0" in data:
         raise ProjectError(path, "is no text file.", "Give the file that the program wrote.")
@@ -130,13 +266,15 @@ def only_file(folder: Path, *patterns: str) -> Path | None:
     except OSError as error:
         raise ProjectError(
             folder,
-            say("cannot be read ({error}).", error=error.strerror or error),
+            "cannot be read ({error}).",
             "Check the path, and that you may read it.",
+            error=error.strerror or error,
         ) from error
     if len(found) > 1:
         raise ProjectError(
             folder,
-            say("holds several files of one kind: {names}.", names=[one.name for one in found]),
+            "holds several files of one kind: {names}.",
             "Leave the one that belongs to this block.",
+            names=[one.name for one in found],
         )
     return found[0] if found else None

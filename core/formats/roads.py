@@ -15,9 +15,18 @@ from core.geometry.crs import Bounds, parse_crs
 from core.said import say
 
 KIND_COLUMNS = (
-    "typ_sil_k", "typ_cesty_k", "typ_cesty", "typsil", "typ", "highway", "fclass", "class",
-    "objtype", "type", "kind",
-)  # fmt: skip
+    "typ_sil_k",
+    "typ_cesty_k",
+    "typ_cesty",
+    "typsil",
+    "typ",
+    "highway",
+    "fclass",
+    "class",
+    "objtype",
+    "type",
+    "kind",
+)
 """Columns that tell the class of a road, in the order they are looked for (ZABAGED, OSM)."""
 NAME_COLUMNS = ("name", "nazev", "jmeno", "ref", "cislo")
 WIDTH_COLUMNS = ("width", "sirka", "est_width", "width_m")
@@ -80,9 +89,15 @@ def read_roads(
         if not len(piece)
     )
     return Roads(
-        crs, joined.lines, joined.layer, joined.kind, joined.name, joined.level, joined.width_m,
+        crs,
+        joined.lines,
+        joined.layer,
+        joined.kind,
+        joined.name,
+        joined.level,
+        joined.width_m,
         notes,
-    )  # fmt: skip
+    )
 
 
 def no_roads(crs: str) -> Roads:

@@ -3,7 +3,7 @@
 Every order turns image space (x right, y up, z backwards) into object space.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -47,6 +47,12 @@ CONVENTIONS = tuple(
     AngleConvention(order, unit) for order in get_args(AngleOrder) for unit in get_args(AngleUnit)
 )
 """Every way a list may count."""
+
+
+def triple_of(values: Iterable[float]) -> Triple:
+    """Three plain floats."""
+    first, second, third = (float(value) for value in values)
+    return first, second, third
 
 
 def rotation_of(order: AngleOrder, angles: Triple) -> Rotation:

@@ -13,7 +13,6 @@ from typing import Any, cast
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.earth_frame import EarthFrame
 from core.formats.exchange import (
     Conventions,
     ExchangeBlock,
@@ -25,8 +24,10 @@ from core.formats.exchange import (
 )
 from core.formats.film_rays import principal_distance_mm
 from core.formats.outlines import ground_outline, off_nadir
-from core.formats.records import read_text
+from core.formats.records import json_numbers, read_text, write_json
+from core.formats.rotations import triple_of
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.map_in_space import MapInSpace, map_crs, map_in_space
 from core.said import say
 
 VERSION = "1.1.0"
@@ -58,11 +59,11 @@ def write_stac(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         CrsError: The block does not say its CRS: items lie on the Earth.
     """
     path.mkdir(parents=True, exist_ok=True)
-    earth = EarthFrame.of(block.crs, str(path))
+    earth = map_in_space(map_crs(block.crs, path))
     links = [{"rel": "root", "href": f"./{CATALOG}", "type": "application/json"}]
     for name, photo in block.photos.items():
         item = _item(block, photo, earth)
-        _write(path / f"{name}.json", item)
+        write_json(path / f"{name}.json", item)
         links.append({"rel": "item", "href": f"./{name}.json", "type": "application/geo+json"})
     catalog = {
         "type": "Catalog",
@@ -71,19 +72,14 @@ def write_stac(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         "description": "Archival aerial photos with their orientation",
         "links": links,
     }
-    _write(path / CATALOG, catalog)
+    write_json(path / CATALOG, catalog)
     notes = [say("A block does not hold the day of exposure: items span the time of film.")]
     if block.points or block.measurements or len(block.ties.point):
         notes.append(say("Items hold no points and no measurements."))
     return tuple(notes)
 
 
-def _write(path: Path, value: Mapping[str, Any]) -> None:
-    text = json.dumps(value, ensure_ascii=False, indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: EarthFrame) -> dict[str, Any]:
+def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: MapInSpace) -> dict[str, Any]:
     geometry, box = _geometry(block, photo, earth)
     fields: dict[str, Any] = {
         "datetime": None,
@@ -114,7 +110,7 @@ def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: EarthFrame) -> dict
 
 
 def _geometry(
-    block: ExchangeBlock, photo: ExchangePhoto, earth: EarthFrame
+    block: ExchangeBlock, photo: ExchangePhoto, earth: MapInSpace
 ) -> tuple[dict[str, Any] | None, list[float] | None]:
     """Footprint, or the place of exposure, in degrees; nothing where the photo is not oriented."""
     if photo.exterior is None:
@@ -208,16 +204,19 @@ def read_stac(path: Path) -> ExchangeBlock:
             if named and crs and named != crs:
                 raise ProjectError(
                     file,
-                    say("is in {crs}, other items are in {other}.", crs=named, other=crs),
+                    "is in {crs}, other items are in {other}.",
                     "Take items of one CRS at a time.",
+                    crs=named,
+                    other=crs,
                 )
             crs = crs or named
             photo, camera = _photo(file, item, fields)
             if photo.photo_id in photos:
                 raise ProjectError(
                     file,
-                    say("The item {name} stands twice.", name=photo.photo_id),
+                    "The item {name} stands twice.",
                     "Give every photo one item.",
+                    name=photo.photo_id,
                 )
             photos[photo.photo_id] = photo
             if camera is not None:
@@ -232,7 +231,7 @@ def _items(path: Path) -> list[Mapping[str, Any]]:
     try:
         value = json.loads(read_text(path))
     except ValueError as error:
-        raise ProjectError(path, say("is no JSON ({error}).", error=error), REMEDY) from error
+        raise ProjectError(path, "is no JSON ({error}).", REMEDY, error=error) from error
     if not isinstance(value, dict):
         raise ProjectError(path, "is no STAC item.", REMEDY)
     if value.get("type") in ("Catalog", "Collection"):
@@ -260,23 +259,17 @@ def _photo(
     camera, affine = _camera(path, name, inside, fields)
     exterior = None
     if fields.get(NEEDED[0]) is not None:
-        centre = np.array(_numbers(path, fields, NEEDED[0], 3))
-        angles = [np.radians(_numbers(path, fields, key, 1)[0]) for key in NEEDED[1:]]
+        centre = np.array(json_numbers(path, fields, NEEDED[0], 3))
+        angles = [np.radians(json_numbers(path, fields, key, 1)[0]) for key in NEEDED[1:]]
         if fields.get("gruber:angles"):
-            angles = _numbers(path, fields, "gruber:angles", 3)
+            angles = json_numbers(path, fields, "gruber:angles", 3)
         exterior = ExteriorOrientation(centre, float(angles[0]), float(angles[1]), float(angles[2]))
-    sigmas = [
-        _numbers(path, fields, key, 3) if fields.get(key) else None
+    sigma_m, sigma_rad = (
+        triple_of(json_numbers(path, fields, key, 3)) if fields.get(key) else None
         for key in ("gruber:sigma_m", "gruber:sigma_rad")
-    ]
+    )
     photo = ExchangePhoto(
-        name,
-        file,
-        "" if camera is None else camera.name,
-        affine,
-        exterior,
-        None if sigmas[0] is None else (sigmas[0][0], sigmas[0][1], sigmas[0][2]),
-        None if sigmas[1] is None else (sigmas[1][0], sigmas[1][1], sigmas[1][2]),
+        name, file, "" if camera is None else camera.name, affine, exterior, sigma_m, sigma_rad
     )
     return photo, camera
 
@@ -287,15 +280,15 @@ def _camera(
     """Camera, and its pixel_from_image."""
     if not inside:
         return None, None
-    distance = _numbers(path, inside, "focal_length", 1)[0]
+    distance = json_numbers(path, inside, "focal_length", 1)[0]
     size = None
     if inside.get("sensor_array_dimensions"):
-        columns, rows = _numbers(path, inside, "sensor_array_dimensions", 2)
+        columns, rows = json_numbers(path, inside, "sensor_array_dimensions", 2)
         size = (int(columns), int(rows))
     given = str(inside.get("camera_id") or name)
     if fields.get(MATRIX):
         values = [value for row in fields[MATRIX] for value in row]
-        matrix = np.array(_numbers(path, {MATRIX: values}, MATRIX, 2 * 3)).reshape(2, 3)
+        matrix = np.array(json_numbers(path, {MATRIX: values}, MATRIX, 2 * 3)).reshape(2, 3)
         radial = tuple(map(float, fields.get("gruber:radial") or ()))
         p1, p2 = map(float, fields.get("gruber:tangential") or (0.0, 0.0))
         x, y = map(float, fields.get("gruber:principal_point_mm") or (0.0, 0.0))
@@ -303,26 +296,12 @@ def _camera(
     camera = ExchangeCamera(given, size_px=size, principal_distance_mm=distance)
     if size is None or not inside.get("pixel_spacing"):
         return camera, None
-    across, down = _numbers(path, inside, "pixel_spacing", 2)
+    across, down = json_numbers(path, inside, "pixel_spacing", 2)
     offset = [0.0, 0.0]
     if inside.get("principal_point_offset"):
-        offset = _numbers(path, inside, "principal_point_offset", 2)
+        offset = json_numbers(path, inside, "principal_point_offset", 2)
     column, row = size[0] / 2 + offset[0] / across, size[1] / 2 - offset[1] / down
     return camera, np.array([[distance / across, 0, column], [0, -distance / down, row]])
-
-
-def _numbers(path: Path, fields: Mapping[str, Any], key: str, count: int) -> list[float]:
-    """A field that holds so many finite numbers."""
-    value: Any = fields.get(key)
-    values: list[Any] = value if isinstance(value, list) else [value]
-    plain = [one for one in values if isinstance(one, int | float) and np.isfinite(float(one))]
-    if len(plain) != count or len(values) != count:
-        raise ProjectError(
-            path,
-            say("{key} does not hold {count:# number|# numbers}.", key=key, count=count),
-            REMEDY,
-        )
-    return [float(one) for one in plain]
 
 
 STAC_FORMAT = ExchangeFormat(

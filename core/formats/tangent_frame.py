@@ -5,18 +5,17 @@ Earth falls away. Programs that know neither adjust rightly in this frame alone.
 be as the scan shows them, with the Earth's curvature in them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from pyproj import CRS, Transformer
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation as Turn
 
 from core.arrays import ObjectPoints, Position, Rotation
-from core.errors import CrsError
 from core.formats.exchange import ExchangeBlock, ExchangePhoto, Triple
-from core.geometry.crs import horizontal, read_crs, short_name
+from core.formats.rotations import triple_of
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
+from core.geometry.map_in_space import MapInSpace, tangent_frame
 from core.said import say
 
 # source: mean radius of the Earth (IUGG), metres.
@@ -37,76 +36,9 @@ UNKNOWNS = 6
 # design: rounding of doubles.
 SETTLED = 1e-14
 """Relative change at which an orientation rests."""
-# design: a step over which the frame's axes are straight to a micrometre.
-STEP_M = 1.0
-"""Length of the axes whose direction is looked at."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TangentFrame:
-    """East, north, up at one place of the ellipsoid."""
-
-    crs: str
-    """CRS of the coordinates outside."""
-    origin: tuple[float, float, float]
-    """Longitude, latitude (degrees) and height (metres) of its origin."""
-    pipeline: str
-    """PROJ's way from longitude, latitude, height to it."""
-
-    def from_object(self, points: ObjectPoints) -> ObjectPoints:
-        """Points of the CRS in the frame, metres; heights are taken as ellipsoidal."""
-        lon, lat = self._geographic().transform(points[:, 0], points[:, 1])
-        return np.column_stack(_local(self.pipeline).transform(lon, lat, points[:, 2]))
-
-    def to_object(self, points: ObjectPoints) -> ObjectPoints:
-        """Points of the frame in the CRS."""
-        lon, lat, height = _local(self.pipeline).transform(*points.T, direction="INVERSE")
-        east, north = self._geographic().transform(lon, lat, direction="INVERSE")
-        return np.column_stack([east, north, height])
-
-    def _geographic(self) -> Transformer:
-        """From the plane to longitude and latitude on the same ellipsoid."""
-        plane = horizontal(CRS(self.crs))
-        return Transformer.from_crs(plane, plane.geodetic_crs, always_xy=True)
-
-
-def _local(pipeline: str) -> Transformer:
-    """PROJ's operation by its description."""
-    return Transformer.from_pipeline(pipeline)
-
-
-def tangent_frame(crs: str, middle: Position) -> TangentFrame:
-    """The frame at a place.
-
-    Args:
-        crs: A projected CRS in metres.
-        middle: Easting, northing, height of its origin.
-
-    Raises:
-        CrsError: No CRS, or one that PROJ does not know or that is not projected.
-    """
-    plane = horizontal(read_crs(crs, "[block] crs"))
-    if not plane.is_projected or plane.geodetic_crs is None:
-        raise CrsError(
-            "[block] crs",
-            say("{name} does not count in metres on a map plane.", name=short_name(plane)),
-            "Give a projected CRS in metres, such as EPSG:5514 or EPSG:32633.",
-        )
-    there = Transformer.from_crs(plane, plane.geodetic_crs, always_xy=True)
-    lon, lat = there.transform(float(middle[0]), float(middle[1]))
-    ellipsoid = plane.geodetic_crs.ellipsoid
-    assert ellipsoid is not None, "a geodetic CRS has an ellipsoid"
-    shape = f"+a={ellipsoid.semi_major_metre!r} +rf={ellipsoid.inverse_flattening!r}"
-    height = float(middle[2])
-    pipeline = (
-        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
-        f"+step +proj=cart {shape} "
-        f"+step +proj=topocentric {shape} +lon_0={lon!r} +lat_0={lat!r} +h_0={height!r}"
-    )
-    return TangentFrame(crs, (float(lon), float(lat), height), pipeline)
-
-
-def in_tangent_frame(block: ExchangeBlock) -> tuple[ExchangeBlock, TangentFrame]:
+def in_tangent_frame(block: ExchangeBlock) -> tuple[ExchangeBlock, MapInSpace]:
     """A block with all its coordinates and orientations in a tangent frame at its middle.
 
     Args:
@@ -130,8 +62,8 @@ def in_tangent_frame(block: ExchangeBlock) -> tuple[ExchangeBlock, TangentFrame]
     points = {
         name: replace(
             point,
-            position=_triple(frame.from_object(np.array([point.position]))[0]),
-            sigma_m=_turned(point.sigma_m, _axes(frame, np.array(point.position))),
+            position=triple_of(frame.from_object(np.array([point.position]))[0]),
+            sigma_m=_turned(point.sigma_m, frame.turn_at(np.array(point.position))),
         )
         for name, point in block.points.items()
     }
@@ -141,13 +73,17 @@ def in_tangent_frame(block: ExchangeBlock) -> tuple[ExchangeBlock, TangentFrame]
         moved = np.array(ties.positions)
         moved[known] = frame.from_object(moved[known])
         ties = replace(ties, positions=moved)
+    assert frame.origin is not None, "a tangent frame touches the Earth somewhere"
     lon, lat, height = frame.origin
     note = say(
         "Coordinates are east, north and up of a tangent frame at longitude {lon:.9f}, latitude "
         "{lat:.9f}, height {height:.3f} m; heights count as ellipsoidal. Orientations see the "
         "ground within {left:.2g} px of where they saw it.",
-        lon=lon, lat=lat, height=height, left=left,
-    )  # fmt: skip
+        lon=lon,
+        lat=lat,
+        height=height,
+        left=left,
+    )
     made = replace(
         block, crs="", photos=photos, points=points, ties=ties, notes=(*block.notes, note)
     )
@@ -163,7 +99,7 @@ def _ground(block: ExchangeBlock) -> list[Position]:
 
 
 def _carried(
-    photo: ExchangePhoto, frame: TangentFrame, level: float | None
+    photo: ExchangePhoto, frame: MapInSpace, level: float | None
 ) -> tuple[ExchangePhoto, float]:
     """A photo in the frame, and how far its rays to the ground are off at most, pixels.
 
@@ -173,7 +109,7 @@ def _carried(
     exterior = photo.exterior
     if exterior is None:
         return photo, 0.0
-    axes = _axes(frame, exterior.centre)
+    axes = frame.turn_at(exterior.centre)
     rotation = axes @ exterior.object_from_image
     centre = frame.from_object(exterior.centre[None])[0]
     seen = None if level is None else _seen(exterior, level)
@@ -235,20 +171,6 @@ def _resected(
     return turned, centre + height * found.x[3:], float(off)
 
 
-def _axes(frame: TangentFrame, place: Position) -> Rotation:
-    """Directions of the map's east, north and up at a place, as columns in the frame."""
-    ends = place + STEP_M * np.vstack([np.eye(3), -np.eye(3)])
-    moved = frame.from_object(ends)
-    left, _, right = np.linalg.svd((moved[:3] - moved[3:]).T)
-    return left @ right
-
-
 def _turned(sigma: Triple | None, axes: Rotation) -> Triple | None:
     """Standard deviations along the frame's axes, as far as they are independent."""
-    return None if sigma is None else _triple(np.sqrt(axes**2 @ np.array(sigma) ** 2))
-
-
-def _triple(values: np.ndarray) -> Triple:
-    """Three floats."""
-    first, second, third = (float(value) for value in values)
-    return first, second, third
+    return None if sigma is None else triple_of(np.sqrt(axes**2 @ np.array(sigma) ** 2))

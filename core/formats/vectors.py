@@ -28,7 +28,6 @@ from core.geometry.crs import (
     read_crs,
     same_coordinates,
 )
-from core.said import say
 
 LAYER_MARK = "|layername="
 """What QGIS writes between a file and one of its layers."""
@@ -78,8 +77,10 @@ def read_layers(
         if wanted and wanted not in names:
             raise ReferenceDataError(
                 file,
-                say("it has no layer {wanted!r}.", wanted=wanted),
-                say("It has: {names}.", names=", ".join(names) or "none"),
+                "it has no layer {wanted!r}.",
+                "It has: {names}.",
+                wanted=wanted,
+                names=", ".join(names) or "none",
             )
         chosen = [wanted] if wanted else names
         return tuple(_read_layer(file, name, crs, bounds, attributes=attributes) for name in chosen)

@@ -15,7 +15,6 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from core.arrays import Affine2, locked
 from core.errors import ScanError
 from core.frames import HALF_PIXEL
-from core.said import say
 
 NO_AREA = 1e-18  # design: a pixel of a nanometre, which is rounding and no pixel.
 """Square metres (or degrees) below which a pixel has no area."""
@@ -71,20 +70,19 @@ def read_world_file(path: Path) -> WorldFile:
     except OSError as error:
         raise ScanError(
             path,
-            say("The world file cannot be read ({strerror}).", strerror=error.strerror),
+            "The world file cannot be read ({strerror}).",
             "Put it beside its scan, or choose another georeference in [scans].",
+            strerror=error.strerror,
         ) from error
     try:
         a, d, b, e, c, f = (float(word.replace(",", ".")) for word in words)
     except ValueError as error:
         raise ScanError(
             path,
-            say(
-                "A world file holds six numbers, this one holds {count} words: {words}.",
-                count=len(words),
-                words=words[:6],
-            ),
+            "A world file holds six numbers, this one holds {count} words: {words}.",
             "Write A, D, B, E, C, F on a line each, or take the file away.",
+            count=len(words),
+            words=words[:6],
         ) from error
     linear = np.array([[a, b], [d, e]])
     if not np.isfinite([a, b, c, d, e, f]).all() or abs(np.linalg.det(linear)) < NO_AREA:
@@ -103,6 +101,11 @@ def write_world_file(path: Path, object_from_pixel: Affine2) -> None:
     c, f = object_from_pixel @ np.array([HALF_PIXEL, HALF_PIXEL, 1.0])
     lines = [f"{value:.12g}" for value in (a, d, b, e)] + [f"{c:.6f}", f"{f:.6f}"]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def world_file_suffix(raster: Path) -> str:
+    """What a raster's world file ends with: .tif -> .tfw."""
+    return _endings(raster.suffix)[0]
 
 
 def read_georeference(raster: Path) -> WorldFile | None:

@@ -9,7 +9,6 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from core.errors import ExchangeError
-from core.said import say
 
 AGAIN = "Export it again from the program that wrote it."
 """What helps where a file is damaged."""
@@ -30,8 +29,9 @@ def read_bytes(path: Path) -> bytes:
     except OSError as error:
         raise ExchangeError(
             path,
-            say("It cannot be read ({strerror}).", strerror=error.strerror or error),
+            "It cannot be read ({strerror}).",
             "Check the file.",
+            strerror=error.strerror or error,
         ) from error
 
 
@@ -68,14 +68,14 @@ def read_xml(path: Path, *roots: str) -> Element:
                 "It declares entities or a document type, which no such file needs.",
                 "Take the declaration out, or do not use the file.",
             ) from error
-        raise ExchangeError(
-            path, say("It is no whole XML ({error}).", error=error), AGAIN
-        ) from error
+        raise ExchangeError(path, "It is no whole XML ({error}).", AGAIN, error=error) from error
     if roots and root.tag not in roots:
         raise ExchangeError(
             path,
-            say("Its root is {tag}, not {roots}.", tag=str(root.tag)[:60], roots=", ".join(roots)),
+            "Its root is {tag}, not {roots}.",
             "Choose the file that the program wrote for this purpose.",
+            tag=str(root.tag)[:60],
+            roots=", ".join(roots),
         )
     return root
 
@@ -89,7 +89,7 @@ def child(element: Element, tag: str, path: Path) -> Element:
     found = element.find(tag)
     if found is None:
         raise ExchangeError(
-            path, say("The element {tag} is missing in {where}.", tag=tag, where=element.tag), AGAIN
+            path, "The element {tag} is missing in {where}.", AGAIN, tag=tag, where=element.tag
         )
     return found
 
@@ -102,7 +102,7 @@ def text_of(element: Element, tag: str, path: Path) -> str:
     """
     text = trimmed(child(element, tag, path))
     if not text:
-        raise ExchangeError(path, say("The element {tag} is empty.", tag=tag), AGAIN)
+        raise ExchangeError(path, "The element {tag} is empty.", AGAIN, tag=tag)
     return text
 
 
@@ -138,13 +138,11 @@ def numbers_in(text: str, count: int, tag: str, path: Path) -> tuple[float, ...]
     if len(values) != count or not np.isfinite(values).all():
         raise ExchangeError(
             path,
-            say(
-                "{tag} holds {text!r} where {count:# number|# numbers} must stand.",
-                tag=tag,
-                text=text[:60],
-                count=count,
-            ),
+            "{tag} holds {text!r} where {count:# number|# numbers} must stand.",
             AGAIN,
+            tag=tag,
+            text=text[:60],
+            count=count,
         )
     return values
 

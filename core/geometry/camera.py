@@ -71,6 +71,12 @@ class Camera:
     """True where the scan is the frame itself: there is no film, no border and no mark."""
     deformation_mm: tuple[float, ...] = ()
     """The 50 coefficients of `core.geometry.camera`, those of x first; empty means none."""
+    sigma_principal_distance_mm: float = 0.0
+    """What a proposed principal distance is known to, millimetres; nought where a certificate
+    states it."""
+    distances_mm: tuple[tuple[float, float], ...] = ()
+    """What a principal distance that nobody knows may be, with its standard deviation, likeliest
+    first, millimetres; the first is taken until the photos tell."""
     certified: "Camera | None" = None
     """The camera as it stood before its constants were adjusted; None as long as they are not."""
 
@@ -94,6 +100,12 @@ class Camera:
             radial_distortion=radial_distortion,
             deformation_mm=deformation_mm,
             certified=self.certificate,
+        )
+
+    def at_distance(self, distance_mm: float, sigma_mm: float) -> "Camera":
+        """The same camera, of which no more is known than this about its principal distance."""
+        return replace(
+            self, principal_distance_mm=distance_mm, sigma_principal_distance_mm=sigma_mm
         )
 
     @property

@@ -38,6 +38,10 @@ Vectors = Float64[np.ndarray, "photos 3"]
 """A stack of vectors."""
 
 
+CORRECTIONS = ("refraction", "curvature")
+"""What rays are corrected for, where nothing else is said."""
+
+
 @dataclass(frozen=True, slots=True)
 class Atmosphere:
     """The two physical corrections of one photo, both nought by default."""

@@ -189,14 +189,13 @@ def operation_between(
     if not group.transformers and lacking:
         raise CrsError(
             where,
-            say(
-                "PROJ brings {source} to {target} only by a grid that is not installed: {grids}.",
-                source=short_name(CRS(source)), target=short_name(CRS(target)),
-                grids=", ".join(lacking),
-            ),
-            say("Install it with `projsync --file {grid}`, or give the data in the block's CRS.",
-                grid=lacking[0]),
-        )  # fmt: skip
+            "PROJ brings {source} to {target} only by a grid that is not installed: {grids}.",
+            "Install it with `projsync --file {grid}`, or give the data in the block's CRS.",
+            source=short_name(CRS(source)),
+            target=short_name(CRS(target)),
+            grids=lacking,
+            grid=lacking[0],
+        )
     for found in group.transformers:
         accuracy = float(found.accuracy) if found.accuracy >= 0 else float("nan")
         best = group.best_available and found is group.transformers[0]

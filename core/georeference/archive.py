@@ -1,7 +1,7 @@
 """Where each photo roughly is: the archive's sources opened once, and asked photo by photo."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,9 +11,10 @@ import shapely
 from core.doubts import Doubt, Failure
 from core.formats.eo_list import EoRecord, read_eo_list
 from core.formats.footprints import Footprint, Footprints, read_footprints
-from core.formats.qgis_points import find_qgis_points, read_qgis_points
+from core.formats.qgis_points import QgisPoints, find_qgis_points, read_qgis_points
 from core.formats.world_file import read_georeference
 from core.geometry.camera import Camera
+from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import Bounds, check_range, infer_crs, operation_between, read_crs
 from core.georeference.approximation import (
     Approximation,
@@ -30,6 +31,8 @@ from core.raster.dem import Dem
 from core.said import say
 from core.scans.interior_orientation import ScanOrientation
 
+Pairs = tuple[tuple[float, float, float, float], ...]
+"""The same places clicked in a scan and on the map: column, row, easting, northing."""
 GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
 NAMED = {"world-file": "world file", "points": ".points file", "footprints": "footprint"}
 """The sources in the words of a sentence."""
@@ -52,6 +55,13 @@ class Georeference:
     """EO list."""
     scale_number: float | None = None
     """Scale of photos that no source places: they are sought all over the reference ortho."""
+    flying_height_m: float | None = None
+    """Height of the perspective centres above sea, where a principal distance is to be told by
+    it, metres."""
+    corrections: tuple[str, ...] = CORRECTIONS
+    """What the rays of the photos are corrected for."""
+    clicked: Mapping[str, Pairs] = field(default_factory=dict[str, Pairs])
+    """By photo, in the block's CRS: what an operator clicked at the desk goes before all else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,9 +118,10 @@ def georeference_photo(
 ) -> Approximation | Failure:
     """Approximate exterior orientation of one photo.
 
-    The EO list comes first where it has the scan, then points that somebody clicked in this very
-    scan, then the source that was asked for; where that has nothing for it, any other that does,
-    with a doubt; at last the whole area, where the scale of the photos is given.
+    What an operator clicked at the desk comes first, then the EO list where it has the scan, then
+    points that somebody clicked in this very scan in QGIS, then the source that was asked for;
+    where that has nothing for it, any other that does, with a doubt; at last the whole area, where
+    the scale of the photos is given.
 
     Args:
         oriented: The scan with its interior orientation.
@@ -124,7 +135,7 @@ def georeference_photo(
     wanted = archive.georeference.source
     order = ["points", *(k for k in (wanted, "world-file", "footprints") if k != "points")]
     record = archive.exterior.get(oriented.photo_id)
-    if record is not None:
+    if record is not None and oriented.photo_id not in archive.georeference.clicked:
         return _from_list(oriented.photo_id, record, archive, dem)
     for kind in order:
         found = _from_source(kind, oriented, camera, archive, dem=dem)
@@ -209,11 +220,12 @@ def _from_world_file(
 def _from_points(
     oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
 ) -> Approximation | None:
-    """The .points file beside the scan."""
-    path = find_qgis_points(oriented.scan.path)
+    """What was clicked at the desk, else the .points file beside the scan."""
+    pairs = archive.georeference.clicked.get(oriented.photo_id)
+    path = oriented.scan.path if pairs else find_qgis_points(oriented.scan.path)
     if path is None:
         return None
-    points = read_qgis_points(path)
+    points = clicked_points(path, archive.crs, pairs) if pairs else read_qgis_points(path)
     if not points.enabled.any():
         # All switched off: as good as no file.
         return None
@@ -221,6 +233,13 @@ def _from_points(
     first = approximate_from_points(points, oriented.interior, camera, Ground(archive.crs, 0.0))
     ground = _ground(dem, archive.crs, *first.exterior.centre[:2].tolist())
     return approximate_from_points(points, oriented.interior, camera, ground)
+
+
+def clicked_points(scan: Path, crs: str, pairs: Pairs) -> QgisPoints:
+    """Pairs clicked at the desk in the form of those clicked in QGIS."""
+    values = np.array(pairs, dtype=np.float64).reshape(-1, 4)
+    enabled = np.ones(len(values), dtype=np.bool_)
+    return QgisPoints(scan, crs, values[:, 2:], values[:, :2], enabled)
 
 
 def _from_area(

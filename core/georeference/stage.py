@@ -4,7 +4,7 @@ A reference that covers too little of the block is said so here.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from core.georeference.archive import (
     mean_height_under,
     open_archive,
 )
+from core.georeference.principal_distance import by_flying_heights
 from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
 from core.raster.dem import Dem
@@ -92,18 +93,20 @@ def georeference_photos(
         work: Progress.
 
     Raises:
-        PhotogrammetryError: No photo has a source that can be used, the reference misses the
-            block, or the CRS does not fit.
+        PhotogrammetryError: No usable source, the reference misses the block, or a wrong CRS.
     """
     level = 0.0 if files.knows_ground else presumed_level(source, given_cameras, scan_cameras)
     reference = open_reference(files, level_m=level)
     area = reference.ortho.bounds if files.ortho else files.area
     archive = open_archive(source, files.crs, scans.oriented, area)
+    cameras = dict(scans.cameras or given_cameras)
+    if files.knows_ground:
+        cameras = by_flying_heights(cameras, scan_cameras, scans.oriented, archive, reference.dem)
     placed: dict[str, Approximation] = {}
     failed: dict[str, PhotogrammetryError] = {}
     for done, (name, scan) in enumerate(scans.oriented.items()):
         work.progress.report(done, len(scans.oriented), name)
-        result = approximate_scan(scan, given_cameras[scan_cameras[name]], archive, reference.dem)
+        result = approximate_scan(scan, cameras[scan_cameras[name]], archive, reference.dem)
         if isinstance(result, PhotogrammetryError):
             failed[name] = result
         else:
@@ -114,10 +117,10 @@ def georeference_photos(
         name: approximate_photo(scans.oriented[name], scan_cameras[name], result, reference)
         for name, result in sorted(placed.items())
     }
-    set_aside = {name: error.told for name, error in failed.items()}
-    block = Block(files.crs, scans.cameras or given_cameras, photos)
+    photos = {n: replace(photo, corrections=source.corrections) for n, photo in photos.items()}
+    block = Block(files.crs, cameras, photos)
     lost = far_from_reference(block, reference) if files.ortho else {}
-    set_aside |= lost
+    set_aside = {name: error.told for name, error in failed.items()} | lost
     block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
     coverage = (
         check_coverage(reference.dem, reference.ortho, block.bounds)

@@ -318,4 +318,12 @@ def join_photos(block: Block, weak: WeakControl, options: AdjustmentOptions) -> 
         measurements={value.key: value for value in weak.measurements},
     )
     report = adjust_block(first, replace(options, robust=False))
-    return block.with_photos(report.block.photos) if report.converged else block
+    if not report.converged:
+        return block
+    # A certificate holds until control is found; a camera nobody knows is told by the block alone.
+    told = {
+        name: camera
+        for name, camera in report.block.cameras.items()
+        if camera.sigma_principal_distance_mm
+    }
+    return replace(block, photos=report.block.photos, cameras={**block.cameras, **told})

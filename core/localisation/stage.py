@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from core.adjustment.adjusted import AdjustmentOptions
-from core.block import Block, Photo, position_sigma_m
+from core.block import Block, Photo, TiePoints, position_sigma_m
 from core.doubts import Doubt, Failure
 from core.georeference.stage import Georeferenced
 from core.localisation.block_placement import PlacedBlock, Placement, PlacementOptions, place_block
@@ -30,6 +30,7 @@ from core.localisation.photo_orientation import (
     orient_photo,
     orient_placed_photo,
 )
+from core.localisation.presumed_distance import at_distances
 from core.localisation.tied_block import on_tied_ground, stand_by_ties
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, ReferenceFiles, open_reference
@@ -75,6 +76,28 @@ class Localised:
     """Features by photo for the ties; too many to be kept on disk, empty after a restart."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """Photos oriented one by one."""
+
+    placed: Georeferenced
+    """The photos and their cameras before."""
+    parts: tuple[PlacedBlock, ...]
+    """Connected parts where they were found on the reference."""
+    oriented: Mapping[str, OrientedPhoto | Failure]
+    """What each photo found by itself."""
+    doubts: tuple[Doubt, ...]
+    """Parts that could not be placed."""
+
+    def sureness(self, camera: str) -> float:
+        """How far the photos of a camera are beyond chance together: log10 of their e-values."""
+        return sum(
+            found.log10_e_value
+            for name, found in self.oriented.items()
+            if isinstance(found, OrientedPhoto) and self.placed.block.photos[name].camera == camera
+        )
+
+
 def localise_photos(
     placed: Georeferenced,
     scans: Mapping[str, ScanFile],
@@ -82,6 +105,8 @@ def localise_photos(
     files: ReferenceFiles,
     options: LocalisationOptions,
     work: Work,
+    *,
+    ties: TiePoints | None = None,
 ) -> Localised:
     """Find the photos of a block on the reference, or without one, bring them together by ties.
 
@@ -92,6 +117,7 @@ def localise_photos(
         files: The reference.
         options: Settings.
         work: Progress, threads and the source of chance.
+        ties: Tie points that are taken over; None to find them.
 
     Raises:
         OrientationError: No photo stands on the reference.
@@ -102,8 +128,12 @@ def localise_photos(
     first, rough, placing, orienting = (
         work.part(start, end) for start, end in pairwise([0.0, *shares])
     )
-    seen = detect_features(block, scans, options, first)
-    ties, told = match_roughly(block, seen, options.ties, rough.progress, work.random("rough ties"))
+    seen: dict[str, Features] = {}
+    told: tuple[Doubt, ...] = ()
+    if ties is None:
+        seen = dict(detect_features(block, scans, options, first))
+        chance = work.random("rough ties")
+        ties, told = match_roughly(block, seen, options.ties, rough.progress, chance)
     block = replace(block, ties=ties)
     if not files.ortho:
         hypotheses = {name: known.hypotheses for name, known in placed.approximations.items()}
@@ -112,8 +142,8 @@ def localise_photos(
         return Localised(block, WeakControl.none(), (*told, *loose), seen)
     reference = open_reference(files, block.search_bounds)
     site = Site(reference, scans, features.points, features.sources)
-    parts, unplaced = place_parts(block, placed, site, options, placing)
-    oriented = orient_photos(placed, parts, site, options, orienting)
+    found = orient_at_distances(replace(placed, block=block), site, options, placing, orienting)
+    block, oriented = found.placed.block, found.oriented
     standing, doubts = stand_up(block, site, oriented, work.random("localisation"))
     weak = weak_control(standing, oriented, features.points, features.sources)
     joined = join_photos(standing, weak, options.adjustment)
@@ -121,7 +151,7 @@ def localise_photos(
         name for name, known in placed.approximations.items() if known.source == "points"
     )
     freed = free_from_archive(joined, clicked, reference.dem.mean_height)
-    return Localised(freed, weak, (*told, *unplaced, *doubts), seen)
+    return Localised(freed, weak, (*told, *found.doubts, *doubts), seen)
 
 
 def localise_again(
@@ -165,6 +195,41 @@ def detect_features(
     areas = {name: scans[name].usable for name in block.photos}
     usable = {name: area.at for name, area in areas.items() if area is not None}
     return detect_block_features(block, options.ties, work.progress, usable, work.mapper)
+
+
+def orient_at_distances(
+    placed: Georeferenced, site: Site, options: LocalisationOptions, placing: Work, orienting: Work
+) -> Standing:
+    """Place and orient all photos, at each principal distance an unknown camera may have.
+
+    Of each camera the distance is kept at which its photos stand furthest beyond chance.
+
+    Args:
+        placed: The photos with their rough ties.
+        site: The reference.
+        options: Settings.
+        placing: Progress of the placement.
+        orienting: Progress of the orientation.
+    """
+    cameras = placed.block.cameras
+    unknown = {n: len(camera.distances_mm) for n, camera in cameras.items() if camera.distances_mm}
+    count = max(unknown.values(), default=1)
+
+    def at(chosen: Mapping[str, int], number: int) -> Standing:
+        one, share = at_distances(placed, chosen), (number / count, (number + 1) / count)
+        parts, unplaced = place_parts(one.block, one, site, options, placing.part(*share))
+        oriented = orient_photos(one, parts, site, options, orienting.part(*share))
+        return Standing(one, parts, oriented, unplaced)
+
+    trials = [
+        {name: min(number, most - 1) for name, most in unknown.items()} for number in range(count)
+    ]
+    tried = [at(chosen, number) for number, chosen in enumerate(trials)]
+    best = {
+        name: max(range(most), key=lambda number: tried[number].sureness(name))
+        for name, most in unknown.items()
+    }
+    return tried[trials.index(best)] if best in trials else at(best, count - 1)
 
 
 def place_parts(
@@ -270,9 +335,7 @@ def placements_of(photo_id: str, parts: tuple[PlacedBlock, ...]) -> tuple[Placem
 
 
 def _is_held(
-    photo_id: str,
-    parts: tuple[PlacedBlock, ...],
-    oriented: Mapping[str, OrientedPhoto | Failure],
+    photo_id: str, parts: tuple[PlacedBlock, ...], oriented: Mapping[str, OrientedPhoto | Failure]
 ) -> bool:
     """Whether a photo stands, or is tied to one that does."""
     names = next((part.photo_ids for part in parts if photo_id in part.photo_ids), ())

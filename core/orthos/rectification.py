@@ -23,7 +23,8 @@ from core.geometry.camera import Camera
 from core.orthos.scan_places import Heights, PixelMap, ScanPlaces, locate_tile
 from core.progress import SILENT, Progress
 from core.raster.grid import NODATA, Grid, Pixels, Tile, tiled_profile, tiles_of, write_tiles
-from core.raster.scan_file import ScanSource
+from core.raster.scan_file import ScanSource, UsableArea
+from core.scans.drawn_area import with_drawn
 
 # design: pieces of one or two centimetres of film, over which tilt and lens are all but straight
 RAYS_PER_SIDE = 16
@@ -256,7 +257,9 @@ class PictureMask:
 def picture_mask(
     photo: Photo, camera: Camera, margin_mm: float, usable: Mask | None
 ) -> PictureMask:
-    """The picture area less a margin, less discs around the fiducials, less what is not usable.
+    """The picture area less a margin, discs around the fiducials, and what is not usable.
+
+    What a hand drew on the scan goes before what is said to be usable.
 
     Args:
         photo: The photo.
@@ -285,6 +288,9 @@ def picture_mask(
                 cv2.FILLED,
                 shift=BINARY_PLACES,
             )
+    if photo.mask:
+        found = None if usable is None else UsableArea.of(usable, photo.size_px)
+        usable = with_drawn(found, photo.mask, photo.size_px).mask
     if usable is not None:
         shown = cv2.resize(
             usable.astype(np.uint8), (columns, rows), interpolation=cv2.INTER_NEAREST

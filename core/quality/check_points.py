@@ -1,9 +1,10 @@
 """What check points say of a block: those the user brought, apart from proposals kept out.
 
-Check points of the user's list are independent of the reference. Proposals of the program that an
-operator turned into check points are not: they were found on the reference, and were control
-before. Figures follow the ASPRS Positional Accuracy Standards, edition 2 (2023): the error of the
-survey itself enters the accuracy of the product.
+Check points of the user's list are independent of the reference once somebody has seen one of their
+measurements: a hand placed it, or it was looked at when it was accepted. Proposals of the program
+that an operator turned into check points are not: they were found on the reference, and were
+control before. Figures follow the ASPRS Positional Accuracy Standards, edition 2 (2023): the error
+of the survey itself enters the accuracy of the product.
 """
 
 from collections.abc import Sequence
@@ -111,24 +112,24 @@ class CheckFigures:
 
 
 def independent_checks(report: AdjustmentReport) -> CheckFigures:
-    """Figures of the check points that the user brought.
+    """Figures of the check points that the user brought and somebody saw.
 
     Args:
         report: The adjustment.
     """
-    surveyed = report.block.surveyed
-    chosen = [check for check in report.checks if surveyed[check.point_id].independent]
+    own = report.block.independent_checks
+    chosen = [check for check in report.checks if check.point_id in own]
     return _figures(report.block, chosen, report.check_freedom)
 
 
 def kept_out(report: AdjustmentReport) -> CheckFigures:
-    """Figures of proposals that an operator turned into check points.
+    """Figures of all other check points: proposals, turned over or seen by nobody.
 
     Args:
         report: The adjustment.
     """
-    surveyed = report.block.surveyed
-    chosen = [check for check in report.checks if not surveyed[check.point_id].independent]
+    own = report.block.independent_checks
+    chosen = [check for check in report.checks if check.point_id not in own]
     return _figures(report.block, chosen, 0.0)
 
 

@@ -67,6 +67,8 @@ class Family:
     """The camera, with marks where only its photos tell them."""
     doubts: tuple[Doubt, ...]
     """What concerns the camera, not one scan."""
+    estimated: EstimatedMarks | None = None
+    """Its marks as its photos show them; None where they are certified, or too few were found."""
 
 
 def settle_family(oriented: Oriented, camera: Camera, pixels_mm: Mapping[str, float]) -> Family:
@@ -79,6 +81,7 @@ def settle_family(oriented: Oriented, camera: Camera, pixels_mm: Mapping[str, fl
     """
     ways = _ways(oriented, camera)
     doubts: tuple[Doubt, ...] = ()
+    estimated = None
     if not camera.fiducials_mm:
         films = {
             name: _on_film(scan.fiducials, ways[name], pixels_mm[name])
@@ -88,11 +91,11 @@ def settle_family(oriented: Oriented, camera: Camera, pixels_mm: Mapping[str, fl
         if estimated is None:
             return Family(oriented, camera, ())
         camera = replace(camera, fiducials_mm=dict(estimated.places_mm))
-        doubts = (_estimated(camera, estimated),)
+        doubts = (marks_estimated(camera, estimated),)
     settled = {
         name: _settled(scan, camera, ways[name], pixels_mm[name]) for name, scan in oriented.items()
     }
-    return Family(_pooled(settled), camera, doubts)
+    return Family(_pooled(settled), camera, doubts, estimated)
 
 
 def _ways(oriented: Oriented, camera: Camera) -> dict[str, Way]:
@@ -236,7 +239,7 @@ def _turned(photo_id: str, way: Way) -> Doubt:
     )
 
 
-def _estimated(camera: Camera, estimated: EstimatedMarks) -> Doubt:
+def marks_estimated(camera: Camera, estimated: EstimatedMarks) -> Doubt:
     """The word about marks that nobody certified."""
     places = ", ".join(
         f"{name} = [{x:.3f}, {y:.3f}]" for name, (x, y) in estimated.places_mm.items()

@@ -50,6 +50,11 @@ class SearchWindow:
             self.corner[1] + self.gray.shape[0] * half,
         )
 
+    def at(self, column: int, row: int) -> tuple[float, float]:
+        """Middle of a cell, scan pixels."""
+        right, down = (column + 0.5) * self.reduction, (row + 0.5) * self.reduction
+        return self.corner[0] + right, self.corner[1] + down
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
@@ -113,7 +118,7 @@ def open_windows(
         corner = (round(column) - reach_px, round(row) - reach_px)
         gray = read_window(scan, *corner, 2 * reach_px, 2 * reach_px, reduction)
         outward = (column - middle[0], row - middle[1])
-        windows.append(SearchWindow(corner, reduction, outward, _filled(gray)))
+        windows.append(SearchWindow(corner, reduction, outward, fill_window(gray)))
     return windows, owners
 
 
@@ -137,22 +142,70 @@ def all_candidates(
     for mark, drawn in _drawn_library(marks, round(cell_mm, 6)):
         found: dict[bool, list[list[Peak]]] = {True: [], False: []}
         for window in windows:
-            template = drawn
-            if not mark.symmetric:
+            templates = [drawn]
+            if mark.turns:
                 pointing = replace(mark, outward=eighth(window.outward, turn))
-                template = draw_mark(pointing, cell_mm, -turn).astype(np.float32)
-            field = _correlate(window.gray, template)
-            half = template.shape[0] // 2
+                templates = [
+                    draw_mark(one, cell_mm, -turn).astype(np.float32) for one in pointing.variants
+                ]
+            gray = window.gray
+            if mark.picture is not None:
+                along = border_axis(window.outward)
+                gray = without_border(gray, drawn.shape[0], along)
+                templates = [without_border(one, drawn.shape[0], along) for one in templates]
+            fields = [_correlate(gray, template) for template in templates]
+            field, half = np.maximum.reduce(fields), drawn.shape[0] // 2
             found[True].append(_peaks(field, window, half, count))
             found[False].append(_peaks(-field, window, half, count))
-        result += [_stacked(mark, bright, peaks, count) for bright, peaks in found.items()]
+        result += [
+            _stacked(mark, bright, peaks, count)
+            for bright, peaks in found.items()
+            if bright or mark.picture is None
+        ]
     return result
+
+
+def held_at(
+    place: tuple[float, float], found: Candidates, windows: Sequence[SearchWindow]
+) -> Candidates:
+    """The candidates where one mark is known to be: nothing else is one in its window."""
+    column, row = place
+    apart = [abs(w.middle[0] - column) + abs(w.middle[1] - row) for w in windows]
+    own = int(np.argmin(apart))
+    places, correlations = found.places.copy(), found.correlations.copy()
+    places[own] = complex(np.nan, np.nan)
+    places[own, 0] = complex(column, -row)
+    correlations[own], significances = 0.0, found.significances.copy()
+    correlations[own, 0] = float(found.correlations[own].max())
+    significances[own, 0] = float(found.significances[own].max())
+    return replace(found, places=places, correlations=correlations, significances=significances)
 
 
 @lru_cache(maxsize=4)
 def _drawn_library(marks: tuple[Mark, ...], cell_mm: float) -> tuple[tuple[Mark, Template], ...]:
     """The library drawn at one scale; the scans of a block share it."""
     return tuple((mark, draw_mark(mark, cell_mm).astype(np.float32)) for mark in marks)
+
+
+def border_axis(outward: tuple[float, float]) -> int | None:
+    """The axis of an array along which the picture's border runs at a side; None at a corner."""
+    right, down = (abs(part) for part in outward)
+    if max(right, down) < 2 * min(right, down):
+        return None
+    return 0 if right > down else 1
+
+
+def without_border(gray: np.ndarray, side: int, along: int | None) -> Field:
+    """What a window shows besides a straight border: all of it would be like any other part of it.
+
+    Args:
+        gray: The window, or a template.
+        side: Pixels a side of the template.
+        along: The axis along which the border runs; None takes away what is even all around.
+    """
+    box = (side, side) if along is None else ((side, 1) if along == 1 else (1, side))
+    mean = cv2.blur(gray, box, borderType=cv2.BORDER_REFLECT)
+    return (gray - mean).astype(np.float32)
 
 
 def eighth(outward: tuple[float, float], turn: float) -> tuple[float, float]:
@@ -167,7 +220,7 @@ def eighth(outward: tuple[float, float], turn: float) -> tuple[float, float]:
     return float(np.cos(snapped)), float(np.sin(snapped))
 
 
-def _filled(gray: Field) -> Field:
+def fill_window(gray: Field) -> Field:
     """No NaN, and the bright end at 255."""
     inside = np.isfinite(gray)
     if not inside.any():

@@ -20,7 +20,14 @@ from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.raster.scan_file import ScanFile
-from core.scans.candidates import MERGE_MM, Candidates, SearchWindow, all_candidates, open_windows
+from core.scans.candidates import (
+    MERGE_MM,
+    Candidates,
+    SearchWindow,
+    all_candidates,
+    held_at,
+    open_windows,
+)
 from core.scans.centring import LEAST_RADIUS_PX, Centre, centre_by_symmetry, disc
 from core.scans.film_area import FilmArea
 from core.scans.marks import Mark, library
@@ -138,6 +145,10 @@ class Search:
     certified: bool
     border: FilmArea | None
     """The picture's border where it was seen and the marks are certified: it says how they lie."""
+    kinds: int = KINDS
+    """Kinds and polarities for which sets are formed."""
+    anchored: bool = False
+    """True where one mark is known: it belongs to every set."""
 
     @property
     def most_chance(self) -> float:
@@ -154,6 +165,8 @@ def find_constellation(
     area: FilmArea,
     certified: bool = True,
     reach_seen_mm: float = REACH_SEEN_MM,
+    marks: tuple[Mark, ...] = LIBRARY,
+    sure: tuple[float, float] | None = None,
 ) -> Constellation | Failure:
     """Find marks in a scan to about a tenth of a millimetre.
 
@@ -164,24 +177,31 @@ def find_constellation(
         area: The exposed picture.
         certified: Without a certificate, notches that are the frame's own corners are refused.
         reach_seen_mm: Half width of a window where the picture's border was seen, millimetres.
+        marks: Kinds and sizes that are looked for.
+        sure: Column and row at which one of them is, for somebody said so.
     """
-    reach_mm = reach_seen_mm if area.trusted else REACH_UNSEEN_MM
+    seen = area.trusted and (sure is None or len(area.seen) == len(area.corners))
+    reach_mm = reach_seen_mm if seen else REACH_UNSEEN_MM
     reaches = [layout.reach_mm for layout in layouts]
     middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
     reach_mm += (max(reaches) - min(reaches)) / 2
     ways = middle.ways
     border = area if area.trusted and certified else None
     tries = len(layouts) * len(ways)
-    search = Search(scan_pixel_mm, (2 * reach_mm) ** 2, tries, certified, border)
-    expected = {k: _expected(middle.lying(way), area, scan_pixel_mm) for k, way in enumerate(ways)}
+    area_mm2, kept = (2 * reach_mm) ** 2, min(KINDS, len(marks))
+    search = Search(scan_pixel_mm, area_mm2, tries, certified, border, kept, sure is not None)
+    lies = {k: middle.lying(way) for k, way in enumerate(ways)}
+    expected = {k: expected_places(film, area, scan_pixel_mm) for k, film in lies.items()}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
         scan, expected, (column, row), round(reach_mm / scan_pixel_mm), MERGE_MM / scan_pixel_mm,
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
     kinds = all_candidates(
-        windows, scan_pixel_mm * windows[0].reduction, PEAKS, LIBRARY, area.turn,
+        windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
     )  # fmt: skip
+    if sure is not None:
+        kinds = [held_at(sure, kind, windows) for kind in kinds]
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
     sets = [
         _best_set(search, kind, owners[k], layout, way)
@@ -291,7 +311,7 @@ def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: Se
     return float(np.mean(found))
 
 
-def _expected(lying: FilmPoints, area: FilmArea, scan_pixel_mm: float) -> PixelPoints:
+def expected_places(lying: FilmPoints, area: FilmArea, scan_pixel_mm: float) -> PixelPoints:
     """Where marks should be whose places in the axes of the scan are known, scan pixels."""
     cosine, sine = np.cos(area.turn), np.sin(area.turn)
     turned = lying @ np.array([[cosine, -sine], [sine, cosine]]).T
@@ -364,7 +384,8 @@ def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: Pi
     All pairs of peaks of all kinds are tried as bases; each further mark has its peaks spread at
     random over its window and hits a disc of twice the RMS residual.
     """
-    tried = KINDS * search.tries * PEAKS**2 * marks * (marks - 1) / 2
+    bases = PEAKS * (marks - 1) if search.anchored else PEAKS**2 * marks * (marks - 1) / 2
+    tried = search.kinds * search.tries * bases
     # design: of random pairs, about one in ten has the right scale and turn.
     tried *= 0.1
     fit = fit_similarity(film, pixels, mirrored=True)
@@ -467,9 +488,3 @@ def _agree(put: PixelPoints, found: Constellation, pixel_mm: float) -> bool:
     """True when the marks of a set were found where another set puts those of its layout."""
     own = [found.layout.names.index(name) for name in found.names]
     return bool(np.median(np.linalg.norm(put[own] - found.pixels, axis=1)) * pixel_mm < AGREE_MM)
-
-
-def middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:
-    """Distance between the middles of two sets of four."""
-    middles = [np.mean(list(one.predicted.values()), axis=0) for one in sets]
-    return float(np.linalg.norm(middles[0] - middles[1])) * pixel_mm

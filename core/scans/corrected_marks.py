@@ -59,16 +59,31 @@ LEAST_ALIKE = 0.6  # design: texture is hardly as symmetric
 
 @dataclass(frozen=True, slots=True)
 class MarkChange:
-    """What a person said about one fiducial of one scan."""
+    """What a person said about one fiducial of one scan, or had found by an example."""
 
-    place: tuple[float, float] | None = None
-    """Column and row where it was measured by hand; None leaves it where it was found."""
+    measured: FiducialMeasurement | None = None
+    """By hand, or like an example; None leaves it where it was found."""
     use: bool = True
     """False for a mark that cannot be seen, or is not to be used."""
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Column and row where it was measured."""
+        return None if self.measured is None else self.measured.place
+
+    @property
+    def filled(self) -> bool:
+        """True for a mark that was found by an example."""
+        return self.measured is not None and self.measured.kind != BY_HAND
 
 
 Changes = Mapping[str, MarkChange]
 """By the name of the mark."""
+
+
+def by_hand(name: str, place: tuple[float, float]) -> FiducialMeasurement:
+    """A mark that a person measured."""
+    return FiducialMeasurement(name, *place, HAND_SIGMA_PX, 1.0, 0.0, BY_HAND)
 
 
 def corrected_scans(
@@ -83,12 +98,12 @@ def corrected_scans(
         oriented: Scans by photo, as they were found.
         cameras: Camera of each photo, with the certified places of its marks.
         pixels_mm: Nominal size of a scan pixel by photo, millimetres.
-        changes: What was said, by photo.
+        changes: What was said, by photo; nothing where only the camera's marks are others.
     """
     corrected = {
         name: corrected_scan(scan, cameras[name], pixels_mm[name], changes[name])
         for name, scan in oriented.items()
-        if changes.get(name)
+        if name in changes
     }
     result = {**oriented, **corrected}
     for name, scan in corrected.items():
@@ -107,15 +122,19 @@ def corrected_scan(
 
     Where they do not fit their certificate the orientation stays what it was, with a doubt.
     """
+    nominal = scan.interior.model == "nominal"
     found = {mark.name: mark for mark in scan.fiducials}
+    if nominal and any(change.filled for change in changes.values()):
+        # The few that were found alone could not tell which marks they are.
+        found.clear()
     for name, change in changes.items():
-        if change.place is not None and name in camera.fiducials_mm:
-            found[name] = FiducialMeasurement(name, *change.place, HAND_SIGMA_PX, 1.0, 0.0, BY_HAND)
+        if change.measured is not None and name in camera.fiducials_mm:
+            found[name] = change.measured
     marks = tuple(found[name] for name in camera.fiducials_mm if name in found)
     used = [mark for mark in marks if changes.get(mark.name, MarkChange()).use]
     doubts = tuple(doubt for doubt in scan.doubts if not _settled(doubt, changes))
     back = scan.way[1]
-    if scan.interior.model == "nominal":
+    if nominal:
         _, back = seen_from(places_of(used), certified_places(used, camera.fiducials_mm))
     fitted = interior_of(used, camera.fiducials_mm, back)
     if isinstance(fitted, Failure):
@@ -150,11 +169,11 @@ def corrected_interior(
     certified = _certified(interior, camera)
     places = dict(zip(interior.names, interior.pixels.tolist(), strict=True))
     before = dict(places)
-    by_hand: set[str] = set()
+    known: dict[str, float] = {}
     for name, change in changes.items():
-        if change.place is not None and name in certified:
-            places[name] = [*change.place]
-            by_hand.add(name)
+        if change.measured is not None and name in certified:
+            places[name] = [*change.measured.place]
+            known[name] = change.measured.sigma_px
         if not change.use:
             places.pop(name, None)
     if places == before:
@@ -162,7 +181,7 @@ def corrected_interior(
     names = list(places)
     pixels = np.array([places[name] for name in names]).reshape(-1, 2)
     film = np.array([certified[name] for name in names]).reshape(-1, 2)
-    sigmas = np.array([HAND_SIGMA_PX if n in by_hand else FOUND_SIGMA_PX for n in names])
+    sigmas = np.array([known.get(name, FOUND_SIGMA_PX) for name in names])
     back = interior.mirrored if interior.names else seen_from(pixels, film)[1]
     fitted = fit_interior(names, pixels, film, "auto", sigmas_px=sigmas, mirrored=back)
     return interior if isinstance(fitted, Failure) else fitted

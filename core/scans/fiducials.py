@@ -23,7 +23,6 @@ from core.scans.constellation import (
     Constellation,
     find_constellation,
     find_mark_sets,
-    middles_apart_mm,
 )
 from core.scans.film_area import FilmArea
 from core.scans.judging import (
@@ -112,12 +111,18 @@ def measure_unknown_fiducials(
         found = find_constellation(scan, layouts, scan_pixel_mm, area, certified=False)
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
-    apart = len(sets) == 2 and middles_apart_mm(sets, scan_pixel_mm) > AGREE_MM
+    apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > AGREE_MM
     if len(sets) == 2 and (apart or camera.fiducial_marks == 4):
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
         return FiducialSet((), (nothing_found(photo_id_of(scan.path), 0),))
     return _measured(scan, sets, scan_pixel_mm, area)
+
+
+def _middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:
+    """Distance between the middles of two sets of four."""
+    middles = [np.mean(list(one.predicted.values()), axis=0) for one in sets]
+    return float(np.linalg.norm(middles[0] - middles[1])) * pixel_mm
 
 
 def renamed(
@@ -184,29 +189,53 @@ def _measured(
             # Nobody saw these marks from afar: they are sought where and as the others tell.
             fit = fitted[0]
             spots = {name: sought(spot, fit, pixel_mm) for name, spot in spots.items()}
-        results = _both_ways(spots, one, fit, pixel_mm)
+        results = both_ways(spots, one, fit, pixel_mm)
         if not fit.mark.symmetric:
             # A notch drawn turned by a little is found beside its place.
             fit = replace(fit, turn=_turn_of(judged_marks(results), one, fit.turn, area))
-            results = _both_ways(spots, one, fit, pixel_mm)
+            results = both_ways(spots, one, fit, pixel_mm)
         if one.names:
             results = found_after_all(results, spots, one, (fit, *fitted), pixel_mm)
         fitted.append(fit)
         everyone = results if one.names else {**known, **results}
         known |= results
-        spoilt, judged = spoilt_by(everyone), judged_marks(everyone)
-        for name in results:
-            result = judged[name]
-            if isinstance(result, Failure):
-                doubts.append(doubtful_mark(photo_id, name, one.predicted[name], result))
-                continue
-            mark = measurement_of(name, result, spoilt[name], fit.mark.shape)
-            marks.append(mark)
-            doubts += doubt_of_sigma(photo_id, mark, result)
+        stand, doubted = judged_set(photo_id, results, everyone, one.predicted, fit)
+        marks += stand
+        doubts += doubted
     return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))
 
 
-def _both_ways(
+def judged_set(
+    photo_id: str,
+    results: Mapping[str, TwoWays | Failure],
+    alike: Mapping[str, TwoWays | Failure],
+    predicted: Mapping[str, tuple[float, float]],
+    fit: FittedMark,
+) -> tuple[list[FiducialMeasurement], list[Doubt]]:
+    """The marks that stand, and a doubt about each that does not or is unsure.
+
+    Args:
+        photo_id: The photo.
+        results: Marks of one kind, measured or not.
+        alike: All that they are compared with, themselves included.
+        predicted: Where each should be, pixels.
+        fit: The mark as it looks in this scan.
+    """
+    marks: list[FiducialMeasurement] = []
+    doubts: list[Doubt] = []
+    spoilt, judged = spoilt_by(alike), judged_marks(alike)
+    for name in results:
+        result = judged[name]
+        if isinstance(result, Failure):
+            doubts.append(doubtful_mark(photo_id, name, predicted[name], result))
+            continue
+        mark = measurement_of(name, result, spoilt[name], fit.mark.shape)
+        marks.append(mark)
+        doubts += doubt_of_sigma(photo_id, mark, result)
+    return marks, doubts
+
+
+def both_ways(
     spots: Mapping[str, Spot], found: Constellation, fit: FittedMark, pixel_mm: float
 ) -> dict[str, TwoWays | Failure]:
     """Every mark of a layout measured, or why not."""

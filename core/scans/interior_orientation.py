@@ -9,9 +9,11 @@ import numpy as np
 from core.arrays import Mask, locked
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
+from core.geometry.drawn_mask import DrawnMask
 from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
 from core.said import say
+from core.scans.drawn_area import with_drawn
 from core.scans.fiducials import (
     fiducials_by_hand,
     measure_fiducials,
@@ -37,6 +39,7 @@ from core.scans.judging import (
 )
 from core.scans.naming import UPRIGHT, Way, ways_of_strip
 from core.scans.photo_mask import find_scratches, usable_mask
+from core.scans.repeated import with_repeated
 from core.scans.scan_pairs import Look, look_of
 
 Marks = Mapping[str, tuple[float, float]]
@@ -97,6 +100,11 @@ class ScanOrientation:
         pixel_mm = self.interior.pixel_size_mm
         scratches = find_scratches(self.scan, self.area.corners, photograph, pixel_mm)
         area = UsableArea.of(photograph, self.size_px, scratches)
+        return replace(self, scan=replace(self.scan, usable=area))
+
+    def with_drawn(self, drawn: DrawnMask) -> "ScanOrientation":
+        """The same with its scan knowing what a hand drew on it."""
+        area = with_drawn(self.scan.usable, drawn, self.size_px, self.area.corners)
         return replace(self, scan=replace(self.scan, usable=area))
 
 
@@ -171,6 +179,7 @@ def _unknown(
 ) -> tuple[FiducialSet, FilmArea]:
     """Marks nobody certified, and the picture area that goes with them."""
     measured = measure_unknown_fiducials(scan, camera, pixel_mm, area)
+    measured = with_repeated(scan, camera, pixel_mm, area, measured)
     if len(measured.marks) < 3:
         return measured, area
     refined = refine_film_area(scan, camera, pixel_mm, area, measured.middle)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -18,6 +19,13 @@ SURROUND = 1.35  # design: a third of the template's width is background
 SYMMETRIC = ("cross", "saltire", "gapped-cross", "gapped-saltire", "dotted-cross", "dot", "ring",
              "ringed-dot", "ringed-cross", "ringed-saltire", "quadrants")  # fmt: skip
 
+Lie = Literal["turned", "mirrored", "same"]
+"""How one mark of a camera lies against another: turned to point outward, in a mirror along that
+direction, as opposite sides often do, or as it is."""
+LIES: tuple[Lie, ...] = get_args(Lie)
+EXAMPLE = "example"
+"""Shape of a mark of which there is nothing but its picture."""
+
 # design: the shapes themselves, right angles and halves of them.
 NOTCH_NORMALS = {
     "wedge": (np.pi / 4, -np.pi / 4),
@@ -29,12 +37,26 @@ NOTCH_NORMALS = {
 row), radians."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A mark as scans show it, where nobody can draw it."""
+
+    gray: Float64[np.ndarray, "side side"]
+    """Odd number of pixels a side; the mark's middle is the middle of the middle pixel."""
+    pixel_mm: float
+    """Size of its pixels, millimetres."""
+    outward: tuple[float, float]
+    """Direction from the middle of the photo where it was seen (right, down)."""
+    symmetric: bool
+    """True when half a turn about its middle changes nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Mark:
     """One kind of mark in one size."""
 
     shape: str
-    """Name of its shape, a key of `SHAPES`."""
+    """Name of its shape, a key of `SHAPES`, or of `NOTCH_NORMALS`, or `EXAMPLE`."""
     radius_mm: float
     """From the middle to the end of its arms, or radius of its disc or ring, millimetres."""
     stroke_mm: float
@@ -43,11 +65,25 @@ class Mark:
     """Direction from the middle of the photo, as it lies in the scan (right, down); for notches."""
     blur_px: float = 0.0
     """Blur of lens, film and scanner: Gaussian sigma, template pixels."""
+    picture: Picture | None = None
+    """What it looks like, of an `EXAMPLE`; it is turned to point outward as it did there."""
+    lies: Lie = "turned"
+    """How a picture lies where the mark is."""
 
     @property
     def symmetric(self) -> bool:
         """True when half a turn about its middle changes nothing."""
-        return self.shape in SYMMETRIC
+        return self.shape in SYMMETRIC if self.picture is None else self.picture.symmetric
+
+    @property
+    def turns(self) -> bool:
+        """True when it looks otherwise where it points to another side."""
+        return self.picture is not None or not self.symmetric
+
+    @property
+    def variants(self) -> tuple["Mark", ...]:
+        """The mark, and as it may look at another corner or side."""
+        return (self,) if self.picture is None else tuple(replace(self, lies=lie) for lie in LIES)
 
     @property
     def notch(self) -> bool:
@@ -125,7 +161,9 @@ def draw_mark(
         Odd number of pixels a side; the mark's middle is the middle of the middle pixel.
     """
     half = max(3, int(np.ceil(mark.reach_mm * surround / pixel_mm)))
-    if mark.notch:
+    if mark.picture is not None:
+        drawn = _turned_picture(mark, mark.picture, half, pixel_mm, turn)
+    elif mark.notch:
         drawn = _drawn_notch(mark, half, turn, beside)
     else:
         drawn = _drawn_figure(mark, half, pixel_mm, turn)
@@ -133,6 +171,30 @@ def draw_mark(
         border = cv2.BORDER_REPLICATE
         drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), mark.blur_px, borderType=border))
     return drawn
+
+
+def _turned_picture(
+    mark: Mark, picture: Picture, half: int, pixel_mm: float, turn: float
+) -> Float64[np.ndarray, "side side"]:
+    """An example at another pixel size, turned to where the mark points."""
+    was = np.arctan2(picture.outward[1], picture.outward[0])
+    outward = picture.outward if mark.lies == "same" else mark.outward
+    points = np.arctan2(outward[1], outward[0]) + turn
+    axis = np.arange(-half, half + 1, dtype=np.float64) * (pixel_mm / picture.pixel_mm)
+    right, down = np.meshgrid(axis, axis)
+    along = right * np.cos(points) + down * np.sin(points)
+    across = down * np.cos(points) - right * np.sin(points)
+    if mark.lies == "mirrored":
+        across = -across
+    middle = picture.gray.shape[0] // 2
+    columns = (along * np.cos(was) - across * np.sin(was) + middle).astype(np.float32)
+    rows = (along * np.sin(was) + across * np.cos(was) + middle).astype(np.float32)
+    # source: the variance of an even spread over a pixel is a twelfth of its square
+    wider = np.sqrt(max((pixel_mm / picture.pixel_mm) ** 2 - 1, 0.0)) / np.sqrt(12)
+    gray = picture.gray
+    if wider > 0:
+        gray = cv2.GaussianBlur(gray, (0, 0), wider, borderType=cv2.BORDER_REPLICATE)
+    return cv2.remap(gray, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _drawn_figure(

@@ -12,7 +12,7 @@ from core.doubts import Failure
 from core.geometry.robust import TINY
 from core.geometry.transforms import apply_affine
 from core.raster.scan_file import ScanFile, read_window
-from core.scans.candidates import eighth
+from core.scans.candidates import border_axis, eighth
 from core.scans.centring import (
     Centre,
     Gray,
@@ -26,7 +26,8 @@ from core.scans.centring import (
     softened,
 )
 from core.scans.constellation import SHORTEST_REACH, Constellation
-from core.scans.marks import SURROUND, Mark, draw_mark, resized
+from core.scans.likeness import centre_by_likeness
+from core.scans.marks import SURROUND, Lie, Mark, draw_mark, resized
 from core.scans.naming import within_eighth
 from core.scans.outlines import centre_by_edges, centre_by_sides
 
@@ -180,6 +181,8 @@ class TwoWays:
     """How far its outline, a third way, lay from both, where that was taken; pixels."""
     worst_px: float = 0.0
     """Standard deviation in the direction in which it is least sure, where that is known."""
+    lies: Lie = "turned"
+    """How an example lies there."""
 
 
 def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:
@@ -193,6 +196,8 @@ def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> Fi
     small = [_reduced(spot, reduction) for spot in spots]
     turn = -within_eighth(found.turn)
     trials = [FittedMark(kind, turn, found.bright, cell) for kind in (found.mark, *found.kinds)]
+    if found.mark.picture is not None:
+        return trials[0]
     best = _kind(small, trials, cell)
     if best.mark.notch:
         return best
@@ -279,7 +284,24 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
     """
     if fitted.mark.notch:
         return _notch(spot, fitted, pixel_mm)
+    either = [_measured(spot, replace(fitted, mark=one), pixel_mm) for one in fitted.mark.variants]
+    stand = [
+        replace(one, lies=mark.lies)
+        for one, mark in zip(either, fitted.mark.variants, strict=True)
+        if isinstance(one, TwoWays)
+    ]
+    return max(stand, key=lambda one: one.correlation) if stand else either[0]
+
+
+def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
+    """One mark that is a figure, or a picture lying in one way."""
     template = fitted.drawn(spot.outward, pixel_mm)
+    if fitted.mark.picture is not None and not fitted.mark.symmetric:
+        along = border_axis(spot.outward)
+        both = centre_by_likeness(spot.gray, spot.start, OFF_MM / pixel_mm + 1, template, along)
+        if isinstance(both, Failure):
+            return both
+        return _together(spot, both[0], both[1], both[0].correlation)
     matched = match_mark(spot.gray, spot.start, OFF_MM / pixel_mm + 2, template)
     if isinstance(matched, Failure):
         return matched

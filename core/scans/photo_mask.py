@@ -42,6 +42,10 @@ the middle."""
 BROAD_MM, APART_MM, LEAST_INK_MM2 = 1.0, 2.0, 3.0  # design: pens and digits of archivists
 """Strokes are narrower than the first, nearer to each other than the second, and together at least
 as large as the third."""
+ABOUT_MM = 10.0  # design: light falls off over centimetres, notes are millimetres
+"""Width of the surroundings whose mean gray dark ink is compared with."""
+LEAST_PART = 0.1  # design: with less of them inside the picture their mean is that of a few cells
+"""Share of those surroundings that is taken to lie inside the picture at least."""
 CLOSED_MM = 0.6  # design: strokes of lettering on housings are about so wide
 """Gaps of the margin that are closed, and islands that are dropped."""
 MAX_ALIKE = 0.05  # design: ground is hardly ever as even and as dark as film
@@ -108,26 +112,39 @@ def usable_mask(
 def _written(gray: np.ndarray, depth_mm: np.ndarray, cell_mm: float) -> Mask:
     """Cells of the picture's rim on which somebody has written, and what lies between strokes.
 
-    Archives write in white on dark film: ink is clearly whiter than the whitest of the picture's
-    heart, and thin. What is as white and broad is a field or a cloud. Dark strokes are not told
-    from woods, for the rim of a picture is darker than its heart.
+    Ink is clearly whiter than the whitest of the picture's heart, or darker than its darkest, and
+    thin. What is as white and broad is a field or a cloud, what is as dark a wood. Lenses darken
+    the rim: dark ink is sought in grays over those about them, which that leaves as they are.
     """
     heart = depth_mm > HOUSING_MM
     rim = (depth_mm > 0) & ~heart
-    nobody = np.zeros(gray.shape, dtype=bool)
     if heart.mean() < MIN_HEART:
-        return nobody
-    usual, white = np.median(gray[heart]), np.percentile(gray[heart], INK_PERCENTILE)
-    ink = (rim & (gray > white + INK_BEYOND * (white - usual))).astype(np.uint8)
-    broad = cv2.morphologyEx(ink, cv2.MORPH_OPEN, _square(0.5 * BROAD_MM / cell_mm))
-    broad = cv2.dilate(broad, _square(BROAD_MM / cell_mm))
-    strokes = ink & (1 - broad)
+        return np.zeros(gray.shape, dtype=bool)
+    inside = (depth_mm > 0).astype(np.float32)
+    about = _square(0.5 * ABOUT_MM / cell_mm).shape
+    level = cv2.blur(gray * inside, about) / np.maximum(cv2.blur(inside, about), LEAST_PART)
+    relative = gray / np.maximum(level, 1.0)
+    strokes = _strokes(rim & _beyond(gray, heart), cell_mm)
+    strokes |= _strokes(rim & _beyond(-relative, heart), cell_mm)
     between = cv2.morphologyEx(strokes, cv2.MORPH_CLOSE, _square(0.5 * APART_MM / cell_mm))
     count, labels = cv2.connectedComponents(between)
     area_mm2 = np.bincount(labels[strokes > 0], minlength=count) * cell_mm**2
     large = np.flatnonzero(area_mm2 >= LEAST_INK_MM2)
     notes = np.isin(labels, large[large > 0])
     return np.asarray(cv2.dilate(notes.astype(np.uint8), _square(0.5 / cell_mm)) > 0)
+
+
+def _beyond(tone: np.ndarray, heart: Mask) -> Mask:
+    """Cells of a higher tone than any of the heart has."""
+    usual, most = np.median(tone[heart]), np.percentile(tone[heart], INK_PERCENTILE)
+    return np.asarray(tone > most + INK_BEYOND * (most - usual))
+
+
+def _strokes(ink: Mask, cell_mm: float) -> np.ndarray:
+    """The thin ones of cells that may be ink, as bytes."""
+    cells = ink.astype(np.uint8)
+    broad = cv2.morphologyEx(cells, cv2.MORPH_OPEN, _square(0.5 * BROAD_MM / cell_mm))
+    return cells & (1 - cv2.dilate(broad, _square(BROAD_MM / cell_mm)))
 
 
 def _inside(corners: PixelPoints, shape: tuple[int, ...]) -> Mask:

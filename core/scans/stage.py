@@ -9,7 +9,9 @@ from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
 from core.progress import Work
 from core.scans.camera_group import settle_family
+from core.scans.copies import measure_like, shown_in
 from core.scans.interior_orientation import ScanOrientation, orient_scan
+from core.scans.judging import FiducialSet
 from core.scans.scan_pairs import same_photo
 
 
@@ -99,3 +101,39 @@ def _settle_cameras(
         cameras[name] = group.camera
         doubts += group.doubts
     return settled, cameras, doubts
+
+
+def find_like(
+    films: Mapping[str, ScanOrientation],
+    camera: Camera,
+    pixels_mm: Mapping[str, float],
+    photo_id: str,
+    place: tuple[float, float],
+    work: Work,
+) -> dict[str, FiducialSet]:
+    """The copies of one mark in all scans of a camera.
+
+    Args:
+        films: Scans of the camera by photo.
+        camera: The camera.
+        pixels_mm: Nominal size of a scan pixel by photo, millimetres.
+        photo_id: The photo that shows the mark.
+        place: Column and row of its middle there.
+        work: How far it has come, whether to go on, and what it is done with.
+
+    Raises:
+        ScanError: A scan cannot be read.
+    """
+    own = films[photo_id]
+    mark = shown_in(own.scan, own.area, place, pixels_mm[photo_id])
+    names = sorted(films)
+
+    def copies(name: str) -> FiducialSet:
+        film = films[name]
+        return measure_like(film.scan, camera, pixels_mm[name], film.area, mark)
+
+    found: dict[str, FiducialSet] = {}
+    for name, result in zip(names, work.mapper(copies, names), strict=True):
+        found[name] = result
+        work.progress.report(len(found), len(names), name)
+    return found

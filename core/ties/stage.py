@@ -1,12 +1,14 @@
 """Stage ties: the same place of the ground measured finely in several scans."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from core.block import Block, TiePoints
 from core.doubts import Doubt
+from core.formats.tie_list import read_ties
 from core.geometry.exterior import ExteriorOrientation
 from core.progress import Progress, Work, tracked
 from core.raster.scan_file import open_scan
@@ -61,6 +63,15 @@ class Tied:
             if away > REMATCH_SHARE * photo.width_m(block.camera_of(name)):
                 return False
         return True
+
+
+def taken_over(lists: Sequence[Path], block: Block) -> TiePoints | None:
+    """Tie points of another program's list; None where there is no list."""
+    if not lists:
+        return None
+    read = read_ties(lists[0], block.photos)
+    assert read.sigma_px is not None, "every ray of a list has a weight"
+    return TiePoints(read.photo_ids, read.point, read.photo, read.pixels, read.sigma_px)
 
 
 def tie_photos(

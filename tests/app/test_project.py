@@ -4,16 +4,20 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import pytest
 import shapely
+from pyogrio import raw
 
+from app.bring_points import brought_points
 from app.project import Project, described, read_project
 from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
+from core.formats.listed_point import ListedPoint
 from core.matching.learned import LearnedOperator
 from core.matching.operators import FusedOperator
+from sessions.decisions import BringPoints
 from sessions.products import digest_of
+from sessions.session import Session
 from tests.onnx_files import write_convolution
 
 TOML = """
@@ -83,7 +87,7 @@ def test_every_example_of_the_promise_is_read__paper(folder: Path) -> None:
     """The example of the contract, section 2, with every key."""
     shape = [shapely.to_wkb(shapely.box(0, 0, 1, 1))]
     for name, attribute in (("footprints", "LMS_TIF_UP"), ("sm5", "name")):
-        pyogrio.raw.write(
+        raw.write(
             folder / f"{name}.gpkg",
             np.array(shape, object),
             [np.array(["a"], object)],
@@ -225,7 +229,7 @@ def test_the_learned_operator_needs_a_network__truth(folder: Path) -> None:
 
 
 def test_missing_attribute_names_those_that_are_there__truth(folder: Path) -> None:
-    pyogrio.raw.write(
+    raw.write(
         folder / "footprints.gpkg",
         np.array([shapely.to_wkb(shapely.box(0, 0, 1, 1))], object),
         [np.array(["a"], object)],
@@ -340,6 +344,16 @@ def test_surveyed_points_or_orientations_stand_in_for_a_reference__truth(folder:
     (folder / "eo.csv").write_text("scan,X,Y,Z\na,0,0,0\n")
     listed = ALONE.replace("scan_pixel_um", 'exterior = "eo.csv"\nscan_pixel_um')
     assert not described(read(folder, listed)).reference.knows_ground
+
+
+def test_points_brought_at_the_desk_stand_in_for_a_reference__truth(folder: Path) -> None:
+    with Session.open(folder, "anna") as session:
+        listed = [ListedPoint("A", -740000.0, -1040000.0, 200.0, (0.1, 0.1, 0.1))]
+        listed.append(ListedPoint("B", -739000.0, -1041000.0, 220.0, (0.1, 0.1, 0.1)))
+        session.record(BringPoints(tuple(listed), "list.csv"))
+        files = described(read(folder, ALONE), brought_points(session)).reference
+    assert files.level_m == 210.0
+    assert files.area == (-740000.0, -1041000.0, -739000.0, -1040000.0)
 
 
 def test_without_reference_points_and_orientations_the_error_says_what_to_add__truth(

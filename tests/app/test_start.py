@@ -3,6 +3,7 @@
 import errno
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -42,19 +43,20 @@ def broken(starting: Starting, name: str, error: OSError) -> None:
         raise error
 
 
-def test_an_empty_folder_says_what_it_lacks__truth(tmp_path):
+def test_an_empty_folder_says_what_it_lacks__truth(tmp_path: Path) -> None:
     found = Starting(tmp_path).found()
     assert found["found"] == found["scans"] == found["outlines"] == found["blocks"] == []
     assert ["scans", "nothing", ["scans.files"]] in found["gaps"]
-    assert DISTANCE in found["form"]["missing"]
+    assert "scans.files" in found["form"]["missing"]
+    assert ["distance", "distance", ["camera.principal_distance_mm"]] in found["gaps"]
     assert not found["form"]["ready"]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_fill_the_form_and_the_principal_distance_completes_it__truth(data):
+def test_files_fill_the_form_and_the_principal_distance_completes_it__truth(data: Path) -> None:
     starting = Starting(data)
     found = starting.found()
-    assert found["form"]["missing"] == [DISTANCE]
+    assert found["form"]["missing"] == []
     assert [scan["why"] for scan in found["scans"]] == [""] * 6
     assert {outline["kind"] for outline in found["outlines"]} >= {"scan", "ortho", "dem", "line"}
     values = values_of(starting) | {DISTANCE: 0.21159}
@@ -74,7 +76,7 @@ def test_files_fill_the_form_and_the_principal_distance_completes_it__truth(data
     assert found["checks"] == []
 
 
-def test_comments_of_the_file_stay_and_an_unfinished_one_can_be_saved__truth(data):
+def test_comments_of_the_file_stay_and_an_unfinished_one_can_be_saved__truth(data: Path) -> None:
     starting = Starting(data)
     assert starting.save(values_of(starting))["saved"]
     file = data / "block.toml"
@@ -89,7 +91,7 @@ def test_comments_of_the_file_stay_and_an_unfinished_one_can_be_saved__truth(dat
 
 
 @pytest.mark.parametrize("field", ["block.__class__", "nowhere.name", "scans.override.file.x"])
-def test_fields_that_are_none_are_refused__law(data, field):
+def test_fields_that_are_none_are_refused__law(data: Path, field: str) -> None:
     with pytest.raises((PhotogrammetryError, KeyError)):
         Starting(data).save({field: "x"})
     assert not (data / "block.toml").exists()
@@ -99,7 +101,7 @@ def test_fields_that_are_none_are_refused__law(data, field):
     "../a.tif", "a/../../b.tif", "/etc/passwd", ".hidden", "a/.b/c.tif", "", "a//b.tif", "a\\b.tif",
     "results/a.tif", "session.gpkg", "x" * 300, "a\nb.tif", "a\0b", "C:a.tif", "1/2/3/4/5/6/7.tif",
 ])  # fmt: skip
-def test_names_that_lead_elsewhere_are_refused__law(tmp_path, name):
+def test_names_that_lead_elsewhere_are_refused__law(tmp_path: Path, name: str) -> None:
     (tmp_path / "block").mkdir()
     starting = Starting(tmp_path / "block")
     with pytest.raises(StorageError):
@@ -107,7 +109,7 @@ def test_names_that_lead_elsewhere_are_refused__law(tmp_path, name):
     assert list((tmp_path / "block").iterdir()) == []
 
 
-def test_an_upload_is_there_whole_or_not_at_all__law(tmp_path):
+def test_an_upload_is_there_whole_or_not_at_all__law(tmp_path: Path) -> None:
     starting = Starting(tmp_path)
     assert put(starting, "scans/a.tif", b"abc").read_bytes() == b"abc"
     with pytest.raises(StorageError, match="is there already"):
@@ -121,7 +123,7 @@ def test_an_upload_is_there_whole_or_not_at_all__law(tmp_path):
     assert [path.name for path in (tmp_path / "scans").iterdir()] == ["a.tif"]
 
 
-def test_nothing_is_uploaded_through_a_link__law(tmp_path):
+def test_nothing_is_uploaded_through_a_link__law(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     block = tmp_path / "block"
     block.mkdir()
@@ -132,7 +134,7 @@ def test_nothing_is_uploaded_through_a_link__law(tmp_path):
     assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
-def test_a_linked_folder_is_recognised_and_can_be_let_go__truth(data, tmp_path):
+def test_a_linked_folder_is_recognised_and_can_be_let_go__truth(data: Path, tmp_path: Path) -> None:
     block = tmp_path / "block"
     block.mkdir()
     starting = Starting(block)
@@ -150,7 +152,7 @@ def test_a_linked_folder_is_recognised_and_can_be_let_go__truth(data, tmp_path):
     assert list((data / "ortho").iterdir())
 
 
-def test_folders_of_this_computer_are_listed_without_their_files__truth(data):
+def test_folders_of_this_computer_are_listed_without_their_files__truth(data: Path) -> None:
     starting = Starting(data)
     told = starting.folders(str(data))
     assert told["folders"] == ["ortho", "roads", "scans"]
@@ -160,7 +162,7 @@ def test_folders_of_this_computer_are_listed_without_their_files__truth(data):
         starting.folders(str(data / "nowhere"))
 
 
-def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data):
+def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path) -> None:
     scan = sorted((data / "scans").glob("*.tif"))[0]
     scan.write_bytes(scan.read_bytes()[:20_000])
     for world in (data / "scans").glob("*.tfw"):
@@ -176,7 +178,9 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data):
     assert "fiducials" in checks
 
 
-def test_a_folder_of_blocks_lists_them_and_opens_one__truth(tiny_block, tmp_path):
+def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
+    tiny_block: Path, tmp_path: Path
+) -> None:
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     (tmp_path / "many" / "empty").mkdir()
     starting = Starting(tmp_path / "many")
@@ -190,7 +194,7 @@ def test_a_folder_of_blocks_lists_them_and_opens_one__truth(tiny_block, tmp_path
     assert starting.chosen == tmp_path / "many" / "one"
 
 
-def test_what_a_setting_makes_again_is_told__truth(tiny_run, tmp_path):
+def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path) -> None:
     starting = Starting(tiny_run.folder)
     assert not wants_start(tiny_run.folder)
     assert wants_start(tmp_path)
@@ -215,7 +219,7 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run, tmp_path):
         assert session.products.latest_value("walked")
 
 
-def test_plain_names__truth():
+def test_plain_names__truth() -> None:
     assert is_plain("LMSA08.1938 (2).tif")
     assert is_plain("sn\u00edmek.tif")
     assert not is_plain(".part")

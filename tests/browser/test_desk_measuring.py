@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from app.desk.wiring import open_desk
-from tests.browser.hands import current
-from tests.ui.user_points import measuring_inputs, true_pixel
+from tests.browser.hands import current, settled
+from tests.ui.desk_block import adjust
+from tests.ui.user_points import measuring_inputs, true_pixel, true_places
 
 pytestmark = pytest.mark.browser
 AT = """([column, row]) => {
@@ -111,3 +112,44 @@ def test_what_cannot_be_seen_leaves_the_list_and_the_strip_says_so__law(page, in
     page.wait_for_selector(f'.other.unseen[title^="{key[1]}"]')
     page.click(f'.other.unseen[title^="{key[1]}"]')
     page.wait_for_function("photo => gruber.parts.point.key[1] === photo", arg=key[1])
+
+
+def test_a_detail_of_two_scans_gets_coordinates_and_is_undone_as_one__truth(page, inputs):
+    name, photo = key_of(page)
+    page.keyboard.press("p")
+    page.wait_for_selector("#adding:not([hidden])")
+    page.mouse.click(*page.evaluate(AT, true_pixel((name, photo)).tolist()))
+    page.wait_for_function("gruber.parts.point.key[0] === 'N001' && gruber.parts.point.draft")
+    assert key_of(page) == ("N001", photo)
+    assert not page.locator("#adding").is_visible()
+    keep(page)
+    page.wait_for_function("gruber.parts.point.key[0] === 'N001'")
+    assert "E " not in page.inner_text("#trial")
+    page.wait_for_function("gruber.parts.point.state === 'proposed'")
+    keep(page)
+    page.wait_for_function("document.getElementById('trial').textContent.includes('E ')")
+    settled(page)
+    figures = page.evaluate("gruber.parts.point.figures")
+    off = np.array(figures["surveyed"]) - true_places()[name]
+    assert figures["source"] == "hand"
+    assert (np.abs(off) < 4 * np.array(figures["surveyed_sigma"])).all()
+    block = inputs.session.replayed(inputs.block)
+    (told,) = adjust(block).new_points
+    assert figures["surveyed_sigma"] == pytest.approx(told.sigma_m, abs=0.01)
+    assert sum(key[0] == "N001" for key in block.measurements) == 2
+    page.keyboard.press("u")
+    page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'N001')")
+    block = inputs.session.replayed(inputs.block)
+    assert "N001" not in block.surveyed
+    page.keyboard.press("Shift+U")
+    page.wait_for_function("gruber.parts.rows.filter(r => r[0] === 'N001' && r[4]).length === 2")
+
+
+def test_a_new_point_that_is_dropped_leaves_nothing__law(page, inputs):
+    key = key_of(page)
+    page.keyboard.press("p")
+    page.mouse.click(*page.evaluate(AT, true_pixel(key).tolist()))
+    page.wait_for_function("gruber.parts.point.key[0] === 'N001' && gruber.parts.point.draft")
+    page.keyboard.press("Escape")
+    page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'N001')")
+    assert "N001" not in inputs.session.replayed(inputs.block).surveyed

@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -117,6 +117,7 @@ WRITES: dict[str, Names] = {
     "redo": frozenset({"Withdraw"}), "back": frozenset({"Withdraw"}),
     "reason": frozenset({"Withdraw", "Reject"}), "add": frozenset({"AddPoint"}),
     "use": frozenset({"JudgeFiducial"}), "put": frozenset({"PlaceFiducial"}),
+    "fill": frozenset({"FillMarks"}),
 }  # fmt: skip
 """Decisions that a meaning may leave in the file."""
 STANDS = {"accept": "accept", "reject": "reject", "dubious": "dubious", "invisible": "reject"}
@@ -125,9 +126,10 @@ REFUSED = ("ahead", "yes-or-no", "still-drafts", "guest", "wire", "not-done", "o
 ANSWERS = {
     "undo": ("nothing-to-undo",), "redo": ("nothing-to-redo",), "reason": ("no-reason",),
     "refine": ("refined", "not-refined"), "put": ("outside", "snapped", "not-snapped"),
+    "fill": ("filled", "filled-anew", "not-filled"),
 }  # fmt: skip
 """Notices that answer what was meant, in the file or not."""
-LATE = frozenset({"add", "put"})
+LATE = frozenset({"add", "put", "fill"})
 """What is measured first, or waits for the hand to pause."""
 LATE_S = 1.5
 """Within this time anything else is in the file."""
@@ -215,8 +217,8 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
     if kind == "board":
         return {
             "keep": Meaning("use", seen["mark"], True), "hide": Meaning("use", seen["mark"], True),
-            "snap": Meaning("put", seen["mark"]), "undo": _undo(seen),
-        }[name]  # fmt: skip
+            "snap": Meaning("put", seen["mark"]), "undo": _undo(seen), "fill": Meaning("fill"),
+        }.get(name)  # fmt: skip
     if on == "pane" and seen["adding"] and not seen["dialog"]:
         return Meaning("add")
     if kind != "act":
@@ -237,8 +239,8 @@ def _board_means(seen: dict[str, Any]) -> Meaning | None:
         return None
     if letter in ("y", "v", "n"):
         return Meaning("use", mark, must=True)
-    if letter == "u":
-        return _undo(seen)
+    if letter in ("u", "l"):
+        return _undo(seen) if letter == "u" else Meaning("fill")
     if letter == "Enter" or (key in ARROWS and not seen["onMark"]):
         return Meaning("put", mark)
     return None
@@ -668,7 +670,7 @@ def remake(photo_ids: tuple[str, ...], progress: Progress, report: object) -> No
 
 
 @contextmanager
-def open_rooms(block: Path, folder: Path) -> Iterator[list[Room]]:
+def open_rooms(block: Path, folder: Path) -> Generator[list[Room]]:
     """Every page, each on a copy of a block that was run."""
     desk, start, placing = (folder / name for name in ("desk", "start", "placing"))
     for copy in (desk, placing):
@@ -685,8 +687,8 @@ def open_rooms(block: Path, folder: Path) -> Iterator[list[Room]]:
         project = read_project(placing)
         given = described(project)
         with Session.open(placing, OPERATOR) as placed:
-            scans = placed.products.latest_value("scans")
-            archive = placed.products.latest_value("georeference")
+            scans: Any = placed.products.latest_value("scans")
+            archive: Any = placed.products.latest_value("georeference")
         found = Placeable(given, scans, open_reference(given.reference), archive.block)
         page = stack.enter_context(open_placing(project, found, "127.0.0.1", 0))
         report = (desk / "results" / "report.html").as_uri()

@@ -10,7 +10,8 @@ import pytest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.block import Measurement
-from core.control.transfer import Surroundings, Transferred, transfer_point
+from core.control.located import Surroundings
+from core.control.transfer import Transferred, transfer_point
 from core.raster.scan_file import open_scan
 from tests.core.ties.rendered import write
 from tests.real.readers import SXB, read_sxb

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyogrio
+import pyogrio.raw
 import pytest
 import shapely
 from pyproj import CRS
@@ -17,6 +18,7 @@ from pyproj import CRS
 from core.adjustment.adjusted import AdjustmentReport, NewPoint
 from core.block import Block
 from core.errors import CrsError
+from core.geometry.drawn_mask import DrawnMask
 from sessions.layers import write_layers
 from sessions.store import Store
 
@@ -56,6 +58,7 @@ def test_gdal_lists_every_layer_with_its_kind_and_no_other__oracle(written: Path
         "measurements": "Point Z",
         "points_from_photos": "Point Z",
         "residual_vectors": "LineString",
+        "masks": "Polygon",
         "decisions": None,
     }
 
@@ -227,3 +230,20 @@ def test_an_unadjusted_block_has_layers_too__truth(
     _, _, fields = read(tmp_path / "session.gpkg", "points")
     assert list(fields["status"]) == ["unused"] * 3
     assert np.isnan(fields["dX"]).all()
+
+
+def test_masks_are_polygons_on_the_ground_with_their_outline_in_pixels__oracle(
+    tmp_path: Path, block: Block, report_of: ReportOf
+) -> None:
+    hidden = shapely.box(1000, 2000, 3000, 2500)
+    photo = replace(block.photos["A"], mask=DrawnMask(hidden))
+    masked = block.with_photos({**block.photos, "A": photo})
+    file = Store.open(tmp_path / "session.gpkg")
+    write_layers(file, masked, report_of(masked), FOOTPRINTS)
+    file.close()
+    _, shapes, fields = read(tmp_path / "session.gpkg", "masks")
+    assert fields["photo_id"].tolist() == ["A"]
+    assert fields["kind"].tolist() == ["hidden"]
+    assert shapely.equals(shapely.from_wkt(fields["pixels"][0]), hidden)
+    pixel_m = photo.ground_pixel_m(masked.camera_of("A"))
+    assert shapes[0].area == pytest.approx(hidden.area * pixel_m**2, rel=0.05)

@@ -1,5 +1,6 @@
 """Decisions laid over a block."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +18,11 @@ from sessions.decisions import (
     BringPoints,
     ChoosePeak,
     Decision,
+    DrawMask,
     MarkDubious,
     MarkNotVisible,
     Place,
+    PlacePhoto,
     Recorded,
     Reject,
     SetRole,
@@ -42,12 +45,21 @@ decisions: st.SearchStrategy[Decision] = st.one_of(
     st.builds(Place, points, photos, pixel, pixel),
     st.builds(ChoosePeak, points, photos, st.integers(-1, 3)),
     st.builds(SetRole, points, st.sampled_from(["control", "check"])),
+    st.builds(
+        DrawMask,
+        photos,
+        st.lists(st.tuples(pixel, pixel), min_size=1, max_size=4).map(tuple),
+        st.sampled_from([0.0, 90.0]),
+        st.booleans(),
+        st.booleans(),
+    ),
+    st.builds(PlacePhoto, photos, st.lists(st.tuples(*[pixel] * 4), max_size=3).map(tuple)),
     st.builds(BringPoints, st.lists(listed, max_size=3).map(tuple), st.just("list.csv")),
 )
 some = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def number(items: list[Decision]) -> list[Recorded]:
+def number(items: Sequence[Decision]) -> list[Recorded]:
     return [Recorded(n + 1, "", "ada", item) for n, item in enumerate(items)]
 
 
@@ -210,7 +222,7 @@ def test_a_brought_point_never_takes_the_name_of_another_kind__truth(block: Bloc
 
 def test_a_detail_of_unknown_coordinates_is_a_new_point__truth(block: Block) -> None:
     measured = Measurement("N001", "A", 400.0, 300.0, 0.5, status="accepted")
-    added = AddPoint("N001", 1.0, 2.0, 3.0, (UNKNOWN_M,) * 3, (measured,))
+    added = AddPoint("N001", 1.0, 2.0, 3.0, (UNKNOWN_M, UNKNOWN_M, UNKNOWN_M), (measured,))
     known = AddPoint("H1", 1.0, 2.0, 3.0, (0.2, 0.2, 0.5), ())
     log = number([added, known, Place("N001", "B", 5.0, 6.0), SetRole("N001", "check")])
     replayed = replay(block, log)

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pyogrio
 import pytest
+from pyogrio import raw
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.errors import StorageError
 from core.formats.listed_point import ListedPoint
+from core.scans.judging import FiducialMeasurement
 from sessions.decisions import (
     DECISIONS,
     Accept,
@@ -19,6 +21,8 @@ from sessions.decisions import (
     BringPoints,
     ChoosePeak,
     Decision,
+    DrawMask,
+    FillMarks,
     JudgeFiducial,
     JudgePhoto,
     JudgeTie,
@@ -26,6 +30,7 @@ from sessions.decisions import (
     MarkNotVisible,
     Place,
     PlaceFiducial,
+    PlacePhoto,
     Reject,
     SetRole,
     Withdraw,
@@ -49,6 +54,17 @@ EVERY: tuple[Decision, ...] = (
     JudgeTie("A", 10.25, 11.5, use=False),
     JudgePhoto("A", use=True),
     JudgeFiducial("A", "3", use=False),
+    FillMarks(
+        "rmk",
+        "A",
+        12.0,
+        7.0,
+        {"A": (FiducialMeasurement("UL", 12.25, 7.5, 0.03, 0.9, 0.01, "example"),), "B": ()},
+        {"UL": (-110.0, 110.5)},
+        0.01,
+    ),
+    DrawMask("A", ((1.0, 2.0), (3.0, 4.0), (5.0, 1.0)), 0.0, hides=True),
+    PlacePhoto("A", ((10.0, 20.0, 500000.5, 5400000.5),)),
     PlaceFiducial("A", "3", 10.25, 2 / 3),
     Withdraw(3),
 )
@@ -115,7 +131,7 @@ def test_layers_stand_beside_the_decisions__oracle(
     with Session.open(tmp_path, "ada") as session:
         session.record(Accept("P1", "A"))
         session.write_layers(block, report_of(block), {})
-    meta, _, _, fields = pyogrio.raw.read(tmp_path / "session.gpkg", layer="decisions")
+    meta, _, _, fields = raw.read(tmp_path / "session.gpkg", layer="decisions")
     assert list(fields[list(meta["fields"]).index("who")]) == ["ada"]
     assert "points" in pyogrio.list_layers(tmp_path / "session.gpkg")[:, 0]
 

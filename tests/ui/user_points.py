@@ -64,28 +64,44 @@ def measuring_snapshot() -> DeskSnapshot:
     block, report = listed_block(), adjusted()
     evidence = Adjusting(OPTIONS).evidence(report)
     state = DeskState(block, report, made=made_with(report.block), evidence=evidence)
-    state = with_predictions(state)
-    drawn = drawn_from_block(state.oriented)
     dem = tiny_block().land.dem
+    state = with_predictions(state, dem)
+    drawn = drawn_from_block(state.oriented)
     return DeskSnapshot(block, state, dem, drawn, table=NO_ROWS.renewed(state))
 
 
-def proposing(block, sigmas, point_id, measured):
+class Proposing:
     """In the place of what compares scans: the true places, a fifth of a pixel beside."""
-    done = {item.photo_id for item in measured}
-    found = []
-    for photo_id in block.photos:
-        if photo_id not in done:
-            column, row = (float(value) for value in true_pixel((point_id, photo_id)))
-            found.append(
-                Measurement(point_id, photo_id, column + 0.2, row, 0.25, 0.94, "dubious", "likely")
-            )
-    return found
+
+    def proposals(self, block, sigmas, point_id, measured):
+        if not measured:
+            return []
+        done = {item.photo_id for item in measured}
+        true = listed_at(measured[0])
+        return [self._at(true, point_id, photo) for photo in block.photos if photo not in done]
+
+    def refined(self, block, sigmas, place, measured):
+        return self._at(listed_at(measured[0]), place.point_id, place.photo_id)
+
+    def _at(self, true, point_id, photo_id):
+        column, row = (float(value) for value in true_pixel((true, photo_id)))
+        return Measurement(point_id, photo_id, column + 0.2, row, 0.25, 0.94, "dubious", "likely")
+
+
+def listed_at(measured: Measurement) -> str:
+    """The listed point that somebody pointed at: a new point may lie there as well."""
+    photo_id = measured.photo_id
+    return min(true_places(), key=lambda name: distance(measured, true_pixel((name, photo_id))))
+
+
+def distance(measured: Measurement, pixel: np.ndarray) -> float:
+    """Between a measurement and a place of its scan, pixels."""
+    return float(np.hypot(measured.column - pixel[0], measured.row - pixel[1]))
 
 
 def measuring_inputs(folder: Path, **changes) -> DeskInputs:
     """Everything a desk over the listed block needs."""
-    inputs = desk_inputs(folder, **{"transfer": proposing, **changes})
+    inputs = desk_inputs(folder, **{"transfer": Proposing(), **changes})
     report = adjusted()
     evidence = Adjusting(OPTIONS).evidence
     return replace(

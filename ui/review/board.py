@@ -15,17 +15,17 @@ from core.geometry.transforms import PlaneTransform, fit_similarity
 from core.scans.corrected_marks import MarkChange, corrected_scan
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
-from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, standing
-from sessions.replay import mark_changes
+from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial, Recorded, standing
+from sessions.marks import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
 from ui.review.looks import short, shortened
 from ui.review.state import DeskState, InitialState
 
 Part = dict[str, Any]
-MarkState = Literal["used", "placed", "hidden", "unused", "missing"]
-"""In use as found, in use as placed by hand, left out by a person, left out by the fit, not
-found."""
+MarkState = Literal["used", "filled", "placed", "hidden", "unused", "missing"]
+"""In use as found, in use as found by an example and not looked at yet, in use as placed by hand,
+left out by a person, left out by the fit, not found."""
 WINDOW_MM = 3.4
 """Side of the film about a mark that a thumbnail shows, millimetres."""
 LEAST_PX, MOST_PX = 32, 1024
@@ -51,12 +51,14 @@ def board_part(
         camera = state.block.camera_of(name)
         film, own = initial.films.get(name), changes.get(name, {})
         row = _Row(photo, camera, film, own, _doubts(film, camera, own))
+        certified = initial.cameras.get(photo.camera, camera).fiducials_mm
         cells = [row.cell(mark, last.get((name, mark))) for mark in row.names]
         interior = photo.interior
         photos.append(
             {
                 "photo": name,
                 "camera": photo.camera,
+                "certified": bool(certified),
                 "size": list(photo.size_px),
                 "version": drawn[name].version if name in drawn else 1,
                 "window": _window_px(interior.pixel_size_mm),
@@ -72,7 +74,21 @@ def board_part(
     photos.sort(
         key=lambda row: (not row["cells"], -row["doubt"], -sum(c["doubt"] for c in row["cells"]))
     )
-    return {"photos": photos, "films": films_part(state, initial)}
+    return {"photos": photos, "films": films_part(state, initial), "examples": examples(recorded)}
+
+
+def examples(recorded: Sequence[Recorded]) -> list[Part]:
+    """Marks that were shown as examples, with what was found by each."""
+    return [
+        {
+            "id": item.decision_id,
+            "camera": item.decision.camera,
+            "photo": item.decision.photo_id,
+            "place": [item.decision.column, item.decision.row],
+        }
+        for item in standing(recorded)
+        if isinstance(item.decision, FillMarks)
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,10 +117,11 @@ class _Row:
         if place is None and used:
             column, row = interior.pixels[interior.names.index(name)].tolist()
             place = (column, row)
-        state = _state(used, change, place)
+        by_example = said is not None and isinstance(said.decision, FillMarks)
+        state = "filled" if used and change.use and by_example else _state(used, change, place)
         residual = self._residual(name, place, used)
         why = [] if said is not None else self._why(name)
-        measured = found if change.place is None else None
+        measured = change.measured if change.filled else found if change.place is None else None
         cell: Part = {
             "name": name,
             "state": state,
@@ -118,11 +135,18 @@ class _Row:
             "why": why,
             "said": None
             if said is None
-            else {"id": said.decision_id, "who": said.who, "when": said.when[:16]},
+            else {
+                "id": said.decision_id,
+                "who": said.who,
+                "when": said.when[:16],
+                "filled": by_example,
+            },
         }
         # Who placed a mark may have missed it: its residual still counts.
         decided = said is not None and state in ("hidden", "used")
-        cell["doubt"] = 0.0 if decided else round(self._doubt(cell, residual), 2)
+        doubt = 0.0 if decided else self._doubt(cell, residual)
+        # Nobody has looked at it: half a doubt is left to the best of them.
+        cell["doubt"] = round((1 + doubt) / 2 if state == "filled" else doubt, 2)
         return cell
 
     def _found(self, name: str) -> FiducialMeasurement | None:
@@ -178,17 +202,25 @@ def _state(used: bool, change: MarkChange, place: tuple[float, float] | None) ->
     if not change.use:
         return "hidden"
     if used:
-        return "used" if change.place is None else "placed"
+        return "placed" if change.place is not None and not change.filled else "used"
     return "missing" if place is None else "unused"
 
 
 def _last_said(recorded: Sequence[Recorded]) -> dict[tuple[str, str], Recorded]:
-    """The last decision about each mark that stands."""
-    return {
-        (item.decision.photo_id, item.decision.name): item
-        for item in standing(recorded)
-        if isinstance(item.decision, JudgeFiducial | PlaceFiducial)
-    }
+    """The last decision about each mark that stands; that of a person goes before an example."""
+    last: dict[tuple[str, str], Recorded] = {}
+    for item in standing(recorded):
+        match item.decision:
+            case JudgeFiducial(photo_id, name) | PlaceFiducial(photo_id, name):
+                last[photo_id, name] = item
+            case FillMarks(found=found):
+                keys = [(photo, mark.name) for photo, marks in found.items() for mark in marks]
+                before = {key: last[key] for key in keys if key in last}
+                told = {k for k, one in before.items() if not isinstance(one.decision, FillMarks)}
+                last |= {key: item for key in keys if key not in told}
+            case _:
+                pass
+    return last
 
 
 def _doubts(

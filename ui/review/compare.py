@@ -149,7 +149,7 @@ def overlay_of(state: DeskState, drawn: Drawn, dem: HeightSource, key: Key) -> O
 
 
 def stale_photos(state: DeskState, tolerance_m: float) -> tuple[str, ...]:
-    """Photos whose ortho was made with an orientation more than `tolerance_m` away."""
+    """Photos whose ortho was made with an orientation more than `tolerance_m` away, or unmasked."""
     oriented = state.oriented
     stale: list[str] = []
     for name, photo in oriented.photos.items():
@@ -157,7 +157,7 @@ def stale_photos(state: DeskState, tolerance_m: float) -> tuple[str, ...]:
             continue
         camera = oriented.camera_of(name)
         metres = shift_px(*state.made[name], photo, camera) * photo.ground_pixel_m(camera)
-        if metres > tolerance_m:
+        if metres > tolerance_m or state.made[name][0].mask != photo.mask:
             stale.append(name)
     return tuple(stale)
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
+from ui.review.drawing import MaskDrawn, mask_from_message
 from ui.review.state import (
     KINDS,
     LAYERS,
@@ -18,6 +19,7 @@ from ui.review.state import (
 )
 
 Verdict = Literal["accept", "reject", "dubious", "invisible"]
+Aim = Literal["pick", "hover", "follow"]
 VERDICTS: tuple[Verdict, ...] = ("accept", "reject", "dubious", "invisible")
 
 
@@ -57,7 +59,7 @@ class Explained:
 
 @dataclass(frozen=True, slots=True)
 class PlacedInScan:
-    """The point drafted by hand, in pixels of the raw scan."""
+    """The point drafted by hand, in pixels of the raw scan; a new one where the key has no name."""
 
     seat_id: str
     key: Key
@@ -152,34 +154,17 @@ class Filtered:
 
 
 @dataclass(frozen=True, slots=True)
-class RayPicked:
-    """A click in the 3D scene: a ray in the local frame."""
+class Aimed:
+    """The pointer in the 3D scene: a ray in the local frame, and what the hand did there."""
 
     seat_id: str
+    act: Aim
+    """`pick`: a click; `hover`: the pointer rests; `follow`: a double click, into a photo, out of
+    it, or what sees a place."""
     origin: tuple[float, float, float]
     direction: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class RayHovered:
-    """The pointer rests in the 3D scene."""
-
-    seat_id: str
-    number: int
+    number: int = 0
     """The page's own number of the question, so that it knows the answer again."""
-    origin: tuple[float, float, float]
-    direction: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class RayFollowed:
-    """A double click in the 3D scene: into a photo, out of it, or what sees a place."""
-
-    seat_id: str
-    number: int
-    """As in `RayHovered`."""
-    origin: tuple[float, float, float]
-    direction: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,9 +217,10 @@ class RemakeAsked:
 
 @dataclass(frozen=True, slots=True)
 class RemakeCancelled:
-    """Stop making orthos."""
+    """Stop making orthos, or searching marks."""
 
     seat_id: str
+    filling: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +278,8 @@ class MarkPlaced:
     row: float
     snap: bool = False
     """True to move it onto the mark beside that place."""
+    fill: bool = False
+    """True to look for all marks like the one at that place, whatever its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,19 +309,17 @@ class Freed:
     robust: bool
 
 
+Looking = (
+    Stepped | Selected | Sorted | Filtered | Aimed | PhotoEntered | ReliefRaised | LayerSwitched
+    | VectorsScaled | Fitted | QualityAsked | SheetAsked | AnswerAsked
+)  # fmt: skip
 Gesture = (
-    Judged | JudgedTogether | Dropped | Explained
-    | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched
-    | Undone | Redone | Stepped | Selected | Sorted | Filtered | RayPicked | RayHovered
-    | RayFollowed | PhotoEntered | ReliefRaised | LayerSwitched | VectorsScaled | Fitted
-    | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | QualityAsked | Freed
-    | SheetAsked | MarkPlaced | MarkJudged | AnswerAsked
+    Looking | Judged | JudgedTogether | Dropped | Explained
+    | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched | Undone | Redone
+    | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | Freed
+    | MarkPlaced | MarkJudged | MaskDrawn
 )  # fmt: skip
-LOOKING = (
-    Stepped, Selected, Sorted, Filtered, RayPicked, RayHovered, RayFollowed, PhotoEntered,
-    ReliefRaised, LayerSwitched, VectorsScaled, Fitted, QualityAsked, SheetAsked,
-    AnswerAsked,
-)  # fmt: skip
+LOOKING: tuple[type, ...] = get_args(Looking)
 """What a guest may do: look at everything, change nothing that others see."""
 LONGEST_NAME = 40
 Message = Mapping[str, Any]
@@ -403,7 +389,7 @@ def _raised(seat_id: str, message: Message) -> Gesture:
     return ReliefRaised(seat_id, relief)
 
 
-def _aimed(kind: type[RayHovered | RayFollowed]) -> Callable[[str, Message], Gesture]:
+def _aimed(act: Aim) -> Callable[[str, Message], Gesture]:
     """Reads a ray of the scene."""
 
     def read(seat_id: str, message: Message) -> Gesture:
@@ -414,7 +400,7 @@ def _aimed(kind: type[RayHovered | RayFollowed]) -> Callable[[str, Message], Ges
         if not 0.5 < right**2 + forward**2 + up**2 < 2:
             raise ValueError("not a direction")
         origin, direction = (east, north, height), (right, forward, up)
-        return kind(seat_id, int(message["number"]), origin, direction)
+        return Aimed(seat_id, act, origin, direction, int(message["number"]))
 
     return read
 
@@ -450,7 +436,8 @@ def _mark(seat_id: str, message: Message) -> Gesture:
     if not (abs(column) < 1e6 and abs(row) < 1e6):
         raise ValueError("not a place")
     names = str(message["photo"]), str(message["name"])
-    return MarkPlaced(seat_id, *names, column, row, bool(message.get("snap", False)))
+    snap, fill = bool(message.get("snap", False)), bool(message.get("fill", False))
+    return MarkPlaced(seat_id, *names, column, row, snap, fill)
 
 
 _READERS: dict[str, Callable[[str, Message], Gesture]] = {
@@ -472,8 +459,8 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "layer": _layer,
     "vectors": _scaled,
     "relief": _raised,
-    "hover": _aimed(RayHovered),
-    "follow": _aimed(RayFollowed),
+    "hover": _aimed("hover"),
+    "follow": _aimed("follow"),
     "enter": lambda seat, message: PhotoEntered(seat, str(message["photo"])),
     "fit": lambda seat, message: Fitted(seat, bool(message.get("whole", True))),
     "remake": lambda seat, message: RemakeAsked(seat),
@@ -484,9 +471,10 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "free": lambda seat, message: Freed(seat, bool(message["cameras"]), bool(message["robust"])),
     "sheet": _sheet,
     "mark": _mark,
+    "draw": mask_from_message,
     "mark-use": lambda seat, message: MarkJudged(
         seat, str(message["photo"]), str(message["name"]), bool(message["use"])
     ),
-    "cancel": lambda seat, message: RemakeCancelled(seat),
+    "cancel": lambda seat, message: RemakeCancelled(seat, bool(message.get("filling", False))),
     "answer": lambda seat, message: AnswerAsked(seat, int(message["number"])),
 }

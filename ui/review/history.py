@@ -12,11 +12,14 @@ from sessions.decisions import (
     AddPoint,
     BringPoints,
     Decision,
+    DrawMask,
+    FillMarks,
     JudgeFiducial,
     JudgePhoto,
     JudgeTie,
     Place,
     PlaceFiducial,
+    PlacePhoto,
     Recorded,
     Reject,
     SetRole,
@@ -75,8 +78,10 @@ def _explained(recorded: Sequence[Recorded]) -> set[int]:
 def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
     """True when a decision is about a measurement, or about its whole point."""
     match decision:
-        case Withdraw():
+        case Withdraw() | DrawMask() | FillMarks():
             return False
+        case PlacePhoto(photo_id=photo_id):
+            return photo_id == key[1]
         case JudgeTie() | JudgePhoto() | JudgeFiducial() | PlaceFiducial():
             return key_of_verdict(extra, decision) == key
         case SetRole(point_id=point_id) | AddPoint(point_id=point_id):
@@ -90,7 +95,7 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
 def key_of(decision: Decision, extra: Extra) -> Key | None:
     """The measurement a decision is about; None where it is about more than one."""
     match decision:
-        case Withdraw() | SetRole() | BringPoints():
+        case Withdraw() | SetRole() | BringPoints() | DrawMask() | PlacePhoto() | FillMarks():
             return None
         case AddPoint(point_id=point_id, measured=measured):
             return (point_id, measured[0].photo_id) if measured else None
@@ -108,6 +113,8 @@ def subject_of(decision: Decision) -> str:
             | PlaceFiducial(photo_id=photo_id, name=name)
         ):
             return f"{name} \u00b7 {photo_id}"
+        case DrawMask(subject=name) | PlacePhoto(photo_id=name) | FillMarks(camera=name):
+            return name
         case BringPoints(points=points):
             rest = f" + {len(points) - 1}" if len(points) > 1 else ""
             return points[0].point_id + rest if points else ""
@@ -144,8 +151,10 @@ def _detail(decision: Decision) -> tuple[str, dict[str, str]]:
             return "detail.used" if use else "detail.left-out", {}
         case BringPoints(source=source):
             return ("detail.list", {"file": source}) if source else ("detail.typed", {})
-        case AddPoint(measured=measured):
-            return "detail.scans", {"count": str(len(measured))}
+        case PlacePhoto(pairs=pairs):
+            return "detail.pairs", {"count": str(len(pairs))}
+        case AddPoint(measured=found) | FillMarks(found=found):
+            return "detail.scans", {"count": str(len(found))}
         case _:
             return "", {}
 
@@ -213,3 +222,18 @@ def shifts_m(one: AdjustmentRecord, other: AdjustmentRecord) -> dict[str, float]
         for name, (photo, camera) in other.photos.items()
         if name in one.photos
     }
+
+
+def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> tuple[Withdraw, ...]:
+    """What turns one decision round: withdrawn when it stands, else its withdrawal withdrawn."""
+    if not any(item.decision_id == decision_id for item in recorded):
+        return ()
+    stands = standing(recorded)
+    if any(item.decision_id == decision_id for item in stands):
+        return (Withdraw(decision_id),)
+    undone = [
+        item.decision_id
+        for item in stands
+        if isinstance(item.decision, Withdraw) and item.decision.decision_id == decision_id
+    ]
+    return (Withdraw(undone[-1]),) if undone else ()

@@ -6,27 +6,23 @@ from typing import Literal
 
 import numpy as np
 
+from core.arrays import PixelPoints
 from sessions.decisions import (
-    NOT_VISIBLE,
     REASONS,
-    Accept,
     ChoosePeak,
     Decision,
     JudgeFiducial,
-    MarkDubious,
-    MarkNotVisible,
     Place,
     PlaceFiducial,
-    Recorded,
     Reject,
     SetRole,
-    Withdraw,
-    standing,
 )
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
 from ui.review.drafts import is_to_be_asked
+from ui.review.drawing import MaskDrawn, decided_mask
 from ui.review.gestures import (
+    Aimed,
     AnswerAsked,
     Dropped,
     Explained,
@@ -46,9 +42,6 @@ from ui.review.gestures import (
     PlacedOnGround,
     PointAsked,
     QualityAsked,
-    RayFollowed,
-    RayHovered,
-    RayPicked,
     Redone,
     Refined,
     ReliefRaised,
@@ -62,9 +55,9 @@ from ui.review.gestures import (
     TakenBack,
     Undone,
     VectorsScaled,
-    Verdict,
 )
-from ui.review.looks import ShownState
+from ui.review.history import taken_back
+from ui.review.new_points import begun, given_up
 from ui.review.picture import Part
 from ui.review.queue import (
     UNDECIDED,
@@ -80,7 +73,8 @@ from ui.review.second_reading import is_blind
 from ui.review.sight import Picked, card_part, ground_under, photos_over, pick, sight_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
-from ui.review.to_measure import WAITING
+from ui.review.to_measure import WAITING, by_view
+from ui.review.verdicts import decision_of, not_measured, standing_verdict
 
 Act = Literal[
     "",
@@ -91,7 +85,9 @@ Act = Literal[
     "cancel",
     "fit whole",
     "fit current",
+    "cancel filling",
     "measure",
+    "fill",
     "free",
     "answer",
 ]
@@ -123,7 +119,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _explain(gesture, seat)
         case PlacedInScan() | PlacedOnGround() | PeakChosen():
             return _place(gesture, seat, desk)
-        case MarkPlaced() | MarkJudged():
+        case MarkPlaced() | MarkJudged() | MaskDrawn():
             return _mark(gesture, seat, desk)
         case PointAsked() | Refined():
             return _measure(gesture, seat, desk)
@@ -139,10 +135,10 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             | Freed()
             | AnswerAsked()
         ):
-            return _act(gesture, seat)
+            return _act(gesture, seat, desk)
         case TakenBack(decision_id=decision_id):
             return Outcome(seat, taken_back(decision_id, desk.recorded))
-        case RayPicked() | RayHovered() | RayFollowed():
+        case Aimed():
             return _aim(gesture, seat, desk)
         case _:
             return Outcome(_moved(gesture, seat, desk))
@@ -158,29 +154,35 @@ def _act(
     | Freed
     | AnswerAsked,
     seat: Seat,
+    desk: DeskSnapshot,
 ) -> Outcome:
     """What only the loop can do, and drafts given up."""
     match gesture:
         case Dropped(key=key):
-            return Outcome(seat.without_draft(key))
+            return _dropped(key, seat, desk)
         case Freed():
             return Outcome(seat, act="free")
         case AnswerAsked():
             return Outcome(seat, act="answer")
         case Undone() if (draft := seat.draft_of(seat.current)) is not None:
             # What was done last is taken back first.
-            return Outcome(seat.without_draft(draft.key))
+            return _dropped(draft.key, seat, desk)
         case Undone():
             return Outcome(replace(seat, explaining=None), act="undo")
         case Redone():
             return Outcome(replace(seat, explaining=None), act="redo")
         case RemakeAsked():
             return Outcome(seat, act="remake")
-        case RemakeCancelled():
-            return Outcome(seat, act="cancel")
+        case RemakeCancelled(filling=filling):
+            return Outcome(seat, act="cancel filling" if filling else "cancel")
         case Fitted(whole=whole):
             seat = _with_photo(seat, seat.scene.photo)
             return Outcome(seat, act="fit whole" if whole else "fit current")
+
+
+def _dropped(key: Key, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """Without a draft, and without the new point that was nothing else."""
+    return Outcome(seat.without_draft(key), given_up(desk.state, desk.recorded, key[0]))
 
 
 def _judge(gesture: Judged | JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -200,13 +202,13 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     if extra and verdict not in ("accept", "reject"):
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     draft = seat.draft_of(key) if verdict == "accept" else None
-    if not draft and (notice := _not_measured(desk.rows[key].state, verdict)):
+    if not draft and (notice := not_measured(desk.rows[key].state, measurement, verdict)):
         return Outcome(seat, notice=notice)
     if not draft and is_blind(desk.state, seat, key):
         return Outcome(seat, notice=Notice("notice.read-first"))
     if draft and is_to_be_asked(desk.state, seat, draft):
         return Outcome(replace(seat, asking=draft))
-    stands = not draft and _standing_verdict(measurement.status, measurement.reason) == verdict
+    stands = not draft and standing_verdict(measurement) == verdict
     here = key == seat.current
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
     rejected = verdict == "reject" and not stands and not extra
@@ -219,7 +221,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     elif desk.state.is_waiting(key) and verdict == "accept":
         decided = Place(*key, measurement.column, measurement.row, measurement.sigma_px)
     else:
-        decided = _decision_of(verdict, key)
+        decided = decision_of(verdict, key)
     return Outcome(
         after,
         () if stands or decided is None else (decided,),
@@ -227,96 +229,66 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     )
 
 
-def _not_measured(state: ShownState, verdict: Verdict) -> Notice | None:
-    """Why a verdict says nothing of a point that is not measured yet; None where it does."""
-    if verdict == "invisible" or state not in WAITING or (state, verdict) == ("proposed", "accept"):
-        return None
-    return Notice("notice.place-first")
-
-
 def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """One verdict on several, recorded as one act; drafts that contradict the block stay drafts."""
-    decided: list[Decision] = []
-    notice = None
+    decided, done = list[Decision](), list[Key]()
+    notice, looked_at, moved = None, seat.current, False
     for key in sorted(gesture.keys, key=lambda key: seat.order.index(key)):
         draft = seat.draft_of(key) if gesture.verdict == "accept" else None
         if draft and is_to_be_asked(desk.state, seat, draft):
             notice = Notice("notice.still-drafts")
             continue
         one = _judge_one(Judged(seat.seat_id, key, gesture.verdict), seat, desk)
-        decided += one.decisions
-        seat, notice = one.seat, notice or one.notice
+        unseen = draft is None and key != looked_at
+        decided += [
+            replace(made, seen=False) if unseen and isinstance(made, Place) else made
+            for made in one.decisions
+        ]
+        done.append(key)
+        moved = moved or one.seat.current != looked_at
+        seat, notice = replace(one.seat, current=looked_at), notice or one.notice
+    if moved:
+        seat = replace(seat, current=_next_open(seat, desk, done))
     return Outcome(replace(seat, explaining=None), tuple(decided), notice=notice)
 
 
-def _decision_of(verdict: Verdict, key: Key) -> Decision:
-    match verdict:
-        case "accept":
-            return Accept(*key)
-        case "reject":
-            return Reject(*key, reason="other")
-        case "dubious":
-            return MarkDubious(*key)
-        case _:
-            return MarkNotVisible(*key)
-
-
-def _standing_verdict(status: str, reason: str) -> Verdict | None:
-    match status:
-        case "accepted":
-            return "accept"
-        case "rejected":
-            return "invisible" if reason == NOT_VISIBLE else "reject"
-        case "dubious":
-            return "dubious"
-        case _:
-            return None
-
-
-def _next_open(seat: Seat, desk: DeskSnapshot) -> Key | None:
-    """The next measurement in the queue nobody has looked at; else simply the next."""
-    following = coming(desk.rows, seat, desk.taken(seat.seat_id)) or coming(desk.rows, seat)
+def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key | None:
+    """What is next that nobody has looked at, the same point's best view first; or simply next."""
+    rows = desk.rows
+    following = coming(rows, seat, {*desk.taken(seat.seat_id), *done}) or coming(rows, seat, done)
+    name = seat.current[0] if seat.current else ""
+    same = [key for key in following if key[0] == name and rows[key].state in WAITING]
+    following = by_view(desk.state.to_measure, same) or following
     return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
-
-
-def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> tuple[Withdraw, ...]:
-    """What turns one decision round: withdrawn when it stands, else its withdrawal withdrawn."""
-    if not any(item.decision_id == decision_id for item in recorded):
-        return ()
-    stands = standing(recorded)
-    if any(item.decision_id == decision_id for item in stands):
-        return (Withdraw(decision_id),)
-    undone = [
-        item.decision_id
-        for item in stands
-        if isinstance(item.decision, Withdraw) and item.decision.decision_id == decision_id
-    ]
-    return (Withdraw(undone[-1]),) if undone else ()
 
 
 def _explain(gesture: Explained, seat: Seat) -> Outcome:
     if seat.explaining is None or not 1 <= gesture.digit <= len(REASONS):
-        return Outcome(seat)
+        # What was done last, before the page heard of it, has closed the question.
+        return Outcome(seat, notice=Notice("notice.no-reason"))
     decision = Reject(*seat.explaining, reason=REASONS[gesture.digit - 1])
     return Outcome(replace(seat, explaining=None), (decision,), "amend")
 
 
-def _mark(gesture: MarkPlaced | MarkJudged, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """A fiducial in use or not, or where somebody put it: as it is, or on the mark beside it."""
+def _mark(gesture: MarkPlaced | MarkJudged | MaskDrawn, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """A fiducial in use or not, or where somebody put it; a mask drawn on a scan."""
     block = desk.state.block
+    if isinstance(gesture, MaskDrawn):
+        return Outcome(seat, decided_mask(gesture, block))
     photo = block.photos.get(gesture.photo_id)
     if photo is None:
         return Outcome(seat)
-    known = block.camera_of(gesture.photo_id).fiducials_mm
-    if gesture.name not in known and gesture.name not in photo.interior.names:
+    known = (*block.camera_of(gesture.photo_id).fiducials_mm, *photo.interior.names)
+    fill = isinstance(gesture, MarkPlaced) and gesture.fill
+    if gesture.name not in known and not fill:
         return Outcome(seat)
     if isinstance(gesture, MarkJudged):
         return Outcome(seat, (JudgeFiducial(gesture.photo_id, gesture.name, gesture.use),))
     place = gesture.column, gesture.row
     if not lies_within(*place, photo.size_px):
         return _outside(seat, gesture.photo_id)
-    if gesture.snap:
-        return Outcome(seat, act="measure")
+    if gesture.snap or fill:
+        return Outcome(seat, act="fill" if fill else "measure")
     return Outcome(seat, (PlaceFiducial(gesture.photo_id, gesture.name, *place),))
 
 
@@ -336,7 +308,7 @@ def _place(
     point_id, photo_id = gesture.key
     if gesture.key in desk.state.extra.measurements:
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
-    if gesture.key not in desk.rows or photo_id not in desk.drawn:
+    if (gesture.key not in desk.rows and point_id) or photo_id not in desk.drawn:
         return Outcome(seat)
     seat = replace(seat, explaining=None)
     if isinstance(gesture, PeakChosen):
@@ -351,7 +323,18 @@ def _place(
         pixel = np.array([gesture.column, gesture.row])
     if not lies_within(float(pixel[0]), float(pixel[1]), desk.drawn[photo_id].photo.size_px):
         return _outside(seat, photo_id)
+    if not point_id:
+        return _begin(seat, desk, photo_id, pixel[None])
     return _drafted(seat, Place(point_id, photo_id, float(pixel[0]), float(pixel[1])))
+
+
+def _begin(seat: Seat, desk: DeskSnapshot, photo_id: str, pixel: PixelPoints) -> Outcome:
+    """A new point at a detail of a scan."""
+    new = begun(seat, desk, photo_id, pixel)
+    if new is None:
+        return _outside(seat, photo_id)
+    notice = Notice("notice.begun", {"what": new[1].point_id})
+    return Outcome(new[0], (new[1],), notice=notice)
 
 
 def _drafted(seat: Seat, decision: Place | ChoosePeak) -> Outcome:
@@ -379,18 +362,18 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
 
-def _aim(gesture: RayPicked | RayHovered | RayFollowed, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _aim(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What the pointer meets in 3D."""
-    match gesture:
-        case RayPicked():
+    match gesture.act:
+        case "pick":
             return _pick(gesture, seat, desk)
-        case RayHovered():
+        case "hover":
             return _hover(gesture, seat, desk)
-        case RayFollowed():
+        case "follow":
             return _follow(gesture, seat, desk)
 
 
-def _pick(gesture: RayPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _pick(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """A click in 3D: the measurement of a point nearest in doubt, or a photo and its worst.
 
     Beside both, the photo that was chosen is let go.
@@ -406,14 +389,14 @@ def _pick(gesture: RayPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
     return Outcome(showing(seat, desk.rows, key))
 
 
-def _hover(gesture: RayHovered, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _hover(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What lies under the pointer in 3D."""
     found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
     card = {} if found is None else card_part(found, desk)
     return Outcome(seat, answer=("card", {"number": gesture.number, **card}))
 
 
-def _follow(gesture: RayFollowed, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _follow(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """A double click in 3D: into the photo, out of it, or the photos that see the place."""
     if seat.scene.inside:
         return Outcome(_with_photo(seat, seat.scene.photo))

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 from ui.review.board import board_part
+from ui.review.drawing import mask_part
 from ui.review.history import history_of
 from ui.review.picture import (
     Part,
@@ -118,6 +119,14 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
             (
                 (*adjusted, desk.recorded),
                 lambda: board_part(state, desk.initial, desk.drawn, desk.recorded),
+            ),
+        )
+    if seat.sheet == "mask":
+        yield (
+            "mask",
+            (
+                (block, desk.base, desk.drawn, desk.recorded),
+                lambda: mask_part(state, desk.base, desk.drawn, desk.recorded),
             ),
         )
     if seat.sheet == "placement":

@@ -17,7 +17,7 @@ from ui.review.misfit import Misfit, misfits
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
 from ui.review.second_reading import readings_part
-from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Seat
+from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Remaking, Seat
 from ui.review.to_measure import by_view
 from ui.review.trial import Trial
 
@@ -86,7 +86,6 @@ def status_part(
     report, before = state.report, state.before
     states = [row.state for row in rows.values() if row.role in POINT_KINDS]
     tally = {name: states.count(name) for name in ("auto", "accepted", "dubious", "rejected")}
-    making = state.remaking
     return {
         "sigma": short(report.sigma_nought, 4),
         "sigma_before": short(before.sigma_nought, 4) if before else None,
@@ -103,13 +102,21 @@ def status_part(
         "adjusting": state.adjusting,
         "stale": list(stale),
         "written": state.written,
-        "remaking": None if making is None else {
-            "share": short(making.done / making.total if making.total else 0.0, 3),
-            "what": making.what,
-            "left": short(making.seconds_left, 0),
-            "cancelling": making.cancelling,
-        },
-    }  # fmt: skip
+        "remaking": _making_part(state.remaking),
+        "filling": _making_part(state.filling),
+    }
+
+
+def _making_part(making: Remaking | None) -> Part:
+    """How far long work is; None while nobody asked for it."""
+    if making is None:
+        return None
+    return {
+        "share": short(making.done / making.total if making.total else 0.0, 3),
+        "what": making.what,
+        "left": short(making.seconds_left, 0),
+        "cancelling": making.cancelling,
+    }
 
 
 def position_error_m(report: AdjustmentReport) -> float | None:
@@ -273,7 +280,7 @@ def _figures(state: DeskState, shown: DeskState, row: Row) -> Part:
         "redundancy": short(row.controlled, 2),
         "place": [short(measurement.column, 1), short(measurement.row, 1)],
         "source": point.source if row.role in POINT_KINDS else row.role,
-        "surveyed": [short(value, 1) for value in point.position],
+        "surveyed": [short(value, 2) for value in point.position],
         "surveyed_sigma": [short(value, 2) for value in point.sigma_m],
         "remark": "" if drafted else state.remark(measurement),
     }

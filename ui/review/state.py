@@ -31,9 +31,9 @@ StateFilter = Literal[
 STATE_FILTERS: tuple[StateFilter, ...] = (
     "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
-Sheet = Literal["", "board", "placement"]
+Sheet = Literal["", "board", "placement", "mask"]
 """A view laid over the desk, beside that of the block's quality."""
-SHEETS: tuple[Sheet, ...] = ("board", "placement")
+SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask")
 LAYERS: tuple[str, ...] = (
     "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
     "checks", "ties", "tie_vectors", "labels",
@@ -152,14 +152,14 @@ class Seat:
 
 @dataclass(frozen=True, slots=True)
 class Remaking:
-    """How far the making of orthos is."""
+    """How far the making of orthos is, or the search for marks."""
 
     done: float = 0.0
     """Share done, of `total`."""
     total: float = 1.0
     """Whole."""
     what: str = ""
-    """What is being made."""
+    """What is being made, or searched."""
     seconds_left: float | None = None
     """Estimate, seconds."""
     cancelling: bool = False
@@ -229,6 +229,8 @@ NO_EVIDENCE = Evidence()
 class ToMeasure:
     """Points of the user in photos where nobody has measured them yet."""
 
+    places: Mapping[str, SurveyedPoint] = field(default_factory=dict[str, SurveyedPoint])
+    """New points where their measurements put them, with their standard deviations."""
     predictions: Mapping[Key, Prediction] = field(default_factory=dict[Key, Prediction])
     """Every point of the user in every photo that shows it, measured or not; best view first."""
     proposals: Mapping[Key, Measurement] = field(default_factory=dict[Key, Measurement])
@@ -267,6 +269,8 @@ class DeskState:
     """True while the numbers shown are older than the decisions."""
     remaking: Remaking | None = None
     """Set while orthos are being made."""
+    filling: Remaking | None = None
+    """Set while marks like an example are being searched."""
     written_of: AdjustmentReport | None = None
     """The adjustment that tables and report on disk tell of; None where there are none."""
     free: tuple[bool, bool] = (True, True)
@@ -290,9 +294,10 @@ class DeskState:
     def oriented(self) -> Block:
         """The block with the newest orientations and camera constants, to project with."""
         adjusted = self.report.block
-        photos = {**self.block.photos, **adjusted.photos}
         return replace(
-            self.block, photos=photos, cameras={**self.block.cameras, **adjusted.cameras}
+            self.block,
+            photos={**self.block.photos, **adjusted.photos},
+            cameras={**self.block.cameras, **adjusted.cameras},
         )
 
     def measurement_of(self, key: Key) -> Measurement | None:
@@ -311,8 +316,11 @@ class DeskState:
         return key in self.to_measure.waiting and key not in self.block.measurements
 
     def point_of(self, name: str) -> SurveyedPoint | None:
-        """The place on the ground a row is about."""
-        return self.block.surveyed.get(name) or self.extra.points.get(name)
+        """The place on the ground a row is about; of a new point, where it is known to be."""
+        known = self.block.surveyed.get(name)
+        if known is not None and known.role == "new":
+            return self.to_measure.places.get(name, known)
+        return known or self.extra.points.get(name)
 
     def shown_state(self, measurement: Measurement) -> ShownState:
         """The state on screen: what the adjustment left out by itself shows as unused."""
@@ -356,6 +364,8 @@ class InitialState:
         default_factory=dict[str, ExteriorOrientation]
     )
     """Where its source put each photo."""
+    cameras: Mapping[str, Camera] = field(default_factory=dict[str, Camera])
+    """The cameras as the block describes them, without marks that only photos tell."""
 
 
 NOTHING_INITIAL = InitialState()

@@ -1,4 +1,4 @@
-"""Points of the user that wait to be measured: where, and in which order."""
+"""Points of the user, and new ones, that wait to be measured: where, and in which order."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from core.block import Block, Measurement, SurveyedPoint
+from core.control.new_points import places_of_new_points
 from core.control.prediction import Prediction, predict_points
+from core.raster.dem import HeightSource
 from ui.review.state import DeskState, Key, ToMeasure
 
 # design: the order of views must not outweigh what two points bring.
@@ -21,15 +23,22 @@ def points_of_user(block: Block) -> tuple[SurveyedPoint, ...]:
     return tuple(point for point in block.surveyed.values() if point.source == "surveyed")
 
 
-def with_predictions(state: DeskState) -> DeskState:
-    """The desk with its user's points predicted by the newest adjustment."""
+def with_predictions(state: DeskState, dem: HeightSource) -> DeskState:
+    """The desk with its user's points and new ones predicted by the newest adjustment."""
+    places = places_of_new_points(state.oriented, state.report, dem, state.evidence.covariances)
     found = predict_points(
         state.oriented,
-        points_of_user(state.block),
+        (*points_of_user(state.block), *(place.point for place in places.values())),
         state.evidence.covariances,
         state.report.sigma_nought,
+        {name: place.covariance for name, place in places.items()},
     )
-    return with_waiting(replace(state, to_measure=replace(state.to_measure, predictions=found)))
+    known = replace(
+        state.to_measure,
+        predictions=found,
+        places={name: place.point for name, place in places.items()},
+    )
+    return with_waiting(replace(state, to_measure=known))
 
 
 def with_waiting(state: DeskState) -> DeskState:
@@ -46,7 +55,7 @@ def with_waiting(state: DeskState) -> DeskState:
     return state if same else replace(state, to_measure=replace(known, waiting=waiting))
 
 
-def kept_up(before: DeskState, after: DeskState) -> DeskState:
+def kept_up(before: DeskState, after: DeskState, dem: HeightSource) -> DeskState:
     """The desk after decisions: points that came or moved are predicted at once."""
     one, other = points_of_user(before.block), points_of_user(after.block)
     same = len(one) == len(other) and all(
@@ -54,7 +63,17 @@ def kept_up(before: DeskState, after: DeskState) -> DeskState:
                        and np.array_equal(old.sigma_m, new.sigma_m))
         for old, new in zip(one, other, strict=True)
     )  # fmt: skip
-    return with_waiting(after) if same else with_predictions(after)
+    same = same and _rays_of_new(before.block) == _rays_of_new(after.block)
+    return with_waiting(after) if same else with_predictions(after, dem)
+
+
+def _rays_of_new(block: Block) -> Mapping[str, list[Measurement]]:
+    """What is measured of each new point."""
+    rays = {name: list[Measurement]() for name, p in block.surveyed.items() if p.role == "new"}
+    for (name, _), item in block.measurements.items() if rays else ():
+        if name in rays:
+            rays[name].append(item)
+    return rays
 
 
 def with_proposals(state: DeskState, proposals: Mapping[Key, Measurement]) -> DeskState:

@@ -8,7 +8,8 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import USED, Block, Measurement
 from core.scans.corrected_marks import MarkChange
 from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
-from sessions.replay import judged, with_changes
+from sessions.marks import with_changes
+from sessions.replay import judged
 from ui.review.compare import shift_px
 from ui.review.doubtful import verdict_on
 from ui.review.drafts import with_drafted

@@ -20,7 +20,7 @@ from viser import _messages as viser_messages  # pyright: ignore[reportPrivateUs
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from ui.review.gestures import Gesture, RayPicked
+from ui.review.gestures import Aimed, Gesture
 from ui.review.scene import ScenePicture
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
@@ -159,7 +159,7 @@ class SceneServer:
         self._clients[client.client_id] = seat_id, client
 
         async def clicked(event: viser.SceneClickEvent) -> None:
-            self._hand_up(RayPicked(seat_id, event.ray_origin, event.ray_direction))
+            self._hand_up(Aimed(seat_id, "pick", event.ray_origin, event.ray_direction))
 
         # Typed for plain functions only, but coroutines are what keeps clicks in order.
         client.scene.on_click()(cast(Any, clicked))

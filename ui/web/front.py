@@ -1,12 +1,14 @@
 """The one public port: own pages, tiles, results, the wire to the loop, and a proxy to viser."""
 
 import asyncio
+import gzip
 import json
 import re
 import secrets
 import threading
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -35,6 +37,8 @@ PAGE_POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
     "connect-src 'self' ws: wss:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
 )
+SCRIPT = re.compile(r'<script type="module" src="/pages/([a-z_]+\.js)"')
+IMPORTED = re.compile(r' from "\./([a-z_]+\.js)"')
 INTO_SCENE = (
     '<link rel="stylesheet" href="/pages/scene.css"><script src="/pages/scene.js"></script></head>'
 )
@@ -45,6 +49,7 @@ RESULT_CONTENT = {
     ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
     ".gpkg": "application/geopackage+sqlite3", ".txt": "text/plain", ".xml": "application/xml",
     ".zip": "application/zip", ".geojson": "application/geo+json", ".points": "text/plain",
+    ".tfw": "text/plain", ".jgw": "text/plain", ".j2w": "text/plain",
     ".prj": "text/plain", ".opk": "text/plain", ".gcp": "text/plain", ".qgs": "application/xml",
 }  # fmt: skip
 LISTED_FIRST = {".html": 0, ".tif": 1}
@@ -103,7 +108,7 @@ class Front:
         self._ready = threading.Event()
         self._stop = asyncio.Event()
         self._failure: OSError | None = None
-        self._scene_page = ""
+        self._scene_page = b""
         self._client: aiohttp.ClientSession | None = None
         self.port = 0
         self._thread = threading.Thread(target=self._run, name="front", daemon=True)
@@ -228,10 +233,12 @@ class Front:
             async with self._session().get(address, headers=headers) as answer:
                 page = await answer.text()
             place = page.index("</head>")
-            self._scene_page = page[:place] + INTO_SCENE + page[place + len("</head>") :]
-        response = web.Response(text=self._scene_page, content_type="text/html")
-        response.enable_compression()
-        return response
+            page = page[:place] + INTO_SCENE + page[place + len("</head>") :]
+            self._scene_page = gzip.compress(page.encode())
+        return web.Response(
+            body=self._scene_page, content_type="text/html", charset="utf-8",
+            headers={"Content-Encoding": "gzip"},
+        )  # fmt: skip
 
     async def _scene_socket(self, request: web.Request) -> web.StreamResponse:
         """Pass messages both ways until either side closes."""
@@ -322,7 +329,21 @@ def _own_file(name: str) -> web.Response:
     response.headers["Cache-Control"] = "no-cache" if charset else "max-age=86400"
     if path.suffix == ".html":
         response.headers["Content-Security-Policy"] = PAGE_POLICY
+        response.text = path.read_text("utf-8").replace("</head>", f"{_all_modules(path)}</head>")
     return response
+
+
+@cache
+def _all_modules(page: Path) -> str:
+    """Has a browser ask at once for what a page imports, and not file by file as it reads them."""
+    seen: list[str] = []
+    waiting = SCRIPT.findall(page.read_text("utf-8"))
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.append(name)
+            waiting += IMPORTED.findall((PAGES / name).read_text("utf-8"))
+    return "".join(f'<link rel="modulepreload" href="/pages/{name}">' for name in seen)
 
 
 async def _pass(

@@ -33,13 +33,21 @@ interface Start {
     west: number; north: number; pixel: number; levels: number; width: number; height: number;
   };
   ortho?: boolean;
+  /** Whether photos can be placed by clicks at this desk. */
+  placeable?: boolean;
   ortho_pixel: number;
   /** Half the side of the compared patch, metres; 0 or nothing where none is known. */
   template: number | null;
   results: boolean;
   /** What the block can be exported to: titles by name. */
   formats: Record<string, string>;
+  /** Those whose pixels are of scans laid upright. */
+  upright: string[];
+  /** What can be brought of other programs: titles by name. */
+  imports: Record<string, string>;
   free: boolean;
+  /** Whether marks can be found by an example. */
+  fill: boolean;
   /** On the placing page only. */
   scans: ScanToPlace[];
   command: string;
@@ -89,7 +97,8 @@ interface Status {
   adjusting: boolean;
   stale: string[];
   written: boolean;
-  remaking: { share: number; what: string; left: number | null; cancelling: boolean } | null;
+  remaking: Making | null;
+  filling: Making | null;
 }
 
 interface Figures {
@@ -187,7 +196,9 @@ interface Quality {
   compared: { pair: [number, number]; shifts: [photo: string, metres: number][] } | null;
 }
 
-type FiducialState = "used" | "placed" | "hidden" | "unused" | "missing";
+/** How far long work is. */
+interface Making { share: number; what: string; left: number | null; cancelling: boolean }
+type FiducialState = "used" | "filled" | "placed" | "hidden" | "unused" | "missing";
 interface Fiducial {
   name: string;
   state: FiducialState;
@@ -199,11 +210,12 @@ interface Fiducial {
   sigma: number | null;
   doubt: number;
   why: Told[];
-  said: { id: string; who: string; when: string } | null;
+  said: { id: string; who: string; when: string; filled: boolean } | null;
 }
 interface ScanRow {
   photo: string;
   camera: string;
+  certified: boolean;
   size: Pair;
   version: number;
   window: number;
@@ -229,7 +241,9 @@ interface Film {
 }
 interface Roll { count: number; marks: FilmMark[]; mean: number[]; spread: number[]; rms: number }
 interface Films { films: Film[]; rolls: Record<string, Roll | null>; frames: Record<string, Pair> }
-interface Board { photos: ScanRow[]; films: Films }
+/** A mark that somebody showed, so that the others like it were found. */
+interface Example { id: number; camera: string; photo: string; place: Pair }
+interface Board { photos: ScanRow[]; films: Films; examples: Example[] }
 
 interface PlacedPhoto {
   photo: string;
@@ -302,12 +316,36 @@ interface Parts {
   quality?: Quality;
   board?: Board;
   placement?: Placement;
+  mask?: Masks;
   scene?: SceneSwitches;
   card?: Card;
   sight?: Sight;
 }
 /** Only what changed; the table in pieces `rows/0`, `rows/1` and so on, `rows/count` long. */
 type Message = Parts & { notices?: Notice[]; "rows/count"?: number };
+
+/** A scan with what was drawn on it: polygons as rings of places, the outer one first. */
+interface MaskedScan {
+  photo: string;
+  camera: string;
+  size: Pair;
+  version: number;
+  pixel_um: number;
+  hidden: number[][][][];
+  freed: number[][][][];
+  /** Control points that it took out of use, and those an operator holds there. */
+  out: string[];
+  held: string[];
+}
+interface Masks {
+  photos: MaskedScan[];
+  strokes: {
+    id: number; who: string; when: string; subject: string; camera: boolean; hides: boolean;
+    brush: boolean;
+  }[];
+  /** Rays of tie points that masks took out of use. */
+  ties: number;
+}
 
 interface ScanToPlace {
   photo: string;
@@ -323,6 +361,7 @@ interface PairFit {
   matrix?: Affine;
   residuals?: Pair[] | null;
   rms?: number | null;
+  affine?: { matrix: Affine; residuals: Pair[] | null; rms: number | null } | null;
   pixel_m?: number;
   scale?: number;
   turn_deg?: number;
@@ -408,6 +447,8 @@ interface ListQuestion {
 }
 
 /** A list of points as it would come in. */
+/** What a file of another program would bring. */
+interface ReadForeign { format: string; counts: Record<string, number>; notes: Told[] }
 interface ReadList {
   reading: {
     encoding: string;
@@ -435,6 +476,8 @@ interface ReadList {
 
 interface Ids {
   board: HTMLDialogElement;
+  mask: HTMLDialogElement;
+  placed: HTMLDialogElement;
   contrast: HTMLInputElement;
   help: HTMLDialogElement;
   "mark-room": HTMLElement | null;
@@ -463,6 +506,8 @@ interface Window {
   gruberAtWork?: () => boolean;
   /** Told by viser's page after every frame. */
   gruberEye?: () => void;
+  /** Closes the placing page that lies over the desk. */
+  gruberPlaced?: () => void;
   /** What tests look at. */
   gruber?: object;
 }

@@ -19,8 +19,8 @@ class Placer(Runner, Protocol):
         """How well a similarity takes the scan's points to the map's."""
         ...
 
-    def save(self, photo_id: str, pairs: list[Pair]) -> dict[str, Any]:
-        """Write them beside the scan; nothing is left when there are none."""
+    def save(self, photo_id: str, pairs: list[Pair], seat_id: str = "") -> dict[str, Any]:
+        """Keep them; nothing is left when there are none."""
         ...
 
 
@@ -28,11 +28,12 @@ def placing_routes(placer: Placer) -> tuple[web.RouteDef, ...]:
     """Addresses of the page; guests change nothing."""
 
     async def fit(request: web.Request) -> web.StreamResponse:
-        return await _with_pairs(request, placer.fitted)
+        return await with_pairs(request, placer.fitted)
 
     async def save(request: web.Request) -> web.StreamResponse:
         operators_only(request)
-        return await _with_pairs(request, placer.save)
+        seat_id = request.query.get("seat", "")
+        return await with_pairs(request, lambda photo, pairs: placer.save(photo, pairs, seat_id))
 
     return (
         web.post("/fit/{photo}", fit),
@@ -41,7 +42,7 @@ def placing_routes(placer: Placer) -> tuple[web.RouteDef, ...]:
     )
 
 
-async def _with_pairs(
+async def with_pairs(
     request: web.Request, work: Callable[[str, list[Pair]], dict[str, Any]]
 ) -> web.StreamResponse:
     """Read pairs, hand them on, answer with what came of it or with the words of the error."""

@@ -86,6 +86,10 @@ class ScanTiles:
             self._drawn[name, photo.version] = photo
             self._drawn.pop((name, photo.version - 4), None)
 
+    def newest(self, photo_id: str) -> int:
+        """The version of a photo's tiles that was told last."""
+        return max((version for name, version in self._drawn if name == photo_id), default=1)
+
     def close(self) -> None:
         """Stop drawing."""
         self._pool.shutdown(wait=False, cancel_futures=True)

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from core.quality.rules import CLASSES, SENTENCES
+from core.quality.sentences import CLASSES, SENTENCES
 from core.said import ENGLISH_SIGNS, Said, Signs, Wording, english_form
 
 FOLDER = Path(__file__).parent
@@ -27,7 +27,7 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
     ("R", "raw"), ("L", "likeness"), ("O", "edges"), ("T", "flicker"),
     ("Z", "together"), ("P", "act.add"), ("B", "quality"),
-    ("I", "board"), ("G", "placement"), ("X", "grow"),
+    ("I", "board"), ("Shift+I", "mask"), ("G", "placement"), ("Shift+G", "placing"), ("X", "grow"),
     (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the text of what it does."""

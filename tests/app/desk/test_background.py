@@ -2,13 +2,17 @@
 
 import threading
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 
-from app.desk.background import Adjusted, RemakeEnded, Remaker, RemakeStep, Worker
+from app.desk.background import Adjusted, Filler, RemakeEnded, Remaker, RemakeStep, Worker
+from app.desk.messages import FillEnded, FillStep
 from core.doubts import Failure
 from core.errors import ReferenceDataError
-from tests.ui.desk_block import adjust, tiny_block
+from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
+from ui.review.gestures import MarkPlaced
+from ui.review.state import Notice
 
 
 @dataclass(frozen=True)
@@ -20,7 +24,7 @@ class Captured:
     def block(self):
         return tiny_block().block
 
-    def conclude(self, report):
+    def conclude(self, report: Any):
         return None
 
 
@@ -31,12 +35,12 @@ class Inbox:
     def __init__(self):
         self.items, self.change = [], threading.Condition()
 
-    def __call__(self, item):
+    def __call__(self, item: Any):
         with self.change:
             self.items.append(item)
             self.change.notify_all()
 
-    def until(self, test, seconds=10):
+    def until(self, test: Any, seconds: Any = 10) -> list[Any]:
         with self.change:
             assert self.change.wait_for(lambda: test(self.items), seconds), self.items
             return self.items
@@ -46,7 +50,7 @@ def test_a_newer_block_takes_the_place_of_an_older_one__law():
     inbox, begun = Inbox(), threading.Event()
     tiny_block()  # made before the clock runs
 
-    def slow(captured, progress):
+    def slow(captured: Any, progress: Any):
         begun.set()
         for _ in range(1000):
             progress.report(0, 1)
@@ -64,10 +68,10 @@ def test_a_newer_block_takes_the_place_of_an_older_one__law():
 
 
 @pytest.mark.parametrize("error", [ValueError("odd"), ReferenceDataError("a", "b", "c")])
-def test_an_adjustment_that_fails_is_told_not_fatal__law(error, caplog):
+def test_an_adjustment_that_fails_is_told_not_fatal__law(error: Any, caplog: Any):
     inbox, calls = Inbox(), []
 
-    def failing(block, progress):
+    def failing(block: Any, progress: Any):
         calls.append(block)
         if len(calls) == 1:
             raise error
@@ -89,7 +93,7 @@ def test_making_orthos_reports_and_can_be_cancelled__law():
     inbox, block = Inbox(), tiny_block().block
     report = adjust(block)
 
-    def long(photo_ids, progress, made_with):
+    def long(photo_ids: Any, progress: Any, made_with: Any):
         assert made_with is report
         for step in range(10000):
             progress.report(step, 10000, photo_ids[0])
@@ -104,3 +108,33 @@ def test_making_orthos_reports_and_can_be_cancelled__law():
     assert ended.cancelled
     assert ended.failure == ""
     remaker.close()
+
+
+def test_a_search_for_marks_tells_each_scan_and_can_be_cancelled__law():
+    inbox, going = Inbox(), threading.Event()
+
+    def search(gesture: Any, desk: Any, progress: Any):
+        if going.is_set():
+            return None, Notice("notice.not-filled", {"why": gesture.photo_id})
+        for step in range(10000):
+            progress.report(step, 10000, f"scan {step}")
+            threading.Event().wait(0.002)
+        raise AssertionError("nobody stopped it")
+
+    filler = Filler(search, inbox)
+    shown = MarkPlaced("anna-1", "a", "", 1.0, 2.0, fill=True)
+    filler.start(shown, tiny_snapshot())
+    steps = inbox.until(lambda items: any(isinstance(item, FillStep) for item in items))
+    assert steps[0].what.startswith("scan ")
+    filler.start(shown, tiny_snapshot())
+    filler.cancel()
+    ended = inbox.until(lambda items: isinstance(items[-1], FillEnded))[-1]
+    assert (ended.seat_id, ended.decision, ended.notice.text) == (
+        "anna-1", None, "notice.fill-cancelled",
+    )  # fmt: skip
+    filler.close()
+    going.set()
+    filler.start(shown, tiny_snapshot())
+    ended = inbox.until(lambda items: isinstance(items[-1], FillEnded) and not filler.busy)[-1]
+    assert ended.notice.text == "notice.not-filled"
+    filler.close()

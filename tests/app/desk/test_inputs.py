@@ -78,12 +78,16 @@ def test_what_one_photo_shows_is_found_in_the_others__truth(tmp_path: Path):
     measured = [Measurement("P", first, *places[first].tolist(), 0.3, status="accepted")]
     level = SimpleNamespace(heights=lambda plane: terrain(plane[:, 0], plane[:, 1], 0.0))
     sigmas = {name: ExteriorSigmas(np.full(3, 0.5), np.full(3, 3e-4)) for name in block.photos}
-    found = Transferring(level, open_scan)(block, sigmas, "P", measured)
+    reference = SimpleNamespace(
+        ortho=SimpleNamespace(is_there=False), dem=level, ortho_sigma_m=0.25
+    )
+    finder = Transferring(reference, open_scan)
+    found = finder.proposals(block, sigmas, "P", measured)
     assert len(found) >= 1
     for item in found:
         assert np.hypot(*(item.pixel[0] - places[item.photo_id])) < 1.0
         assert item.score > 0.5
-    assert Transferring(level, open_scan)(block, sigmas, "P", []) == ()
+    assert finder.proposals(block, sigmas, "P", []) == ()
 
 
 def test_the_chosen_adjustment_is_the_engines__oracle():

@@ -3,13 +3,14 @@
 import threading
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Screen, SeatLeft, SeatTaken
-from sessions.decisions import Accept, AddPoint, JudgeTie, Reject
+from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Reject
 from sessions.replay import judged
 from sessions.session import Session
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
@@ -19,21 +20,23 @@ from ui.review.gestures import (
     Explained,
     Judged,
     JudgedTogether,
+    MarkPlaced,
     Named,
     PlacedInScan,
     PointAsked,
     Redone,
     RemakeAsked,
+    RemakeCancelled,
     RoleSwitched,
     Selected,
     Stepped,
     TakenBack,
     Undone,
 )
-from ui.review.state import DeskState
+from ui.review.state import DeskState, Notice
 
 
-def tiny_keys(desk):
+def tiny_keys(desk: Any):
     return [tuple(row[:2]) for row in desk.glass.parts["anna-1"]["rows"] if row[3] == "auto"]
 
 
@@ -44,35 +47,35 @@ class Glass:
         self.parts, self.notices, self.change = {}, [], threading.Condition()
         self.shown = []
 
-    def show(self, seat_id, parts):
+    def show(self, seat_id: Any, parts: Any):
         with self.change:
             self.parts.setdefault(seat_id, {}).update(parts)
             self.shown.append((seat_id, time.perf_counter(), parts))
             self.change.notify_all()
 
-    def tell(self, seat_id, notice):
+    def tell(self, seat_id: Any, notice: Any):
         with self.change:
             self.notices.append((seat_id, notice.text))
             self.change.notify_all()
 
-    def until(self, test, seconds=60):
+    def until(self, test: Any, seconds: Any = 60):
         with self.change:
             assert self.change.wait_for(lambda: test(self), seconds)
 
-    def current(self, seat_id="anna-1"):
+    def current(self, seat_id: Any = "anna-1") -> Any:
         part = self.parts[seat_id]
         row = part["rows"][part["queue"]["current"]]
         return row[0], row[1]
 
-    def row(self, key, seat_id="anna-1"):
+    def row(self, key: Any, seat_id: Any = "anna-1") -> Any:
         return next(row for row in self.parts[seat_id]["rows"] if (row[0], row[1]) == key)
 
-    def status(self, seat_id="anna-1"):
+    def status(self, seat_id: Any = "anna-1") -> Any:
         return self.parts[seat_id]["status"]
 
 
 class Opened:
-    def __init__(self, folder, made=None, **changes):
+    def __init__(self, folder: Any, made: Any = None, **changes: Any):
         self.glass, self.made = Glass(), []
         inputs = desk_inputs(
             folder, remake=lambda ids, progress, report: self.made.append(ids), **changes
@@ -86,11 +89,11 @@ class Opened:
         self.loop.start()
         self.sit("anna-1")
 
-    def sit(self, seat_id):
+    def sit(self, seat_id: Any):
         self.loop.submit(SeatTaken(seat_id))
         self.glass.until(lambda glass: seat_id in glass.parts)
 
-    def settled(self, decided):
+    def settled(self, decided: Any):
         self.glass.until(
             lambda glass: glass.status()["decided"] == decided and not glass.status()["adjusting"]
         )
@@ -101,13 +104,13 @@ class Opened:
 
 
 @pytest.fixture
-def desk(tmp_path):
+def desk(tmp_path: Any):
     opened = Opened(tmp_path)
     yield opened
     opened.close()
 
 
-def test_a_rejection_is_on_disk_and_moves_sigma_nought__truth(desk, tmp_path):
+def test_a_rejection_is_on_disk_and_moves_sigma_nought__truth(desk: Any, tmp_path: Any):
     blunder = sorted(tiny_block().blunders)[0]
     before = desk.glass.status()["sigma"]
     desk.loop.submit(Judged("anna-1", blunder, "reject"))
@@ -119,7 +122,7 @@ def test_a_rejection_is_on_disk_and_moves_sigma_nought__truth(desk, tmp_path):
         assert other.decisions()[0].decision == Reject(*blunder, reason="other")
 
 
-def test_undo_brings_back_state_number_and_place__truth(desk):
+def test_undo_brings_back_state_number_and_place__truth(desk: Any):
     first = desk.glass.current()
     before = desk.glass.status()["sigma"]
     desk.loop.submit(Judged("anna-1", first, "reject"))
@@ -136,7 +139,7 @@ def test_undo_brings_back_state_number_and_place__truth(desk):
     desk.glass.until(lambda glass: ("anna-1", "notice.nothing-to-undo") in glass.notices)
 
 
-def test_the_reason_replaces_the_rejection_it_explains__law(desk):
+def test_the_reason_replaces_the_rejection_it_explains__law(desk: Any):
     first = desk.glass.current()
     desk.loop.submit(Judged("anna-1", first, "reject"))
     desk.loop.submit(Explained("anna-1", 1))
@@ -148,7 +151,7 @@ def test_the_reason_replaces_the_rejection_it_explains__law(desk):
     assert desk.glass.row(first)[3] == "auto"
 
 
-def test_what_was_judged_at_once_is_undone_at_once__law(desk):
+def test_what_was_judged_at_once_is_undone_at_once__law(desk: Any):
     keys = tuple(tiny_keys(desk)[:5])
     desk.loop.submit(Judged("anna-1", tiny_keys(desk)[7], "dubious"))
     desk.loop.submit(JudgedTogether("anna-1", keys, "reject"))
@@ -161,7 +164,7 @@ def test_what_was_judged_at_once_is_undone_at_once__law(desk):
     desk.settled(6)
 
 
-def test_a_draft_is_shown_with_its_effect_and_is_not_on_disk__law(desk):
+def test_a_draft_is_shown_with_its_effect_and_is_not_on_disk__law(desk: Any):
     first = desk.glass.current()
     before = desk.glass.parts["anna-1"]["point"]["figures"]
     column, row = tiny_block().block.measurements[first].pixel[0] + 25.0
@@ -186,7 +189,7 @@ def test_a_draft_is_shown_with_its_effect_and_is_not_on_disk__law(desk):
     assert desk.glass.row(first)[7] is None
 
 
-def test_two_seats_see_each_other_but_keep_their_places__law(desk):
+def test_two_seats_see_each_other_but_keep_their_places__law(desk: Any):
     desk.sit("berta-1")
     there = desk.glass.current("berta-1")
     first = desk.glass.current()
@@ -199,7 +202,7 @@ def test_two_seats_see_each_other_but_keep_their_places__law(desk):
     assert desk.glass.current("berta-1") == here
 
 
-def test_reopened_the_desk_is_where_it_was__law(desk, tmp_path):
+def test_reopened_the_desk_is_where_it_was__law(desk: Any, tmp_path: Any):
     keys = []
     for verdict in ("reject", "accept", "dubious", "invisible"):
         keys.append(desk.glass.current())
@@ -214,7 +217,7 @@ def test_reopened_the_desk_is_where_it_was__law(desk, tmp_path):
     again.close()
 
 
-def test_a_page_is_told_when_what_it_sent_before_is_done__law(desk):
+def test_a_page_is_told_when_what_it_sent_before_is_done__law(desk: Any):
     before = desk.glass.current()
     desk.loop.submit(Stepped("anna-1", 1))
     desk.loop.submit(AnswerAsked("anna-1", 7))
@@ -222,7 +225,7 @@ def test_a_page_is_told_when_what_it_sent_before_is_done__law(desk):
     assert desk.glass.current() != before
 
 
-def test_a_hundred_gestures_keep_their_order__law(desk):
+def test_a_hundred_gestures_keep_their_order__law(desk: Any):
     keys = desk.glass.parts["anna-1"]["order"][:100]
     rows = desk.glass.parts["anna-1"]["rows"]
     aimed = [(rows[i][0], rows[i][1]) for i in keys]
@@ -234,7 +237,7 @@ def test_a_hundred_gestures_keep_their_order__law(desk):
     assert all(isinstance(d, Accept) for d in decided)
 
 
-def test_check_points_leave_the_adjustment_and_judge__truth(desk):
+def test_check_points_leave_the_adjustment_and_judge__truth(desk: Any):
     before = desk.glass.status()
     point_id = next(
         name
@@ -249,7 +252,7 @@ def test_check_points_leave_the_adjustment_and_judge__truth(desk):
     assert after["checks"]["kept"] == before["checks"]["kept"] + 1
 
 
-def test_stale_orthos_are_made_again_and_then_fresh__law(tmp_path):
+def test_stale_orthos_are_made_again_and_then_fresh__law(tmp_path: Any):
     desk = Opened(tmp_path, made=tiny_block().block)
     stale = tuple(desk.glass.status()["stale"])
     assert set(stale) == set(tiny_block().block.photos)
@@ -260,7 +263,7 @@ def test_stale_orthos_are_made_again_and_then_fresh__law(tmp_path):
     desk.close()
 
 
-def test_a_key_pressed_again_after_the_step_decides_nothing_more__law(desk):
+def test_a_key_pressed_again_after_the_step_decides_nothing_more__law(desk: Any):
     first = desk.glass.current()
     for _ in range(5):
         desk.loop.submit(Judged("anna-1", first, "reject"))
@@ -268,7 +271,7 @@ def test_a_key_pressed_again_after_the_step_decides_nothing_more__law(desk):
     assert len(desk.session.decisions()) == 1
 
 
-def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(desk):
+def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(desk: Any):
     place = desk.glass.parts["anna-1"]["order"][4]
     row = desk.glass.parts["anna-1"]["rows"][place]
     desk.loop.submit(Selected("anna-1", (row[0], row[1])))
@@ -284,7 +287,7 @@ def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(d
     assert desk.glass.current() == (row[0], row[1])
 
 
-def test_a_decision_shows_new_numbers_within_a_second__law(desk):
+def test_a_decision_shows_new_numbers_within_a_second__law(desk: Any):
     key = desk.glass.current()
     begun = time.perf_counter()
     desk.loop.submit(Judged("anna-1", key, "reject"))
@@ -299,7 +302,7 @@ def test_a_desk_state_never_changes__law():
     assert state.decided == 0
 
 
-def test_a_new_point_is_measured_recorded_and_looked_at__truth(desk, tmp_path):
+def test_a_new_point_is_measured_recorded_and_looked_at__truth(desk: Any, tmp_path: Any):
     place = tiny_block().block.surveyed["J150"].position[:2] + 7.0
     desk.loop.submit(PointAsked("anna-1", float(place[0]), float(place[1])))
     desk.settled(1)
@@ -320,7 +323,7 @@ def test_a_new_point_is_measured_recorded_and_looked_at__truth(desk, tmp_path):
     assert not [row for row in desk.glass.parts["anna-1"]["rows"] if row[0] == "H1"]
 
 
-def test_any_decision_of_a_history_is_taken_back_by_itself__law(desk):
+def test_any_decision_of_a_history_is_taken_back_by_itself__law(desk: Any):
     first = desk.glass.current()
     desk.loop.submit(Judged("anna-1", first, "reject"))
     desk.settled(1)
@@ -342,7 +345,7 @@ def test_any_decision_of_a_history_is_taken_back_by_itself__law(desk):
     assert desk.glass.row(first)[3] == "rejected"
 
 
-def test_people_see_each_other_and_are_not_sent_to_the_same_point__law(desk):
+def test_people_see_each_other_and_are_not_sent_to_the_same_point__law(desk: Any):
     desk.sit("berta-1")
     desk.loop.submit(Named("berta-1", "berta"))
     desk.glass.until(lambda glass: [n for n, _ in glass.status()["people"]] == ["berta"])
@@ -362,7 +365,7 @@ def test_people_see_each_other_and_are_not_sent_to_the_same_point__law(desk):
     assert [item.who for item in desk.session.decisions()] == ["berta", "anna"]
 
 
-def test_a_tie_point_left_out_is_out_and_comes_back__truth(desk):
+def test_a_tie_point_left_out_is_out_and_comes_back__truth(desk: Any):
     block = tiny_block().block
     photo = block.ties.photo_ids[int(block.ties.photo[0])]
     column, row = (float(value) for value in block.ties.pixels[0])
@@ -378,3 +381,37 @@ def test_a_tie_point_left_out_is_out_and_comes_back__truth(desk):
     rows = [line for line in desk.glass.parts["anna-1"]["rows"] if line[2] == "tie"]
     mine = [line for line in rows if line[3] == "rejected"]
     assert {line[1] for line in mine} >= {photo}
+
+
+def test_marks_are_searched_while_the_desk_decides_and_recorded_as_one__law(tmp_path: Any):
+    going = threading.Event()
+    decision = FillMarks("wide", "1938_01_014", 5.0, 6.0, {})
+
+    def search(gesture: Any, desk: Any, progress: Any):
+        while not going.wait(0.01):
+            progress.report(1, 4, gesture.photo_id)
+        return decision, Notice("notice.filled")
+
+    desk = Opened(tmp_path, fill=search)
+    shown = MarkPlaced("anna-1", "1938_01_014", "", 5.0, 6.0, fill=True)
+    key = desk.glass.current()
+    try:
+        desk.loop.submit(shown)
+        desk.glass.until(lambda glass: (glass.status()["filling"] or {}).get("share") == 0.25)
+        desk.loop.submit(Judged("anna-1", key, "accept"))
+        desk.settled(1)
+        assert desk.glass.status()["filling"]["what"] == "1938_01_014"
+        desk.loop.submit(RemakeCancelled("anna-1", filling=True))
+        desk.glass.until(lambda glass: glass.status()["filling"] is None)
+        assert len(desk.session.decisions()) == 1
+        going.set()
+        desk.loop.submit(shown)
+        desk.settled(2)
+        assert desk.glass.status()["filling"] is None
+        assert desk.session.decisions()[-1].decision == decision
+        desk.loop.submit(Undone("anna-1"))
+        desk.settled(1)
+    finally:
+        desk.close()
+    texts = [text for _, text in desk.glass.notices]
+    assert texts[-3:] == ["notice.fill-cancelled", "notice.filled", "notice.undo.FillMarks"]

@@ -9,7 +9,6 @@ from app.desk.measuring import (
     MeasuringTool,
     is_overtaken,
     measure_point,
-    next_name,
     photos_showing,
 )
 from core.control.likeness import Likeness
@@ -18,6 +17,7 @@ from sessions.decisions import Accept, JudgeFiducial, Place, PlaceFiducial, Reco
 from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
 from ui.review.compare import made_with
 from ui.review.gestures import PointAsked, Refined
+from ui.review.new_points import ORTHO, next_name
 from ui.review.state import DeskState
 
 SIGMA = (0.25, 0.25, 0.5)
@@ -92,7 +92,7 @@ def test_on_a_bare_field_a_point_waits_for_the_operator__truth(state):
 
 
 def test_names_are_never_given_twice__law(state):
-    assert next_name(state, ()) == "H1"
+    assert next_name(ORTHO, state, ()) == "H1"
 
 
 def test_enter_moves_the_measurement_onto_the_peak_and_says_how_far__law():

@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 
 from core.adjustment.adjusted import ExteriorSigmas
-from core.block import Block, Measurement, SurveyedPoint
+from core.block import UNKNOWN_M, Block, Measurement, SurveyedPoint
+from core.control.located import Surroundings
 from core.control.signals import centre_of_signal, transfer_example
-from core.control.transfer import RIGHT_PX, Surroundings, Transferred, transfer_point
+from core.control.transfer import (
+    RIGHT_PX,
+    Transferred,
+    propose_by_ortho,
+    refine_place,
+    transfer_point,
+)
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
 from core.raster.scan_file import open_scan
@@ -234,3 +241,63 @@ def test_the_middle_of_a_plate_is_found_to_a_part_of_a_pixel__truth(tmp_path):
     flat = tmp_path / "flat.tif"
     write(flat, rng.normal(100, 20, (80, 80)))
     assert isinstance(centre_of_signal(open_scan(flat), np.full((1, 2), 40.0), 8.0), Failure)
+
+
+def test_a_place_beside_it_is_laid_onto_what_other_photos_show__truth(tmp_path):
+    rng = np.random.default_rng(8)
+    _, true = rendered_block(tmp_path, RELIEF_M, noise=15.0, seed=6)
+    around = as_adjusted(true, rng)
+    before, after = [], []
+    for number, ground in enumerate(grounds(rng, 15)):
+        places = pixels_of(true, ground)
+        names = sorted(places)
+        if len(names) < 2:
+            continue
+        name, photo = f"P{number}", names[-1]
+        measured = [pointed(name, other, places[other], rng) for other in names[:-1]]
+        beside = pointed(name, photo, places[photo] + rng.uniform(-0.8, 0.8, (1, 2)), rng)
+        found = refine_place(around, beside, measured)
+        if isinstance(found, Failure):
+            continue
+        before.append(np.hypot(*(beside.pixel - places[photo])[0]))
+        after.append(np.hypot(*(found.pixel - places[photo])[0]))
+        assert found.key == beside.key
+    assert len(after) >= 8
+    # What is left is the pointing in the other photos.
+    assert np.median(after) < 0.75 * np.median(before)
+    alone = pointed("P", sorted(true.photos)[0], np.array([[450.0, 450.0]]), rng)
+    assert isinstance(refine_place(around, alone, [alone]), Failure)
+
+
+@pytest.mark.parametrize("today", [False, True])
+def test_the_ortho_proposes_the_first_photo_of_a_listed_point__truth(tiny, today):
+    """An ortho of the years of the film finds nearly every field; one of today says that it does
+    not, rather than propose another place."""
+    rng = np.random.default_rng(7)
+    reference = tiny.reference if today else tiny.archival()
+    around = replace(as_adjusted(tiny.block, rng), heights=reference.dem)
+    sigma_m = np.array([0.1, 0.1, 0.15])
+    centres = np.array([photo.exterior.centre[:2] for photo in tiny.photos.values()])
+    plan = rng.uniform(centres.min(axis=0) - 150, centres.max(axis=0) + 150, (12, 2))
+    ground = np.column_stack([plan, np.zeros(12)])
+    ground[:, 2] = tiny.truth.heights_at(ground)
+    rows, missing = [], 0
+    for number, place in enumerate(ground):
+        known = place + rng.normal(0, 1, 3) * sigma_m
+        point = SurveyedPoint(f"P{number}", known, sigma_m, "control", "surveyed")
+        found = propose_by_ortho(around, point, reference.ortho, reference.ortho_sigma_m)
+        assert isinstance(found, Transferred)
+        for item in found.proposals:
+            at = tiny.photos[item.photo_id].pixel_from_object(place[None], tiny.truth.camera)
+            rows.append((float(np.hypot(*(item.pixel - at)[0])), item.score))
+            assert "ortho" in item.reason
+        missing += len(found.failures)
+    off, probability = np.array(rows).reshape(-1, 2).T
+    assert len(rows) + missing > 20
+    if not today:
+        assert len(rows) > 3 * missing
+        assert np.mean(off < RIGHT_PX) > 0.9
+        assert probability.mean() > 0.7
+    assert np.sum(off[probability > 0.7] > RIGHT_PX) <= 1
+    unknown = replace(point, sigma_m=np.full(3, UNKNOWN_M))
+    assert isinstance(propose_by_ortho(around, unknown, reference.ortho, 0.25), Failure)

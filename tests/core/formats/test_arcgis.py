@@ -57,15 +57,15 @@ def test_the_affine_of_the_camera_serves_where_a_frame_has_none__truth(tmp_path:
     (tmp_path / "frames.csv").write_text(FRAMES)
     (tmp_path / "cameras.csv").write_text(CAMERAS)
     photo = read_arcgis(tmp_path).photos["a"]
-    np.testing.assert_allclose(photo.pixel_from_image, [[6120, 0, 4], [0, -6120, 4]])
-    assert photo.exterior.kappa == pytest.approx(np.pi / 2)
+    np.testing.assert_allclose(photo.interior, [[6120, 0, 4], [0, -6120, 4]])
+    assert photo.orientation.kappa == pytest.approx(np.pi / 2)
 
 
 @pytest.mark.parametrize(
     ("frames", "cameras", "words"),
     [(FRAMES.replace("PerspectiveZ", "Height"), CAMERAS, "column PerspectiveZ is missing"),
      (FRAMES.split("\n")[0], CAMERAS, "holds no rows"),
-     (FRAMES + FRAMES.split("\n")[1], CAMERAS, "photo a stands twice"),
+     (FRAMES + FRAMES.split("\n")[1], CAMERAS, "a stands twice"),
      (FRAMES.replace(",cam,", ",other,"), CAMERAS, "camera 'other' is unknown"),
      (FRAMES.replace("90", "nan"), CAMERAS, "'nan' is not a number"),
      (FRAMES.replace("90", "390"), CAMERAS, "390(.0)? degrees is more than a whole turn"),

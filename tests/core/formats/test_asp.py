@@ -10,9 +10,9 @@ from pyproj import Transformer
 
 from core.errors import CrsError, ProjectError
 from core.formats.asp import read_asp, write_asp
-from core.formats.earth_frame import EarthFrame, zone_of
 from core.formats.exchange import ExchangeBlock
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.map_in_space import map_crs, map_in_space, zone_of
 from tests.exchanged import (
     RECIPES,
     Recipe,
@@ -32,10 +32,10 @@ def in_utm(block: ExchangeBlock) -> ExchangeBlock:
         name: replace(
             photo,
             exterior=ExteriorOrientation(
-                photo.exterior.centre + SHIFT,
-                photo.exterior.omega,
-                photo.exterior.phi,
-                photo.exterior.kappa,
+                photo.orientation.centre + SHIFT,
+                photo.orientation.omega,
+                photo.orientation.phi,
+                photo.orientation.kappa,
             ),
         )
         for name, photo in block.photos.items()
@@ -58,8 +58,8 @@ def test_cameras_and_control_come_back_from_the_earth__law(
     assert len(notes) == 1
     again = read_asp(folder)
     assert again.crs == "EPSG:32633"
-    shifted = {n: replace(p, exterior=_back(p.exterior)) for n, p in again.photos.items()}
-    plain = {n: replace(p, exterior=_back(p.exterior)) for n, p in block.photos.items()}
+    shifted = {n: replace(p, exterior=_back(p.orientation)) for n, p in again.photos.items()}
+    plain = {n: replace(p, exterior=_back(p.orientation)) for n, p in block.photos.items()}
     assert_same_geometry(replace(block, photos=plain), replace(again, photos=shifted))
     assert_same_points(block, again)
     assert_same_measurements(block, again)
@@ -97,12 +97,10 @@ def test_its_own_control_is_read_and_written_again_the_same__real(
 def test_its_own_camera_stands_in_a_frame_of_its_own__real(shared_data: Path) -> None:
     block = read_asp(shared_data / "exchange-samples/asp/camera_info.tsai")
     photo = block.photos["camera_info"]
-    np.testing.assert_allclose(photo.exterior.centre, [266.943, -105.583, -2.14189])
-    np.testing.assert_allclose(
-        photo.pixel_from_image, [[3057.67, 0, 4457.5], [0, -3057.67, 4417.5]]
-    )
+    np.testing.assert_allclose(photo.orientation.centre, [266.943, -105.583, -2.14189])
+    np.testing.assert_allclose(photo.interior, [[3057.67, 0, 4457.5], [0, -3057.67, 4417.5]])
     # The file's R turns x right, y down, z forwards; ours x right, y up, z backwards.
-    turn = photo.exterior.object_from_image @ np.diag([1, -1, -1])
+    turn = photo.orientation.object_from_image @ np.diag([1, -1, -1])
     given = np.array([[0.0825447, 0.996303, -0.0238243], [-0.996008, 0.0832884, 0.0321213],
                       [0.0339869, 0.0210777, 0.9992]])  # fmt: skip
     np.testing.assert_allclose(turn, given, atol=2e-5)
@@ -112,9 +110,9 @@ def test_its_own_camera_stands_in_a_frame_of_its_own__real(shared_data: Path) ->
 
 def test_the_axes_of_a_map_turn_by_its_convergence__oracle() -> None:
     # Grid north of UTM turns from true north by (longitude - 15) sin(latitude), to first order.
-    earth = EarthFrame.of("EPSG:32633", "")
+    earth = map_in_space(map_crs("EPSG:32633", ""))
     place = earth.from_degrees(np.array([[16.0, 50.0, 300.0]]))[0]
-    axes = earth.axes(place)
+    axes = earth.turn_at(place)
     assert np.allclose(axes.T @ axes, np.eye(3))
     lon, lat = np.radians([16.0, 50.0])
     up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
@@ -141,7 +139,7 @@ POINT = "1 50 14 200 1 1 1 a.tif 10 20 1 1\n"
      ("a.tsai", CAMERA.replace("R = 1", "R = 2"), "R is no rotation"),
      ("a.tsai", CAMERA.replace("C = 1 2 3", "C = 1 2"), "ends after 3 entries"),
      ("a.tsai", CAMERA.replace("cu = 5", "cu = five"), "'five' is not a number"),
-     ("a.gcp", POINT + POINT, "Line 2: the point 1 stands twice"),
+     ("a.gcp", POINT + POINT, "Line 2: 1 stands twice"),
      ("a.gcp", "1 480000 5500000 200 1 1 1\n", "480000.* is no latitude"),
      ("a.gcp", POINT.replace(" 1 1\n", " 1\n"), "ends after 11 entries"),
      ("a.gcp", "1 50 14\n", "ends after 3 entries"),
@@ -156,7 +154,7 @@ def test_broken_files_are_named__truth(tmp_path: Path, name: str, text: str, wor
 
 def test_pitch_divides__truth(tmp_path: Path) -> None:
     (tmp_path / "a.tsai").write_text(CAMERA)
-    affine = read_asp(tmp_path).photos["a"].pixel_from_image
+    affine = read_asp(tmp_path).photos["a"].interior
     np.testing.assert_allclose(affine, [[1000, 0, 500.5], [0, -1000, 500.5]])
 
 

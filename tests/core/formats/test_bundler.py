@@ -65,12 +65,12 @@ def test_what_the_lens_was_freed_of_is_said__truth(tmp_path: Path) -> None:
     assert any("k1 and k2" in note for note in write_bundler(tmp_path, block_of(FULL, "upright")))
 
 
-def test_without_the_note_photos_have_no_interior__truth(tmp_path: Path) -> None:
+def test_without_the_note_pixels_count_from_the_middle__truth(tmp_path: Path) -> None:
     write_bundler(tmp_path, block_of((4, 2, 2, False), "upright"))
     (tmp_path / "gruber.json").unlink()
     block = read_bundler(tmp_path)
-    assert block.notes
-    assert all(photo.pixel_from_image is None for photo in block.photos.values())
+    assert block.from_middle
+    assert all(photo.interior[:, 2].tolist() == [0.0, 0.0] for photo in block.photos.values())
     assert all(photo.exterior is not None for photo in block.photos.values())
 
 

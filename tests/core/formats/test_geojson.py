@@ -3,12 +3,14 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyogrio
 import pytest
 import shapely
 from hypothesis import given, settings
+from pyogrio import raw
 
 from core.errors import ProjectError
 from core.formats.exchange import ExchangeBlock
@@ -33,7 +35,7 @@ THESIS = (
 HEADS = ("cross_id", "Z", "quality", "X_ref", "Y_ref", "x_col", "y_row", "id", "RAN_dist_pix")
 
 
-def layer(rows: list[dict], crs: str = "urn:ogc:def:crs:EPSG::5514") -> str:
+def layer(rows: list[dict[str, Any]], crs: str = "urn:ogc:def:crs:EPSG::5514") -> str:
     features = [{"type": "Feature", "properties": row, "geometry": None} for row in rows]
     return json.dumps(
         {"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": crs}},
@@ -41,7 +43,7 @@ def layer(rows: list[dict], crs: str = "urn:ogc:def:crs:EPSG::5514") -> str:
     )  # fmt: skip
 
 
-def thesis_rows() -> list[dict]:
+def thesis_rows() -> list[dict[str, Any]]:
     return [dict(zip(HEADS, row, strict=True)) for row in THESIS]
 
 
@@ -94,8 +96,8 @@ def test_points_and_orientations_come_back__law(
     for name, photo in block.photos.items():
         other = again.photos[name]
         assert (other.file, other.camera) == (photo.file, photo.camera)
-        np.testing.assert_array_equal(other.exterior.centre, photo.exterior.centre)
-        turned = other.exterior.object_from_image - photo.exterior.object_from_image
+        np.testing.assert_array_equal(other.orientation.centre, photo.orientation.centre)
+        turned = other.orientation.object_from_image - photo.orientation.object_from_image
         assert np.abs(turned).max() < 1e-12
         assert other.sigma_centre_m == photo.sigma_centre_m
         assert other.sigma_angles == pytest.approx(photo.sigma_angles)
@@ -104,7 +106,7 @@ def test_points_and_orientations_come_back__law(
 def test_gdal_reads_layers_footprints_and_their_crs__oracle(tmp_path: Path) -> None:
     block = block_of((5, 3, 0, False))
     write_geojson(tmp_path, block)
-    meta, _, geometry, _ = pyogrio.raw.read(tmp_path / "photos.geojson")
+    meta, _, geometry, _ = raw.read(tmp_path / "photos.geojson")
     assert meta["crs"] == "EPSG:5514"
     areas = shapely.area(shapely.from_wkb(geometry))
     assert len(areas) == 3
@@ -137,7 +139,7 @@ def test_footprints_need_ground_and_a_known_ending__truth(tmp_path: Path) -> Non
 def test_a_photo_that_sees_the_horizon_has_no_footprint__truth(tmp_path: Path) -> None:
     block = block_of((6, 1, 0, False))
     name, photo = next(iter(block.photos.items()))
-    steep = replace(photo, exterior=ExteriorOrientation(photo.exterior.centre, 1.3, 0.0, 0.0))
+    steep = replace(photo, exterior=ExteriorOrientation(photo.orientation.centre, 1.3, 0.0, 0.0))
     assert off_nadir(steep) == pytest.approx(np.degrees(1.3))
     oblique = replace(block, photos={name: steep})
     assert ground_outline(oblique, steep) is None
@@ -153,8 +155,8 @@ ROW = thesis_rows()[0]
     [("{", "is no GeoJSON"), ("[]", "is no GeoJSON layer"),
      (layer([{**ROW, "x_col": None}]), "Feature 1 has no x_col"),
      (layer([{"a": 1}]), "Feature 1 has no cross_id"),
-     (layer([{**ROW, "Z": "high"}]), "Z is 'high', not a number"),
-     (layer([{**ROW, "Y_ref": float("nan")}]), "Y_ref is 'nan', not a number"),
+     (layer([{**ROW, "Z": "high"}]), "Z is 'high', not 1 number"),
+     (layer([{**ROW, "Y_ref": float("nan")}]), "Y_ref is 'nan', not 1 number"),
      (layer([{"LMS_TIF_UP": "a.tif"}, {"LMS_TIF_UP": "a.tif"}]), "the scan a stands twice"),
      (layer([{"LMS_TIF_UP": ""}]), "names no scan"),
      (layer([ROW, {**ROW, "X_ref": 1.0}]), "lies elsewhere than in another layer")],

@@ -54,7 +54,7 @@ def on_the_round_earth(
 
     The map's heights bear its scale ("linear alteration"), its axes turn with the convergence.
     """
-    centre = photo.exterior.centre
+    centre = photo.orientation.centre
     foot = np.array([[*centre[:2], 0.0]])
     steps = in_space(foot + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), crs)
     axes = (steps[1:] - steps[0]).T
@@ -63,7 +63,7 @@ def on_the_round_earth(
     turned = np.column_stack([east, np.cross(up, east), up])
     height = (centre[2] + (scale - 1) * ground) / scale
     place = (in_space(np.array([[*centre[:2], height]]), crs)[0] - steps[0]) @ turned
-    flat = ExteriorOrientation(place, *angles_from_rotation(photo.exterior.object_from_image))
+    flat = ExteriorOrientation(place, *angles_from_rotation(photo.orientation.object_from_image))
     straight = (in_space(points, crs) - steps[0]) @ turned
     return ExchangePhoto(
         photo.photo_id, photo.file, photo.camera, photo.pixel_from_image, flat
@@ -92,8 +92,8 @@ def test_pixels_are_those_that_ign_expects__real(borea: Path) -> None:
     assert len(block.ties.point) == 17
     assert block.points["1005"].role == "check"
     photo = block.photos["23FD1305x00026_01306"]
-    np.testing.assert_array_equal(photo.exterior.centre, [814975.925, 6283986.148, 1771.280])
-    angles = [photo.exterior.omega, photo.exterior.phi, photo.exterior.kappa]
+    np.testing.assert_array_equal(photo.orientation.centre, [814975.925, 6283986.148, 1771.280])
+    angles = [photo.orientation.omega, photo.orientation.phi, photo.orientation.kappa]
     expected = np.radians([-0.245070686036, -0.069409621323, 0.836320989726])
     np.testing.assert_allclose(angles, expected)
     # The control is ellipsoidal, the photos are not, and the geoid's grid is not at hand: about
@@ -123,7 +123,7 @@ def test_measured_control_tells_the_unit_where_it_can__truth(tmp_path: Path) -> 
     listed.write_text(listed.read_text().replace("UNITE ANGLE  : degre\n", ""))
     block = read_opk(tmp_path)
     assert block.notes == ("Angles are in deg: the measured control says so.",)
-    assert block.photos["a"].exterior.kappa == pytest.approx(1.2)
+    assert block.photos["a"].orientation.kappa == pytest.approx(1.2)
 
 
 def test_small_angles_tell_no_unit_and_are_asked_about__real(borea: Path) -> None:
@@ -143,9 +143,9 @@ def test_a_list_alone_in_any_order_of_columns__real(shared_data: Path, tmp_path:
     other.write_text("UNITE ANGLE : degre\n" + (folder / "dataset" / FILES[0]).read_text())
     one, two = read_opk(path), read_opk(other)
     for name, photo in one.photos.items():
-        same = two.photos[name].exterior
-        np.testing.assert_array_equal(photo.exterior.centre, same.centre)
-        np.testing.assert_array_equal(photo.exterior.object_from_image, same.object_from_image)
+        same = two.photos[name].orientation
+        np.testing.assert_array_equal(photo.orientation.centre, same.centre)
+        np.testing.assert_array_equal(photo.orientation.object_from_image, same.object_from_image)
 
 
 def test_a_whole_flight_says_map_and_unit__real(shared_data: Path) -> None:
@@ -153,7 +153,7 @@ def test_a_whole_flight_says_map_and_unit__real(shared_data: Path) -> None:
     assert block.crs == "EPSG:2154"
     assert len(block.photos) == 2369
     photo = block.photos["20FUALPMAR10x00035_02420"]
-    assert np.degrees(photo.exterior.kappa) == pytest.approx(-78.219312931636)
+    assert np.degrees(photo.orientation.kappa) == pytest.approx(-78.219312931636)
 
 
 def test_written_and_read_again_the_same__real(borea: Path, tmp_path: Path) -> None:
@@ -164,9 +164,9 @@ def test_written_and_read_again_the_same__real(borea: Path, tmp_path: Path) -> N
     assert list(again.photos) == list(block.photos)
     for name, photo in block.photos.items():
         other = again.photos[name]
-        np.testing.assert_array_equal(other.exterior.centre, photo.exterior.centre)
+        np.testing.assert_array_equal(other.orientation.centre, photo.orientation.centre)
         np.testing.assert_array_equal(other.pixel_from_image, photo.pixel_from_image)
-        turned = other.exterior.object_from_image - photo.exterior.object_from_image
+        turned = other.orientation.object_from_image - photo.orientation.object_from_image
         assert np.abs(turned).max() < 1e-12
     assert again.points == block.points
     assert set(again.measurements) == set(block.measurements)
@@ -184,7 +184,7 @@ ROW = "a 1 2 3 0 0 0 cam\n"
     [("a 1 2 3 0 0 0 cam\n", "column NOM is missing"),
      (HEAD.replace("K ", ""), "column K is missing"), (HEAD, "holds no rows"),
      (HEAD.replace("degre", "mil") + ROW, "'mil' is unknown"),
-     (HEAD + ROW + ROW, "Line 4: the photo a stands twice"),
+     (HEAD + ROW + ROW, "Line 4: a stands twice"),
      (HEAD + "a 1 2 nan 0 0 0 cam\n", "Line 3: 'nan' is not a number"),
      (HEAD + "a 1 2 3 0\n", "Line 3 ends after 5 entries"),
      (HEAD.partition("\n")[2] + ROW, "does not say the unit")],
@@ -200,7 +200,7 @@ def test_broken_lists_are_named__truth(tmp_path: Path, text: str, words: str) ->
     [("c.txt", "Name = other\nPPAx = 1\nPPAy = 2\nfocal = 3\n", "camera 'cam' is unknown"),
      ("c.txt", "Name = cam\nPPAx = 1\nPPAy = 2\n", "'' is not a number"),
      ("p.app", '"1" 13 1 2\n', "ends after 4 entries"),
-     ("p.app", '"1" 13 1 2 3\n"1" 3 1 2 3\n', "point 1 stands twice"),
+     ("p.app", '"1" 13 1 2 3\n"1" 3 1 2 3\n', "1 stands twice"),
      ("m.mes", "p a 1 2\np a 1 2\n", "measured twice in photo a"),
      ("m.mes", "p a 1 2 3\n", "more than point, photo"), ("b.OPK", "", "several files")],
 )  # fmt: skip
@@ -226,9 +226,11 @@ ALEX = "exchange-samples/opk-alex"
 FOCAL, MIDDLE = 30975 / 20, np.array([26460 / 40, 17004 / 40])
 
 
-def same_places(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def same_places(one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray:
     """Places (n, 4) that SIFT finds in both pictures, pixels from the outer corner."""
-    sift = cv2.SIFT_create(3000)
+    sift = cv2.SIFT.create(3000)
+    assert one is not None
+    assert other is not None
     (keys, words), (others, theirs) = (sift.detectAndCompute(p, None) for p in (one, other))
     pairs = cv2.BFMatcher().knnMatch(words, theirs, k=2)
     good = [first for first, second in pairs if first.distance < 0.75 * second.distance]
@@ -241,8 +243,9 @@ def off_the_epipolar_line(places: np.ndarray, one: ExchangePhoto, other: Exchang
     rays = []
     for seen, photo in ((places[:, :2], one), (places[:, 2:], other)):
         x, y = ((seen - MIDDLE) / FOCAL).T
-        rays.append(np.column_stack([x, -y, -np.ones(len(x))]) @ photo.exterior.object_from_image.T)
-    base = other.exterior.centre - one.exterior.centre
+        image = np.column_stack([x, -y, -np.ones(len(x))])
+        rays.append(image @ photo.orientation.object_from_image.T)
+    base = other.orientation.centre - one.orientation.centre
     plane = np.cross(base, rays[0])
     plane = plane / np.linalg.norm(plane, axis=1)[:, None]
     across = np.sum(plane * rays[1], axis=1) / np.linalg.norm(rays[1], axis=1)
@@ -263,9 +266,9 @@ def test_details_of_three_frames_lie_on_their_epipolar_lines__real(shared_data: 
             replace(
                 photo,
                 exterior=ExteriorOrientation(
-                    photo.exterior.centre,
-                    *(0.9 * np.array([photo.exterior.omega, photo.exterior.phi,
-                                      photo.exterior.kappa])),
+                    photo.orientation.centre,
+                    *(0.9 * np.array([photo.orientation.omega, photo.orientation.phi,
+                                      photo.orientation.kappa])),
                 ),
             )
             for photo in (frames[one], frames[other])

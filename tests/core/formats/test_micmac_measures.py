@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import ScanError
+from core.errors import ExchangeError
 from core.formats.micmac_measures import (
     image_measures_name,
     read_camera_measures,
@@ -42,15 +42,23 @@ def test_a_centred_camera_is_taken_as_certified__truth(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content",
-    ["", "<a>", "<a/>", "<!DOCTYPE a [<!ENTITY b 'c'>]><a/>",
-     "<MesureAppuiFlottant1Im><OneMesureAF1I><NamePt>1</NamePt><PtIm>1 x</PtIm></OneMesureAF1I>"
-     "</MesureAppuiFlottant1Im>"],
-)  # fmt: skip
-def test_files_without_marks_say_so__truth(tmp_path: Path, content: str) -> None:
+    ("content", "told"),
+    [
+        ("", "no whole XML"),
+        ("<a>", "no whole XML"),
+        ("<a/>", "holds no marks"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><a/>", "declares entities"),
+        (
+            "<MesureAppuiFlottant1Im><OneMesureAF1I><NamePt>1</NamePt><PtIm>1 x</PtIm>"
+            "</OneMesureAF1I></MesureAppuiFlottant1Im>",
+            "where 2 numbers must stand",
+        ),
+    ],
+)
+def test_files_without_marks_say_so__truth(tmp_path: Path, content: str, told: str) -> None:
     path = tmp_path / "MeasuresIm-a.tif.xml"
     path.write_text(content)
-    with pytest.raises(ScanError, match="holds no marks"):
+    with pytest.raises(ExchangeError, match=told):
         read_image_measures(path)
-    with pytest.raises(ScanError, match="cannot be read"):
+    with pytest.raises(ExchangeError, match="cannot be read"):
         read_camera_measures(tmp_path / "nothing.xml")

@@ -11,7 +11,7 @@ import rasterio
 from hypothesis import given, settings
 from PIL import Image
 
-from core.errors import ExchangeError
+from core.errors import ExchangeError, PhotogrammetryError, ProjectError
 from core.formats.exchange import (
     ExchangeBlock,
     ExchangeCamera,
@@ -111,9 +111,9 @@ def test_points_and_measurements_come_back__law(seed: int) -> None:
 @pytest.mark.parametrize(
     ("name", "part", "instead", "told"),
     [
-        ("points.csv", "p1,", "p0,", "name, or that of another"),
-        ("points.csv", "p1,", ",", "has no name"),
-        ("points.csv", "250.0,", "high,", "where 3 numbers must stand"),
+        ("points.csv", "p1,", "p0,", "p0 stands twice"),
+        ("points.csv", "p1,", ",", "the column id is empty"),
+        ("points.csv", "250.0,", "high,", "'high' is not a number"),
         ("a.tif.points", "-743300.0", "-743301.0", "0 points of points.csv lie at"),
     ],
 )
@@ -124,7 +124,7 @@ def test_broken_lists_are_told__truth(
     text = (tmp_path / name).read_text()
     assert part in text
     (tmp_path / name).write_text(text.replace(part, instead, 1))
-    with pytest.raises(ExchangeError, match=told):
+    with pytest.raises(PhotogrammetryError, match=told):
         read_qgis(tmp_path)
 
 
@@ -138,7 +138,7 @@ def test_files_of_two_crs_and_no_files_are_told__truth(tmp_path: Path) -> None:
         read_qgis(tmp_path)
     (tmp_path / "b.tif.points").unlink()
     (tmp_path / "points.csv").unlink()
-    with pytest.raises(ExchangeError, match="cannot be read"):
+    with pytest.raises(ProjectError, match="cannot be read"):
         read_qgis(tmp_path)
 
 

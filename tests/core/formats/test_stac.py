@@ -88,7 +88,7 @@ def test_items_are_built_as_the_specification_asks__paper(tmp_path: Path) -> Non
     assert hrefs == {f"./{item['id']}.json" for item in items}
 
 
-DANISH = {
+DANISH: dict[str, Any] = {
     "type": "Feature", "stac_version": "1.0.0", "id": "2019_83_36_5_0028_00000842",
     "assets": {"data": {"href": "https://example.com/2019_83_36_5_0028_00000842.tif"}},
     "properties": {
@@ -117,11 +117,11 @@ def test_a_published_item_turns_as_its_matrix_does__real(tmp_path: Path) -> None
     photo = block.photos["2019_83_36_5_0028_00000842"]
     matrix = np.array(DANISH["properties"]["pers:rotation_matrix"]).reshape(3, 3)
     # Angles are given to 1e-5 degrees and more.
-    np.testing.assert_allclose(photo.exterior.object_from_image.T, matrix, atol=2e-6)
-    assert photo.pixel_from_image[0, 2] == 11478 / 2
+    np.testing.assert_allclose(photo.orientation.object_from_image.T, matrix, atol=2e-6)
+    assert photo.interior[0, 2] == 11478 / 2
     # The camera looks west: the middle of the picture lies west of where it was taken.
-    below = photo.exterior.centre + photo.exterior.object_from_image @ [0, 0, -2000.0]
-    assert below[0] < photo.exterior.centre[0] - 1000
+    below = photo.orientation.centre + photo.orientation.object_from_image @ [0, 0, -2000.0]
+    assert below[0] < photo.orientation.centre[0] - 1000
     pixel = pixels_of(below[None], photo, block.camera_of(photo.photo_id))[0]
     np.testing.assert_allclose(pixel, [5739, 4289], atol=1e-6)
 
@@ -156,10 +156,10 @@ def changed(**fields: Any) -> str:
     ("text", "words"),
     [("{", "is no JSON"), ("[]", "is no STAC item"), ('{"type": "Feature"}', "is no STAC item"),
      ('{"type": "Catalog"}', "holds no STAC item"),
-     (changed(**{"pers:omega": None}), "pers:omega does not hold 1 number"),
-     (changed(**{"pers:perspective_center": [1, 2]}), "does not hold 3 numbers"),
-     (changed(**{"pers:kappa": float("nan")}), "pers:kappa does not hold"),
-     (changed(**{"pers:interior_orientation": {"camera_id": "a"}}), "focal_length does not hold"),
+     (changed(**{"pers:omega": None}), "pers:omega is 'None', not 1 number"),
+     (changed(**{"pers:perspective_center": [1, 2]}), "not 3 numbers"),
+     (changed(**{"pers:kappa": float("nan")}), "pers:kappa is 'nan', not 1"),
+     (changed(**{"pers:interior_orientation": {"camera_id": "a"}}), "focal_length is 'None'"),
      (json.dumps({"type": "FeatureCollection", "features": [DANISH, DANISH]}), "stands twice"),
      (json.dumps({"type": "FeatureCollection", "features": [
          DANISH, {**json.loads(changed(**{"pers:crs": 5514})), "id": "b"}]}),

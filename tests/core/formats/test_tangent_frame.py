@@ -13,8 +13,9 @@ from core.formats.exchange import (
     ExchangeTies,
     pixels_of,
 )
-from core.formats.tangent_frame import in_tangent_frame, tangent_frame
+from core.formats.tangent_frame import in_tangent_frame
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.map_in_space import tangent_frame
 
 MIDDLE = np.array([-743000.0, -1043000.0, 250.0])
 EARTH = 6_371_000.0

@@ -89,21 +89,25 @@ def test_dark_housing_at_the_border_is_left_out__truth(tmp_path: Path) -> None:
     assert mask[100:, 100:-30].mean() > 0.8
 
 
-def test_what_is_written_in_white_is_left_out_and_a_white_field_is_not__truth(
-    tmp_path: Path,
+@pytest.mark.parametrize("tone", [250, 2], ids=["white", "black"])
+@pytest.mark.parametrize("corner", [1.0, 0.4], ids=["an even light", "dark corners"])
+def test_what_is_written_is_left_out_and_a_field_or_wood_is_not__truth(
+    tmp_path: Path, tone: int, corner: float
 ) -> None:
     film = Film(fiducials={})
     make_film(tmp_path / "film.tif", film)
-    gray = read_overview(open_scan(tmp_path / "film.tif"), 1).clip(0, 180).astype(np.uint8)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1).clip(40, 180)
+    down, across = np.indices(gray.shape) / gray.shape[0] - 0.5
+    gray = (gray * (1 - (1 - corner) * 2 * (down**2 + across**2))).astype(np.uint8)
     left, top = (int(value) for value in true_corners(film, gray.shape[0])[3])
     note, field = (left + 250, top + 200), (left + 900, top + 200)
-    cv2.putText(gray, "5486", note, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, 4.0, (250,), 8, cv2.LINE_AA)
-    cv2.rectangle(gray, field, (field[0] + 150, field[1] + 100), (250,), -1)
+    cv2.putText(gray, "5486", note, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, 4.0, (tone,), 8, cv2.LINE_AA)
+    cv2.rectangle(gray, field, (field[0] + 150, field[1] + 100), (tone,), -1)
     write_gray(tmp_path / "note.tif", gray)
     scan = open_scan(tmp_path / "note.tif")
     area = detect_film_area(scan, CAMERA, film.pixel_mm)
     mask = usable_mask(scan, area, film.pixel_mm, (), 4)
-    written = gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == 250
+    written = gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == tone
     masked = ~mask[(note[1] - 90) // 4 : note[1] // 4, note[0] // 4 : (note[0] + 280) // 4]
     shown = written[::4, ::4][: masked.shape[0], : masked.shape[1]]
     assert masked[: shown.shape[0], : shown.shape[1]][shown].mean() > 0.98

@@ -1,6 +1,7 @@
 """Fiducials corrected at the desk: the block, the next run and the board agree on what was said."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from app.project import described, read_project
 from core.geometry.interior import fit_interior
 from core.scans.stage import ScanSet
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, Withdraw
-from sessions.replay import judged_scans, mark_changes, replay
+from sessions.marks import judged_scans, mark_changes
+from sessions.replay import replay
 from sessions.session import Session
 from ui.review.board import board_part
 from ui.review.compare import drawn_from_block
@@ -23,7 +25,7 @@ from ui.words.catalogue import words
 
 
 @pytest.fixture(scope="module")
-def given(tiny_run):
+def given(tiny_run: Any):
     """What the desk begins with on the tiny block, and the description of its engine."""
     project = read_project(tiny_run.folder)
     with Session.open(project.folder, "anna") as session:
@@ -31,28 +33,28 @@ def given(tiny_run):
 
 
 @pytest.fixture(scope="module")
-def state(given) -> DeskState:
+def state(given: Any) -> DeskState:
     return DeskState(given[0].block, given[0].report, made={})
 
 
-def said(*decisions) -> tuple[Recorded, ...]:
+def said(*decisions: Any) -> tuple[Recorded, ...]:
     return tuple(
         Recorded(number, "2026-01-01T00:00:00", "anna", decision)
         for number, decision in enumerate(decisions, start=1)
     )
 
 
-def scan_set(inputs) -> ScanSet:
+def scan_set(inputs: Any) -> ScanSet:
     doubts = tuple(d for film in inputs.initial.films.values() for d in film.doubts)
     return ScanSet(inputs.initial.films, {}, doubts, inputs.block.cameras)
 
 
-def a_mark(inputs):
+def a_mark(inputs: Any):
     name = next(iter(inputs.initial.films))
     return name, inputs.initial.films[name].fiducials[0]
 
 
-def test_the_desk_and_the_next_run_orient_a_scan_the_same__law(given):
+def test_the_desk_and_the_next_run_orient_a_scan_the_same__law(given: Any):
     inputs, engine = given
     name, mark = a_mark(inputs)
     recorded = said(PlaceFiducial(name, mark.name, mark.column + 0.4, mark.row - 0.3))
@@ -72,13 +74,13 @@ def test_the_desk_and_the_next_run_orient_a_scan_the_same__law(given):
     assert judged_scans(scan_set(inputs), engine, ()).oriented[name].interior is found
 
 
-def test_a_mark_left_out_takes_no_part__oracle(given):
+def test_a_mark_left_out_takes_no_part__oracle(given: Any):
     inputs, engine = given
     name, mark = a_mark(inputs)
     recorded = said(JudgeFiducial(name, mark.name, use=False))
     film, camera = inputs.initial.films[name], inputs.block.camera_of(name)
     others = [one for one in film.fiducials if one.name != mark.name]
-    alone = fit_interior(
+    alone: Any = fit_interior(
         [one.name for one in others],
         np.array([(one.column, one.row) for one in others]),
         np.array([camera.fiducials_mm[one.name] for one in others]),
@@ -96,14 +98,14 @@ def test_a_mark_left_out_takes_no_part__oracle(given):
     assert replay(inputs.block, elsewhere).unmatched == elsewhere
 
 
-def test_a_mark_pointed_at_roughly_is_centred__truth(given):
+def test_a_mark_pointed_at_roughly_is_centred__truth(given: Any):
     inputs, _ = given
     rng = np.random.default_rng(0)
     apart = []
     for name, film in inputs.initial.films.items():
         for mark in film.fiducials:
             right, down = rng.uniform(-2.0, 2.0, 2)
-            found = snap_to_mark(
+            found: Any = snap_to_mark(
                 inputs.initial, name, mark.name, (mark.column + right, mark.row + down)
             )
             apart.append(np.hypot(found.column - mark.column, found.row - mark.row))
@@ -112,7 +114,7 @@ def test_a_mark_pointed_at_roughly_is_centred__truth(given):
     assert max(apart) < 0.4
 
 
-def test_the_board_shows_every_mark_worst_first__law(state, given):
+def test_the_board_shows_every_mark_worst_first__law(state: Any, given: Any):
     inputs, _ = given
     drawn = drawn_from_block(inputs.block)
     name, mark = a_mark(inputs)
@@ -147,7 +149,7 @@ def test_the_board_shows_every_mark_worst_first__law(state, given):
     assert mark_changes(hidden)[name][mark.name].use is False
 
 
-def test_photos_of_a_camera_without_marks_come_last__law(state, given):
+def test_photos_of_a_camera_without_marks_come_last__law(state: Any, given: Any):
     inputs, _ = given
     name = next(iter(inputs.block.photos))
     photo, camera = inputs.block.photos[name], inputs.block.camera_of(name)
@@ -165,7 +167,7 @@ def test_photos_of_a_camera_without_marks_come_last__law(state, given):
     assert all(row["cells"] for row in rows[:-1])
 
 
-def test_figures_of_the_films_are_those_of_the_table__oracle(state, given, tiny_run):
+def test_figures_of_the_films_are_those_of_the_table__oracle(state: Any, given: Any, tiny_run: Any):
     inputs, _ = given
     films = board_part(state, inputs.initial, drawn_from_block(inputs.block), ())["films"]
     lines = (tiny_run.folder / "results" / "film.csv").read_text(encoding="utf-8").splitlines()
@@ -181,7 +183,7 @@ def test_figures_of_the_films_are_those_of_the_table__oracle(state, given, tiny_
     assert np.allclose(roll["marks"][0][3:5], means, atol=0.011)
 
 
-def test_the_map_says_how_far_each_photo_was_off__law(state, given):
+def test_the_map_says_how_far_each_photo_was_off__law(state: Any, given: Any):
     inputs, _ = given
     part = placement_part(state, inputs.initial, inputs.doubts)
     off = {row["photo"]: row for row in part["photos"]}
@@ -194,20 +196,20 @@ def test_the_map_says_how_far_each_photo_was_off__law(state, given):
     assert part["worst"] == max(row["rms"] for row in part["photos"])
 
 
-def test_gestures_on_the_board_mean_decisions__law(given):
+def test_gestures_on_the_board_mean_decisions__law(given: Any):
     inputs, _ = given
     name, mark = a_mark(inputs)
     desk, seat = first_snapshot(inputs), Seat("s", "anna")
 
-    def outcome(**message):
-        gesture = gesture_from_message("s", {"photo": name, "name": mark.name, **message})
+    def outcome(**message: Any) -> Any:
+        gesture: Any = gesture_from_message("s", {"photo": name, "name": mark.name, **message})
         return outcome_of(gesture, seat, desk)
 
     place = [mark.column + 1.5, mark.row]
     plain = outcome(kind="mark", place=place)
     assert plain.decisions == (PlaceFiducial(name, mark.name, *place),)
     assert outcome(kind="mark", place=place, snap=True).act == "measure"
-    snapped = MeasuringTool()(MarkPlaced("s", name, mark.name, *place, snap=True), desk, print)
+    snapped: Any = MeasuringTool()(MarkPlaced("s", name, mark.name, *place, snap=True), desk, print)
     assert isinstance(snapped.decision, PlaceFiducial)
     assert abs(snapped.decision.column - mark.column) < 0.4
     assert snapped.notice.text == "notice.snapped"

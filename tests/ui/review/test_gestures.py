@@ -7,6 +7,7 @@ import pytest
 from ui.review.gestures import (
     LONGEST_NAME,
     LOOKING,
+    Aimed,
     AnswerAsked,
     Gesture,
     Judged,
@@ -17,7 +18,6 @@ from ui.review.gestures import (
     PlacedInScan,
     PlacedOnGround,
     QualityAsked,
-    RayFollowed,
     ReliefRaised,
     Stepped,
     VectorsScaled,
@@ -69,7 +69,7 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
         ({"kind": "enter", "photo": "a"}, PhotoEntered("s", "a")),
         (
             {"kind": "follow", "number": 7, "ray": [1, 2, 3, 0, 0, -1]},
-            RayFollowed("s", 7, (1.0, 2.0, 3.0), (0.0, 0.0, -1.0)),
+            Aimed("s", "follow", (1.0, 2.0, 3.0), (0.0, 0.0, -1.0), 7),
         ),
         ({"kind": "quality", "shown": True, "pair": [1, 3]}, QualityAsked("s", True, (1, 3))),
         (

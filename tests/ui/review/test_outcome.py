@@ -17,6 +17,7 @@ from sessions.decisions import (
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import ground_from_pixel
 from ui.review.gestures import (
+    Aimed,
     Dropped,
     Explained,
     Filtered,
@@ -27,9 +28,6 @@ from ui.review.gestures import (
     PhotoEntered,
     PlacedInScan,
     PlacedOnGround,
-    RayFollowed,
-    RayHovered,
-    RayPicked,
     Refined,
     ReliefRaised,
     RoleSwitched,
@@ -239,7 +237,7 @@ def test_a_ray_to_a_point_makes_it_current__truth(desk, seat):
     key = seat.order[7]
     target = block.surveyed[key[0]].position - block.origin
     eye = target + np.array([300.0, -900.0, 1500.0])
-    found = outcome_of(RayPicked(seat.seat_id, tuple(eye), tuple(target - eye)), seat, desk)
+    found = outcome_of(Aimed(seat.seat_id, "pick", tuple(eye), tuple(target - eye)), seat, desk)
     assert found.seat.current is not None
     assert found.seat.current[0] == key[0]
 
@@ -249,11 +247,13 @@ def test_a_ray_through_a_frustum_shows_that_photo__truth(desk, seat):
     for photo_id, photo in block.photos.items():
         target = photo.exterior.centre - block.origin - np.array([0.0, 0.0, 60.0])
         eye = target + np.array([0.0, -500.0, 3000.0])
-        found = outcome_of(RayPicked(seat.seat_id, tuple(eye), tuple(target - eye)), seat, desk)
+        found = outcome_of(Aimed(seat.seat_id, "pick", tuple(eye), tuple(target - eye)), seat, desk)
         assert found.seat.current is not None
         assert found.seat.current[1] == photo_id
         assert found.seat.scene.photo == photo_id
-        let_go = outcome_of(RayPicked(seat.seat_id, tuple(eye), (0.0, 0.0, 1.0)), found.seat, desk)
+        let_go = outcome_of(
+            Aimed(seat.seat_id, "pick", tuple(eye), (0.0, 0.0, 1.0)), found.seat, desk
+        )
         assert let_go.seat.scene.photo == ""
 
 
@@ -266,10 +266,10 @@ def above(desk, photo_id: str) -> tuple[tuple[float, ...], tuple[float, float, f
 def test_a_double_click_flies_into_a_photo_and_the_next_one_out__law(desk, seat):
     photo_id = "1938_01_015"
     ray = above(desk, photo_id)
-    inside = outcome_of(RayFollowed(seat.seat_id, 1, *ray), seat, desk).seat
+    inside = outcome_of(Aimed(seat.seat_id, "follow", *ray, number=1), seat, desk).seat
     assert inside.scene.inside == inside.scene.photo == photo_id
     assert replace(inside.scene, relief=5.0).seen_relief == 1.0
-    outside = outcome_of(RayFollowed(seat.seat_id, 2, *ray), inside, desk).seat
+    outside = outcome_of(Aimed(seat.seat_id, "follow", *ray, number=2), inside, desk).seat
     assert outside.scene.inside == ""
     assert outside.scene.photo == photo_id
     for gesture in (PhotoEntered(seat.seat_id, ""), Fitted(seat.seat_id, True)):
@@ -280,7 +280,7 @@ def test_a_double_click_flies_into_a_photo_and_the_next_one_out__law(desk, seat)
 def test_a_double_click_on_the_ground_lists_the_photos_that_see_it__truth(desk, seat):
     bare = replace(seat, scene=replace(seat.scene, hidden=frozenset({"photos"})))
     eye, down = above(desk, "1938_01_015")
-    found = outcome_of(RayFollowed(seat.seat_id, 9, eye, down), bare, desk)
+    found = outcome_of(Aimed(seat.seat_id, "follow", eye, down, number=9), bare, desk)
     assert found.answer is not None
     name, part = found.answer
     assert (name, part["number"]) == ("sight", 9)
@@ -291,7 +291,7 @@ def test_a_double_click_on_the_ground_lists_the_photos_that_see_it__truth(desk, 
 
 def test_a_card_tells_of_what_lies_under_the_pointer__truth(desk, seat):
     ray = above(desk, "1938_01_015")
-    name, card = outcome_of(RayHovered(seat.seat_id, 3, *ray), seat, desk).answer
+    name, card = outcome_of(Aimed(seat.seat_id, "hover", *ray, number=3), seat, desk).answer
     assert (name, card["number"], card["photo"]) == ("card", 3, "1938_01_015")
     used = [
         key for key, item in desk.state.report.block.measurements.items()
@@ -304,7 +304,7 @@ def test_a_card_tells_of_what_lies_under_the_pointer__truth(desk, seat):
     point = seat.order[0][0]
     target = block.surveyed[point].position - block.origin
     ray = tuple(target + np.array([300.0, -900.0, 1000.0])), (-300.0, 900.0, -1000.0)
-    _, card = outcome_of(RayHovered(seat.seat_id, 4, *ray), seat, desk).answer
+    _, card = outcome_of(Aimed(seat.seat_id, "hover", *ray, number=4), seat, desk).answer
     misfits = [
         desk.rows[key].misfit_px for key in desk.table.by_point[point]
         if desk.rows[key].misfit_px is not None
@@ -312,7 +312,9 @@ def test_a_card_tells_of_what_lies_under_the_pointer__truth(desk, seat):
     assert card["point"] == point
     assert card["photos"] == len(desk.table.by_point[point])
     assert card["misfit_px"] == pytest.approx(max(misfits), abs=0.3)
-    _, card = outcome_of(RayHovered(seat.seat_id, 5, ray[0], (0.0, 0.0, 1.0)), seat, desk).answer
+    _, card = outcome_of(
+        Aimed(seat.seat_id, "hover", ray[0], (0.0, 0.0, 1.0), number=5), seat, desk
+    ).answer
     assert card == {"number": 5}
 
 

@@ -28,7 +28,7 @@ def read(desk: DeskSnapshot, *readings: tuple[str, float]) -> DeskSnapshot:
         for number, (who, beside) in enumerate(readings, start=1)
     ]
     block = replay(desk.state.block, recorded).block
-    state = kept_up(desk.state, replace(desk.state, block=block))
+    state = kept_up(desk.state, replace(desk.state, block=block), desk.dem)
     return replace(desk, state=state).with_table(desk.table.with_changes(desk.state, state))
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sessions.decisions import MarkNotVisible, Place, Recorded
+from sessions.decisions import Accept, MarkNotVisible, Place, Recorded, Reject, Withdraw
 from sessions.replay import replay
+from tests.ui.desk_block import tiny_block
 from tests.ui.user_points import COUNT, measuring_snapshot, true_pixel
 from ui.review.drafts import is_to_be_asked
 from ui.review.gestures import Judged, JudgedTogether, PlacedInScan
@@ -17,6 +18,7 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, Draft, QueueFilter, Seat
 from ui.review.to_measure import kept_up, with_proposals
 
+DEM = tiny_block().land.dem
 MEASURE = QueueFilter("measure")
 
 
@@ -33,7 +35,7 @@ def seat(desk: DeskSnapshot) -> Seat:
 def after(state: DeskState, decision) -> DeskState:
     """The desk after one decision."""
     block = replay(state.block, [Recorded(1, "", "anna", decision)]).block
-    return kept_up(state, replace(state, block=block))
+    return kept_up(state, replace(state, block=block), DEM)
 
 
 def proposed(desk: DeskSnapshot, *keys) -> DeskSnapshot:
@@ -136,8 +138,57 @@ def test_proposals_are_accepted_one_by_one_or_all_at_once__law(desk, seat):
     assert one.decisions == (Place(*keys[0], *true_pixel(keys[0]), 0.2),)
     both = outcome_of(JudgedTogether("seat-1", tuple(keys), "accept"), seat, fresh)
     assert [(item.point_id, item.photo_id) for item in both.decisions] == keys
+    assert both.seat.current not in keys
+    assert both.seat.current[0] == keys[0][0]
     measured = after(fresh.state, one.decisions[0]).block.measurements[keys[0]]
     assert measured.sigma_px == 0.2
+
+
+def test_a_dismissed_proposal_stays_dismissed_until_it_is_undone__law(desk, seat):
+    fresh = proposed(desk, seat.current)
+    key, state = seat.current, fresh.state
+    outcome = outcome_of(Judged("seat-1", key, "reject"), seat, fresh)
+    assert outcome.decisions == (Reject(*key, reason="other"),)
+    dismissed = Recorded(1, "", "anna", outcome.decisions[0])
+    block = replay(state.block, [dismissed]).block
+    gone = kept_up(state, replace(state, block=block), DEM)
+    assert block.measurements[key].status == "rejected"
+    # What is proposed anew does not bring it back; nor is there a place to be accepted.
+    assert key not in with_proposals(gone, state.to_measure.proposals).to_measure.waiting
+    there = replace(fresh, state=gone).with_table(fresh.table.renewed(gone))
+    again = outcome_of(Judged("seat-1", key, "accept"), seat, there)
+    assert again.decisions == ()
+    assert again.notice.text == "notice.place-first"
+    undone = replay(state.block, [dismissed, Recorded(2, "", "anna", Withdraw(1))]).block
+    back = kept_up(gone, replace(gone, block=undone), DEM)
+    assert back.to_measure.waiting.keys() == state.to_measure.waiting.keys()
+
+
+def test_what_is_accepted_with_others_was_seen_by_nobody__law(desk, seat):
+    keys = [key for key in visible(desk.rows, seat) if key[0] == seat.current[0]][:3]
+    fresh = proposed(desk, *keys)
+    together = outcome_of(JudgedTogether("seat-1", tuple(keys), "accept"), seat, fresh)
+    assert [item.seen for item in together.decisions] == [True, False, False]
+    recorded = [Recorded(n, "", "anna", one) for n, one in enumerate(together.decisions, start=1)]
+    block = replay(fresh.state.block, recorded).block
+    assert [block.measurements[key].seen for key in keys] == [True, False, False]
+    state = kept_up(fresh.state, replace(fresh.state, block=block), DEM)
+    there = replace(fresh, state=state).with_table(fresh.table.renewed(state))
+    # Who looks at it later says so by accepting it.
+    looked = outcome_of(Judged("seat-1", keys[1], "accept"), seat, there).decisions
+    assert looked == (Accept(*keys[1]),)
+    assert replay(block, [Recorded(9, "", "anna", looked[0])]).block.measurements[keys[1]].seen
+
+
+def test_check_points_that_nobody_saw_are_not_independent__law(desk):
+    name = f"T{COUNT}"
+    keys = [key for key in desk.state.to_measure.waiting if key[0] == name][:2]
+    places = [Place(*key, *true_pixel(key).tolist(), 0.2, seen=False) for key in keys]
+    unseen = [Recorded(n, "", "anna", place) for n, place in enumerate(places, start=1)]
+    block = replay(desk.state.block, unseen).block
+    assert name not in block.independent_checks
+    looked = Recorded(3, "", "anna", replace(places[0], sigma_px=None, seen=True))
+    assert name in replay(desk.state.block, [*unseen, looked]).block.independent_checks
 
 
 def test_the_page_gets_the_ellipse_and_no_misfit_of_a_prediction__law(desk, seat):
@@ -158,8 +209,8 @@ def test_points_that_come_are_predicted_at_once__law(desk):
     name, point = next((n, p) for n, p in state.block.surveyed.items() if p.source == "surveyed")
     fresh = replace(point, point_id="new")
     block = replace(state.block, surveyed={**state.block.surveyed, "new": fresh})
-    came = kept_up(state, replace(state, block=block))
+    came = kept_up(state, replace(state, block=block), DEM)
     shown = {photo for known, photo in state.to_measure.waiting if known == name}
     assert {photo for known, photo in came.to_measure.waiting if known == "new"} == shown
-    gone = kept_up(came, replace(came, block=state.block))
+    gone = kept_up(came, replace(came, block=state.block), DEM)
     assert gone.to_measure.waiting.keys() == state.to_measure.waiting.keys()

@@ -17,7 +17,7 @@ class Placer:
         self.asked.append(("fit", photo_id, pairs))
         return {"count": len(pairs)}
 
-    def save(self, photo_id, pairs):
+    def save(self, photo_id, pairs, seat_id=""):
         if photo_id == "broken":
             raise ScanError(photo_id, "cannot be read.", "Repair it.")
         self.asked.append(("save", photo_id, pairs))

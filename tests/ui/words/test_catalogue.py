@@ -9,7 +9,7 @@ import pytest
 
 from app.run import STAGE_NAMES
 from core.errors import PhotogrammetryError
-from core.quality.rules import CLASSES, SENTENCES
+from core.quality.sentences import CLASSES, SENTENCES
 from ui.words.catalogue import KEYS, LANGUAGES, messages, preferred_language, words
 
 HOME = Path(__file__).resolve().parents[3]
@@ -173,6 +173,11 @@ def code_of(*rooms: str) -> Iterator[Path]:
 @pytest.mark.parametrize("language", LANGUAGES[1:])
 def test_what_the_engine_says_is_known_in_every_language__law(language: str) -> None:
     told, known = templates_said(), messages(language)
+    told |= {
+        str(one.value): at
+        for at, one in engine_texts()
+        if isinstance(one, ast.Constant) and not at.startswith(UNTOLD)
+    }
     assert len(told) > 150
     assert not {text: file for text, file in told.items() if text not in known}
     # Titles, rules and verdicts are told as they stand.
@@ -187,7 +192,7 @@ def test_what_the_engine_says_is_known_in_every_language__law(language: str) -> 
     assert not [text for text, (ours, theirs) in places.items() if set(ours) != set(theirs)]
 
 
-MESSAGES = {"Doubt": (2,), "Failure": (0,)}
+MESSAGES = {"Doubt": (2,), "Failure": (0,), "refused": (0, 1)}
 """Which arguments are told; those of an error are its cause and its remedy."""
 
 
@@ -196,7 +201,8 @@ def engine_texts() -> Iterator[tuple[str, ast.expr]]:
     kinds = {kind.__name__ for kind in PhotogrammetryError.__subclasses__()}
     for path in code_of("app", "core", "sessions", "ui"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            name = getattr(getattr(node, "func", None), "id", "")
+            func = getattr(node, "func", None)
+            name = getattr(func, "id", "") or getattr(func, "attr", "")
             if isinstance(node, ast.Call) and name in MESSAGES.keys() | kinds:
                 told = [node.args[n] for n in MESSAGES.get(name, (1, 2)) if n < len(node.args)]
                 told += [one.value for one in node.keywords if one.arg == "message"]

@@ -12,13 +12,17 @@ import { send } from "./wire.js";
 
 /** @type {Record<FiducialState, State>} */
 const LOOKS = {
-  used: "auto", placed: "accepted", hidden: "rejected", unused: "unused", missing: "dubious",
+  used: "auto", filled: "proposed", placed: "accepted", hidden: "rejected", unused: "unused",
+  missing: "dubious",
 };
 const THUMB = 84; // as `.mark .picture` in views.css
 const DOUBTFUL = 0.5;
 const state = {
   found: /** @type {Board | null} */ (null),
+  /** Without a name: the whole scan, in which an example is pointed at. */
   current: /** @type {[photo: string, name: string] | null} */ (null),
+  pointed: /** @type {Record<string, Pair>} */ ({}),
+  filling: /** @type {Making | null} */ (null),
   tab: "board",
   /** A row that has not changed stays as it is, with its pictures. */
   lines: /** @type {Map<string, { shape: string, made: HTMLElement }>} */ (new Map()),
@@ -45,9 +49,16 @@ export function openBoard(known) {
 
 function now() {
   const row = state.found?.photos.find(({ photo }) => photo === state.current?.[0]);
-  const cell = row?.cells.find(({ name }) => name === state.current?.[1]);
+  const cell = row?.cells.find(({ name }) => name === state.current?.[1])
+    ?? (row && state.current?.[1] === "" ? pointedAt(row) : null);
   return row && cell ? { row, cell } : null;
 }
+
+/** The place that was pointed at in a scan, as a mark without a name. @param {ScanRow} row */
+const pointedAt = ({ photo }) => /** @type {Fiducial} */ ({
+  name: "", state: "missing", place: state.pointed[photo] ?? null, expected: null, residual: null,
+  score: null, apart: null, sigma: null, doubt: 0, why: [], said: null,
+});
 
 /** Every fiducial, worst first: the order in which J and K go. */
 const byDoubt = () => (state.found?.photos ?? [])
@@ -62,14 +73,18 @@ export function showBoard(fresh) {
   const sheet = byId("board");
   if (!sheet.open) return;
   const opened = !state.found;
-  if (state.found) {
+  // Found by an example: the worst of them comes first.
+  const asked = Boolean(state.found) && last(fresh)?.id !== last(state.found)?.id;
+  if (state.found && !asked) {
     const place = new Map(state.found.photos.map((row, index) => [row.photo, index]));
-    const last = place.size;
-    fresh.photos.sort((a, b) => (place.get(a.photo) ?? last) - (place.get(b.photo) ?? last));
+    const end = place.size;
+    fresh.photos.sort((a, b) => (place.get(a.photo) ?? end) - (place.get(b.photo) ?? end));
   }
   state.found = fresh;
   const worst = byDoubt()[0];
-  if (opened && fresh.photos.length) state.current = worst ? [worst.photo, worst.name] : null;
+  if ((opened || asked) && fresh.photos.length) {
+    state.current = worst ? [worst.photo, worst.name] : null;
+  }
   const { scrollTop = 0, scrollLeft = 0 } = sheet.querySelector(".sheet") ?? {};
   const onTable = focused()?.classList.contains("mark");
   renew(first(".view-body", sheet), head(fresh), body(fresh));
@@ -79,6 +94,10 @@ export function showBoard(fresh) {
   if (onTable) focusCurrent();
   showLarge();
 }
+
+/** The example that was shown last. @param {Board | null} found @param {string} [camera] */
+const last = (found, camera) =>
+  found?.examples.filter((one) => !camera || one.camera === camera).at(-1);
 
 const focusCurrent = () => first(".mark.on", byId("board"))?.focus({ preventScroll: true });
 
@@ -146,6 +165,12 @@ function freshLine(row) {
     element("span", { class: "muted" }, `${modelOf(row)}${rms}`), doubts);
   const cells = row.cells.length ? row.cells.map((cell) => element("td", {}, thumb(row, cell)))
     : [element("td", { class: "unmarked" }, word("board.unmarked"))];
+  if (!row.certified && start.fill) {
+    cells.push(element("td", {}, element("button", {
+      class: "mark point", "data-mark": `${row.photo}|`, tabindex: -1, title: tip("board.point"),
+      onclick: () => choose(row.photo, ""),
+    }, word("board.point"))));
+  }
   return element("tr", {}, element("td", { class: "name" }, name), ...cells);
 }
 
@@ -242,8 +267,8 @@ function showLarge() {
   const act = (
     /** @type {string} */ name, /** @type {string} */ key, /** @type {() => void} */ does,
   ) => element("button", {
-    "data-board": name, title: word(`board.${name}.tip`), disabled: start.guest,
-    onclick: does,
+    "data-board": name, title: word(`board.${name}.tip`), onclick: does,
+    disabled: start.guest || (!cell.name && name !== "undo"),
   }, word(`board.${name}`), element("kbd", {}, key));
   const stepTo = (/** @type {"previous" | "next"} */ name, /** @type {number} */ by) => {
     const title = word(`board.${name}`);
@@ -254,40 +279,93 @@ function showLarge() {
     ?? paneElement("magnified");
   const doubts = (cell.why.length ? cell.why : row.why.slice(0, 2)).map(again);
   renew(room,
-    element("h3", {}, stateGlyph(LOOKS[cell.state], 14), element("b", {}, cell.name),
+    element("h3", {}, stateGlyph(LOOKS[cell.state], 14),
+      element("b", {}, cell.name || word("board.point")),
       element("span", { class: "muted" }, shortName(row.photo)),
       element("span", { class: "stretch" }),
       stepTo("previous", -1), stepTo("next", 1)),
     large,
     element("div", { class: "board-acts" }, act("keep", "Y", () => use(true)),
       act("hide", "V", () => use(false)), act("snap", "Enter", snap),
-      act("undo", "U", () => send({ kind: "undo" }))),
-    element("div", { class: "board-figures" }, ...figures(row, cell)), ...decided(cell.said),
+      act("undo", "U", () => send({ kind: "undo" })), fillPart()),
+    ...(cell.name ? [element("div", { class: "board-figures" }, ...figures(row, cell))] : []),
+    ...decided(row, cell.said),
     ...doubts.map((text) => element("p", { class: "doubted" }, text)),
-    element("p", { class: "muted" }, word("board.hint")),
-    element("p", { class: "muted" }, word("board.run")));
+    element("p", { class: "muted" }, word(cell.name ? "board.hint" : "board.point.hint")),
+    ...(cell.name ? [element("p", { class: "muted" }, word("board.run"))] : []));
   openFiducial(large, put);
   showFiducial(row, cell, start.palette.states[LOOKS[cell.state]].colour);
 }
 
-/** @param {Fiducial["said"]} said */
-function decided(said) {
+/** @param {ScanRow} row @param {Fiducial["said"]} said */
+function decided(row, said) {
   if (!said) return [];
   const back = () => send({ kind: "back", decision: said.id });
-  return [element("p", { class: "decided" },
-    word("board.said", { who: said.who, when: said.when.replace("T", " ") }),
-    element("button", { class: "small", disabled: start.guest, onclick: back },
-      word("history.back")))];
+  const values = { who: said.who, when: said.when.replace("T", " ") };
+  return [element("p", { class: "decided" }, said.filled ? exampleOf(row) : null,
+    word(said.filled ? "board.filled" : "board.said", values),
+    element("button", {
+      class: "small", disabled: start.guest, onclick: back,
+    }, word(said.filled ? "board.fill-back" : "history.back")))];
+}
+
+/** The mark that was shown, beside those that were found by it. @param {ScanRow} row */
+function exampleOf({ camera }) {
+  const example = last(state.found, camera);
+  const shown = state.found?.photos.find(({ photo }) => photo === example?.photo);
+  if (!example || !shown) return null;
+  const { address } = windowOf(shown, example.place, shown.window, 2 * THUMB);
+  return element("img", { src: address, width: 44, height: 44, alt: word("board.example") });
+}
+
+/** What finds the others, or how far that is. */
+function fillPart() {
+  const { filling } = state;
+  if (!start.fill) return null;
+  if (!filling) {
+    return element("div", { id: "board-fill" }, element("button", {
+      "data-board": "fill", title: tip("board.fill"), onclick: fill,
+      disabled: start.guest || !now()?.cell.place,
+    }, word("board.fill"), element("kbd", {}, "L")));
+  }
+  const { share, what, left, cancelling } = filling;
+  const done = element("i");
+  done.style.width = `${100 * share}%`;
+  const time = left === null ? "" : word("remake.left", { seconds: Math.ceil(left) });
+  return element("div", { id: "board-fill" }, element("span", { class: "doubt" }, done),
+    element("span", { class: "muted" }, [shortName(what), time].filter(Boolean).join(" \u00b7 ")),
+    element("button", {
+      "data-board": "fill-cancel", disabled: cancelling,
+      onclick: () => send({ kind: "cancel", filling: true }),
+    }, word("remake.cancel")));
+}
+
+/** How far the search by an example is. @param {Making | null} filling */
+export function showFilling(filling) {
+  if (!filling && !state.filling) return;
+  state.filling = filling;
+  const fresh = fillPart();
+  if (fresh) byId("board-fill")?.replaceWith(fresh);
+}
+
+/** All marks like the one that is shown, on all scans of the camera. */
+function fill() {
+  const { row, cell } = now() ?? {};
+  if (!row || !cell?.place || state.filling || !start.fill) return;
+  send({ kind: "mark", photo: row.photo, name: cell.name, place: cell.place, fill: true });
 }
 
 /** @param {Pair} place @param {string} photo @param {string} name */
-const put = (place, photo, name, snapped = false) =>
-  send({ kind: "mark", photo, name, place, snap: snapped });
+function put(place, photo, name, snapped = false) {
+  if (name) return send({ kind: "mark", photo, name, place, snap: snapped });
+  state.pointed[photo] = place;
+  showLarge();
+}
 
 /** @param {boolean} wanted */
 function use(wanted) {
   const shown = now();
-  if (!shown) return;
+  if (!shown?.cell.name) return;
   const { row: { photo }, cell: { name } } = shown;
   send({ kind: "mark-use", photo, name, use: wanted });
   step(1);
@@ -296,7 +374,7 @@ function use(wanted) {
 function snap() {
   const { row, cell } = now() ?? {};
   const place = cell?.place ?? cell?.expected;
-  if (row && cell && place) put(place, row.photo, cell.name, true);
+  if (row && cell?.name && place) put(place, row.photo, cell.name, true);
 }
 
 /** To the next doubtful fiducial, or the one before. @param {number} by */
@@ -323,7 +401,7 @@ function walk(right, down) {
 /** @type {Record<string, (event: KeyboardEvent) => void>} */
 const ACTS = {
   KeyY: () => use(true), KeyV: () => use(false), KeyN: () => use(false),
-  KeyJ: () => step(1), KeyK: () => step(-1), KeyF: fitFiducial,
+  KeyJ: () => step(1), KeyK: () => step(-1), KeyF: fitFiducial, KeyL: fill,
   KeyU: (event) => send({ kind: event.shiftKey ? "redo" : "undo" }), Enter: snap,
 };
 const REPEATS = ["KeyJ", "KeyK"];
@@ -356,4 +434,5 @@ export function boardKey(event, letter) {
   return Boolean(act) || event.key.length === 1;
 }
 
-export const boardState = () => ({ current: state.current, tab: state.tab, found: state.found });
+export const boardState = () =>
+  ({ current: state.current, tab: state.tab, found: state.found, pointed: state.pointed });

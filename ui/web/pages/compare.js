@@ -424,18 +424,20 @@ function putMark(pane, { ground, raw }) {
   // The draft stands there at once; the desk's answer puts it where it is kept.
   state.nudged = raw ?? ground;
   redraw();
-  const frame = showsRaw(pane) ? "scan" : "ground";
-  send({ kind: "place", key: state.point.key, frame, place: state.nudged });
+  sendPlace(pane, state.point.key, state.nudged);
 }
 
-/**
- * A new point is chosen where the ortho shows it: there its coordinates are known.
- * @param {Pane} pane @param {Pair} screen
- */
+/** @param {Pane} pane @param {Key} key @param {Pair} place */
+const sendPlace = (pane, key, place) =>
+  send({ kind: "place", key, frame: showsRaw(pane) ? "scan" : "ground", place });
+
+/** In the ortho, in a blend too; or a detail of a scan. @param {Pane} pane @param {Pair} screen */
 function addPoint(pane, screen) {
-  if (takesPlace(pane, screen) && contentOf(pane) !== "blend") return;
-  send({ kind: "add", place: placeAt(pane, screen).ground });
+  const { ground, raw } = placeAt(pane, screen);
   switchCompare("adding");
+  const inOrtho = !takesPlace(pane, screen) || contentOf(pane) === "blend";
+  if (inOrtho) send({ kind: "add", place: ground });
+  else if (state.point) sendPlace(pane, ["", state.point.key[1]], raw ?? ground);
 }
 
 /** @param {Pane} pane @param {Pair} screen */

@@ -11,10 +11,14 @@ import {
 import { showStatus } from "./status.js";
 import { setUpPeople, showPeople } from "./people.js";
 import { openQuality, setUpQuality, showQuality } from "./quality.js";
-import { boardKey, boardState, openBoard, setUpBoard, showBoard } from "./board.js";
+import {
+  boardKey, boardState, openBoard, setUpBoard, showBoard, showFilling,
+} from "./board.js";
 import {
   openPlacement, placementKey, placementState, setUpPlacement, showPlacement,
 } from "./placement.js";
+import { maskKey, maskState, openMask, setUpMask, showMask } from "./mask.js";
+import { openPlaced, setUpPlaced } from "./placed.js";
 import { setUpPoints } from "./points.js";
 import { setUpResults } from "./results.js";
 import { setUpSettings } from "./run.js";
@@ -55,6 +59,15 @@ function decide(act) {
   inTurn(act);
 }
 
+/**
+ * What shows another point: until it is there, nothing is decided.
+ * @param {"undo" | "redo"} kind
+ */
+function moveOn(kind) {
+  state.deciding = true;
+  send({ kind });
+}
+
 /** One verdict on what is shown, or on all that is marked. @param {string} verdict */
 const judge = (verdict) => decide(() => {
   const keys = markedKeys();
@@ -76,6 +89,13 @@ function acceptProposals() {
   else tell({ text: "notice.no-proposal", values: {}, grave: false });
 }
 
+/** The photo that is looked at, placed anew by clicks. */
+function placing() {
+  const photo = state.parts.point?.key[1] ?? start.photos[0];
+  if (start.placeable) openPlaced(photo);
+  else tell({ text: "notice.no-ortho", values: {}, grave: false });
+}
+
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
   accept: () => judge("accept"),
@@ -84,8 +104,8 @@ const ACTS = {
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
   role: () => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] }))),
-  undo: () => send({ kind: "undo" }),
-  redo: () => send({ kind: "redo" }),
+  undo: () => moveOn("undo"),
+  redo: () => moveOn("redo"),
   next: () => send({ kind: "step", step: 1, undecided: true }),
   previous: () => send({ kind: "step", step: -1 }),
   wallis: () => switchCompare("wallis"),
@@ -111,6 +131,8 @@ const ACTS = {
   quality: () => openQuality(state.parts.quality),
   board: () => openBoard(state.parts.board),
   placement: () => openPlacement(state.parts.placement),
+  mask: () => openMask(state.parts.mask, state.parts.point?.key[1]),
+  placing,
   theme: nextTheme,
   tour: startTour,
 };
@@ -128,12 +150,14 @@ const TEXTS = {
   remake: "remake", cancel: "remake.cancel", quality: "quality", board: "board",
   placement: "placement", theme: "theme", tour: "tour", "fit-whole": "fit.whole",
   "fit-current": "fit.current", details: "details", edges: "edges",
-  flicker: "flicker", together: "together",
+  flicker: "flicker", together: "together", mask: "mask", placing: "placing",
 };
 /** @type {Record<string, State>} */
 const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };
 /** What a key does with Shift. @type {Record<string, string>} */
-const SHIFTED = { undo: "redo", accept: "accept-all" };
+const SHIFTED = {
+  undo: "redo", accept: "accept-all", board: "mask", placement: "placing",
+};
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
 const CLOSED_BY = { quality: "KeyB", help: "KeyH" };
@@ -161,6 +185,7 @@ function sheetKey(event, /** @type {HTMLDialogElement} */ sheet) {
   const letter = letterOf(event);
   if (sheet.id === "board") return boardKey(event, letter);
   if (sheet.id === "placement") return placementKey(event, letter);
+  if (sheet.id === "mask") return maskKey(event, letter);
   const closes = event.key === "Escape" || letter === CLOSED_BY[sheet.id];
   if (closes && event.type === "keydown") sheet.close();
   return event.key === "Escape" || event.key.length === 1;
@@ -277,13 +302,17 @@ function receive(message) {
     askWhy(fresh.queue.explaining);
     keepPlace(fresh.queue);
   }
-  if (fresh.status) showStatus(fresh.status);
+  if (fresh.status) {
+    showStatus(fresh.status);
+    showFilling(fresh.status.filling);
+  }
   if (parts.status && (fresh.status || "point" in fresh)) {
     showPeople(parts.status, parts.point?.key);
   }
   if (fresh.quality) showQuality(fresh.quality);
   if (fresh.board) showBoard(fresh.board);
   if (fresh.placement) showPlacement(fresh.placement);
+  if (fresh.mask) showMask(fresh.mask);
   if (fresh.scene) showScene(fresh.scene);
   if (fresh.card) showCard(fresh.card);
   if (fresh.sight) showSight(fresh.sight);
@@ -354,6 +383,8 @@ async function open() {
   setUpQuality();
   setUpBoard();
   setUpPlacement();
+  setUpMask();
+  setUpPlaced();
   setUpPoints();
   setUpResults();
   setUpSettings();
@@ -364,7 +395,7 @@ async function open() {
   state.wanted = keptPlace();
   connect(receive);
   openScene();
-  window.gruber = { parts: state.parts, compareState, boardState, placementState };
+  window.gruber = { parts: state.parts, compareState, boardState, placementState, maskState };
   if (tourIsNew()) startTour();
 }
 

@@ -61,8 +61,11 @@ export function showFiducial(row, cell, colour) {
   const fresh = key !== state.shownKey;
   Object.assign(state, { row, cell, colour, nudged: null, shownKey: key });
   if (fresh) {
-    const middle = cell.place ?? cell.expected ?? row.size.map((value) => value / 2);
-    state.view.show(middle, (state.pane?.size[0] || 380) / (1.6 * row.window));
+    const room = state.pane?.size ?? [380, 380];
+    const middle = cell.place ?? cell.expected;
+    const whole = Math.min(...row.size.map((value, side) => room[side] / value));
+    if (middle) state.view.show(middle, (room[0] || 380) / (1.6 * row.window));
+    else state.view.show(row.size.map((value) => value / 2), whole);
   }
   redraw();
 }

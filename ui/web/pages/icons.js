@@ -18,6 +18,8 @@ export const SHAPES = {
   target: `${RING} r="5.2" stroke-width="1.4"/><circle cx="8" cy="8" r="2" fill="C"/>`,
   bare: '<path d="M3 3h10v10H3zM3 3l10 10M13 3L3 13" fill="none" stroke="C" stroke-width="1.5"/>',
   control: '<path d="M8 3l5.5 10h-11z" fill="none" stroke="C" stroke-width="1.5"/>',
+  new: `${RING} r="5.2" stroke-width="1.5"/>`
+    + '<path d="M8 5.4v5.2M5.4 8h5.2" stroke="C" stroke-width="1.3"/>',
   tie: '<path d="M8 3v10M3 8h10M4.5 4.5l7 7M11.5 4.5l-7 7" stroke="C" stroke-width="1.3"/>',
   photo: '<path d="M2.5 4h11v8.5h-11zM2.5 12.5l5.5-4 5.5 4" fill="none" stroke="C"'
     + ' stroke-width="1.3"/>',
@@ -38,6 +40,8 @@ export const SHAPES = {
   keys: drawn("M1.5 4.5h13v7h-13zM4 7h.1M6.7 7h.1M9.3 7h.1M12 7h.1M5 9.5h6"),
   quality: drawn("M2.5 13.5h11M4 11V7.5M8 11V3M12 11V5.5"),
   map: drawn("M2 4l4-1.5 4 1.5 4-1.5v9.5l-4 1.5-4-1.5-4 1.5zM6 2.5v9.5M10 4v9.5"),
+  mask: drawn("M9.5 3l3.5 3.5-6 6H3.5v-3.5zM8 4.5l3.5 3.5M2 14.5h12"),
+  pin: drawn("M8 14.5c-3-3.5-4.5-5-4.5-7a4.5 4.5 0 0 1 9 0c0 2-1.5 3.5-4.5 7zM8 7h.1"),
   play: drawn("M5 3.5l7 4.5-7 4.5z"),
   tiles: drawn("M2.5 2.5h4.5v4.5h-4.5zM9 2.5h4.5v4.5h-4.5z"
     + "M2.5 9h4.5v4.5h-4.5zM9 9h4.5v4.5h-4.5z"),

@@ -95,6 +95,7 @@ export function surveyedMark(context, [x, y], { role }) {
   const colour = role === "check" ? start.palette.check : start.palette.current;
   halo(context, colour, 1.6, () => {
     if (role === "check") return context.rect(x - 8, y - 8, 16, 16);
+    if (role === "new") return context.arc(x, y, 8, 0, 7);
     context.moveTo(x, y - 10);
     context.lineTo(x + 9, y + 6);
     context.lineTo(x - 9, y + 6);

@@ -5,6 +5,7 @@ import {
 import { cleared, halo, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
 import { Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
+import { openPlaced } from "./placed.js";
 import { send } from "./wire.js";
 
 const BEFORE = "#f3b13c";
@@ -120,14 +121,25 @@ function side({ photos, set_aside }) {
     element("h3", {}, shortName(one.photo)),
     element("p", {}, source && word("placement.source", { source })),
     ...one.why.map((why) => element("p", { class: "doubted" }, again(why))),
+    anew(one.photo),
   ] : [];
   const aside = set_aside.map(([name, why]) =>
-    element("p", { class: "doubted" }, element("b", {}, shortName(name)), ` ${again(why)}`));
+    element("p", { class: "doubted" }, element("b", {}, shortName(name)), ` ${again(why)}`,
+      anew(name)));
   if (aside.length) aside.unshift(element("h3", {}, word("placement.aside")));
   const table = element("table", {}, element("tr", {}, ...heads), ...photos.map(line));
   return element("aside", {}, element("div", { class: "shifts" }, table), ...about, ...aside,
     element("p", { class: "muted" }, word("placement.hint")));
 }
+
+/** A photo placed by clicks instead. @param {string} photo */
+const anew = (photo) => element("button", {
+  class: "small", "data-placed": photo, title: word("placing.tip"), disabled: !start.placeable,
+  onclick: () => {
+    byId("placement").close();
+    openPlaced(photo);
+  },
+}, word("placing"));
 
 /** @param {PlacedPhoto} one */
 function line(one) {

@@ -30,12 +30,22 @@ const state = {
   last: /** @type {{ index: number, side: Side } | null} */ (null),
   grip: /** @type {{ index: number, moved: boolean } | null} */ (null),
   wallis: false,
+  model: /** @type {"similarity" | "affine"} */ ("similarity"),
   saved: "",
   /** Pairs as they were before each change, as JSON. */
   history: /** @type {string[]} */ ([]),
   timers: { nudge: 0 },
 };
 const redraw = oncePerFrame(draw);
+const asked = new URLSearchParams(location.search);
+/** Set where the page lies over the desk. */
+const desk = window.parent !== window && asked.has("photo") ? window.parent : null;
+
+/** What the chosen model says of the pairs. */
+function chosenFit() {
+  const { fit, model } = state;
+  return model === "affine" ? fit.affine ?? {} : fit;
+}
 
 /** @param {Side} side @param {Pair} place */
 const layerFrom = (side, place) => (side === "scan" ? place : layerFromGround(place));
@@ -148,11 +158,30 @@ const halfOf = (pair, side) => (side === "scan" ? pair.slice(0, 2) : pair.slice(
 async function save() {
   const { scan } = state;
   if (!scan || start.guest) return;
-  const answer = await post(`/points/${encodeURIComponent(scan.photo)}`, { pairs: scan.pairs });
+  const seat = encodeURIComponent(asked.get("seat") ?? "");
+  const address = `/points/${encodeURIComponent(scan.photo)}?seat=${seat}`;
+  const answer = await post(address, { pairs: scan.pairs });
   if (!answer.ok) return tell(answer.error, true);
   const { saved: file } = answer;
-  state.saved = file ? word("placing.saved", { file }) : word("placing.removed");
+  const said = desk ? ["placing.decided", "placing.given-back"]
+    : ["placing.saved", "placing.removed"];
+  state.saved = word(said[file ? 0 : 1], { file });
   tell(state.saved);
+  show();
+}
+
+async function writeWorldFile() {
+  const { scan, model } = state;
+  if (!scan || start.guest) return;
+  const address = `/world/${encodeURIComponent(scan.photo)}?model=${model}`;
+  const answer = await post(address, { pairs: scan.pairs });
+  if (answer.ok) tell(word("placing.world.written", { file: answer.written }));
+  else tell(answer.error, true);
+}
+
+/** @param {"similarity" | "affine"} model */
+function choosePlan(model) {
+  state.model = model;
   show();
 }
 
@@ -220,7 +249,8 @@ function numbered(context, place, count, colour) {
  * @param {Context} context @param {Side} side
  */
 function guide(context, side) {
-  const { pending, cursor, fit: { matrix } } = state;
+  const { pending, cursor } = state;
+  const { matrix } = chosenFit();
   const other = side === "scan" ? "ortho" : "scan";
   const from = pending[other] ?? (cursor?.side === other ? cursor.at : null);
   if (!from || !matrix) return;
@@ -279,13 +309,16 @@ function showPairs(scan) {
       act("wallis", "W",
         { class: wallis ? "on" : "", "aria-pressed": `${wallis}`, title: word("wallis.tip"),
           onclick: switchWallis }),
+      ...(desk ? [act("placing.world", "T", {
+        id: "placing-world", disabled: start.guest || !chosenFit().matrix, onclick: writeWorldFile,
+      })] : []),
       act("act.fit", "F", { onclick: () => choose(scan) })),
     element("p", { class: "muted" }, saved || word("placing.hint")));
 }
 
 /** @param {number[]} pair @param {number} index */
 function pairLine(pair, index) {
-  const off = state.fit.residuals?.[index];
+  const off = chosenFit().residuals?.[index];
   const [column, row, east, north] = pair.map((value) => number(value, 1));
   return element("tr", {}, element("td", {}, `${index + 1}`),
     element("td", {}, `${column}, ${row}`), element("td", {}, `${east}, ${north}`),
@@ -301,10 +334,19 @@ function figures(count) {
   const { fit } = state;
   const [scale, pixel] = [number(fit.scale, 0), number(fit.pixel_m, 2)];
   const values = { scale, pixel, turn: number(fit.turn_deg, 0) };
+  /** @type {HTMLElement[]} */
   const shown = fit.matrix ? [element("p", {}, word("placing.figures", values))] : [];
-  if (fit.rms !== null && fit.rms !== undefined) {
-    const rms = word("placing.rms", { rms: number(fit.rms, 1), count: fit.count });
-    shown.push(element("p", {}, rms));
+  if (fit.affine) {
+    const model = (/** @type {"similarity" | "affine"} */ name) => element("button", {
+      "data-model": name, class: state.model === name ? "on" : "",
+      "aria-pressed": `${state.model === name}`, onclick: () => choosePlan(name),
+    }, word(`board.model.${name}`));
+    shown.push(element("span", { class: "segments" }, model("similarity"), model("affine")));
+  }
+  const { rms } = chosenFit();
+  if (rms !== null && rms !== undefined) {
+    const said = `placing.rms.${state.model}`;
+    shown.push(element("p", {}, word(said, { rms: number(rms, 1), count: fit.count })));
   } else if (count === 2) shown.push(element("p", { class: "muted" }, word("placing.two")));
   return shown;
 }
@@ -333,8 +375,10 @@ function showRun() {
 
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
-  s: save, u: takeBack, w: switchWallis, j: () => step(1), k: () => step(-1), f: () => step(0),
+  s: save, t: () => desk && writeWorldFile(), u: takeBack, w: switchWallis,
+  j: () => step(1), k: () => step(-1), f: () => step(0),
   Escape: () => {
+    if (desk && !state.pending.scan && !state.pending.ortho) return desk.gruberPlaced?.();
     state.pending = {};
     show();
   },
@@ -361,13 +405,15 @@ function takeKey(event) {
 
 async function open() {
   Object.assign(start, await (await fetch("/start")).json());
+  if (desk) Object.assign(start, await (await fetch("/placing")).json());
+  document.body.classList.toggle("embedded", Boolean(desk));
   const scans = start.scans;
   state.scans = scans;
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
   fillWords();
   byId("name").textContent = document.title;
-  byId("placing-why").textContent = word("placing.why");
+  byId("placing-why").textContent = word(desk ? "placing.anew" : "placing.why");
   // design: from the whole picture to 40 pixels of the screen for one of it.
   state.views = { scan: new View(0.001, 40), ortho: new View(0.001, 40 / start.ortho_pixel) };
   for (const side of /** @type {Side[]} */ (["scan", "ortho"])) {
@@ -377,8 +423,10 @@ async function open() {
   setUpTheme();
   setUpSettings();
   first("[data-act=theme]").addEventListener("click", nextTheme);
+  byId("placing-close").addEventListener("click", () => desk?.gruberPlaced?.());
   listenToKeys(takeKey);
-  choose(scans.find((one) => one.pairs.length) ?? scans[0]);
+  const wanted = scans.find((one) => one.photo === asked.get("photo"));
+  choose(wanted ?? scans.find((one) => one.pairs.length) ?? scans[0]);
   const place = () => {
     const { scan, fit, views, pending, saved } = state;
     return { scan, fit, views, pending, run: runNow(), saved };

@@ -154,7 +154,8 @@ function showWhy({ figures: { remark }, readings, state, why }) {
  * Filled in a moment after the rest: an adjustment with this one measurement turned.
  * @param {Point} point
  */
-function showTrial({ draft, role, state, trial }) {
+function showTrial({ draft, figures, others, role, state, trial }) {
+  if (role === "new") return showCoordinates(figures, others);
   const lines = [];
   const title = draft ? "trial.draft" : !trial || state === "predicted" ? "trial.effect"
     : trial.rejects ? "trial.reject" : "trial.accept";
@@ -175,6 +176,19 @@ function showTrial({ draft, role, state, trial }) {
   });
   byId("neighbours").replaceChildren(...(beside.length
     ? [element("h3", {}, word("trial.neighbours")), ...beside] : []));
+}
+
+/**
+ * What the adjustment makes of a new point; from one scan alone its ray is known.
+ * @param {Figures} figures @param {Point["others"]} others
+ */
+function showCoordinates({ surveyed, surveyed_sigma: sigma }, others) {
+  const count = others.filter(({ state: known }) => known === "accepted").length;
+  const lines = count < 2 ? [word("coordinates.wait", { count })]
+    : ["E", "N", "H"].map((axis, n) =>
+      `${axis} ${number(surveyed[n], 2)} \u00b1${number(sigma[n], 2)} m`);
+  byId("trial").replaceChildren(element("h3", {}, word("coordinates")),
+    ...lines.map((line) => element("div", { class: "figure", title: line }, line)));
 }
 
 /** @param {Point | null} point */

@@ -10,6 +10,8 @@ const MAP = 260; // design: large enough to see a point beside the block
 const state = {
   name: "",
   data: /** @type {Blob | null} */ (null),
+  /** What another program's file would bring. */
+  foreign: /** @type {ReadForeign | null} */ (null),
   /** What was chosen by hand; all else is recognised. */
   reading: /** @type {Record<string, any>} */ ({}),
   found: /** @type {ReadList | null} */ (null),
@@ -26,22 +28,24 @@ export function setUpPoints() {
   addEventListener("dragover", (event) => event.preventDefault());
   addEventListener("drop", (event) => {
     event.preventDefault();
-    const file = event.dataTransfer?.files[0];
-    if (!file) return;
+    const files = [...event.dataTransfer?.files ?? []];
+    if (!files.length) return;
     open();
-    take(file);
+    take(files);
   });
 }
 
 function open() {
-  Object.assign(state, { name: "", data: null, reading: {}, found: null, error: "" });
+  Object.assign(state,
+    { name: "", data: null, reading: {}, found: null, foreign: null, error: "" });
   draw();
   if (!byId("points").open) byId("points").showModal();
 }
 
-/** @param {File} file */
-function take(file) {
-  Object.assign(state, { name: file.name, data: file, reading: {} });
+/** One behind the other, with their names and sizes. @param {File[]} files */
+function take(files) {
+  const reading = { files: files.map(({ name, size }) => [name, size]) };
+  Object.assign(state, { name: files[0].name, data: new Blob(files), reading });
   readAgain();
 }
 
@@ -57,7 +61,8 @@ async function readAgain() {
   if (!state.data) return;
   const answer = await ask("read", state.data, state.name, state.reading);
   state.error = answer.error ? again(answer.error) : "";
-  state.found = answer.error ? null : answer;
+  state.found = answer.error || answer.format ? null : answer;
+  state.foreign = answer.format ? answer : null;
   draw();
 }
 
@@ -79,19 +84,47 @@ function draw() {
   const held = document.activeElement?.id ?? "";
   byId("points").replaceChildren(
     element("h2", {}, word("points")), element("p", {}, word("points.long")),
-    chooser(), state.error ? element("p", { class: "bad", role: "alert" }, state.error) : "",
-    ...(state.found ? preview(state.found) : [typed()]),
-    element("div", { class: "points-acts" }, state.found ? bringButton(state.found) : null,
+    chooser(), formatChoice(),
+    state.error ? element("p", { class: "bad", role: "alert" }, state.error) : "",
+    ...(state.found ? preview(state.found)
+      : state.foreign ? [foreignPreview(state.foreign)] : state.data ? [] : [typed()]),
+    element("div", { class: "points-acts" }, state.found ? bringButton(state.found)
+      : state.foreign ? bringForeign() : null,
       element("button", { onclick: () => byId("points").close() }, word("act.close"))));
   document.getElementById(held)?.focus();
 }
 
 function chooser() {
-  const input = element("input", { type: "file", id: "points-file",
-    onchange: (/** @type {any} */ { target }) => target.files[0] && take(target.files[0]) });
+  const input = element("input", { type: "file", id: "points-file", multiple: true,
+    onchange: (/** @type {any} */ { target }) => target.files[0] && take([...target.files]) });
   return element("p", {}, element("label", { for: "points-file" }, word("points.file")), " ", input,
     state.name ? element("b", {}, ` ${state.name}`) : null);
 }
+
+/** A table, or the format of another program; what the names of the files say at first. */
+function formatChoice() {
+  if (!state.data || !Object.keys(start.imports).length) return "";
+  const now = state.reading.format ?? state.foreign?.format ?? "";
+  const options = [["", word("points.table")], ...Object.entries(start.imports)].map(
+    ([value, text]) => element("option", { value, selected: value === now }, text));
+  const onchange = (/** @type {any} */ { target }) => {
+    state.reading.format = target.value;
+    readAgain();
+  };
+  return element("p", {}, element("label", {}, word("points.format"), " ",
+    element("select", { id: "points-format", onchange }, ...options)));
+}
+
+/** @param {ReadForeign} foreign */
+const foreignPreview = ({ counts, notes }) => element("ul", { class: "points-said" },
+  ...Object.entries(counts).map(([what, count]) =>
+    element("li", {}, word(`points.brings.${what}`, { count }))),
+  ...(Object.keys(counts).length ? [] : [element("li", {}, word("points.brings.nothing"))]),
+  ...notes.map((note) => element("li", {}, again(note))));
+
+const bringForeign = () => element("button", { id: "points-bring", class: "primary",
+  onclick: bringList, disabled: !Object.keys(state.foreign?.counts ?? {}).length },
+word("points.bring.foreign"));
 
 /** @param {ReadList} found */
 const preview = (found) => [
@@ -163,11 +196,9 @@ function table({ width, header, rows, reading }) {
 function columnChoice(place, width, columns) {
   const options = QUANTITIES.map((one) => element("option",
     { value: one, selected: one === (columns[place] ?? "") }, one || "\u2014"));
-  const onchange = (/** @type {any} */ { target }) => {
-    const all = Array.from({ length: width }, (_, n) => columns[n] ?? "");
-    all[place] = target.value;
-    choose("columns", all);
-  };
+  // As all of them stand now: the answer to the last one may be on its way.
+  const onchange = () => choose("columns", Array.from({ length: width }, (_, n) =>
+    /** @type {HTMLSelectElement} */ (document.getElementById(`points-column-${n}`)).value));
   return element("select", { id: `points-column-${place}`, onchange,
     "aria-label": word("points.column", { number: place + 1 }) }, ...options);
 }

@@ -17,7 +17,7 @@ const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "new", "tie", "photo", "fiducial"];
-const POINTS = ["control", "check"];
+const POINTS = ["control", "check", "new"];
 const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS, READINGS] =
   /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
 /** States of the rows behind a filter of another name. @type {Record<string, State>} */

@@ -58,14 +58,23 @@ function exporting() {
     ...formats.map(([name, title]) => element("option", { value: name }, title)));
   const said = element("div", { id: "export-said", role: "status" });
   const begin = element("button", { id: "export-begin", onclick: write }, word("export.begin"));
+  const pictures = element("input", { type: "checkbox", id: "export-pictures" });
+  const upright = element("label", { title: word("export.pictures.tip") }, pictures, " ",
+    word("export.pictures"));
+  const choose = () => {
+    upright.hidden = !start.upright.includes(/** @type {HTMLSelectElement} */ (chosen).value);
+  };
+  chosen.addEventListener("change", choose);
+  choose();
   return [element("h3", {}, word("export")), element("p", {}, word("export.long")),
-    element("p", {}, chosen, " ", begin), said];
+    element("p", {}, chosen, " ", begin), element("p", {}, upright), said];
 
   async function write() {
     const format = /** @type {HTMLSelectElement} */ (chosen).value;
     /** @type {HTMLButtonElement} */ (begin).disabled = true;
     said.replaceChildren(word("export.writing"));
-    const answer = await post(`/export/${format}`, {});
+    const { checked } = /** @type {HTMLInputElement} */ (pictures);
+    const answer = await post(`/export/${format}`, { pictures: checked && !upright.hidden });
     /** @type {HTMLButtonElement} */ (begin).disabled = false;
     if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
     else said.replaceChildren(element("p", {}, link(answer.file)),

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError, ProjError
 
 from core.arrays import ObjectPoints, Position, Rotation
 from core.errors import CrsError
-from core.said import say
+from core.geometry.crs import PlanePoints, horizontal, read_crs
 
 # design: curvature of the third order over it is 1e-10; coordinates round at 1e-9 m.
 STEP_M = 50.0
@@ -22,10 +21,16 @@ STEP_M = 50.0
 # leaves a millionth of it.
 ROUNDS = 4
 """Rounds that bring the way from the map to the ellipsoid to the last digit."""
-
-
-PlanPoints = Float64[np.ndarray, "n 2"]
-"""Easting and northing, or longitude and latitude."""
+FAR_M = 1e6  # design: rounding of geocentric metres over it is 1e-15.
+# source: polar radius of WGS 84, less the depth of the sea.
+EARTH_M = 6.3e6
+"""What lies further from the origin than this may be a point of the Earth, metres."""
+# source: limits of UTM.
+POLAR, SOUTH_POLAR = 84.0, -80.0
+# source: codes of EPSG.
+WGS84, UTM_NORTH, UTM_SOUTH = 4326, 32600, 32700
+Degrees = Float64[np.ndarray, "n 3"]
+"""Longitude and latitude in degrees, height in metres."""
 Origin = tuple[float, float, float]
 """Longitude, latitude (degrees), height (metres)."""
 
@@ -38,30 +43,38 @@ class MapInSpace:
     """From longitude and latitude (degrees) to the map: this way every projection is closed."""
     space: Transformer
     """From longitude, latitude, height to the frame."""
+    origin: Origin | None
+    """Where east, north, up are taken; None for geocentric axes."""
 
     def from_object(self, points: ObjectPoints) -> ObjectPoints:
         """The frame's coordinates (metres) of easting, northing, height."""
-        degrees = self.degrees(points[:, :2])
-        return np.column_stack(self.space.transform(degrees[:, 0], degrees[:, 1], points[:, 2]))
+        return np.column_stack(self.space.transform(*self.degrees(points).T))
 
     def to_object(self, points: ObjectPoints) -> ObjectPoints:
         """Easting, northing, height of the frame's coordinates (metres)."""
-        longitude, latitude, height = self.space.transform(*points.T, direction="INVERSE")
-        return np.column_stack([self.plan(np.column_stack([longitude, latitude])), height])
+        return self.from_degrees(self.space_degrees(points))
 
-    def degrees(self, plan: PlanPoints) -> PlanPoints:
-        """Longitude and latitude, degrees, of easting and northing."""
+    def space_degrees(self, points: ObjectPoints) -> Degrees:
+        """Longitude, latitude, height of the frame's coordinates (metres)."""
+        return np.column_stack(self.space.transform(*points.T, direction="INVERSE"))
+
+    def degrees(self, points: ObjectPoints) -> Degrees:
+        """Longitude, latitude, height of easting, northing, height."""
+        plan = points[:, :2]
         degrees = self._degrees(plan)
         for _ in range(ROUNDS):
-            degrees = degrees + self._degrees(plan) - self._degrees(self.plan(degrees))
-        return degrees
+            degrees = degrees + self._degrees(plan) - self._degrees(self._plan(degrees))
+        return np.column_stack([degrees, points[:, 2]])
 
-    def _degrees(self, plan: np.ndarray) -> np.ndarray:
+    def from_degrees(self, places: Degrees) -> ObjectPoints:
+        """Easting, northing, height of longitude, latitude, height."""
+        return np.column_stack([self._plan(places), places[:, 2]])
+
+    def _degrees(self, plan: PlanePoints) -> PlanePoints:
         return np.column_stack(self.plane.transform(*plan.T, direction="INVERSE"))
 
-    def plan(self, degrees: PlanPoints) -> PlanPoints:
-        """Easting and northing of longitude and latitude, degrees."""
-        return np.column_stack(self.plane.transform(*degrees.T))
+    def _plan(self, degrees: np.ndarray) -> PlanePoints:
+        return np.column_stack(self.plane.transform(degrees[:, 0], degrees[:, 1]))
 
     def turn_at(self, place: Position) -> Rotation:
         """The frame's axes from east, north, up of the map at a place, without any scale."""
@@ -71,21 +84,32 @@ class MapInSpace:
         return left @ right
 
 
-def map_in_space(crs: CRS, datum: CRS, origin: Origin | None = None) -> MapInSpace:
+def map_in_space(crs: CRS, datum: CRS | None = None, origin: Origin | None = None) -> MapInSpace:
     """A frame in space.
 
     Args:
         crs: Of the map; projected, metres.
-        datum: Geographic CRS in whose datum the frame is.
+        datum: Geographic CRS in whose datum the frame is; WGS 84 where it is None.
         origin: Where east, north, up are taken; None for geocentric axes.
     """
+    datum = datum or CRS.from_epsg(WGS84)
     steps = "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
     steps += f" +step +proj=cart {_shape(datum)}"
     if origin is not None:
         steps += f" +step {_topocentric(datum, origin)}"
-    return MapInSpace(
-        Transformer.from_crs(datum, crs, always_xy=True), Transformer.from_pipeline(steps)
-    )
+    plane = Transformer.from_crs(datum, crs, always_xy=True)
+    return MapInSpace(plane, Transformer.from_pipeline(steps), origin)
+
+
+def tangent_frame(crs: str, middle: Position) -> MapInSpace:
+    """East, north, up on the map's own ellipsoid at a place (easting, northing, height).
+
+    Raises:
+        CrsError: No CRS, or one that PROJ does not know or that is not projected.
+    """
+    plane = map_crs(crs, "[block] crs")
+    datum = geographic_of(plane)
+    return map_in_space(plane, datum, origin_of(plane, datum, middle))
 
 
 def origin_of(crs: CRS, datum: CRS, place: Position) -> Origin:
@@ -104,13 +128,10 @@ def geocentric_axes(datum: CRS, origin: Origin) -> tuple[Rotation, Position]:
     return (ends[1:] - ends[0]).T / FAR_M, ends[0]
 
 
-FAR_M = 1e6  # design: rounding of geocentric metres over it is 1e-15.
-
-
 def _shape(datum: CRS) -> str:
     """An ellipsoid in PROJ's words."""
     ellipsoid = datum.ellipsoid
-    assert ellipsoid is not None
+    assert ellipsoid is not None, "a geographic CRS has an ellipsoid"
     return f"+a={ellipsoid.semi_major_metre!r} +b={ellipsoid.semi_minor_metre!r}"
 
 
@@ -121,49 +142,38 @@ def _topocentric(datum: CRS, origin: Origin) -> str:
     return f"+proj=topocentric {_shape(datum)} {place}"
 
 
-def map_crs(text: str, file: Path) -> CRS:
-    """The map of a block: projected, metres, without heights.
+def map_crs(text: str, where: str | Path) -> CRS:
+    """The map of a block: projected, without heights.
 
     Raises:
         CrsError: It is none.
     """
-    try:
-        crs = CRS.from_user_input(text)
-    except (CRSError, ProjError) as error:
-        raise CrsError(
-            file,
-            say("Its CRS is not known ({crs}).", crs=text[:60]),
-            "State it as a code such as EPSG:5514.",
-        ) from error
-    crs = plain_crs(crs)
+    crs = horizontal(read_crs(text, where))
     if not crs.is_projected or crs.geodetic_crs is None:
         raise CrsError(
-            file,
-            say("{crs} is no map in metres.", crs=crs.name),
-            "Give the block a projected CRS.",
+            where, "{crs} is no map in metres.", "Give the block a projected CRS.", crs=crs.name
         )
-    return crs
-
-
-def plain_crs(crs: CRS) -> CRS:
-    """A CRS without heights and without a shift of datum bound to it."""
-    while crs.is_compound or crs.is_bound:
-        source = crs.sub_crs_list[0] if crs.is_compound else crs.source_crs
-        assert source is not None
-        crs = source
     return crs
 
 
 def geographic_of(crs: CRS) -> CRS:
     """The geographic CRS whose datum a map has."""
-    assert crs.geodetic_crs is not None
+    assert crs.geodetic_crs is not None, "a map is made from one"
     return crs.geodetic_crs
 
 
 def crs_text(crs: CRS) -> str:
     """A code where there is one, else WKT."""
-    authority = crs.to_authority(min_confidence=SURE)
+    authority = crs.to_authority()
     return crs.to_wkt() if authority is None else ":".join(authority)
 
 
-SURE = 70  # source: pyproj's own default for an equivalent CRS that is named otherwise.
+def zone_of(place: Degrees) -> str:
+    """A projected CRS for points of the Earth: UTM, or stereographic about the poles."""
+    longitude, latitude = place[0, 0], place[0, 1]
+    if latitude > POLAR:
+        return "EPSG:3995"
+    if latitude < SOUTH_POLAR:
+        return "EPSG:3031"
+    zone = int((longitude + 180) // 6) % 60 + 1  # source: zones of UTM are six degrees wide.
+    return f"EPSG:{(UTM_NORTH if latitude >= 0 else UTM_SOUTH) + zone}"

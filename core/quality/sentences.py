@@ -1,0 +1,100 @@
+"""What the judgement of a block says, one sentence for each finding; limits stand in its rules."""
+
+from collections.abc import Mapping
+
+SENTENCES = {
+    "contradicted": "{worst} in {photo} was accepted by hand, but everything else puts it {metres} "
+    "m ({pixels} px) away: {test} times its standard deviation. It moves photos by up to {shift} "
+    "m.",
+    "contradicted-far": "{worst} in {photo} was accepted by hand, but everything else puts it "
+    "{metres} m ({pixels} px) away: {test} times its standard deviation. It moves photos by up to "
+    "{shift} m, so the block cannot be released. Look at it again.",
+    "contradicted-check": "{worst}, a check point, was measured by hand in {photo} {metres} m "
+    "({pixels} px) from where the block puts it: {test} times what is predicted.",
+    "contradicted-more": "Further measurements accepted by hand that the block contradicts: "
+    "{count}, by up to {metres} m.",
+    "agreed": "The block contradicts no measurement accepted by hand (accepted: {count}).",
+    "diverged": "The adjustment did not settle.",
+    "sigma": "Sigma nought {value}: residuals are as expected.",
+    "sigma-off": "Sigma nought {value} lies outside {low} to {high}: weights and residuals do not "
+    "fit.",
+    "sigma-far": "Sigma nought {value} lies far outside {low} to {high}: nothing that is predicted "
+    "of the block can be believed.",
+    "class-large": "Residuals of {worst} are {ratio} times as large as their standard deviations "
+    "say: a systematic error, or too much trust in them.",
+    "control": "{count} control points in {cells} of nine parts of the block.",
+    "control-gaps": "{count} control points, but in {cells} of nine parts only.",
+    "control-few": "{count} control points ({plan} with plan, {heights} with height); a block "
+    "needs {least}, at least 2 of them with plan and 3 with height.",
+    "control-on-a-line": "All height control lies on a line (within {across} m of it, {along} m "
+    "long): the block can turn about it. Add a point off the line.",
+    "strip-few": "The strip of {worst} shows {count} control points; it needs {least}.",
+    "edge-plan": "Along the block's edge control is at most {bases} bases apart.",
+    "edge-heights": "Along the edge known heights are at most {bases} bases apart.",
+    "edge-gap-plan": "{bases} bases of the block's edge have no control ({most} at most): add a "
+    "point by {worst}, about E {east} N {north}.",
+    "edge-gap-heights": "{bases} bases of the block's edge have no known height ({most} at most): "
+    "add one by {worst}, about E {east} N {north}.",
+    "inside-few-plan": "Inside the block {value} control points for each stereo model; {least} are "
+    "the rule.",
+    "inside-few-heights": "Inside the block {value} known heights for each stereo model; {least} "
+    "are the rule.",
+    "unchecked": "Control measurements that no other could find wrong: {count} ({worst} in "
+    "{photo}).",
+    "no-checks": "No independent check points: the accuracy is predicted, not proved.",
+    "one-check": "One independent check point, {value} m off with its own error: too few to judge.",
+    "checks-few": "Independent check points: {count}, RMSE {value} m: too few to judge.",
+    "checks": "Independent check points: {count}, RMSE {value} m, {ratio} times what is predicted "
+    "(by chance {low} to {high}).",
+    "checks-better": "Independent check points: {count}, RMSE {value} m, {ratio} times what is "
+    "predicted, less than chance explains ({low} to {high}): standard deviations are stated too "
+    "large.",
+    "checks-worse": "Independent check points: {count}, RMSE {value} m, {ratio} times what is "
+    "predicted, more than chance explains ({low} to {high}): the prediction cannot be trusted.",
+    "checks-over": "Independent check points: {count}, RMSE {value} m: the block is off by more "
+    "than {limit} m.",
+    "kept-out": "Proposals kept out: {count}, RMSE {value} m (not independent of the reference).",
+    "one-photo": "One photo alone: only its own control can show it wrong.",
+    "no-ties": "No tie points bind the photos.",
+    "in-parts": "No tie points join {worst} ({photos} photos, {points} control points) to the "
+    "rest.",
+    "rays": "{share} % of the tie points are seen in three photos or more.",
+    "rays-few": "Only {share} % of the tie points are seen in three photos or more.",
+    "bare": "Photos with several empty areas, without ties or control: {count} ({worst}).",
+    "systematic": "Residuals of {worst} are systematic on the film: up to {value} px in a part of "
+    "it. Self-calibration can take this up.",
+    "no-pattern": "No systematic residuals on the film (at most {value} px).",
+    "distance": "Nobody stated the principal distance of {worst}: {value} ± {sigma} mm by this "
+    "block.",
+    "distance-unknown": "The block cannot tell the principal distance of {worst}: {value} ± "
+    "{sigma} mm. The ground is too level or the photos are too few to part it from the flying "
+    "height (correlation {correlation}). State it from the certificate or the margin, name make "
+    "and model of the camera, or give flying heights.",
+    "oriented": "All photos are oriented (photos: {count}).",
+    "loose": "Photos that are not oriented: {count} ({worst}).",
+    "tilt": "Tilts up to {value}\u00b0, within {limit}\u00b0.",
+    "tilt-over": "Photos that tilt by more than {limit}\u00b0: {over}, up to {value}\u00b0 "
+    "({worst}).",
+    "crab": "Crab up to {value}\u00b0, within {limit}\u00b0.",
+    "crab-over": "Photos with a crab of more than {limit}\u00b0: {over}, up to {value}\u00b0 "
+    "({worst}).",
+    "along": "Overlap along the strips {low} to {high} %.",
+    "along-small": "Overlap along the strips {low} to {high} %; below {least} % in {small} photos.",
+    "across": "Overlap between strips {low} to {high} %.",
+    "across-small": "Overlap between strips {low} to {high} %; below {least} % in {small} photos.",
+    "no-holes": "The mosaic has no holes inside it.",
+    "holes": "Holes inside the mosaic: {count}, {area} m² together; the largest ({largest} m²) is "
+    "about E {east} N {north}. No photo shows the ground there.",
+    "predicted": "Position is predicted to {relative} m relative to the reference ortho, and to "
+    "{value} m on the ground with the reference's own error: more than {limit} m.",
+}
+"""What each finding says."""
+CLASSES: Mapping[str, str] = {
+    "tie": "tie points in the photos",
+    "control_image": "control points in the photos",
+    "control_plan": "control points in plan",
+    "control_height": "control points in height",
+    "dem": "tie points against the terrain",
+    "centre": "measured perspective centres",
+    "angles": "measured angles",
+}

@@ -1,0 +1,113 @@
+"""The copies of a mark that somebody showed, found and measured in its own scan and in others."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from core.doubts import Failure
+from core.geometry.camera import Camera
+from core.raster.scan_file import ScanFile, photo_id_of
+from core.scans.candidates import eighth
+from core.scans.constellation import find_constellation
+from core.scans.example import ShownMark, layouts_like, marks_like, mean_picture
+from core.scans.fiducials import both_ways, found_after_all, judged_set, quarters_of
+from core.scans.film_area import FilmArea
+from core.scans.judging import FiducialSet, nothing_found
+from core.scans.measuring import FittedMark, Spot, TwoWays, fit_mark, open_spots
+
+LEAST_COPIES = 3  # design: the median of two is still half the picture beside each
+"""Copies of an example from which their mean is taken."""
+LEARNT_ROUNDS = 2  # design: the second begins where the picture beside the mark no longer draws
+"""How often the mean of the copies is taken anew."""
+
+
+def shown_in(
+    scan: ScanFile, area: FilmArea, place: tuple[float, float], pixel_mm: float
+) -> ShownMark:
+    """The mark at a place of a scan, with how it lies there.
+
+    Args:
+        scan: The scan.
+        area: The exposed picture.
+        place: Column and row of the mark's middle.
+        pixel_mm: Nominal size of a scan pixel, millimetres.
+    """
+    right, down = (np.array(place) - area.centre[0]).tolist()
+    cosine, sine = float(np.cos(area.turn)), float(np.sin(area.turn))
+    film = (right * cosine - down * sine) * pixel_mm, -(right * sine + down * cosine) * pixel_mm
+    return ShownMark(scan, place, eighth((right, down), area.turn), pixel_mm, film)
+
+
+def measure_like(
+    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea, shown: ShownMark
+) -> FiducialSet:
+    """Find and measure the copies of a shown mark in one scan.
+
+    They are named as the certificate has them, and where there is none by where they lie in the
+    scan: UL, UR, LR, LL and T, R, B, L.
+
+    Args:
+        scan: The scan.
+        camera: Camera with its certified fiducials, or the size of its frame alone.
+        pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The exposed picture.
+        shown: The mark; it may be of another scan of the camera.
+    """
+    photo_id, own = photo_id_of(scan.path), shown.scan.path == scan.path
+    layouts = layouts_like(camera, shown, area, quarters_of(camera, area))
+    found = find_constellation(
+        scan,
+        layouts,
+        pixel_mm,
+        area,
+        certified=bool(camera.fiducials_mm),
+        marks=marks_like(shown),
+        sure=shown.place if own else None,
+    )
+    if isinstance(found, Failure):
+        return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
+    spots = open_spots(scan, found, pixel_mm)
+    fit = fit_mark(list(spots.values()), found, pixel_mm)
+    results = both_ways(spots, found, fit, pixel_mm)
+    for _ in range(LEARNT_ROUNDS):
+        fit = _learnt(fit, spots, results, pixel_mm)
+        results = both_ways(spots, found, fit, pixel_mm)
+    results = found_after_all(results, spots, found, (fit,), pixel_mm)
+    results = {name: _inside(scan, one, fit, pixel_mm) for name, one in results.items()}
+    marks, doubts = judged_set(photo_id, results, results, found.predicted, fit)
+    return FiducialSet(tuple(marks), tuple(doubts), found.way, (), (fit,))
+
+
+def _learnt(
+    fit: FittedMark,
+    spots: Mapping[str, Spot],
+    results: Mapping[str, TwoWays | Failure],
+    pixel_mm: float,
+) -> FittedMark:
+    """An example as its copies show it together, also those that are not measured well yet."""
+    copies = [
+        (
+            spots[name].gray,
+            (one.column - spots[name].corner[0], one.row - spots[name].corner[1]),
+            replace(fit.mark, outward=spots[name].outward, lies=one.lies),
+        )
+        for name, one in results.items()
+        if isinstance(one, TwoWays) and spots[name].found
+    ]
+    if len(copies) < LEAST_COPIES:
+        return fit
+    return replace(fit, mark=mean_picture(fit.mark, copies, fit.turn, pixel_mm))
+
+
+def _inside(
+    scan: ScanFile, one: TwoWays | Failure, fit: FittedMark, pixel_mm: float
+) -> TwoWays | Failure:
+    """A mark; a failure where less than half of it lies in the scan."""
+    if isinstance(one, Failure):
+        return one
+    rim = fit.mark.radius_mm / pixel_mm / 2
+    columns, rows = scan.size_px
+    if rim < one.column < columns - rim and rim < one.row < rows - rim:
+        return one
+    return Failure("It lies at the edge of the scan.")

@@ -1,0 +1,200 @@
+"""Marks of which nobody knows how they look: what a camera shows alike at its corners or sides.
+
+Four places lie opposite each other on the film. What is the camera's repeats there, turned or
+mirrored; what is landscape does not. So small figures that stand out of their surroundings at one
+place are sought at the other three, and those found again best are taken for marks, as if somebody
+had pointed at them.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+from core.geometry.camera import Camera
+from core.geometry.robust import TINY
+from core.raster.scan_file import ScanFile, read_window
+from core.scans.candidates import SearchWindow, border_axis, fill_window, without_border
+from core.scans.constellation import AGREE_MM, SEARCH_PIXEL_MM, expected_places
+from core.scans.copies import measure_like, shown_in
+from core.scans.example import ShownMark
+from core.scans.film_area import FilmArea
+from core.scans.judging import FiducialSet
+from core.scans.naming import CORNERS, SIDES
+
+Group = Literal["corners", "sides"]
+GROUPS: Mapping[Group, Mapping[str, tuple[float, float]]] = {"corners": CORNERS, "sides": SIDES}
+LEAST_MARKS = 3  # design: two fit anywhere
+"""Marks that are found together at least."""
+Field = Float32[np.ndarray, "rows columns"]
+FIGURE_MM, AROUND_MM = 0.8, 1.8  # design: the middle size of marks, and of what they stand out of
+"""Radius of a figure, and of the surroundings that it stands out of."""
+MARGIN_MM: Mapping[Group, tuple[float, float]] = {
+    "corners": (5.0, 12.0),
+    "sides": (0.0, 8.0),
+}  # design: marks of sides lie at the border, those of corners up to 15 mm inside it
+"""How far inside the border windows have their middle, and their half width."""
+FIGURES = 12  # design: writing and dirt stand out too; of four places one shows the mark well
+"""Figures tried of each window."""
+TRIED = 4  # design: one for each place; on ten real frames a mark was among the first four of eight
+"""Figures that are offered, best first."""
+APART_MM = 0.6  # design: less than the figure's radius
+"""Least distance of two figures of a window."""
+LEAST_ALIKE = 0.6  # design: landscape is as much alike by chance at one place, not at two
+"""Mean likeness at the two places that are most alike."""
+GRAIN = 0.5  # design: slopes of grain on even film, gray values squared
+"""Slopes that are always reckoned with around a figure."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    """Something that stands out of its surroundings."""
+
+    window: int
+    column: int
+    row: int
+
+
+def with_repeated(
+    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea, known: FiducialSet
+) -> FiducialSet:
+    """The marks of a scan, and those of corners or sides where none of a known kind was found.
+
+    Args:
+        scan: The scan.
+        camera: Camera with the size of its frame.
+        pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The exposed picture.
+        known: Marks of known kinds, named by where they lie in the scan.
+    """
+    for group, places in GROUPS.items():
+        found = {mark.name for mark in known.marks}
+        enough = camera.fiducial_marks == len(places) and len(found) >= LEAST_MARKS
+        if enough or found & set(places):
+            continue
+        for shown in repeated_marks(scan, camera, pixel_mm, area, group):
+            copies = measure_like(scan, camera, pixel_mm, area, shown)
+            # Nobody knows their pattern: three of landscape fit some of all that are tried.
+            whole = len(copies.marks) == len(places)
+            if whole and _about_one_middle(known, copies, pixel_mm):
+                doubts = known.doubts if known.marks else ()
+                known = replace(
+                    known, marks=(*known.marks, *copies.marks), doubts=(*doubts, *copies.doubts)
+                )
+                break
+    return known
+
+
+def _about_one_middle(known: FiducialSet, copies: FiducialSet, pixel_mm: float) -> bool:
+    """True when marks of corners and of sides lie about the same place."""
+    if len(known.marks) < LEAST_MARKS:
+        return True
+    apart = np.subtract(known.middle, copies.middle)
+    return float(np.hypot(*apart)) * pixel_mm < AGREE_MM
+
+
+def repeated_marks(
+    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea, group: Group
+) -> Iterator[ShownMark]:
+    """What may be a mark of a camera whose marks nobody knows, likeliest first.
+
+    Args:
+        scan: The scan.
+        camera: The camera, with the size of its frame.
+        pixel_mm: Nominal size of a scan pixel, millimetres.
+        area: The exposed picture.
+        group: Whether marks are sought in the corners or at the sides.
+    """
+    windows = _windows(scan, camera, pixel_mm, area, group)
+    cell_mm = pixel_mm * windows[0].reduction
+    half = int(np.ceil(FIGURE_MM / cell_mm)) + 1
+    fields = [without_border(one.gray, 2 * half + 1, border_axis(one.outward)) for one in windows]
+    figures = [
+        figure
+        for k, field in enumerate(fields)
+        for figure in _standing_out(field, k, half, cell_mm)
+        if _lies_in(scan, windows[k].at(figure.column, figure.row), FIGURE_MM / pixel_mm)
+    ]
+    alike = {one: _repeated(one, windows, fields, half) for one in figures}
+    best = sorted((f for f in figures if alike[f] > LEAST_ALIKE), key=lambda f: -alike[f])
+    for one in best[:TRIED]:
+        place = windows[one.window].at(one.column, one.row)
+        yield shown_in(scan, area, place, pixel_mm)
+
+
+def _lies_in(scan: ScanFile, place: tuple[float, float], rim_px: float) -> bool:
+    """True for a place that is further than a rim from the scan's edges."""
+    return all(rim_px < at < size - rim_px for at, size in zip(place, scan.size_px, strict=True))
+
+
+def _windows(
+    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea, group: Group
+) -> list[SearchWindow]:
+    """The four reduced windows in which opposite marks lie, clockwise."""
+    inset, reach_mm = MARGIN_MM[group]
+    half = np.array(camera.frame_mm) / 2 - inset
+    directions = np.array(list(GROUPS[group].values()))
+    expected = expected_places(directions * half, area, pixel_mm)
+    reach, reduction = round(reach_mm / pixel_mm), max(1, round(SEARCH_PIXEL_MM / pixel_mm))
+    windows: list[SearchWindow] = []
+    for column, row in expected.tolist():
+        corner = round(column) - reach, round(row) - reach
+        gray = read_window(scan, *corner, 2 * reach, 2 * reach, reduction)
+        outward = column - float(area.centre[0, 0]), row - float(area.centre[0, 1])
+        windows.append(SearchWindow(corner, reduction, outward, fill_window(gray)))
+    return windows
+
+
+def _standing_out(field: Field, window: int, half: int, cell_mm: float) -> list[_Figure]:
+    """Figures with slopes in all directions, and few about them."""
+    right, down = np.gradient(field, axis=1), np.gradient(field, axis=0)
+    inner, outer = (2 * int(size / cell_mm) + 1 for size in (FIGURE_MM, AROUND_MM))
+
+    def mean(values: np.ndarray, side: int) -> np.ndarray:
+        return cv2.blur(values.astype(np.float32), (side, side))
+
+    across, along, both = (mean(v, inner) for v in (right**2, down**2, right * down))
+    least = (across + along) / 2 - np.hypot((across - along) / 2, both)
+    out = least / (mean(right**2 + down**2, outer) + GRAIN + TINY)
+    rim = half + 1
+    out[:rim] = out[-rim:] = 0
+    out[:, :rim] = out[:, -rim:] = 0
+    side = 2 * int(APART_MM / cell_mm) + 1
+    highest = cv2.dilate(out, np.ones((side, side), np.uint8))
+    rows, columns = np.nonzero((out == highest) & (out > 0))
+    order = np.argsort(-out[rows, columns], kind="stable")[:FIGURES]
+    return [
+        _Figure(window, column, row)
+        for column, row in zip(columns[order].tolist(), rows[order].tolist(), strict=True)
+    ]
+
+
+def _repeated(
+    figure: _Figure, windows: Sequence[SearchWindow], fields: Sequence[Field], half: int
+) -> float:
+    """How alike the two most alike of the opposite places are, on average."""
+    row, column = figure.row, figure.column
+    own = fields[figure.window][row - half : row + half + 1, column - half : column + half + 1]
+    values = sorted(
+        max(
+            float(cv2.matchTemplate(fields[k], one, cv2.TM_CCOEFF_NORMED).max())
+            for one in _turned(own, (k - figure.window) % 4, windows[k].outward)
+        )
+        for k in range(len(windows))
+        if k != figure.window
+    )
+    return sum(values[-2:]) / 2
+
+
+def _turned(figure: Field, quarters: int, outward: tuple[float, float]) -> tuple[Field, ...]:
+    """A figure turned clockwise by quarters, mirrored along its outward direction, and as it is."""
+    turned = np.rot90(figure, -quarters)
+    along = border_axis(outward)
+    if along is not None:
+        mirrored = turned[:, ::-1] if along == 1 else turned[::-1]
+    else:
+        mirrored = turned.T if outward[0] * outward[1] > 0 else turned[::-1, ::-1].T
+    return np.ascontiguousarray(turned), np.ascontiguousarray(mirrored), figure

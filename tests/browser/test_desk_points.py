@@ -1,0 +1,72 @@
+"""The sheet of points in Chromium: a list dropped, its columns named, a row refused, all undone."""
+
+import pytest
+
+from app.desk.wiring import open_desk
+from tests.ui.user_points import measuring_inputs, true_places
+
+pytestmark = pytest.mark.browser
+DROP = """([name, text]) => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], name));
+  dispatchEvent(new DragEvent("drop", { dataTransfer, cancelable: true }));
+}"""
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    inputs = measuring_inputs(tmp_path)
+    yield inputs
+    inputs.session.close()
+
+
+@pytest.fixture
+def page(inputs, sit_at):
+    with open_desk(inputs) as desk:
+        yield sit_at(desk.url, scene=False)
+
+
+def lines():
+    """Two points beside listed ones, and a row whose easting is no number; no header."""
+    rows = []
+    for name in ("T1", "T2"):
+        east, north, height = (float(value) for value in true_places()[name])
+        rows.append(f"mill;M{name};{east + 20:.2f};{north + 20:.2f};{height:.2f}")
+    return "\n".join([*rows, "barn;B1;somewhere;-1041000.0;300.0"]) + "\n"
+
+
+def test_a_dropped_list_comes_in_by_its_columns_and_goes_by_one_undo__truth(page, inputs):
+    page.evaluate(DROP, ["survey.csv", lines()])
+    page.wait_for_selector("#points[open] .points-table")
+    assert "survey.csv" in page.inner_text("#points")
+    for place, name in enumerate(("description", "id", "X", "Y", "Z")):
+        page.select_option(f"#points-column-{place}", name)
+        page.wait_for_function(
+            "([n, name]) => document.getElementById(`points-column-${n}`)?.value === name",
+            arg=[place, name],
+        )
+    assert page.locator("#points-bring").is_disabled()
+    page.click("#points-ask-refused-0")
+    page.wait_for_selector("#points-bring:not([disabled])")
+    refused = page.inner_text("#points details")
+    assert "somewhere" in refused
+    assert "3" in refused
+    assert page.locator(".points-dot").count() == 2
+    page.click("#points-bring")
+    page.wait_for_function("gruber.parts.rows.some(row => row[0] === 'MT1')")
+    assert not page.locator("#points").is_visible()
+    surveyed = inputs.session.replayed(inputs.block).surveyed
+    assert {"MT1", "MT2"} <= set(surveyed)
+    assert "B1" not in surveyed
+    assert surveyed["MT1"].position[0] == pytest.approx(true_places()["T1"][0] + 20, abs=0.01)
+    assert surveyed["MT1"].description == "mill"
+    page.keyboard.press("u")
+    page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'MT1')")
+    assert "MT1" not in inputs.session.replayed(inputs.block).surveyed
+
+
+def test_a_list_of_nothing_says_so_and_brings_nothing__law(page, inputs):
+    page.evaluate(DROP, ["empty.csv", ""])
+    page.wait_for_selector("#points[open]")
+    page.wait_for_selector("#points .bad, #points-bring[disabled]")
+    assert not inputs.session.decisions()

@@ -1,0 +1,114 @@
+"""Marks of shapes that no list knows: from one that was shown, and from their repeating alone."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.geometry.camera import Camera
+from core.raster.scan_file import open_scan
+from core.scans.copies import measure_like, shown_in
+from core.scans.film_area import FilmArea, detect_film_area
+from core.scans.judging import FiducialSet
+from core.scans.repeated import with_repeated
+from tests.core.scans.film_maker import FIDUCIALS, Film, make_film
+
+CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
+UNKNOWN = replace(CAMERA, fiducials_mm={})
+SIDES = {"5": (0.0, 27.0), "6": (27.0, 0.0), "7": (0.0, -27.0), "8": (-27.0, 0.0)}
+GOAL_PX = 0.2
+LOOSE_PX = 0.4
+"""What is not symmetric has no middle of its own: the picture about the first one goes with it."""
+PIXEL_MM = 0.04
+
+
+Truth = dict[str, tuple[float, float]]
+Films = Callable[[str], tuple[Path, Truth]]
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory: pytest.TempPathFactory) -> Films:
+    """Films by the kind of their marks, each made once."""
+    folder = tmp_path_factory.mktemp("films")
+
+    @cache
+    def made(kind: str) -> tuple[Path, Truth]:
+        path = folder / f"{kind}.tif"
+        at_sides = kind in ("notch", "half-arrow")
+        return path, make_film(path, Film(kind=kind, fiducials=SIDES if at_sides else FIDUCIALS), 1)
+
+    return made
+
+
+def copies(
+    path: Path, truth: Truth, camera: Camera, off: tuple[float, float] = (0.0, 0.0)
+) -> FiducialSet:
+    """Marks like the first, pointed at a little beside its middle."""
+    scan = open_scan(path)
+    area: FilmArea = detect_film_area(scan, camera, PIXEL_MM)
+    first = next(iter(truth.values()))
+    shown = shown_in(scan, area, (first[0] + off[0], first[1] + off[1]), PIXEL_MM)
+    return measure_like(scan, camera, PIXEL_MM, area, shown)
+
+
+def off_px(found: FiducialSet, truth: Truth) -> np.ndarray:
+    """How far each mark lies from the truth that is nearest."""
+    places = np.array(list(truth.values()))
+    return np.array(
+        [np.linalg.norm(places - np.array(mark.place), axis=1).min() for mark in found.marks]
+    )
+
+
+@pytest.mark.parametrize("kind", ["saltire", "star", "key"])
+@pytest.mark.parametrize("camera", [CAMERA, UNKNOWN], ids=["certified", "unknown"])
+def test_one_that_is_shown_finds_the_others__truth(films: Films, kind: str, camera: Camera) -> None:
+    path, truth = films(kind)
+    found = copies(path, truth, camera)
+    assert len(found.marks) == 4
+    assert off_px(found, truth).max() < (LOOSE_PX if kind == "key" else GOAL_PX)
+
+
+def test_a_click_beside_a_symmetric_mark_is_enough__truth(films: Films) -> None:
+    path, truth = films("saltire")
+    found = copies(path, truth, CAMERA, off=(2.5, -1.5))
+    assert len(found.marks) == 4
+    assert off_px(found, truth).max() < GOAL_PX
+
+
+@pytest.mark.parametrize("kind", ["notch", "half-arrow"])
+def test_a_notch_in_strong_texture_is_right_or_doubted__truth(films: Films, kind: str) -> None:
+    """The picture beside it is another at every side; on real film it is found (tests/real)."""
+    path, truth = films(kind)
+    found = copies(path, truth, UNKNOWN)
+    assert found.doubts
+    assert not found.marks or off_px(found, truth).max() < 1.0
+
+
+def test_what_stands_nowhere_else_is_not_found__truth(tmp_path: Path) -> None:
+    """Of one mark alone there are no copies, and no landscape is taken for them."""
+    for seed in range(2):
+        path = tmp_path / f"{seed}.tif"
+        truth = make_film(path, Film(kind="star", missing=("2", "3", "4")), seed)
+        found = copies(path, truth, UNKNOWN)
+        elsewhere = [
+            mark
+            for mark in found.marks
+            if np.hypot(mark.column - truth["1"][0], mark.row - truth["1"][1]) > GOAL_PX
+        ]
+        assert not elsewhere
+
+
+def test_marks_of_no_known_kind_are_found_by_repeating__truth(films: Films) -> None:
+    path, truth = films("key")
+    scan = open_scan(path)
+    area = detect_film_area(scan, UNKNOWN, PIXEL_MM)
+    result = with_repeated(scan, UNKNOWN, PIXEL_MM, area, FiducialSet((), ()))
+    assert len(result.marks) == 4
+    places = np.array(list(truth.values()))
+    apart = np.array([np.array(mark.place) for mark in result.marks])
+    offsets = [places[np.linalg.norm(places - one, axis=1).argmin()] - one for one in apart]
+    # Which point of a figure nobody knows is the mark is free, but it is the same at all four.
+    assert np.linalg.norm(offsets - np.mean(offsets, axis=0), axis=1).max() < 1.0

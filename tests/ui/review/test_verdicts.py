@@ -1,0 +1,40 @@
+"""What a verdict comes to on one measurement."""
+
+import pytest
+
+from core.block import Measurement
+from sessions.decisions import NOT_VISIBLE, Accept, MarkDubious, MarkNotVisible, Reject
+from ui.review.verdicts import decision_of, not_measured, standing_verdict
+
+KEY = "P1", "one"
+
+
+def measured(**changes) -> Measurement:
+    return Measurement(*KEY, 10.0, 20.0, 0.5, **changes)
+
+
+def test_every_verdict_is_a_decision__law():
+    assert decision_of("accept", KEY) == Accept(*KEY)
+    assert decision_of("reject", KEY) == Reject(*KEY, reason="other")
+    assert decision_of("dubious", KEY) == MarkDubious(*KEY)
+    assert decision_of("invisible", KEY) == MarkNotVisible(*KEY)
+
+
+def test_what_nobody_saw_has_no_verdict_yet__law():
+    assert standing_verdict(measured(status="accepted")) == "accept"
+    assert standing_verdict(measured(status="accepted", seen=False)) is None
+    assert standing_verdict(measured(status="rejected", reason=NOT_VISIBLE)) == "invisible"
+
+
+@pytest.mark.parametrize(
+    ("state", "score", "verdict", "says"),
+    [
+        ("predicted", 0.0, "accept", True), ("predicted", 0.0, "invisible", False),
+        ("proposed", 0.9, "accept", False), ("proposed", 0.9, "reject", False),
+        ("proposed", 0.9, "dubious", True), ("rejected", 0.0, "accept", True),
+        ("rejected", 0.9, "accept", False), ("auto", 0.9, "reject", False),
+    ],
+)  # fmt: skip
+def test_a_place_comes_before_a_verdict__law(state, score, verdict, says):
+    found = not_measured(state, measured(score=score, status="rejected"), verdict)
+    assert (found is not None) == says

@@ -1,0 +1,56 @@
+"""What a verdict comes to on one measurement, and where it says nothing."""
+
+from core.block import Measurement
+from sessions.decisions import (
+    NOT_VISIBLE,
+    Accept,
+    Decision,
+    MarkDubious,
+    MarkNotVisible,
+    Reject,
+)
+from ui.review.gestures import Verdict
+from ui.review.looks import ShownState
+from ui.review.state import Key, Notice
+from ui.review.to_measure import WAITING
+
+
+def not_measured(state: ShownState, measurement: Measurement, verdict: Verdict) -> Notice | None:
+    """Why a verdict says nothing of a point that is not measured yet; None where it does."""
+    if state == "rejected":
+        # Dismissed or hidden, and never measured: there is no place to be accepted.
+        nowhere = measurement.score == 0.0 and not measurement.peaks
+        return Notice("notice.place-first") if nowhere and verdict == "accept" else None
+    if verdict == "invisible" or state not in WAITING:
+        return None
+    if state == "proposed" and verdict in ("accept", "reject"):
+        return None
+    return Notice("notice.place-first")
+
+
+def decision_of(verdict: Verdict, key: Key) -> Decision:
+    """A verdict as a decision."""
+    match verdict:
+        case "accept":
+            return Accept(*key)
+        case "reject":
+            return Reject(*key, reason="other")
+        case "dubious":
+            return MarkDubious(*key)
+        case _:
+            return MarkNotVisible(*key)
+
+
+def standing_verdict(measurement: Measurement) -> Verdict | None:
+    """The verdict that stands; None of what nobody has seen."""
+    match measurement.status:
+        case "accepted" if not measurement.seen:
+            return None
+        case "accepted":
+            return "accept"
+        case "rejected":
+            return "invisible" if measurement.reason == NOT_VISIBLE else "reject"
+        case "dubious":
+            return "dubious"
+        case _:
+            return None
