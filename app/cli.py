@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -15,13 +14,18 @@ from app.bring_points import POINT_TABLE
 from app.exchange import format_names
 from app.settings import Settings
 from app.terminal import JsonLines, Terminal, Voice
+from app.usage import OPTION, Parser, Verbs, asked_language, teller_of_usage
 from core.errors import Cancelled, PhotogrammetryError
+from core.said import say
 from ui.words.catalogue import LANGUAGES
 
-Verbs = Any
-"""What `add_subparsers` returns; argparse keeps the name of its type to itself."""
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
 MOST_RELIEF_M = 2000.0
+CANCELS = {
+    **dict.fromkeys(("run", "report", "export", "demo"), "terminal.cancelled.stages"),
+    "review": "terminal.cancelled.review",
+}
+"""What Ctrl-C leaves of a verb, and how it goes on."""
 DESCRIPTION = """\
 Review app for archival aerial photogrammetry: from scans of film to a mosaic,
 with every doubtful point laid before a human.
@@ -49,10 +53,11 @@ def program() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; 0 done, 1 the data cannot be used, 2 wrong use, 130 cancelled."""
-    top = parser()
+    arguments = sys.argv[1:] if arguments is None else arguments
+    top = parser(asked_language(arguments))
     given = top.parse_args(arguments)
     if wrong := wrong_use(given):
-        top.error(wrong)
+        top.error(top.tell.again(wrong))
     voice: Voice = (
         JsonLines() if given.log_json else Terminal(language=given.language or LANGUAGES[0])
     )
@@ -65,25 +70,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return UNUSABLE
     except (KeyboardInterrupt, Cancelled):
         voice.close()
-        print(f"gruber: {voice.tell('terminal.cancelled')}", file=sys.stderr)
+        kept = CANCELS.get(verb.__name__, "terminal.cancelled")
+        print(f"gruber: {voice.tell(kept)}", file=sys.stderr)
         return CANCELLED
     finally:
         voice.close()
     return DONE
 
 
-def parser() -> argparse.ArgumentParser:
-    """All verbs with their arguments."""
-    top = argparse.ArgumentParser(
-        prog="gruber",
-        description=DESCRIPTION,
-        epilog=ENDING,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    top.add_argument("--version", action="version", version=f"gruber {version('gruber')}")
+def parser(language: str = LANGUAGES[0]) -> Parser:
+    """All verbs with their arguments, told in a language."""
+    tell = teller_of_usage(language)
+    again = tell.again
+    top = Parser(tell, prog="gruber", description=again(DESCRIPTION), epilog=again(ENDING))
+    top.add_argument(
+        "--version", action="version", version=f"gruber {version('gruber')}",
+        help="show the version and exit",
+    )  # fmt: skip
     add_log(top, default=False)
     add_language(top, default="")
-    added = top.add_subparsers(title="verbs", required=True, metavar="VERB")
+    added = Verbs(tell, top.add_subparsers(title=again("verbs"), required=True, metavar="VERB"))
     for build in (
         add_new, add_run, add_review, add_report, add_export, add_import, add_demo, add_doctor,
     ):  # fmt: skip
@@ -91,19 +97,9 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def add_verb(
-    added: Verbs, name: str, summary: str, examples: dict[str, str]
-) -> argparse.ArgumentParser:
-    """One verb with its help: a sentence, and examples with what they do."""
-    width = max(len(example) for example in examples)
-    lines = [f"  {example:<{width}}   {does}" for example, does in examples.items()]
-    verb = added.add_parser(
-        name,
-        help=summary,
-        description=f"{summary[0].upper()}{summary[1:]}.",
-        epilog="\n".join(["examples:", *lines]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_verb(added: Verbs, name: str, summary: str, examples: dict[str, str]) -> Parser:
+    """One verb with its help and what all verbs take."""
+    verb = added.add(name, summary, examples)
     # Understood before the verb and after it; left out here, what stood before it holds.
     add_log(verb, default=argparse.SUPPRESS)
     add_language(verb, default=argparse.SUPPRESS)
@@ -145,11 +141,8 @@ def add_run(added: Verbs) -> None:
     verb = add_verb(added, "run", summary, examples)
     add_block(verb)
     names = verbs.stage_names()
-    stages = f"one of {', '.join(names)}"
-    verb.add_argument(
-        "--from", dest="first", choices=names, metavar="STAGE", help="make this stage and all after"
-        f" it anew; {stages}",
-    )  # fmt: skip
+    anew = say("make this stage and all after it anew; one of {names}", names=names)
+    verb.add_argument("--from", dest="first", choices=names, metavar="STAGE", help=anew)
     verb.add_argument(
         "--until", dest="last", choices=names, metavar="STAGE", help="stop after this stage"
     )
@@ -200,7 +193,7 @@ def add_export(added: Verbs) -> None:
     add_block(verb)
     verb.add_argument(
         "--to", dest="format", choices=format_names(reads=False), required=True, metavar="FORMAT",
-        help=f"one of {', '.join(format_names(reads=False))}",
+        help=say("one of {names}", names=format_names(reads=False)),
     )  # fmt: skip
     verb.add_argument(
         "--out", type=Path, default=None, metavar="PATH",
@@ -228,10 +221,12 @@ def add_import(added: Verbs) -> None:
     verb = add_verb(added, "import", summary, examples)
     add_block(verb)
     # Both belong to the option: argparse finds no second place behind one.
+    what = say(
+        "a file or folder of that program; FORMAT is one of {names}", names=imported_formats()
+    )
     verb.add_argument(
-        "--from", dest="source", nargs=2, required=True, metavar=("FORMAT", "PATH"),
-        help=f"a file or folder of that program; FORMAT is one of {', '.join(imported_formats())}",
-    )  # fmt: skip
+        "--from", dest="source", nargs=2, required=True, metavar=("FORMAT", "PATH"), help=what
+    )
     verb.add_argument(
         "--answer", action="append", default=[], metavar="WHAT=VALUE",
         help="how a table of points is to be read, as its questions name it, such as "
@@ -291,7 +286,7 @@ def add_doctor(added: Verbs) -> None:
     add_block(verb, default=None)
 
 
-def add_block(verb: argparse.ArgumentParser, default: Path | None = Path()) -> None:
+def add_block(verb: Parser, default: Path | None = Path()) -> None:
     """The block: a folder or its block.toml; the current folder when left out."""
     verb.add_argument(
         "block", type=Path, nargs="?", default=default, metavar="BLOCK",
@@ -299,7 +294,7 @@ def add_block(verb: argparse.ArgumentParser, default: Path | None = Path()) -> N
     )  # fmt: skip
 
 
-def add_workers(verb: argparse.ArgumentParser) -> None:
+def add_workers(verb: Parser) -> None:
     """How much runs side by side."""
     verb.add_argument(
         "--workers", type=whole_number(1), default=Settings().workers, metavar="N",
@@ -307,7 +302,7 @@ def add_workers(verb: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_desk(verb: argparse.ArgumentParser) -> None:
+def add_desk(verb: Parser) -> None:
     """Where the desk is served, and who sits at it."""
     settings = Settings()
     verb.add_argument(
@@ -322,7 +317,7 @@ def add_desk(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--no-browser", action="store_true", help="print the address only")
 
 
-def add_operator(verb: argparse.ArgumentParser) -> None:
+def add_operator(verb: Parser) -> None:
     """Who decides."""
     verb.add_argument(
         "--operator", default=Settings().operator, metavar="NAME",
@@ -330,15 +325,15 @@ def add_operator(verb: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_language(parsed: argparse.ArgumentParser, default: str) -> None:
+def add_language(parsed: Parser, default: str) -> None:
     """In which language it is told."""
     parsed.add_argument(
-        "--language", choices=LANGUAGES, default=default,
+        OPTION, choices=LANGUAGES, default=default,
         help="language of messages and report (English), and of the desk (that of each browser)",
     )  # fmt: skip
 
 
-def add_log(parsed: argparse.ArgumentParser, default: object) -> None:
+def add_log(parsed: Parser, default: object) -> None:
     """How it is told."""
     parsed.add_argument(
         "--log-json", action="store_true", default=default,
@@ -350,11 +345,13 @@ def wrong_use(given: argparse.Namespace) -> str:
     """What is wrong with options that hang together; empty when nothing is."""
     source = getattr(given, "source", None)
     if source and source[0] not in imported_formats():
-        return f"--from {source[0]} is no format; it is one of {', '.join(imported_formats())}"
+        wrong = "--from {name} is no format; it is one of {names}"
+        return say(wrong, name=source[0], names=imported_formats())
     first, last = getattr(given, "first", None), getattr(given, "last", None)
     names = verbs.stage_names()
     if first and last and names.index(last) < names.index(first):
-        return f"--until {last} comes before --from {first}; the stages are {', '.join(names)}"
+        wrong = "--until {last} comes before --from {first}; the stages are {names}"
+        return say(wrong, last=last, first=first, names=names)
     return ""
 
 

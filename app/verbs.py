@@ -318,14 +318,26 @@ def examine(block: Path | None) -> Iterator[str]:
     yield from grids()
     browser = next((name for name in BROWSERS if shutil.which(name)), None)
     yield (
-        f"Browser: {browser}" if browser else "! No browser found: open the desk's address by hand"
+        say("Browser: {browser}", browser=browser)
+        if browser
+        else "! No browser found: open the desk's address by hand"
     )
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
-    note = "" if memory >= LEAST_MEMORY_GIB else "! "
-    yield f"{note}Memory: {memory:.0f} GiB ({LEAST_MEMORY_GIB:.0f} GiB are enough for any scan)"
-    yield f"Processors: {os.cpu_count()}"
+    yield attention(
+        say(
+            "Memory: {memory:.0f} GiB ({enough:.0f} GiB are enough for any scan)",
+            memory=memory, enough=LEAST_MEMORY_GIB,
+        ),
+        memory < LEAST_MEMORY_GIB,
+    )  # fmt: skip
+    yield say("Processors: {count}", count=os.cpu_count() or 1)
     if block is not None:
         yield from of_block(block)
+
+
+def attention(finding: str, needed: bool = True) -> str:
+    """A finding, marked where it needs attention."""
+    return say("! {finding}", finding=finding) if needed else finding
 
 
 def drivers() -> Iterator[str]:
@@ -334,10 +346,10 @@ def drivers() -> Iterator[str]:
         known = env.drivers()
     for name, use in (("GTiff", "TIFF"), ("JP2OpenJPEG", "JPEG 2000"), ("COG", "mosaics")):
         if name not in known:
-            yield f"! GDAL has no driver {name} ({use})"
+            yield say("! GDAL has no driver {name} ({use})", name=name, use=use)
     for name in ("ESRI Shapefile", "GPKG", "GeoJSON"):
         if name not in pyogrio.list_drivers():
-            yield f"! GDAL has no vector driver {name}"
+            yield say("! GDAL has no vector driver {name}", name=name)
 
 
 def grids() -> Iterator[str]:
@@ -357,12 +369,14 @@ def of_block(block: Path) -> Iterator[str]:
     project = read_project(block)
     given = described(project)
     reference = open_reference(given.reference)
-    yield f"Block {given.name}: {len(given.scans)} scans, {given.crs}"
+    told = "Block {name}: {count:# scan|# scans}, {crs}"
+    yield say(told, name=given.name, count=len(given.scans), crs=given.crs)
     if not given.reference.ortho:
         yield "No reference ortho: nothing is proposed; measure your own points at the desk"
     else:
         gsd = reference.ortho.ground_sample_distance_m
-        yield f"Reference: ortho {gsd:g} m, DEM {reference.dem.ground_sample_distance_m:g} m"
+        dem = reference.dem.ground_sample_distance_m
+        yield say("Reference: ortho {gsd:g} m, DEM {dem:g} m", gsd=gsd, dem=dem)
     if not given.reference.dem:
         yield "! No DEM: the ground is taken as level, and orthos are off by the relief"
     if given.reference.ortho and not given.reference.roads:
@@ -373,7 +387,8 @@ def of_block(block: Path) -> Iterator[str]:
             "photos together"
         )
     for doubt in height_doubts(project, given.surveyed, reference.dem):
-        yield f"! {doubt.message}"
+        yield attention(doubt.message)
     free = shutil.disk_usage(project.folder).free / GIB
     needed = SPACE_PER_SCAN_GIB * len(given.scans)
-    yield f"{'' if free > needed else '! '}Disk: {free:.1f} GiB free, about {needed:.1f} GiB needed"
+    disk = "Disk: {free:.1f} GiB free, about {needed:.1f} GiB needed"
+    yield attention(say(disk, free=free, needed=needed), free <= needed)

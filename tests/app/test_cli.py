@@ -37,6 +37,26 @@ def test_cancelled_is_130_and_says_that_nothing_is_lost__law(monkeypatch, capsys
     assert "goes on from here" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("verb", "kept"),
+    [
+        ("new", "nic nezůstalo napůl zapsané"),
+        ("run", "stejný příkaz naváže"),
+        ("review", "znovu otevře"),
+    ],
+)
+def test_cancelled_says_what_is_kept_and_how_to_go_on__law(monkeypatch, capsys, verb, kept):
+    def cancelled(given, voice):
+        raise KeyboardInterrupt
+
+    cancelled.__name__ = verb
+    monkeypatch.setattr(verbs, verb, cancelled)
+    assert main([verb, "somewhere", "--language", "cs"]) == CANCELLED
+    told = capsys.readouterr().err
+    assert kept in told
+    assert told.count("\n") == 1
+
+
 def test_a_broken_promise_of_our_own_is_no_message__law(monkeypatch):
     """Bugs are to be seen, not smoothed over."""
     with pytest.raises(ZeroDivisionError):

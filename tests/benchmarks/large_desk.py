@@ -104,7 +104,7 @@ def large_inputs(folder: Path, size: Size, robust: bool = True, port: int = 0) -
         read_scan=ScanFiles(folder),
         adjust=adjust,
         choose=adjust.choose,
-        gains=adjust.gains,
+        evidence=adjust.evidence,
         remake=lambda photo_ids, progress, report: None,
         operator="anna",
         port=port,

@@ -27,6 +27,7 @@ from core.literature.published_chains import CHAINS, Preset, assemble_published
 from core.matching.local_search import MatchingOptions, looked_at, predict_pixels
 from core.matching.local_search import reduction_for as reduced
 from core.pipeline import STAGES, made
+from core.progress import Work
 from core.reference.stage import ReferencePoints
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import WRONG_M, judge_control, judge_orientations

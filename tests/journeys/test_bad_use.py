@@ -23,6 +23,7 @@ from tests.journeys.copies import (
     started,
 )
 from tests.journeys.spoiling import cut_off, pixels_changed
+from ui.words.catalogue import words
 
 CopyOf = Callable[..., BlockCopy]
 Capsys = pytest.CaptureFixture[str]
@@ -192,7 +193,7 @@ def test_ctrl_c_ends_at_once_and_the_next_run_goes_on__law(copy_of: CopyOf, caps
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert err == "gruber: cancelled; the next start goes on from here.\n"
+    assert err == f"gruber: {words()['terminal.cancelled.stages']}\n"
     assert not left_over(copy)
     told = gruber(capsys, "run", copy.folder, "--until", "ties")
     assert told.code == 0
