@@ -14,7 +14,7 @@ from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import export_routes
 from app.desk.filling import Filling
 from app.desk.lasting import lasting_token as lasting_token
-from app.desk.measuring import PhotoToPhoto, Sigmas
+from app.desk.measuring import Errors, PhotoToPhoto
 from app.placing import Placeable, standing_block
 from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
@@ -30,7 +30,7 @@ from core.arrays import ObjectPoints
 from core.block import Block, Measurement, Photo
 from core.control.likeness import Likeness, likeness_about, search_options
 from core.control.located import Surroundings
-from core.control.prediction import covariances_of, predict_points
+from core.control.prediction import JointErrors, covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.control.transfer import propose_by_ortho, refine_place, transfer_point
 from core.doubts import Doubt, Failure
@@ -287,6 +287,7 @@ class Adjusting:
             expected_gains(influence),
             covariances,
             measuring_gains(influence, wanted, len(report.checks)),
+            JointErrors(influence, report.sigma_nought),
         )
 
     def choose(self, cameras: bool, robust: bool) -> None:
@@ -324,13 +325,13 @@ class Transferring:
     """Scans by their path."""
 
     def proposals(
-        self, block: Block, sigmas: Sigmas, point_id: str, measured: Sequence[Measurement]
+        self, block: Block, errors: Errors, point_id: str, measured: Sequence[Measurement]
     ) -> Sequence[Measurement]:
         """Where photos show a point, each with its probability; nothing where none does.
 
         By those in which it is measured; before there are any, by the ortho.
         """
-        around, ortho = self._around(block, sigmas), self.reference.ortho
+        around, ortho = self._around(block, errors), self.reference.ortho
         if measured:
             found = transfer_point(around, point_id, measured)
         elif ortho.is_there:
@@ -341,14 +342,14 @@ class Transferring:
         return () if isinstance(found, Failure) else found.proposals
 
     def refined(
-        self, block: Block, sigmas: Sigmas, place: Measurement, measured: Sequence[Measurement]
+        self, block: Block, errors: Errors, place: Measurement, measured: Sequence[Measurement]
     ) -> Measurement | Failure:
         """A place on what other photos show of its point."""
-        return refine_place(self._around(block, sigmas), place, measured)
+        return refine_place(self._around(block, errors), place, measured)
 
-    def _around(self, block: Block, sigmas: Sigmas) -> Surroundings:
+    def _around(self, block: Block, errors: Errors) -> Surroundings:
         scans = {name: masked_scan(photo, self.open_scan) for name, photo in block.photos.items()}
-        return Surroundings(block, scans, sigmas, self.reference.dem)
+        return Surroundings(block, scans, errors.sigmas, self.reference.dem, joint=errors.joint)
 
 
 def photographs(read: ScanFiles, initial: InitialState) -> Callable[[Path], ScanFile]:

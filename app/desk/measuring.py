@@ -10,7 +10,7 @@ from app.desk.messages import Deliver, Measured, MeasuringBegun, ProposalsWanted
 from core.adjustment.adjusted import ExteriorSigmas
 from core.block import HAND_SIGMA_PX, Block, Measurement, Peak
 from core.control.likeness import OPERATOR, Likeness
-from core.control.prediction import EDGE_MM, shown_in
+from core.control.prediction import EDGE_MM, JointErrors, shown_in
 from core.doubts import Failure
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, snap_mark
@@ -23,21 +23,28 @@ from ui.review.new_points import ORTHO, next_name
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice, Seat
 
-Sigmas = Mapping[str, ExteriorSigmas]
-"""How well photos are oriented."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """How well photos are oriented."""
+
+    sigmas: Mapping[str, ExteriorSigmas]
+    """Each by itself."""
+    joint: JointErrors | None = None
+    """All together, where the equations are at hand."""
 
 
 class PhotoToPhoto(Protocol):
     """Compares scans with each other, and with the ortho where there is one."""
 
     def proposals(
-        self, block: Block, sigmas: Sigmas, point_id: str, measured: Sequence[Measurement]
+        self, block: Block, errors: Errors, point_id: str, measured: Sequence[Measurement]
     ) -> Sequence[Measurement]:
         """Where photos show a point, by where it is measured."""
         ...
 
     def refined(
-        self, block: Block, sigmas: Sigmas, place: Measurement, measured: Sequence[Measurement]
+        self, block: Block, errors: Errors, place: Measurement, measured: Sequence[Measurement]
     ) -> Measurement | Failure:
         """A place on what other photos show of its point."""
         ...
@@ -105,7 +112,7 @@ class MeasuringTool:
         known = bool(measured) or state.block.surveyed[name].role != "new"
         if self.transfer is not None and known and photos:
             within = self._within(state, photos | {item.photo_id for item in measured})
-            found = self.transfer.proposals(within, state.report.exterior_sigmas, name, measured)
+            found = self.transfer.proposals(within, _errors(state), name, measured)
         mine = tuple(item for item in found if item.photo_id in photos)
         return Proposed(wanted.seat_id, name, mine)
 
@@ -155,7 +162,7 @@ class MeasuringTool:
         if self.transfer is None:
             return NOTHING_ALIKE
         within = self._within(state, {start.photo_id, *(item.photo_id for item in others)})
-        return self.transfer.refined(within, state.report.exterior_sigmas, start, others)
+        return self.transfer.refined(within, _errors(state), start, others)
 
     def _by_ortho(self, state: DeskState, start: Measurement) -> Measurement | Failure:
         """On the peak of likeness to the ortho."""
@@ -169,6 +176,11 @@ class MeasuringTool:
             return place
         column, row = (float(value) for value in place[0])
         return replace(start, column=column, row=row)
+
+
+def _errors(state: DeskState) -> Errors:
+    """As the newest adjustment tells."""
+    return Errors(state.report.exterior_sigmas, state.evidence.joint)
 
 
 def measured_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:

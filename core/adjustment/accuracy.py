@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.special import chdtri
 
 from core.adjustment.adjusted import CheckResult
 from core.adjustment.equations import Equations
@@ -15,6 +16,12 @@ from core.doubts import Failure
 from core.geometry.intersection import Intersection, OrientedRay, intersect
 
 AXES = ("X", "Y", "Z")
+# design: one good point in a thousand is lost; what lies beyond is mostly a wrong detail.
+LEAST_CHANCE = 1e-3
+"""Rays that miss each other by more than this chance explains tell nothing of the pointing."""
+# design: as readings of one measurement (`sessions/readings.py`): one pair of coordinates.
+STATED_COORDINATES = 2.0
+"""What is stated of the pointing weighs as many coordinates as this."""
 
 
 def predicted_residuals(block: Block) -> dict[tuple[str, str], tuple[float, float]]:
@@ -129,12 +136,18 @@ def _rms(values: Float64[np.ndarray, "..."]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckPrediction:
-    """What the adjustment says of one computed check point, for a sigma nought of one."""
+    """What the adjustment says of one computed check point, in the standard deviations stated."""
 
     by_unknowns: Float64[np.ndarray, "axes unknowns"]
     """Its coordinates (E, N, and H where rays meet) by photos and cameras, metres per unit."""
     own: Float64[np.ndarray, "axes axes"]
     """Covariance that its own measurements bring, square metres."""
+    left: Float64[np.ndarray, "coordinates unknowns"]
+    """What its rays miss each other by, by photos and cameras; as many rows as coordinates."""
+    redundancy: int
+    """So many coordinates of its rays are more than the point needs."""
+    misclosure: float
+    """Sum of squares of what its rays miss each other by."""
 
 
 def check_predictions(
@@ -164,35 +177,82 @@ def check_predictions(
         items = rays[check.point_id][:1] if check.used_scans == 1 else rays[check.point_id]
         if items:
             photos = [photo_row[item.photo_id] for item in items]
-            found[check.point_id] = _prediction(equations, items, photos, check.position)
+            found[check.point_id] = _prediction(equations, block, items, photos, check)
     return found
 
 
 def _prediction(
     equations: Equations,
+    block: Block,
     items: Sequence[Measurement],
     photos: Sequence[int],
-    position: Float64[np.ndarray, "3"],
+    check: CheckResult,
 ) -> CheckPrediction:
     """One point; with one ray at a height that is taken as true."""
     parts = [
-        equations.of_free_ray(photo, item, position)
+        equations.of_free_ray(photo, item, check.position)
         for photo, item in zip(photos, items, strict=True)
     ]
     rows = np.concatenate([part[0] for part in parts])
     by_point = np.concatenate([part[1] for part in parts])
     design = by_point[:, : 3 if len(items) > 1 else 2]
     inverse = np.linalg.inv(design.T @ design)
-    return CheckPrediction(inverse @ design.T @ rows, inverse)
+    by_unknowns = inverse @ design.T @ rows
+    shown = [(block.photos[item.photo_id], block.camera_of(item.photo_id)) for item in items]
+    misses = [
+        (photo.pixel_from_object(check.position[None], camera) - item.pixel) / item.sigma_px
+        for (photo, camera), item in zip(shown, items, strict=True)
+    ]
+    return CheckPrediction(
+        by_unknowns,
+        inverse,
+        left=rows - design @ by_unknowns,
+        redundancy=len(design) - design.shape[1],
+        misclosure=float(np.sum(np.square(misses))),
+    )
+
+
+def pointing_variance(
+    equations: Equations, predictions: Mapping[str, CheckPrediction], scale: float
+) -> float:
+    """How the pointing at check points scatters, as the square of what is stated of it.
+
+    By how far the rays of each point miss each other, less what the orientations bring to that;
+    a few coordinates of what is stated, for a sigma nought of `scale`, weigh along. Points whose
+    rays miss each other by more than chance can explain do not count.
+    """
+    some = [one for one in predictions.values() if one.redundancy > 0]
+    brought = [float(np.sum(one.left * equations.cofactors(one.left).T)) for one in some]
+    excess = np.array([
+        (one.misclosure - scale**2 * part) / one.redundancy
+        for one, part in zip(some, brought, strict=True)
+    ])  # fmt: skip
+    freedom = np.array([float(one.redundancy) for one in some])
+    usual = float(np.median(np.maximum(excess, 0.0))) if some else scale**2
+    most = max(usual, scale**2) * chdtri(freedom, LEAST_CHANCE) / freedom
+    good = excess <= most
+    total = max(float(excess[good] @ freedom[good]), 0.0) + STATED_COORDINATES * scale**2
+    return total / (float(freedom[good].sum()) + STATED_COORDINATES)
 
 
 def check_sigmas(
-    equations: Equations, predictions: Mapping[str, CheckPrediction]
+    equations: Equations,
+    predictions: Mapping[str, CheckPrediction],
+    scale: float,
+    pointing: float,
 ) -> dict[str, Position]:
-    """Standard deviations (E, N, H) of computed check points, metres, for a sigma nought of one."""
+    """Standard deviations (E, N, H) of computed check points, metres.
+
+    Args:
+        equations: The adjusted block's equations.
+        predictions: Of its check points.
+        scale: Sigma nought.
+        pointing: As `pointing_variance` finds it.
+    """
     sigmas: dict[str, Position] = {}
     for name, one in predictions.items():
-        covariance = one.by_unknowns @ equations.cofactors(one.by_unknowns) + one.own
+        block = one.by_unknowns @ equations.cofactors(one.by_unknowns)
+        covariance = scale**2 * block + pointing * one.own
         sigmas[name] = np.zeros(3)
         sigmas[name][: len(covariance)] = np.sqrt(np.diag(covariance))
     return sigmas
@@ -203,6 +263,7 @@ def check_freedom(
     block: Block,
     predictions: Mapping[str, CheckPrediction],
     scale: float,
+    pointing: float,
 ) -> float:
     """So many independent errors the plan of the independent check points is worth together.
 
@@ -214,10 +275,9 @@ def check_freedom(
     if not names:
         return 0.0
     rows = np.concatenate([predictions[name].by_unknowns[:2] for name in names])
-    covariance = rows @ equations.cofactors(rows)
+    total = scale**2 * rows @ equations.cofactors(rows)
     for place, name in enumerate(names):
         part = slice(2 * place, 2 * place + 2)
-        covariance[part, part] += predictions[name].own[:2, :2]
-    survey = np.concatenate([block.surveyed[name].sigma_m[:2] for name in names])
-    total = scale**2 * covariance + np.diag(survey**2)
+        survey = np.diag(block.surveyed[name].sigma_m[:2] ** 2)
+        total[part, part] += pointing * predictions[name].own[:2, :2] + survey
     return float(np.trace(total) ** 2 / np.sum(total**2))

@@ -80,7 +80,7 @@ class CheckResult:
     point_id: str
     """The surveyed point."""
     position: Position
-    """Known coordinates, metres."""
+    """Computed coordinates, metres."""
     difference_m: Position
     """Computed minus known, metres; with one photo the height is the known one."""
     used_scans: int

@@ -12,6 +12,7 @@ from core.adjustment.accuracy import (
     check_sigmas,
     intersect_checks,
     known_differences,
+    pointing_variance,
     predicted_residuals,
     rms_by_class,
 )
@@ -119,14 +120,13 @@ def _checks(
         return (), 0.0
     equations = Equations(solution)
     predictions = check_predictions(equations, adjusted, checks)
-    sigmas = check_sigmas(equations, predictions)
+    pointing = pointing_variance(equations, predictions, scale)
+    sigmas = check_sigmas(equations, predictions, scale, pointing)
     told = tuple(
-        replace(check, sigma_m=scale * sigmas[check.point_id])
-        if check.point_id in sigmas
-        else check
+        replace(check, sigma_m=sigmas[check.point_id]) if check.point_id in sigmas else check
         for check in checks
     )
-    return told, check_freedom(equations, adjusted, predictions, scale)
+    return told, check_freedom(equations, adjusted, predictions, scale, pointing)
 
 
 def _adjusted_block(block: Block, solution: Solution) -> Block:

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.adjustment.adjusted import ExteriorSigmas
+from core.adjustment.equations import Rows
 from core.arrays import Position
 from core.block import UNKNOWN_M, Block, Measurement, Photo, SurveyedPoint
-from core.control.prediction import Covariances, pixel_spreads
+from core.control.prediction import Covariances, JointErrors, pixel_spreads
 from core.doubts import Failure
 from core.geometry.intersection import Intersection, OrientedRay, intersect
 from core.geometry.resection import PhotoModel
@@ -50,6 +51,8 @@ class Surroundings:
     """The terrain; without one, the mean height under each photo."""
     covariances: Covariances = field(default_factory=dict[str, Any])
     """The same as `sigmas` with all correlations; counts where it is known."""
+    joint: JointErrors | None = None
+    """The same of all photos together; counts where it knows the photos of a point."""
 
     def opened(self, photo_id: str) -> OpenPhoto:
         """A photo with its camera and its scan at hand."""
@@ -67,6 +70,18 @@ class Located:
     """Square metres."""
     slope: Float64[np.ndarray, "2"]
     """Rise of the ground for a metre east and north."""
+    joint: "ByUnknowns | None" = None
+    """How the place hangs on the orientations; None where that is not known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ByUnknowns:
+    """A place as the unknowns of the adjustment and its own rays make it."""
+
+    rows: Rows
+    """Easting, northing, height by all unknowns, (3, n)."""
+    own: Space
+    """Covariance that pointing and a known height bring, square metres."""
 
 
 def located(
@@ -82,7 +97,8 @@ def located(
     if len(measured) > 1:
         met = _met(around, measured)
         if isinstance(met, Intersection):
-            return Located(met.position, met.covariance, slope_at(around, met.position))
+            joint = _by_unknowns(around, measured, met.position, np.inf)
+            return Located(met.position, met.covariance, slope_at(around, met.position), joint)
     photo, pixel = around.block.photos[measured[0].photo_id], measured[0].pixel
     height, sigma = _height(around, photo, pixel, point)
     camera = around.block.camera_of(photo.photo_id)
@@ -95,7 +111,45 @@ def located(
     along = np.append(-to_plane @ by_object[:, 2], 1.0)
     covariance = sigma**2 * np.outer(along, along)
     covariance[:2, :2] += to_plane @ spread @ to_plane.T
-    return Located(position, covariance, slope_at(around, position))
+    joint = _by_unknowns(around, measured[:1], position, sigma)
+    return Located(position, covariance, slope_at(around, position), joint)
+
+
+def expected_spread(around: Surroundings, where: Located, photo: Photo) -> Plane:
+    """Covariance of where a photo should show a place, square pixels.
+
+    What its orientation shares with those of the photos in which the place was measured counts
+    once, where the equations of the block are at hand.
+    """
+    joint, known = where.joint, around.joint
+    if joint is not None and known is not None and known.know([photo.photo_id]):
+        camera = around.block.camera_of(photo.photo_id)
+        by_unknowns, by_point = known.of_ray(photo, camera, where.position)
+        together = known.covariance(by_unknowns + by_point @ joint.rows)
+        return together + by_point @ joint.own @ by_point.T
+    by_object, spread = derivatives(around, photo, where.position)
+    return by_object @ where.covariance @ by_object.T + spread
+
+
+def _by_unknowns(
+    around: Surroundings,
+    measured: Sequence[Measurement],
+    position: Position,
+    height_sigma_m: float,
+) -> ByUnknowns | None:
+    """How rays, and a height known so well, make a place hang on the unknowns: least squares."""
+    if around.joint is None or not around.joint.know([item.photo_id for item in measured]):
+        return None
+    normal = np.diag([0.0, 0.0, height_sigma_m**-2])
+    rows: Rows | None = None
+    for item in measured:
+        photo, camera = around.block.photos[item.photo_id], around.block.camera_of(item.photo_id)
+        by_unknowns, by_point = around.joint.of_ray(photo, camera, position)
+        weighted = by_point.T / item.sigma_px**2
+        normal += weighted @ by_point
+        rows = weighted @ by_unknowns if rows is None else rows + weighted @ by_unknowns
+    own = np.linalg.inv(normal)
+    return None if rows is None else ByUnknowns(-own @ rows, own)
 
 
 def pointing_px(measured: Sequence[Measurement]) -> float:

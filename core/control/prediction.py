@@ -9,16 +9,17 @@ or of the prior where the photo took no part. A point that has already steered t
 if it had not: the ellipse is then somewhat too large. Additional parameters are left out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
+from core.adjustment.equations import Rows
 from core.adjustment.influence import Influence
 from core.adjustment.network import CONSTANTS
-from core.arrays import Flags, ObjectPoints, PixelPoints, Scalars
-from core.block import Block, Photo, SurveyedPoint
+from core.arrays import Flags, ObjectPoints, PixelPoints, Position, Scalars
+from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from core.geometry.collinearity import film_partials
 
@@ -86,6 +87,48 @@ def covariances_of(influence: Influence) -> dict[str, Covariance]:
             own = np.block([[own, mixed], [mixed.T, shared]])
         found[photo.photo_id] = own
     return found
+
+
+class JointErrors:
+    """Errors of all photos of an adjusted block together: what photos share cancels out.
+
+    Two photos that are off together show a place of one where the other expects it, however far
+    both are off.
+    """
+
+    def __init__(self, influence: Influence, sigma_nought: float) -> None:
+        """The equations, and the sigma nought of their adjustment."""
+        self._equations = influence.equations
+        self._photos = influence.solution.network.photos
+        self._rows = {photo.photo_id: row for row, photo in enumerate(self._photos)}
+        self._unit = max(LEAST_UNIT, sigma_nought) ** 2
+
+    def know(self, photo_ids: Iterable[str]) -> bool:
+        """Whether all of some photos took part in the adjustment."""
+        return all(name in self._rows for name in photo_ids)
+
+    def of_ray(
+        self, photo: Photo, camera: Camera, position: Position
+    ) -> tuple[Rows, Float64[np.ndarray, "2 3"]]:
+        """How the pixel of a place follows all unknowns, and the place: (2, n) and (2, 3) pixels.
+
+        Args:
+            photo: One that took part.
+            camera: Its camera.
+            position: The place, metres.
+        """
+        ray = Measurement("", photo.photo_id, 0.0, 0.0, 1.0)
+        by_unknowns, by_point = self._equations.of_free_ray(
+            self._rows[photo.photo_id], ray, position
+        )
+        film = photo.interior.film_from_pixel(photo.pixel_from_object(position[None], camera))
+        # A ray known to a pixel counts in its size on the film.
+        to_pixels = _pixels_by_film(photo, film)[0] * photo.interior.pixel_size_mm
+        return to_pixels @ by_unknowns, to_pixels @ by_point
+
+    def covariance(self, rows: Rows) -> Float64[np.ndarray, "rows rows"]:
+        """Covariance of what follows the unknowns by some rows."""
+        return self._unit * rows @ self._equations.cofactors(rows)
 
 
 def prior_covariance(photo: Photo) -> Covariance:

@@ -20,7 +20,7 @@ from core.control.located import (
     Located,
     Plane,
     Surroundings,
-    derivatives,
+    expected_spread,
     located,
     pointing_px,
     slope_at,
@@ -207,8 +207,7 @@ def proposed(
         target = Shown.of(around.opened(photo_id), where.position, where.slope)
         if not _inside(target):
             continue
-        by_object, spread = derivatives(around, target.opened.photo, where.position)
-        covariance = by_object @ where.covariance @ by_object.T + spread
+        covariance = expected_spread(around, where, target.opened.photo)
         found = _searched(photo_id, sources, target, covariance)
         if isinstance(found, Failure):
             failures[photo_id] = found

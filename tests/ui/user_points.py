@@ -73,14 +73,14 @@ def measuring_snapshot() -> DeskSnapshot:
 class Proposing:
     """In the place of what compares scans: the true places, a fifth of a pixel beside."""
 
-    def proposals(self, block, sigmas, point_id, measured):
+    def proposals(self, block, errors, point_id, measured):
         if not measured:
             return []
         done = {item.photo_id for item in measured}
         true = listed_at(measured[0])
         return [self._at(true, point_id, photo) for photo in block.photos if photo not in done]
 
-    def refined(self, block, sigmas, place, measured):
+    def refined(self, block, errors, place, measured):
         return self._at(listed_at(measured[0]), place.point_id, place.photo_id)
 
     def _at(self, true, point_id, photo_id):

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.expected_gain import Gain
 from core.block import Block, Measurement, Photo, SurveyedPoint
-from core.control.prediction import Covariances, Prediction
+from core.control.prediction import Covariances, JointErrors, Prediction
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.raster.holes import Hole
@@ -220,6 +220,8 @@ class Evidence:
     """How well each photo that took part is known."""
     worth: Mapping[Key, float] = field(default_factory=dict[Key, float])
     """What measuring a point of the user in a photo would bring, metres."""
+    joint: JointErrors | None = None
+    """How well all photos are known together."""
 
 
 NO_EVIDENCE = Evidence()

@@ -17,6 +17,7 @@ from app.desk.inputs import (
     ortho_orientations,
     template_m,
 )
+from app.desk.measuring import Errors
 from core.adjustment.adjusted import AdjustmentOptions, ExteriorSigmas
 from core.block import Measurement
 from core.localisation.photo_orientation import OrientationOptions
@@ -78,16 +79,17 @@ def test_what_one_photo_shows_is_found_in_the_others__truth(tmp_path: Path):
     measured = [Measurement("P", first, *places[first].tolist(), 0.3, status="accepted")]
     level = SimpleNamespace(heights=lambda plane: terrain(plane[:, 0], plane[:, 1], 0.0))
     sigmas = {name: ExteriorSigmas(np.full(3, 0.5), np.full(3, 3e-4)) for name in block.photos}
+    errors = Errors(sigmas)
     reference = SimpleNamespace(
         ortho=SimpleNamespace(is_there=False), dem=level, ortho_sigma_m=0.25
     )
     finder = Transferring(reference, open_scan)
-    found = finder.proposals(block, sigmas, "P", measured)
+    found = finder.proposals(block, errors, "P", measured)
     assert len(found) >= 1
     for item in found:
         assert np.hypot(*(item.pixel[0] - places[item.photo_id])) < 1.0
         assert item.score > 0.5
-    assert finder.proposals(block, sigmas, "P", []) == ()
+    assert finder.proposals(block, errors, "P", []) == ()
 
 
 def test_the_chosen_adjustment_is_the_engines__oracle():

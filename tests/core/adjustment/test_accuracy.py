@@ -11,6 +11,8 @@ from core.adjustment.accuracy import (
     predicted_residuals,
     rms_by_class,
 )
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.block_adjustment import adjust_block
 from tests.flights import FlightPlan, fly
 
 
@@ -74,3 +76,29 @@ def test_nothing_measured_gives_nan__law(exact):
     table = rms_by_class(empty, {}, frozenset(), np.full((4, 2), np.nan))
     assert set(table) == {"tie", "control", "check"}
     assert np.isnan(list(table.values())).all()
+
+
+@pytest.mark.parametrize("stated", [0.5, 1.0, 2.0])
+def test_what_check_points_are_worth_follows_from_how_their_rays_meet__truth(stated):
+    """Pointing better or worse than is stated of hands: prediction and figure agree all the same,
+    and a point whose rays do not meet at all changes nothing."""
+    plan = FlightPlan(ties=120, control=20, check=40, camera_errors=False)
+    ratios, told = [], []
+    for seed in range(4):
+        block = fly(plan, np.random.default_rng(seed)).block
+        measured = {
+            key: replace(item, sigma_px=stated) if block.surveyed[key[0]].role == "check" else item
+            for key, item in block.measurements.items()
+        }
+        report = adjust_block(replace(block, measurements=measured), AdjustmentOptions())
+        sigmas = np.array([check.sigma_m for check in report.checks])
+        off = np.array([check.difference_m for check in report.checks])
+        ratios.append(np.sqrt(np.mean(off[:, :2] ** 2) / np.mean(sigmas[:, :2] ** 2)))
+        told.append(sigmas)
+    # Ratios of one flight lie between 0.75 and 1.05; its points share what the block is off.
+    assert 0.8 < np.sqrt(np.mean(np.square(ratios))) < 1.25
+    check = next(c for c in report.checks if c.used_scans > 2)
+    key = next(key for key in measured if key[0] == check.point_id)
+    measured[key] = replace(measured[key], column=measured[key].column + 60)
+    again = adjust_block(replace(block, measurements=measured), AdjustmentOptions())
+    np.testing.assert_allclose([c.sigma_m for c in again.checks], told[-1], rtol=0.1)
