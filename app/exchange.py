@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -91,6 +92,7 @@ def export_block(
     pictures: bool,
     progress: Progress,
     tangent: bool = False,
+    taken: Mapping[str, str] = MappingProxyType({}),
 ) -> Exported:
     """Write a block in a foreign format, whole or not at all.
 
@@ -103,6 +105,7 @@ def export_block(
         pictures: Whether the scans go along, laid upright, where the format needs that.
         progress: Told per scan.
         tangent: Whether coordinates are those of a local tangent frame instead of the map.
+        taken: Day, month or year of exposure by photo.
 
     Raises:
         StorageError: The disk is full or may not be written.
@@ -112,6 +115,9 @@ def export_block(
     assert form.write is not None
     target = out or session.results / EXPORTS / (form.default_name or name)
     left = exchanged(block, report, replace(form, curved=True) if tangent else form)
+    if taken:
+        days = {k: replace(p, taken=taken.get(k, "")) for k, p in left.photos.items()}
+        left = replace(left, photos=days)
     if tangent:
         left, _ = in_tangent_frame(left)
     if form.folder:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -25,6 +26,11 @@ EXTERIOR_HEADER = ("scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg")
 """How a list of exterior orientations begins."""
 CONTROL_HEADER = ("id", "X", "Y", "Z")
 """How a list of surveyed points begins."""
+UNKNOWN_DISTANCE = (
+    "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59;",
+    "# left out, it is estimated: make and model of the camera help",
+    "# principal_distance_mm =",
+)
 _NOT_ROADS = ("contour", "vrstev", "rail", "zelez", "river", "stream", "vodn", "water", "border")
 
 
@@ -174,8 +180,17 @@ def recognised(folder: Path, findings: Findings) -> Recognition:
     )
 
 
-def write_block_toml(recognition: Recognition, path: Path | None = None) -> Path:
+def write_block_toml(
+    recognition: Recognition,
+    path: Path | None = None,
+    accepted: Mapping[str, Any] = MappingProxyType({}),
+) -> Path:
     """Write what was recognised; what cannot be known stands there as a comment to be filled in.
+
+    Args:
+        recognition: What the folder holds.
+        path: Where to; None for its `block.toml`.
+        accepted: What was read in the margins, by key.
 
     Raises:
         ProjectError: There is a `block.toml` already; it is left as it is.
@@ -184,16 +199,18 @@ def write_block_toml(recognition: Recognition, path: Path | None = None) -> Path
     if target.exists():
         raise ProjectError(target, "is there already.", "Edit it, or rename it and start again.")
     with whole_file(target) as temporary:
-        temporary.write_text(toml_of(recognition), encoding="utf-8")
+        temporary.write_text(toml_of(recognition, accepted), encoding="utf-8")
     return target
 
 
-def toml_of(found: Recognition) -> str:
+def toml_of(found: Recognition, accepted: Mapping[str, Any] = MappingProxyType({})) -> str:
     """The text of a `block.toml`."""
+    distance, days = accepted.get("camera.principal_distance_mm"), accepted.get("scans.override")
+    in_margin = {
+        key: accepted.get(f"scans.{key}") for key in ("taken", "flying_height_m", "scale_number")
+    }
     camera = (
-        "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59;",
-        "# left out, it is estimated: make and model of the camera help",
-        "# principal_distance_mm =",
+        *(_lines(principal_distance_mm=distance) if distance else UNKNOWN_DISTANCE),
         _frame_line(found.frame_mm),
         "# fiducials_mm = { 1 = [-84.5, 0.3], 2 = [84.5, -0.2] }  # certified marks, mm; optional",
     )
@@ -204,6 +221,7 @@ def toml_of(found: Recognition) -> str:
             "scan_pixel_um", found.scan_pixel_um, "scan pixel, micrometres; 1693 dpi are 15"
         ),
         _line("georeference", found.georeference),
+        *_lines(**in_margin),
         *_lines(footprints=found.footprints and found.footprints[0]),
         *_lines(footprint_name=found.footprints and found.footprints[1], exterior=found.exterior),
     )
@@ -224,7 +242,12 @@ def toml_of(found: Recognition) -> str:
     tables = {"block": block, f"camera.{CAMERA}": camera, "scans": scans, "reference": reference}
     tables |= {"control": tuple(_lines(points=found.control))} if found.control else {}
     tables |= {"ortho": tuple(_lines(sheets=found.sheets))} if found.sheets else {}
-    return "\n\n".join("\n".join([f"[{name}]", *lines]) for name, lines in tables.items()) + "\n"
+    text = ["\n".join([f"[{name}]", *lines]) for name, lines in tables.items()]
+    text += [
+        "\n".join(["[[scans.override]]", _line("file", file), _line("taken", day)])
+        for file, day in (days or {}).items()
+    ]
+    return "\n\n".join(text) + "\n"
 
 
 def _line(key: str, value: Any) -> str:

@@ -17,10 +17,12 @@ from app.block_toml import FILE, Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
+from core.doubts import Failure
 from core.errors import CrsError, ProjectError
 from core.formats.listed_point import ListedPoint
 from core.formats.micmac_measures import read_image_measures
 from core.formats.point_list import read_control_points
+from core.formats.stac import time_span
 from core.geometry.camera import Camera
 from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import check_range, parse_crs, read_crs
@@ -64,6 +66,8 @@ class ListedScan:
     """Name of its camera."""
     scan_pixel_um: float
     """Size of a scan pixel on the film, micrometres."""
+    taken: str = ""
+    """Day, month or year of exposure as ISO has it; empty where nobody says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +165,11 @@ class Project:
     def folder(self) -> Path:
         """The block's folder."""
         return self.file.parent
+
+    @property
+    def taken(self) -> dict[str, str]:
+        """Day, month or year of exposure by photo, of those that have one."""
+        return {scan.photo_id: scan.taken for scan in self.scans.listed if scan.taken}
 
 
 def read_project(path: Path, *, brought: bool = False) -> Project:
@@ -262,6 +271,7 @@ def _listed(
 ) -> tuple[ListedScan, ...]:
     """The scans with the overrides applied, in the order of their names."""
     camera, pixel_um = (table.choice("camera", tuple(cameras)), table.number("scan_pixel_um"))
+    taken = _taken(table, "")
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
@@ -272,7 +282,7 @@ def _listed(
                 second=path,
             )
             raise table.error("files", cause, "Rename one; the name tells the photo.")
-        listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um)
+        listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um, taken)
     for override in document.tables("scans.override"):
         _apply(override, listed, cameras)
     if not listed:
@@ -302,7 +312,17 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
             scan.path,
             override.choice("camera", tuple(cameras), scan.camera),
             override.number("scan_pixel_um", scan.scan_pixel_um),
+            _taken(override, scan.taken),
         )
+
+
+def _taken(table: Table, usual: str) -> str:
+    """The day of exposure that a table states, else the usual one."""
+    said = table.text("taken") if table.has("taken") else usual
+    if isinstance(time_span(said), Failure):
+        remedy = "Write a day, a month or a year: 1938-05-16, 1938-05 or 1938."
+        raise table.error("taken", say('"{said}" is no date.', said=said), remedy)
+    return said
 
 
 def _is_meant(path: Path, pattern: str, folder: Path) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from app.block_form import BlockForm
 from app.block_toml import FILE, RASTERS
@@ -20,6 +20,7 @@ from app.folder_scan import (
     find,
     look_at,
 )
+from app.margin import margin_reader, read_scan
 from app.new_block import Recognition, recognised
 from app.placing import drawn_raw
 from app.project import Project, read_project
@@ -280,6 +281,25 @@ class Starting:
         self.over.set()
         return {"opening": str(chosen)}
 
+    def margin(self, photo: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """What is written beside the picture of a scan.
+
+        Raises:
+            ProjectError: There is no such scan, or what reads print is not installed.
+            ScanError: The scan cannot be read.
+        """
+        paths = {path.stem: path for path, _, _ in self._looked}
+        if photo not in paths:
+            raise ProjectError(
+                self.folder, say("has no scan called {name}.", name=photo), LOOK_AGAIN
+            )
+        frames = [value for key, value in values.items() if key.endswith(".frame_mm")]
+        frame_mm = frames[0] if frames and _are_sizes(frames[0], 2) else None
+        pixel_um = values.get("scans.scan_pixel_um")
+        known_um = pixel_um if _are_sizes([pixel_um], 1) else None
+        read = read_scan(paths[photo], margin_reader(), frame_mm, known_um)
+        return {"photo": photo, "fields": read.part()}
+
     def _recognition(self) -> Recognition:
         return recognised(self.folder, find(self.folder))
 
@@ -336,6 +356,7 @@ def was_made(folder: Path, stage: str) -> bool:
 
 
 KNOWN = RASTERS | VECTORS
+LOOK_AGAIN = "Load the page again."
 WRITABLE = "Give yourself the right to write there."
 
 
@@ -378,6 +399,15 @@ def free_bytes(folder: Path) -> int:
     """Free space of a folder's disk."""
     stat = os.statvfs(folder)
     return stat.f_bavail * stat.f_frsize
+
+
+def _are_sizes(values: Any, count: int) -> bool:
+    """True for so many numbers above nought."""
+    return (
+        isinstance(values, list)
+        and len(cast("list[Any]", values)) == count
+        and all(isinstance(one, int | float) and one > 0 for one in cast("list[Any]", values))
+    )
 
 
 def _is_open_folder(entry: os.DirEntry[str]) -> bool:

@@ -28,7 +28,8 @@ from app.desk.wiring import open_desk
 from app.exchange import export_block, import_into
 from app.foreign_block import new_from
 from app.height_checks import height_doubts
-from app.new_block import recognise, write_block_toml
+from app.margin import ReadScan, accepted_values, margin_reader, read_scan
+from app.new_block import Recognition, recognise, write_block_toml
 from app.placing import open_placing, placeable
 from app.project import Project, described, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
@@ -88,7 +89,9 @@ def new(given: argparse.Namespace, voice: Voice) -> None:
             voice.say(note)
         return
     found = recognise(given.folder)
-    path = write_block_toml(found)
+    read = _read_margins(found, voice) if given.read_margin or given.accept_margin else ()
+    accepted = accepted_values(read) if given.accept_margin else {}
+    path = write_block_toml(found, accepted=accepted)
     tell = voice.tell
     voice.say(tell("new.written", file=path))
     for name, value in found.found:
@@ -98,6 +101,21 @@ def new(given: argparse.Namespace, voice: Voice) -> None:
         voice.say(tell("new.missing", **values))
     for note in found.notes:
         voice.say(tell(f"found.note.{note.name}", **note.values))
+
+
+def _read_margins(found: Recognition, voice: Voice) -> tuple[ReadScan, ...]:
+    """What is written beside the pictures, told scan by scan."""
+    reader = margin_reader()
+    frame_mm = None if found.frame_mm is None else (found.frame_mm, found.frame_mm)
+    scans = sorted({path for name in found.scans for path in found.folder.glob(name)})
+    progress, read = voice.stage("margin", voice.tell("margin.read")), []
+    for path in scans:
+        read.append(read_scan(path, reader, frame_mm, found.scan_pixel_um))
+        progress.report(len(read), len(scans), path.name)
+    for scan in read:
+        told = [f"{voice.tell(f'margin.{one.name}')} {one.value}" for one in scan.fields]
+        voice.say(f"{scan.path.name}: {', '.join(told) or voice.tell('margin.nothing')}")
+    return tuple(read)
 
 
 def review(given: argparse.Namespace, voice: Voice) -> None:
@@ -192,6 +210,7 @@ def export(given: argparse.Namespace, voice: Voice) -> None:
         done = export_block(
             session, report.block, report, given.format, given.out,
             pictures=given.pictures, progress=progress, tangent=given.frame == "tangent",
+            taken=project.taken,
         )  # fmt: skip
         voice.ended(
             "export", "The block for another program", time.monotonic() - began, str(done.path)

@@ -132,8 +132,9 @@ class Block:
         with Session.open(self.folder, self.operator) as session:
             target = None if out is None else Path(out)
             return export_block(
-                session, block, report, form, target, pictures=pictures, progress=SILENT
-            )
+                session, block, report, form, target, pictures=pictures, progress=SILENT,
+                taken=self.project.taken,
+            )  # fmt: skip
 
     def bring(self, form: str, path: str | Path) -> Brought:
         """Take over what a file of another program knows, as `gruber import` does.

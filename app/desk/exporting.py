@@ -28,8 +28,9 @@ def standing_export(project: Project, name: str, pictures: bool = False) -> Expo
         walk.walk()
         report = walk.adjusted
         return export_block(
-            session, report.block, report, name, None, pictures=pictures, progress=SILENT
-        )
+            session, report.block, report, name, None, pictures=pictures, progress=SILENT,
+            taken=project.taken,
+        )  # fmt: skip
 
 
 def zipped(folder: Path) -> Path:

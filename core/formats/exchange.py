@@ -85,6 +85,8 @@ class ExchangePhoto:
     """Standard deviations of omega, phi, kappa, radians."""
     fiducials_px: Mapping[str, Pair] = field(default_factory=dict[str, Pair])
     """Measured fiducials: column, row."""
+    taken: str = ""
+    """Day, month or year of exposure as ISO has it; empty where nobody says."""
 
     def __post_init__(self) -> None:
         if self.pixel_from_image is not None:

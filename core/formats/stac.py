@@ -2,16 +2,19 @@
 
 The item says where a photo was taken and how it looked as other programs read it (`pers:`, a camera
 whose pixels lie upright, its turn in the orientation), and the whole interior orientation in fields
-of ours. The day of exposure is not in a block: items span the time of film.
+of ours. An item spans the day, month or year of exposure; where nobody says it, the time of film.
 """
 
 import json
+from calendar import monthrange
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
+from core.doubts import Failure
 from core.errors import ProjectError
 from core.formats.exchange import (
     Conventions,
@@ -39,8 +42,12 @@ EXTENSIONS = {
 }
 """Schemas of the fields that items bear."""
 # source: Nadar's first photograph from the air; the last large film cameras.
-TIMES = ("1858-01-01T00:00:00Z", "2015-12-31T23:59:59Z")
-"""Between these a photo on film was taken, where nobody says when."""
+FILM = date(1858, 1, 1), date(2015, 12, 31)
+"""Between these days photos were taken on film."""
+DAY = len("1938-05-16")
+MONTHS = 12  # source: the calendar
+SPAN = ("start_datetime", "end_datetime")
+"""Fields of the time in which a photo was taken."""
 CATALOG = "catalog.json"
 MATRIX = "gruber:pixel_from_image"
 """Our field: 2 x 3, pixels (outer corner) from image coordinates."""
@@ -73,7 +80,9 @@ def write_stac(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         "links": links,
     }
     write_json(path / CATALOG, catalog)
-    notes = [say("A block does not hold the day of exposure: items span the time of film.")]
+    notes: list[str] = []
+    if not all(photo.taken for photo in block.photos.values()):
+        notes.append(say("Where `taken` is not given, items span the time of film."))
     if block.points or block.measurements or len(block.ties.point):
         notes.append(say("Items hold no points and no measurements."))
     return tuple(notes)
@@ -83,8 +92,7 @@ def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: MapInSpace) -> dict
     geometry, box = _geometry(block, photo, earth)
     fields: dict[str, Any] = {
         "datetime": None,
-        "start_datetime": TIMES[0],
-        "end_datetime": TIMES[1],
+        **dict(zip(SPAN, _span(photo), strict=True)),
         **_orientation(block, photo),
         **_interior(block, photo),
     }
@@ -107,6 +115,43 @@ def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: MapInSpace) -> dict
     if box is not None:
         item["bbox"] = box
     return item
+
+
+def time_span(taken: str) -> tuple[date, date] | Failure:
+    """First and last day of a day, month or year as ISO has it; without any, of film."""
+    if not taken:
+        return FILM
+    parts = taken.split("-")
+    try:
+        year, month, day = (int(part) for part in (*parts, "1", "1")[:3])
+        first = date(year, month, day)
+    except ValueError:
+        return Failure("It is no date.")
+    if len(parts) > 3 or not FILM[0] <= first <= FILM[1]:
+        return Failure("No film was exposed then.")
+    if len(parts) == 3:
+        return first, first
+    last_month = int(parts[1]) if len(parts) == 2 else MONTHS
+    return first, date(year, last_month, monthrange(year, last_month)[1])
+
+
+def _span(photo: ExchangePhoto) -> tuple[str, str]:
+    """Beginning and end of the time in which a photo was taken."""
+    span = time_span(photo.taken)
+    first, last = FILM if isinstance(span, Failure) else span
+    return f"{first}T00:00:00Z", f"{last}T23:59:59Z"
+
+
+def _taken(fields: Mapping[str, Any]) -> str:
+    """The day, month or year that an item spans; empty where it spans more."""
+    first, last = (str(fields.get(key) or fields.get("datetime") or "")[:DAY] for key in SPAN)
+    parts = first.split("-")
+    for known in range(len(parts), 0, -1):
+        taken = "-".join(parts[:known])
+        span = time_span(taken)
+        if not isinstance(span, Failure) and (f"{span[0]}", f"{span[1]}") == (first, last):
+            return taken
+    return ""
 
 
 def _geometry(
@@ -269,8 +314,9 @@ def _photo(
         for key in ("gruber:sigma_m", "gruber:sigma_rad")
     )
     photo = ExchangePhoto(
-        name, file, "" if camera is None else camera.name, affine, exterior, sigma_m, sigma_rad
-    )
+        name, file, "" if camera is None else camera.name, affine, exterior, sigma_m, sigma_rad,
+        taken=_taken(fields),
+    )  # fmt: skip
     return photo, camera
 
 
@@ -316,7 +362,7 @@ STAC_FORMAT = ExchangeFormat(
         camera="focal length and pixels in millimetres; affine transform and distortion in fields "
         "of ours (`gruber:`)",
         sigmas="orientations, in fields of ours",
-        lost="points, measurements, ties, fiducials; the day of exposure is not known",
+        lost="points, measurements, ties, fiducials",
         tested="angles and matrix of an item of the Danish oblique photos (SDFI); items and "
         "catalogue against the schemas of STAC 1.1.0, extensions by their description",
     ),

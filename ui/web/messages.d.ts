@@ -396,6 +396,17 @@ interface FoundScan {
   size?: Pair;
   why: Told;
 }
+/** Something that a line of print beside the picture seems to tell. */
+interface MarginField {
+  name: string;
+  value: string;
+  text: string;
+  probability: number;
+  /** Of the line, pixels of the scan. */
+  corners: Pair[];
+  /** Key of block.toml that it would fill in; empty where there is none. */
+  key: string;
+}
 interface FormField {
   key: string;
   kind: string;

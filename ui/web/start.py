@@ -47,6 +47,10 @@ class Starter(Runner, Protocol):
         """Take such a link away."""
         ...
 
+    def margin(self, photo: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """What is written beside the picture of a scan, with the form as it stands."""
+        ...
+
     def open(self, path: str) -> dict[str, Any]:
         """Go on with the desk, or with another folder."""
         ...
@@ -72,6 +76,9 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
 
         return answer
 
+    async def margin(request: web.Request) -> web.StreamResponse:
+        return await _margin(request, starter)
+
     def with_path(act: Callable[[str], dict[str, Any]]) -> Any:
         async def answer(request: web.Request) -> web.StreamResponse:
             operators_only(request)
@@ -91,8 +98,19 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
         web.post("/link", with_path(starter.link)),
         web.post("/unlink", with_path(starter.unlink)),
         web.post("/open", with_path(starter.open)),
+        web.post("/margin", margin),
         *run_routes(starter),
     )
+
+
+async def _margin(request: web.Request, starter: Starter) -> web.StreamResponse:
+    """What is written beside the picture of a scan."""
+    operators_only(request)
+    asked = await json_of(request)
+    photo, values = asked.get("photo"), asked.get("values")
+    if not isinstance(photo, str) or not isinstance(values, dict) or len(values) > MOST_FIELDS:
+        raise web.HTTPBadRequest(text="A photo and the values of the form are expected.")
+    return await _aside(lambda: starter.margin(photo, values))
 
 
 async def _aside(work: Callable[[], dict[str, Any]]) -> web.Response:

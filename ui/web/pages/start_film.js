@@ -1,7 +1,11 @@
 // The film beside the form, the scans as small pictures with their state, and the map of outlines.
 import {
-  again, byId, element, fileSize, first, learnNames, renew, shortName, svg, turn, word,
+  again, byId, element, fileSize, first, learnNames, number, renew, shortName, start, svg, turn,
+  word,
 } from "./words.js";
+import { fillIn, formValues } from "./start_form.js";
+import { halo } from "./overlay.js";
+import { post, tell } from "./run.js";
 import { cleared } from "./overlay.js";
 import { drawLayer, onTile, rawLayer } from "./tiles.js";
 import { Pane, View, oncePerFrame } from "./view.js";
@@ -18,6 +22,9 @@ const state = {
   scans: /** @type {FoundScan[]} */ ([]),
   scan: /** @type {FoundScan | null} */ (null),
   side: "whole",
+  /** What was read beside the pictures, by photo. @type {Record<string, MarginField[]>} */
+  read: {},
+  reading: "",
 };
 const redraw = oncePerFrame(draw);
 
@@ -26,7 +33,9 @@ export function setUpFilm() {
     redraw, ready: () => state.scan !== null,
   });
   byId("sides").replaceChildren(...Object.keys(SIDES).map((side) => element("button",
-    { type: "button", "data-side": side, onclick: () => look(side) }, word(`start.side.${side}`))));
+    { type: "button", "data-side": side, onclick: () => look(side) }, word(`start.side.${side}`))),
+  element("button", { type: "button", id: "read-margin", disabled: start.guest,
+    title: word("margin.tip"), onclick: readMargin }, word("margin.read")));
   onTile(redraw);
   look("whole");
 }
@@ -49,6 +58,47 @@ function look(side) {
   if (side === "right") view.x = width - across;
   if (side === "top") view.y = down;
   if (side === "bottom") view.y = height - down;
+  redraw();
+}
+
+/** Proposals from the margin of the scan in sight; none holds before it is taken over. */
+async function readMargin() {
+  const { scan } = state;
+  if (!scan || state.reading) return;
+  state.reading = scan.photo;
+  showMargin();
+  const answer = await post("/margin", { photo: scan.photo, values: formValues() });
+  state.reading = "";
+  if (answer.ok) state.read[scan.photo] = answer.fields;
+  else tell(answer.error, true);
+  showMargin();
+}
+
+function showMargin() {
+  const { scan, read, reading } = state;
+  const fields = scan && read[scan.photo];
+  const parts = fields?.map((field) => element("li", {},
+    element("button", { type: "button", class: "small", title: word("margin.look"),
+      onclick: () => lookAt(field) }, word(`margin.${field.name}`)),
+    element("b", {}, field.value), element("q", {}, field.text),
+    element("span", { class: "muted" }, number(100 * field.probability, 0, "%")),
+    field.key ? element("button", { type: "button", class: "small", "data-use": field.key,
+      onclick: () => fillIn(field.key, field.value) }, word("margin.use")) : null));
+  const said = reading ? word("margin.reading", { scan: shortName(reading) })
+    : fields && !fields.length ? word("margin.nothing") : "";
+  renew(byId("margin"), ...(said ? [element("p", { class: "muted" }, said)] : []),
+    ...(parts?.length ? [element("ul", {}, ...parts)] : []));
+  redraw();
+}
+
+/** The line of a proposal, large. @param {MarginField} field */
+function lookAt({ corners }) {
+  if (!state.pane) return;
+  const [columns, rows] = [0, 1].map((axis) => corners.map((corner) => corner[axis]));
+  const rim = 0.6 * Math.max(Math.max(...columns) - Math.min(...columns),
+    Math.max(...rows) - Math.min(...rows));
+  state.view.fit([Math.min(...columns) - rim, Math.min(...rows) - rim],
+    [Math.max(...columns) + rim, Math.max(...rows) + rim], state.pane.size, 0.97);
   redraw();
 }
 
@@ -82,6 +132,7 @@ function choose(scan) {
   if (!scan.size) return;
   state.scan = scan;
   look(state.side);
+  showMargin();
 }
 
 function draw() {
@@ -92,6 +143,14 @@ function draw() {
     if (!view.scale && width) look(state.side);
     const layer = rawLayer(scan.photo, 1, scan.size, false);
     drawLayer(context, layer, view.frame([width, height]), [width, height]);
+  }
+  const [over] = cleared(pane.marks);
+  for (const { corners } of (scan && state.read[scan.photo]) || []) {
+    halo(over, "#5dade2", 1.4, () => {
+      corners.map((corner) => pane.screenFromLayer(corner))
+        .forEach(([x, y], at) => (at ? over.lineTo(x, y) : over.moveTo(x, y)));
+      over.closePath();
+    });
   }
   pane.label.textContent = scan ? scan.file : word("start.noscans");
   const thumbs = [...byId("thumbs").querySelectorAll(".thumb")];

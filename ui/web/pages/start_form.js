@@ -123,6 +123,22 @@ function valueOf({ kind }, text) {
   return text.trim();
 }
 
+/**
+ * A field filled in from elsewhere, as if a hand had written it.
+ * @param {string} key such as camera.frame_mm: that of the first camera @param {string} value
+ */
+export function fillIn(key, value) {
+  const [table, last] = key.split(".");
+  const one = state.shown.find(({ name }) =>
+    name.startsWith(`${table}.`) && name.endsWith(`.${last}`));
+  if (!one) return;
+  const folded = one.room.closest("details");
+  if (folded) folded.open = true;
+  one.input.value = value;
+  one.input.dispatchEvent(new Event("input"));
+  one.input.focus();
+}
+
 /** Every field with its value; null where it is left empty. */
 export function formValues() {
   return Object.fromEntries(state.shown.map(({ name, field, input }) =>
