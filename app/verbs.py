@@ -113,8 +113,12 @@ def _read_margins(found: Recognition, voice: Voice) -> tuple[ReadScan, ...]:
         read.append(read_scan(path, reader, frame_mm, found.scan_pixel_um))
         progress.report(len(read), len(scans), path.name)
     for scan in read:
-        told = [f"{voice.tell(f'margin.{one.name}')} {one.value}" for one in scan.fields]
-        voice.say(f"{scan.path.name}: {', '.join(told) or voice.tell('margin.nothing')}")
+        for one in scan.fields:
+            what = voice.tell(f"margin.{one.name}")
+            values = {"scan": scan.path.name, "value": one.value, "text": one.line.text}
+            voice.say(voice.tell("margin.found", what=what, **values))
+        if not scan.fields:
+            voice.say(voice.tell("margin.none", scan=scan.path.name))
     return tuple(read)
 
 
