@@ -14,6 +14,8 @@ from core.scans.marks import Mark, draw_mark
 
 Field = Float32[np.ndarray, "rows columns"]
 Template = Float32[np.ndarray, "side side"]
+Correlations = Float32[np.ndarray, "places_down places_across"]
+Spectrum = Float32[np.ndarray, "lines cells"]
 Peak = tuple[complex, float, float]
 """Column - i row in the scan, correlation, significance."""
 MERGE_MM = 2.0  # design: windows are seven times as wide; memory and time
@@ -52,8 +54,11 @@ class SearchWindow:
 
     def at(self, column: int, row: int) -> tuple[float, float]:
         """Middle of a cell, scan pixels."""
-        right, down = (column + 0.5) * self.reduction, (row + 0.5) * self.reduction
-        return self.corner[0] + right, self.corner[1] + down
+        return self.place(column + 0.5, row + 0.5)
+
+    def place(self, column: float, row: float) -> tuple[float, float]:
+        """A place counted in cells, scan pixels."""
+        return self.corner[0] + column * self.reduction, self.corner[1] + row * self.reduction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +91,7 @@ def open_windows(
     scan: ScanFile,
     expected: Mapping[int, PixelPoints],
     middle: tuple[float, float],
-    reach_px: int,
+    reach_px: Mapping[int, PixelPoints],
     merge_px: float,
     reduction: int,
 ) -> tuple[list[SearchWindow], dict[int, list[int]]]:
@@ -96,7 +101,7 @@ def open_windows(
         scan: The scan.
         expected: Expected places of all marks, by the way the film may lie.
         middle: Middle of the picture, pixels.
-        reach_px: Half width of a window, scan pixels.
+        reach_px: Half width and half height of the window of each, scan pixels.
         merge_px: Places closer than this share a window.
         reduction: Scan pixels a side that become one cell.
 
@@ -104,19 +109,22 @@ def open_windows(
         The windows, and by the way the film may lie the window of each mark.
     """
     centres: list[np.ndarray] = []
+    halves: list[np.ndarray] = []
     owners: dict[int, list[int]] = {}
     for way, places in expected.items():
         owners[way] = []
-        for place in places:
+        for place, half in zip(places, reach_px[way], strict=True):
             near = [float(np.linalg.norm(place - other)) for other in centres]
             if not near or min(near) > merge_px:
                 centres.append(place)
+                halves.append(half)
                 near.append(0.0)
             owners[way].append(int(np.argmin(near)))
     windows: list[SearchWindow] = []
-    for column, row in np.array(centres).tolist():
-        corner = (round(column) - reach_px, round(row) - reach_px)
-        gray = read_window(scan, *corner, 2 * reach_px, 2 * reach_px, reduction)
+    for (column, row), half in zip(np.array(centres).tolist(), halves, strict=True):
+        across, down = (round(value) for value in half.tolist())
+        corner = (round(column) - across, round(row) - down)
+        gray = read_window(scan, *corner, 2 * across, 2 * down, reduction)
         outward = (column - middle[0], row - middle[1])
         windows.append(SearchWindow(corner, reduction, outward, fill_window(gray)))
     return windows, owners
@@ -139,24 +147,25 @@ def all_candidates(
         turn: Rotation of the film in the scan, radians, counter-clockwise.
     """
     result: list[Candidates] = []
+    plain = [Sought(window.gray) for window in windows]
     for mark, drawn in _drawn_library(marks, round(cell_mm, 6)):
         found: dict[bool, list[list[Peak]]] = {True: [], False: []}
-        for window in windows:
+        for window, whole in zip(windows, plain, strict=True):
             templates = [drawn]
             if mark.turns:
                 pointing = replace(mark, outward=eighth(window.outward, turn))
                 templates = [
                     draw_mark(one, cell_mm, -turn).astype(np.float32) for one in pointing.variants
                 ]
-            gray = window.gray
+            sought, side = whole, drawn.shape[0]
             if mark.picture is not None:
                 along = border_axis(window.outward)
-                gray = without_border(gray, drawn.shape[0], along)
-                templates = [without_border(one, drawn.shape[0], along) for one in templates]
-            fields = [_correlate(gray, template) for template in templates]
-            field, half = np.maximum.reduce(fields), drawn.shape[0] // 2
-            found[True].append(_peaks(field, window, half, count))
-            found[False].append(_peaks(-field, window, half, count))
+                sought = Sought(without_border(window.gray, side, along))
+                templates = [without_border(one, side, along) for one in templates]
+            field = np.maximum.reduce([sought.correlated(template) for template in templates])
+            bright, dark = _peaks(field, window, side // 2, count, mark.picture is None)
+            found[True].append(bright)
+            found[False].append(dark)
         result += [
             _stacked(mark, bright, peaks, count)
             for bright, peaks in found.items()
@@ -231,36 +240,75 @@ def fill_window(gray: Field) -> Field:
     return filled * np.float32(255.0 / top)
 
 
-def _correlate(gray: Field, template: Template) -> Float32[np.ndarray, "places_down places_across"]:
-    """Normalised correlation wherever the template lies inside; nought on flat ground."""
-    side = template.shape[0]
-    if min(gray.shape) <= side:
-        return np.zeros((1, 1), dtype=np.float32)
-    field = cv2.matchTemplate(gray, template, cv2.TM_CCOEFF_NORMED)
-    mean = cv2.blur(gray, (side, side))
-    square = cv2.blur(gray * gray, (side, side))
-    half = side // 2
-    inner = (slice(half, half + field.shape[0]), slice(half, half + field.shape[1]))
-    flat = (square - mean * mean)[inner] < FLAT**2
-    return np.where(flat | ~np.isfinite(field), np.float32(0), field)
+class Sought:
+    """A window ready for many templates: its spectrum is taken once, its spread once a size."""
 
-
-def _peaks(field: Field, window: SearchWindow, half: int, count: int) -> list[Peak]:
-    """The highest separate maxima."""
-    top = cv2.dilate(field, np.ones((APART_CELLS, APART_CELLS), dtype=np.uint8))
-    rows, columns = np.nonzero((field == top) & (field > LEAST_PEAK))
-    order = np.argsort(-field[rows, columns], kind="stable")[:count]
-    middle, spread = (float(value[0, 0]) for value in cv2.meanStdDev(field))
-    peaks: list[Peak] = []
-    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
-        value = float(field[row, column])
-        down = row + _vertex(field[:, column], row) + half + 0.5
-        right = column + _vertex(field[row], column) + half + 0.5
-        place = complex(
-            window.corner[0] + right * window.reduction, -window.corner[1] - down * window.reduction
+    def __init__(self, gray: Field) -> None:
+        self.gray: Field = gray - np.float32(gray.mean())
+        self.size: tuple[int, int] = (
+            cv2.getOptimalDFTSize(gray.shape[0]),
+            cv2.getOptimalDFTSize(gray.shape[1]),
         )
-        peaks.append((place, value, (value - middle) / (spread + LEAST_SPREAD)))
-    return peaks
+        self.spectrum: Spectrum = self._spectrum_of(self.gray)
+        self._spreads: dict[int, Correlations] = {}
+
+    def correlated(self, template: Template) -> Correlations:
+        """Normalised correlation wherever a template lies inside; nought on flat ground."""
+        side = template.shape[0]
+        if min(self.gray.shape) <= side:
+            return np.zeros((1, 1), dtype=np.float32)
+        sought = template - np.float32(template.mean())
+        power = float(np.linalg.norm(sought))
+        if power == 0:
+            return np.zeros_like(self._spread(side))
+        both = cv2.mulSpectrums(self.spectrum, self._spectrum_of(sought), 0, conjB=True)
+        products = cv2.idft(both, flags=cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
+        spread = self._spread(side)
+        rows, columns = spread.shape
+        return products[:rows, :columns] / (np.float32(power) * spread)
+
+    def _spectrum_of(self, field: Field) -> Spectrum:
+        """Of a field continued by nought: what wraps around lies where no template fits."""
+        padded = np.zeros(self.size, dtype=np.float32)
+        padded[: field.shape[0], : field.shape[1]] = field
+        return np.asarray(cv2.dft(padded, nonzeroRows=field.shape[0]), dtype=np.float32)
+
+    def _spread(self, side: int) -> Correlations:
+        """Root of the sum of squares about the mean under each template; infinite where flat."""
+        if side not in self._spreads:
+            half = side // 2
+            mean = cv2.boxFilter(self.gray, cv2.CV_64F, (side, side))
+            square = cv2.sqrBoxFilter(self.gray, cv2.CV_64F, (side, side))
+            rows, columns = (size - side + 1 for size in self.gray.shape)
+            variance = (square - mean * mean)[half : half + rows, half : half + columns]
+            root = np.sqrt(np.maximum(variance, 0.0)) * side
+            self._spreads[side] = np.where(variance < FLAT**2, np.inf, root).astype(np.float32)
+        return self._spreads[side]
+
+
+def _peaks(
+    field: Correlations, window: SearchWindow, half: int, count: int, both: bool
+) -> tuple[list[Peak], list[Peak]]:
+    """The highest separate maxima; where both are wanted, the lowest minima as of its negative."""
+    middle, spread = (float(value[0, 0]) for value in cv2.meanStdDev(field))
+    around = np.ones((APART_CELLS, APART_CELLS), dtype=np.uint8)
+    found: tuple[list[Peak], list[Peak]] = ([], [])
+    for sign, peaks in zip((1.0, -1.0)[: 1 + both], found, strict=False):
+        limit = cv2.dilate(field, around) if sign > 0 else cv2.erode(field, around)
+        high = field > LEAST_PEAK if sign > 0 else field < -LEAST_PEAK
+        at = np.flatnonzero(high & (field == limit))
+        order = np.argsort(-sign * field.ravel()[at], kind="stable")[:count]
+        for row, column in (divmod(int(one), field.shape[1]) for one in at[order]):
+            value = sign * float(field[row, column])
+            down = row + _vertex(sign * field[:, column], row) + half + 0.5
+            right = column + _vertex(sign * field[row], column) + half + 0.5
+            place = complex(
+                window.corner[0] + right * window.reduction,
+                -window.corner[1] - down * window.reduction,
+            )
+            above = (value - sign * middle) / (spread + LEAST_SPREAD)
+            peaks.append((place, value, above))
+    return found
 
 
 def _vertex(profile: Float32[np.ndarray, "n"], index: int) -> float:

@@ -10,7 +10,6 @@ Corner marks and marks of the sides may be of different kinds; all lie on one fi
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -38,10 +37,8 @@ PeakComplex = Complex128[np.ndarray, "n peaks"]
 PeakValues = Float64[np.ndarray, "n peaks"]
 SEARCH_PIXEL_MM = 0.075  # design: the thinnest lines of the library are a cell and a third wide
 """Size of a pixel of the reduced windows."""
-REACH_SEEN_MM, REACH_UNSEEN_MM = (
-    7.0,
-    16.0,
-)  # design: certificate and frame differ, scans are cut off
+# design: certificate and frame differ, scans are cut off
+REACH_SEEN_MM, REACH_UNSEEN_MM = 7.0, 16.0
 """Half width of a window where the picture's border was seen, and where it was not."""
 PEAKS = 4  # design: the mark, and a number, a ray or dirt beside it that look more like marks
 """Candidates kept for each window, kind and polarity."""
@@ -182,21 +179,17 @@ def find_constellation(
     """
     seen = area.trusted and (sure is None or len(area.seen) == len(area.corners))
     reach_mm = reach_seen_mm if seen else REACH_UNSEEN_MM
-    reaches = [layout.reach_mm for layout in layouts]
-    middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
-    reach_mm += (max(reaches) - min(reaches)) / 2
-    ways = middle.ways
+    ways = layouts[0].ways
     border = area if area.trusted and certified else None
-    tries = len(layouts) * len(ways)
-    area_mm2, kept = (2 * reach_mm) ** 2, min(KINDS, len(marks))
-    search = Search(scan_pixel_mm, area_mm2, tries, certified, border, kept, sure is not None)
-    lies = {k: middle.lying(way) for k, way in enumerate(ways)}
-    expected = {k: expected_places(film, area, scan_pixel_mm) for k, film in lies.items()}
+    expected, reach_px = _reaches(layouts, area, reach_mm, scan_pixel_mm)
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
-        scan, expected, (column, row), round(reach_mm / scan_pixel_mm), MERGE_MM / scan_pixel_mm,
+        scan, expected, (column, row), reach_px, MERGE_MM / scan_pixel_mm,
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
+    area_mm2 = float(np.prod(2 * reach_px[0], axis=1).mean()) * scan_pixel_mm**2
+    tries, kept = len(layouts) * len(ways), min(KINDS, len(marks))
+    search = Search(scan_pixel_mm, area_mm2, tries, certified, border, kept, sure is not None)
     kinds = all_candidates(
         windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
     )  # fmt: skip
@@ -211,6 +204,20 @@ def find_constellation(
     ]
     found = [chosen for chosen in sets if chosen is not None]
     return _chosen(found, windows, search, area)
+
+
+def _reaches(
+    layouts: Sequence[Layout], area: FilmArea, reach_mm: float, scan_pixel_mm: float
+) -> tuple[dict[int, PixelPoints], dict[int, PixelPoints]]:
+    """Middle and half size of the window of each mark of any layout, pixels, by way to lie."""
+    expected: dict[int, PixelPoints] = {}
+    reach_px: dict[int, PixelPoints] = {}
+    for k, way in enumerate(layouts[0].ways):
+        places = [expected_places(one.lying(way), area, scan_pixel_mm) for one in layouts]
+        low, high = np.min(places, axis=0), np.max(places, axis=0)
+        expected[k] = (low + high) / 2
+        reach_px[k] = (high - low) / 2 + reach_mm / scan_pixel_mm
+    return expected, reach_px
 
 
 def _promising(kinds: Sequence[Candidates], count: int) -> list[Candidates]:
@@ -358,24 +365,15 @@ def _bases(
     search: Search, where: Complexes, places: PeakComplex
 ) -> tuple[Complex128[np.ndarray, "bases"], Complex128[np.ndarray, "bases"]]:
     """Similarities pixel = start + factor * film through two peaks, of the right scale and turn."""
-    starts: list[np.ndarray] = []
-    factors: list[np.ndarray] = []
-    longest = np.abs(where[:, None] - where[None, :]).max()
-    tolerance = np.radians(LARGEST_TURN_DEG)
-    for i, j in combinations(range(len(where)), 2):
-        apart = where[j] - where[i]
-        if abs(apart) < LEAST_BASE * longest:
-            continue
-        factor = (places[j][None, :] - places[i][:, None]) / apart
-        start = places[i][:, None] - factor * where[i]
-        scale = np.abs(factor) * search.scan_pixel_mm
-        good = np.abs(scale - 1) < LARGEST_SCALE
-        good &= np.abs(np.angle(factor)) < tolerance
-        starts.append(start[good])
-        factors.append(factor[good])
-    if not starts:
-        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    return np.concatenate(starts), np.concatenate(factors)
+    first, second = np.triu_indices(len(where), 1)
+    apart = where[second] - where[first]
+    wide = np.abs(apart) >= LEAST_BASE * np.abs(apart).max(initial=0.0)
+    first, second, apart = first[wide], second[wide], apart[wide, None, None]
+    factor = (places[second][:, None, :] - places[first][:, :, None]) / apart
+    good = np.abs(np.abs(factor) * search.scan_pixel_mm - 1) < LARGEST_SCALE
+    good &= np.abs(np.angle(factor)) < np.radians(LARGEST_TURN_DEG)
+    start = places[first][:, :, None] - factor * where[first][:, None, None]
+    return start[good], factor[good]
 
 
 def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: PixelPoints) -> float:
@@ -388,10 +386,12 @@ def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: Pi
     tried = search.kinds * search.tries * bases
     # design: of random pairs, about one in ten has the right scale and turn.
     tried *= 0.1
-    fit = fit_similarity(film, pixels, mirrored=True)
-    residual_mm = 0.0
-    if isinstance(fit, PlaneTransform):
-        residual_mm = np.hypot(fit.rms * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
+    # As `fit_similarity` has it, for thousands of sets: a similarity is one complex product.
+    here, there = film[:, 0] + 1j * film[:, 1], pixels[:, 0] - 1j * pixels[:, 1]
+    here, there = here - here.mean(), there - there.mean()
+    left = there - here * (np.vdot(here, there) / np.vdot(here, here))
+    rms_px = np.sqrt(np.vdot(left, left).real / max(2 * len(film) - 4, 1))
+    residual_mm = np.hypot(rms_px * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
     hit = PEAKS * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
     # design: keeps the logarithm finite; no set of eight marks comes near.
     return float(np.log10(tried) + (len(film) - 2) * np.log10(min(1.0, max(hit, 1e-12))))

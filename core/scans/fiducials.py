@@ -20,6 +20,7 @@ from core.said import say
 from core.scans.candidates import eighth
 from core.scans.constellation import (
     AGREE_MM,
+    LIBRARY,
     Constellation,
     find_constellation,
     find_mark_sets,
@@ -39,6 +40,7 @@ from core.scans.judging import (
     places_of,
     spoilt_by,
 )
+from core.scans.marks import Mark
 from core.scans.measuring import (
     FittedMark,
     Spot,
@@ -95,6 +97,7 @@ def measure_unknown_fiducials(
     camera: Camera,
     scan_pixel_mm: float,
     area: FilmArea,
+    marks: tuple[Mark, ...] = LIBRARY,
 ) -> FiducialSet:
     """Find marks of which nobody knows where they lie: four in the corners, four at the sides.
 
@@ -105,10 +108,11 @@ def measure_unknown_fiducials(
         camera: Camera with the size of its frame.
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
+        marks: Kinds and sizes that are looked for.
     """
     sets: list[Constellation] = []
     for layouts in guessed_layouts(camera).values():
-        found = find_constellation(scan, layouts, scan_pixel_mm, area, certified=False)
+        found = find_constellation(scan, layouts, scan_pixel_mm, area, False, marks=marks)
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
     apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > AGREE_MM

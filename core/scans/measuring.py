@@ -12,7 +12,7 @@ from core.doubts import Failure
 from core.geometry.robust import TINY
 from core.geometry.transforms import apply_affine
 from core.raster.scan_file import ScanFile, read_window
-from core.scans.candidates import border_axis, eighth
+from core.scans.candidates import border_axis, eighth, without_border
 from core.scans.centring import (
     Centre,
     Gray,
@@ -24,8 +24,9 @@ from core.scans.centring import (
     match_mark,
     sample_about,
     softened,
+    square_about,
 )
-from core.scans.constellation import SHORTEST_REACH, Constellation
+from core.scans.constellation import SEARCH_PIXEL_MM, SHORTEST_REACH, Constellation
 from core.scans.likeness import centre_by_likeness
 from core.scans.marks import SURROUND, Lie, Mark, draw_mark, resized
 from core.scans.naming import within_eighth
@@ -284,13 +285,31 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
     """
     if fitted.mark.notch:
         return _notch(spot, fitted, pixel_mm)
-    either = [_measured(spot, replace(fitted, mark=one), pixel_mm) for one in fitted.mark.variants]
-    stand = [
-        replace(one, lies=mark.lies)
-        for one, mark in zip(either, fitted.mark.variants, strict=True)
-        if isinstance(one, TwoWays)
-    ]
-    return max(stand, key=lambda one: one.correlation) if stand else either[0]
+    failure = Failure("Nothing there is like the mark that was shown.")
+    for mark in _lying(spot, fitted, pixel_mm):
+        found = _measured(spot, replace(fitted, mark=mark), pixel_mm)
+        if isinstance(found, TwoWays):
+            return replace(found, lies=mark.lies)
+        failure = found
+    return failure
+
+
+def _lying(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Sequence[Mark]:
+    """The mark as it may lie at a place, likeliest first by a look from afar."""
+    variants = fitted.mark.variants
+    if len(variants) == 1:
+        return variants
+    reduction = max(1, round(SEARCH_PIXEL_MM / pixel_mm))
+    cell, small, along = pixel_mm * reduction, _reduced(spot, reduction), border_axis(spot.outward)
+    values: list[float] = []
+    for mark in variants:
+        template = replace(fitted, mark=mark).drawn(spot.outward, cell).astype(np.float32)
+        side, reach = template.shape[0], int(np.ceil(OFF_MM / cell)) + 1
+        half = side // 2 + reach
+        near = square_about(small.gray, np.array(small.start), 2 * half + 1).astype(np.float32)
+        shown, like = (without_border(one, side, along) for one in (near, template))
+        values.append(float(cv2.matchTemplate(shown, like, cv2.TM_CCOEFF_NORMED).max()))
+    return [variants[int(k)] for k in np.argsort([-value for value in values], kind="stable")]
 
 
 def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:

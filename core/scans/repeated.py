@@ -18,6 +18,7 @@ from core.geometry.camera import Camera
 from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, read_window
 from core.scans.candidates import SearchWindow, border_axis, fill_window, without_border
+from core.scans.centring import sample_about
 from core.scans.constellation import AGREE_MM, SEARCH_PIXEL_MM, expected_places
 from core.scans.copies import measure_like, shown_in
 from core.scans.example import ShownMark
@@ -45,6 +46,8 @@ APART_MM = 0.6  # design: less than the figure's radius
 """Least distance of two figures of a window."""
 LEAST_ALIKE = 0.6  # design: landscape is as much alike by chance at one place, not at two
 """Mean likeness at the two places that are most alike."""
+CROSSING_STEPS = 12  # design: steps of at most a cell; a figure's radius is eight to eleven
+"""How often the point at which a figure's edges meet is taken anew."""
 GRAIN = 0.5  # design: slopes of grain on even film, gray values squared
 """Slopes that are always reckoned with around a figure."""
 
@@ -120,9 +123,43 @@ def repeated_marks(
     ]
     alike = {one: _repeated(one, windows, fields, half) for one in figures}
     best = sorted((f for f in figures if alike[f] > LEAST_ALIKE), key=lambda f: -alike[f])
+    offered: set[_Figure] = set()
     for one in best[:TRIED]:
-        place = windows[one.window].at(one.column, one.row)
-        yield shown_in(scan, area, place, pixel_mm)
+        gray = windows[one.window].gray
+        column, row = _crossing(gray, (one.column + 0.5, one.row + 0.5), cell_mm)
+        at = replace(one, column=int(column), row=int(row))
+        place = windows[one.window].place(column, row)
+        if at not in offered and _lies_in(scan, place, FIGURE_MM / pixel_mm):
+            yield shown_in(scan, area, place, pixel_mm)
+        offered.add(at)
+
+
+def _crossing(gray: Field, start: tuple[float, float], cell_mm: float) -> tuple[float, float]:
+    """Where the edges of a figure, drawn out, meet: the tip of a notch, the middle of a cross.
+
+    The point nearest to the lines of all slopes about it by least squares (Förstner & Gülch 1987),
+    taken anew about itself; the start where that leads away.
+
+    Args:
+        gray: The reduced window.
+        start: Column and row in it of the figure's middle, cells.
+        cell_mm: Size of a cell, millimetres.
+    """
+    reach = round(FIGURE_MM / cell_mm)
+    column, row = np.meshgrid(*2 * (np.arange(-reach, reach + 1, dtype=np.float64),))
+    weights = np.exp(-2 * (column**2 + row**2) / reach**2)
+    place = np.array(start)
+    for _ in range(CROSSING_STEPS):
+        patch = sample_about(gray, place, 2 * reach + 1)
+        right, down = np.gradient(patch, axis=1), np.gradient(patch, axis=0)
+        xx, yy, xy = (float(np.sum(weights * v)) for v in (right**2, down**2, right * down))
+        along = right * column + down * row
+        aim = [float(np.sum(weights * right * along)), float(np.sum(weights * down * along))]
+        step = np.linalg.lstsq(np.array([[xx, xy], [xy, yy]]), np.array(aim), rcond=None)[0]
+        place = place + np.clip(step, -1.0, 1.0)
+        if np.hypot(*(place - np.array(start))) * cell_mm > FIGURE_MM:
+            return start
+    return float(place[0]), float(place[1])
 
 
 def _lies_in(scan: ScanFile, place: tuple[float, float], rim_px: float) -> bool:

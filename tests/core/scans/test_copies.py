@@ -13,7 +13,7 @@ from core.raster.scan_file import open_scan
 from core.scans.copies import measure_like, shown_in
 from core.scans.film_area import FilmArea, detect_film_area
 from core.scans.judging import FiducialSet
-from core.scans.repeated import with_repeated
+from core.scans.repeated import repeated_marks, with_repeated
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
@@ -99,6 +99,15 @@ def test_what_stands_nowhere_else_is_not_found__truth(tmp_path: Path) -> None:
             if np.hypot(mark.column - truth["1"][0], mark.row - truth["1"][1]) > GOAL_PX
         ]
         assert not elsewhere
+
+
+def test_what_repeats_is_shown_where_its_edges_meet__truth(films: Films) -> None:
+    path, truth = films("saltire")
+    scan = open_scan(path)
+    area = detect_film_area(scan, UNKNOWN, PIXEL_MM)
+    places = np.array(list(truth.values()))
+    for shown in repeated_marks(scan, UNKNOWN, PIXEL_MM, area, "corners"):
+        assert np.linalg.norm(places - np.array(shown.place), axis=1).min() < 1.0
 
 
 def test_marks_of_no_known_kind_are_found_by_repeating__truth(films: Films) -> None:
