@@ -6,15 +6,15 @@ disc that is taken of an inset.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from core.geometry.camera import Camera
-from core.scans.film_area import SIDES, FilmArea
 from core.scans.judging import FiducialMeasurement
 from tests.benchmarks.marks_by_eye import SeenMark
+from tests.core.scans.film_maker import Film, film_from_pixel
 
 PIXEL_MM = 0.025
 """Assumed pixel of the insets: the archive scanned at 25 um."""
@@ -24,8 +24,13 @@ PLACES = {"P3": "UL", "P2": "UR", "P4": "LR", "P1": "LL", "P7": "T", "P6": "R", 
 """Where the insets stand, by the names of marks that nobody certified."""
 GROUPS = {"corners": ("UL", "UR", "LR", "LL"), "sides": ("T", "R", "B", "L")}
 """Places in clockwise order: each is a quarter turn from the one before."""
-HALF_PX = 780.0
-"""Half the side of the frame that the composed picture is taken for."""
+CORNER_MM, FEATHER_PX = 26.0, 15.0
+AXES = {
+    "UL": (-1, 1), "UR": (1, 1), "LR": (1, -1), "LL": (-1, -1),
+    "T": (0, 1), "R": (1, 0), "B": (0, -1), "L": (-1, 0),
+}  # fmt: skip
+EDGE_PX = 120
+"""How far from a mark of a side, along and across the border, the border is looked for."""
 OWN = {
     "diagonal cross": ("saltire", "gapped-saltire"),
     "upright cross": ("cross", "gapped-cross", "dotted-cross"),
@@ -103,24 +108,100 @@ def own_shapes(marks: tuple[SeenMark, ...]) -> set[str]:
     return {shape for kind in kinds for start in starts[kind] for shape in OWN[start]}
 
 
-def composed_camera() -> Camera:
-    """The frame that the composed picture is taken for; its marks are unknown."""
-    side = 2 * HALF_PX * PIXEL_MM
-    return Camera("composed", 152.0, (side, side))
+def border_mm(insets: dict[str, Inset]) -> float | None:
+    """How far outward of marks of sides the picture's border runs; None where none is seen."""
+    found: list[float] = []
+    for place, inset in insets.items():
+        reach = int(min(EDGE_PX, reach_px(inset)))
+        x, y = AXES[place]
+        column, row = (round(value) for value in inset.middle)
+        part = inset.gray[row - reach : row + reach + 1, column - reach : column + reach + 1]
+        lies = part if y else part.T
+        inward_first = lies[::-1] if (y > 0 or x < 0) else lies
+        outer = np.concatenate([inward_first[:, : reach // 3], inward_first[:, -reach // 3 :]], 1)
+        profile = np.median(outer.astype(np.float64), axis=1)
+        level = (profile[:20].mean() + profile[-20:].mean()) / 2
+        if profile[:20].mean() - profile[-20:].mean() > 30:
+            found.append((int(np.argmax(profile < level)) - reach) * PIXEL_MM)
+    return float(np.median(found)) if len(found) >= 2 else None
 
 
-def composed_area(picture: np.ndarray) -> FilmArea:
-    """Its border."""
-    middle = np.array([960.5, 953.5])
-    turns = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]], dtype=np.float64)
-    return FilmArea(middle + turns * HALF_PX, SIDES, np.ones(4))
+def paste(
+    gray: np.ndarray, film: Film, inset: Inset, place: str, middle_mm: np.ndarray, gain: float
+) -> tuple[float, float]:
+    """Lay a disc of an inset upon a scan; returns where its mark is, pixels."""
+    matrix = film_from_pixel(film, gray.shape[0])
+    at = np.linalg.solve(matrix[:, :2], middle_mm - matrix[:, 2])
+    reach = reach_px(inset)
+    half = int(reach * PIXEL_MM / film.pixel_mm) + 3
+    left, top = int(at[0]) - half, int(at[1]) - half
+    column, row = np.meshgrid(*(np.arange(2 * half + 1) + 0.5 for _ in range(2)))
+    pixels = np.stack([column + left - at[0], row + top - at[1]], axis=-1)
+    shown = pixels @ matrix[:, :2].T / PIXEL_MM * np.array([1.0, -1.0])
+    own = GROUPS["corners"] if place in GROUPS["corners"] else GROUPS["sides"]
+    back = (-1j) ** (own.index(place) - own.index(inset.place))
+    turned = (shown[..., 0] + 1j * shown[..., 1]) * back
+    ratio = film.pixel_mm / PIXEL_MM
+    source = inset.gray.astype(np.float32)
+    if ratio > 1:
+        source = cv2.GaussianBlur(source, (0, 0), float(np.sqrt(ratio**2 - 1) / np.sqrt(12)))
+    values = cv2.remap(
+        source,
+        (turned.real + inset.middle[0] - 0.5).astype(np.float32),
+        (turned.imag + inset.middle[1] - 0.5).astype(np.float32),
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    alpha = np.clip((reach - np.abs(turned)) / FEATHER_PX, 0.0, 1.0)
+    shade = film.margin + gain * (values - film.margin)
+    up, before = max(0, -top), max(0, -left)
+    view = gray[top + up : top + 2 * half + 1, left + before : left + 2 * half + 1]
+    part = (slice(up, up + view.shape[0]), slice(before, before + view.shape[1]))
+    view += alpha[part] * (shade[part] - view)
+    return float(at[0]), float(at[1])
+
+
+def paste_group(
+    gray: np.ndarray,
+    film: Film,
+    own: dict[str, Inset],
+    used: dict[str, Inset],
+    rng: np.random.Generator,
+) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
+    """Lay four insets upon a scan, as far from the border as their own film has them.
+
+    Args:
+        gray: The scan without marks, changed in place.
+        film: How it was made.
+        own: The four insets of the family at these places.
+        used: Those that are laid there.
+        rng: Dims them, and puts them a little beside a square.
+
+    Returns:
+        Where their marks are on the film, millimetres, and in the scan, pixels.
+    """
+    reach_mm = CORNER_MM
+    if set(own) == set(GROUPS["sides"]):
+        beside = border_mm(own)
+        reach_mm = CORNER_MM if beside is None else film.half_mm - beside
+    elif any("corner of the picture" in inset.mark.kind for inset in own.values()):
+        reach_mm = film.half_mm
+    gain = float(rng.uniform(0.5, 1.0))
+    film_mm: dict[str, tuple[float, float]] = {}
+    truth: dict[str, tuple[float, float]] = {}
+    for place, inset in used.items():
+        x, y = (np.array(AXES[place]) * reach_mm + rng.normal(0, 0.05, 2)).round(3).tolist()
+        film_mm[place] = (x, y)
+        truth[place] = paste(gray, film, inset, place, np.array([x, y]), gain)
+    return film_mm, truth
 
 
 def common_offset_off(offsets: dict[str, np.ndarray], group: str) -> dict[str, float]:
     """How far marks lie from where one offset, alike at all of them, puts them.
 
     Which point of a figure nobody listed is the mark is free; it must be the same everywhere. The
-    offset may go along turned, mirrored or as it is: that of the three which leaves least.
+    offset goes along with each mark as it lies, turned or mirrored against the first, or is the
+    same in all: whichever leaves least.
     """
     places = GROUPS[group]
     named = [name for name in places if name in offsets]
@@ -132,9 +213,10 @@ def common_offset_off(offsets: dict[str, np.ndarray], group: str) -> dict[str, f
     turned = off / quarter
     # Seen along the outward direction, a mirror changes the sign of what lies across it.
     axis = complex(0, -1) if group == "sides" else complex(-1, -1) / np.sqrt(2)
-    flipped = np.where(which % 2 == 1, _mirrored(turned, axis), turned)
-    left = [np.abs(one - _median(one)) for one in (turned, flipped, off)]
-    best = min(left, key=lambda one: float(np.median(one)))
+    lies = (np.array((False, *flips)) for flips in product((False, True), repeat=len(named) - 1))
+    tried = [np.where(flips, _mirrored(turned, axis), turned) for flips in lies]
+    left = [np.abs(one - _median(one)) for one in (*tried, off)]
+    best = min(left, key=lambda one: float(np.mean(one)))
     return dict(zip(named, best.tolist(), strict=True))
 
 

@@ -34,27 +34,18 @@ from core.scans.judging import FiducialSet
 from tests.benchmarks.family_insets import (
     GROUPS,
     PIXEL_MM,
-    Inset,
     common_offset_off,
     insets_of,
     offset_of,
-    reach_px,
+    paste_group,
     read_picture,
 )
 from tests.benchmarks.marks_by_eye import SeenPicture, read_seen
-from tests.core.scans.film_maker import Film, film_from_pixel, make_film, write_gray
+from tests.core.scans.film_maker import Film, make_film, write_gray
 
 PIXELS_UM = (15.0, 20.0, 25.0, 40.0, 60.0, 85.0, 127.0)
-HALF_MM, CORNER_MM = 30.0, 26.0
-FEATHER_PX = 15.0
 WITHIN_PX, WITHIN_MM = 0.2, 0.005
 WRONG_MM = 0.5
-AXES = {
-    "UL": (-1, 1), "UR": (1, 1), "LR": (1, -1), "LL": (-1, -1),
-    "T": (0, 1), "R": (1, 0), "B": (0, -1), "L": (-1, 0),
-}  # fmt: skip
-EDGE_PX = 120
-"""How far from a mark of a side, along and across the border, the border is looked for."""
 
 
 @dataclass(frozen=True)
@@ -90,59 +81,6 @@ class Tally:
         self.off_um += other.off_um
 
 
-def border_mm(insets: dict[str, Inset]) -> float | None:
-    """How far outward of marks of sides the picture's border runs; None where none is seen."""
-    found: list[float] = []
-    for place, inset in insets.items():
-        reach = int(min(EDGE_PX, reach_px(inset)))
-        x, y = AXES[place]
-        column, row = (round(value) for value in inset.middle)
-        part = inset.gray[row - reach : row + reach + 1, column - reach : column + reach + 1]
-        lies = part if y else part.T
-        inward_first = lies[::-1] if (y > 0 or x < 0) else lies
-        outer = np.concatenate([inward_first[:, : reach // 3], inward_first[:, -reach // 3 :]], 1)
-        profile = np.median(outer.astype(np.float64), axis=1)
-        level = (profile[:20].mean() + profile[-20:].mean()) / 2
-        if profile[:20].mean() - profile[-20:].mean() > 30:
-            found.append((int(np.argmax(profile < level)) - reach) * PIXEL_MM)
-    return float(np.median(found)) if len(found) >= 2 else None
-
-
-def paste(
-    gray: np.ndarray, film: Film, inset: Inset, place: str, middle_mm: np.ndarray, gain: float
-) -> tuple[float, float]:
-    """Lay a disc of an inset upon a scan; returns where its mark is, pixels."""
-    matrix = film_from_pixel(film, gray.shape[0])
-    at = np.linalg.solve(matrix[:, :2], middle_mm - matrix[:, 2])
-    reach = reach_px(inset)
-    half = int(reach * PIXEL_MM / film.pixel_mm) + 3
-    left, top = int(at[0]) - half, int(at[1]) - half
-    column, row = np.meshgrid(*(np.arange(2 * half + 1) + 0.5 for _ in range(2)))
-    pixels = np.stack([column + left - at[0], row + top - at[1]], axis=-1)
-    shown = pixels @ matrix[:, :2].T / PIXEL_MM * np.array([1.0, -1.0])
-    own = GROUPS["corners"] if place in GROUPS["corners"] else GROUPS["sides"]
-    back = (-1j) ** (own.index(place) - own.index(inset.place))
-    turned = (shown[..., 0] + 1j * shown[..., 1]) * back
-    ratio = film.pixel_mm / PIXEL_MM
-    source = inset.gray.astype(np.float32)
-    if ratio > 1:
-        source = cv2.GaussianBlur(source, (0, 0), float(np.sqrt(ratio**2 - 1) / np.sqrt(12)))
-    values = cv2.remap(
-        source,
-        (turned.real + inset.middle[0] - 0.5).astype(np.float32),
-        (turned.imag + inset.middle[1] - 0.5).astype(np.float32),
-        cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    alpha = np.clip((reach - np.abs(turned)) / FEATHER_PX, 0.0, 1.0)
-    shade = film.margin + gain * (values - film.margin)
-    up, before = max(0, -top), max(0, -left)
-    view = gray[top + up : top + 2 * half + 1, left + before : left + 2 * half + 1]
-    part = (slice(up, up + view.shape[0]), slice(before, before + view.shape[1]))
-    view += alpha[part] * (shade[part] - view)
-    return float(at[0]), float(at[1])
-
-
 def make_scan(path: Path, number: int, seed: int, folder: Path) -> Pasted:
     """One scan: everything about it follows from its number."""
     rng = np.random.default_rng([seed, number])
@@ -159,33 +97,18 @@ def make_scan(path: Path, number: int, seed: int, folder: Path) -> Pasted:
         shrinkage=(1 + float(rng.normal(0, 3e-4)), 1 + float(rng.normal(0, 3e-4))),
         noise=0.0,
         fiducials={},
-        half_mm=HALF_MM,
     )
     make_film(path, film, seed * 1000 + number)
     gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(np.float32)
     copied = number % 2 == 0
     first = own[GROUPS[group][int(rng.integers(4))]]
-    reach_mm = CORNER_MM
-    if group == "sides":
-        beside = border_mm(own)
-        reach_mm = CORNER_MM if beside is None else HALF_MM - beside
-    elif any("corner of the picture" in inset.mark.kind for inset in own.values()):
-        reach_mm = HALF_MM
-    gain = float(rng.uniform(0.5, 1.0))
-    film_mm: dict[str, tuple[float, float]] = {}
-    truth: dict[str, tuple[float, float]] = {}
-    for place in GROUPS[group]:
-        x, y = (np.array(AXES[place]) * reach_mm + rng.normal(0, 0.05, 2)).round(3).tolist()
-        inset = first if copied else own[place]
-        film_mm[place] = (x, y)
-        truth[place] = paste(gray, film, inset, place, np.array([x, y]), gain)
+    used = {place: first if copied else inset for place, inset in own.items()}
+    film_mm, truth = paste_group(gray, film, own, used, rng)
     gray += float(rng.uniform(2, 6)) * rng.standard_normal(gray.shape, dtype=np.float32)
     write_gray(path, np.clip(gray, 0, 255).astype(np.uint8))
     certified = number // len(families) % 2 == 1
     film = Film(**{**film.__dict__, "fiducials": film_mm if certified else {}})
-    sure = {
-        place: (first if copied else own[place]).mark.sure_px * PIXEL_MM for place in GROUPS[group]
-    }
+    sure = {place: inset.mark.sure_px * PIXEL_MM for place, inset in used.items()}
     return Pasted(name, group, film, copied, certified, truth, sure)
 
 
