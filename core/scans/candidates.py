@@ -91,7 +91,7 @@ def open_windows(
     scan: ScanFile,
     expected: Mapping[int, PixelPoints],
     middle: tuple[float, float],
-    reach_px: Mapping[int, PixelPoints],
+    reach_px: int,
     merge_px: float,
     reduction: int,
 ) -> tuple[list[SearchWindow], dict[int, list[int]]]:
@@ -101,7 +101,7 @@ def open_windows(
         scan: The scan.
         expected: Expected places of all marks, by the way the film may lie.
         middle: Middle of the picture, pixels.
-        reach_px: Half width and half height of the window of each, scan pixels.
+        reach_px: Half width of a window, scan pixels.
         merge_px: Places closer than this share a window.
         reduction: Scan pixels a side that become one cell.
 
@@ -109,22 +109,19 @@ def open_windows(
         The windows, and by the way the film may lie the window of each mark.
     """
     centres: list[np.ndarray] = []
-    halves: list[np.ndarray] = []
     owners: dict[int, list[int]] = {}
     for way, places in expected.items():
         owners[way] = []
-        for place, half in zip(places, reach_px[way], strict=True):
+        for place in places:
             near = [float(np.linalg.norm(place - other)) for other in centres]
             if not near or min(near) > merge_px:
                 centres.append(place)
-                halves.append(half)
                 near.append(0.0)
             owners[way].append(int(np.argmin(near)))
     windows: list[SearchWindow] = []
-    for (column, row), half in zip(np.array(centres).tolist(), halves, strict=True):
-        across, down = (round(value) for value in half.tolist())
-        corner = (round(column) - across, round(row) - down)
-        gray = read_window(scan, *corner, 2 * across, 2 * down, reduction)
+    for column, row in np.array(centres).tolist():
+        corner = (round(column) - reach_px, round(row) - reach_px)
+        gray = read_window(scan, *corner, 2 * reach_px, 2 * reach_px, reduction)
         outward = (column - middle[0], row - middle[1])
         windows.append(SearchWindow(corner, reduction, outward, fill_window(gray)))
     return windows, owners

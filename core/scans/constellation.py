@@ -179,17 +179,21 @@ def find_constellation(
     """
     seen = area.trusted and (sure is None or len(area.seen) == len(area.corners))
     reach_mm = reach_seen_mm if seen else REACH_UNSEEN_MM
-    ways = layouts[0].ways
+    reaches = [layout.reach_mm for layout in layouts]
+    middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
+    reach_mm += (max(reaches) - min(reaches)) / 2
+    ways = middle.ways
     border = area if area.trusted and certified else None
-    expected, reach_px = _reaches(layouts, area, reach_mm, scan_pixel_mm)
+    tries = len(layouts) * len(ways)
+    area_mm2, kept = (2 * reach_mm) ** 2, min(KINDS, len(marks))
+    search = Search(scan_pixel_mm, area_mm2, tries, certified, border, kept, sure is not None)
+    lies = {k: middle.lying(way) for k, way in enumerate(ways)}
+    expected = {k: expected_places(film, area, scan_pixel_mm) for k, film in lies.items()}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
-        scan, expected, (column, row), reach_px, MERGE_MM / scan_pixel_mm,
+        scan, expected, (column, row), round(reach_mm / scan_pixel_mm), MERGE_MM / scan_pixel_mm,
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
-    area_mm2 = float(np.prod(2 * reach_px[0], axis=1).mean()) * scan_pixel_mm**2
-    tries, kept = len(layouts) * len(ways), min(KINDS, len(marks))
-    search = Search(scan_pixel_mm, area_mm2, tries, certified, border, kept, sure is not None)
     kinds = all_candidates(
         windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
     )  # fmt: skip
@@ -204,20 +208,6 @@ def find_constellation(
     ]
     found = [chosen for chosen in sets if chosen is not None]
     return _chosen(found, windows, search, area)
-
-
-def _reaches(
-    layouts: Sequence[Layout], area: FilmArea, reach_mm: float, scan_pixel_mm: float
-) -> tuple[dict[int, PixelPoints], dict[int, PixelPoints]]:
-    """Middle and half size of the window of each mark of any layout, pixels, by way to lie."""
-    expected: dict[int, PixelPoints] = {}
-    reach_px: dict[int, PixelPoints] = {}
-    for k, way in enumerate(layouts[0].ways):
-        places = [expected_places(one.lying(way), area, scan_pixel_mm) for one in layouts]
-        low, high = np.min(places, axis=0), np.max(places, axis=0)
-        expected[k] = (low + high) / 2
-        reach_px[k] = (high - low) / 2 + reach_mm / scan_pixel_mm
-    return expected, reach_px
 
 
 def _promising(kinds: Sequence[Candidates], count: int) -> list[Candidates]:
@@ -390,7 +380,7 @@ def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: Pi
     here, there = film[:, 0] + 1j * film[:, 1], pixels[:, 0] - 1j * pixels[:, 1]
     here, there = here - here.mean(), there - there.mean()
     left = there - here * (np.vdot(here, there) / np.vdot(here, here))
-    rms_px = np.sqrt(np.vdot(left, left).real / max(2 * len(film) - 4, 1))
+    rms_px = np.sqrt(np.vdot(left, left).real / (2 * len(film)))
     residual_mm = np.hypot(rms_px * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
     hit = PEAKS * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
     # design: keeps the logarithm finite; no set of eight marks comes near.

@@ -9,7 +9,7 @@ from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import eighth
-from core.scans.constellation import find_constellation
+from core.scans.constellation import Constellation, find_constellation
 from core.scans.example import ShownMark, layouts_like, marks_like, mean_picture
 from core.scans.fiducials import both_ways, found_after_all, judged_set, quarters_of
 from core.scans.film_area import FilmArea
@@ -56,17 +56,31 @@ def measure_like(
     """
     photo_id, own = photo_id_of(scan.path), shown.scan.path == scan.path
     layouts = layouts_like(camera, shown, area, quarters_of(camera, area))
+    sizes = marks_like(shown)
     found = find_constellation(
         scan,
         layouts,
         pixel_mm,
         area,
         certified=bool(camera.fiducials_mm),
-        marks=marks_like(shown),
+        marks=sizes,
         sure=shown.place if own else None,
     )
     if isinstance(found, Failure):
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
+    best = _measured(scan, found, pixel_mm)
+    # What is most like the example from afar may reach into the picture, which differs.
+    for size in sizes:
+        if len(best.marks) == len(found.layout.names):
+            break
+        if size is not found.mark:
+            other = _measured(scan, replace(found, mark=size), pixel_mm)
+            best = other if len(other.marks) > len(best.marks) else best
+    return best
+
+
+def _measured(scan: ScanFile, found: Constellation, pixel_mm: float) -> FiducialSet:
+    """The copies of an example in one of its sizes, and which of them stand."""
     spots = open_spots(scan, found, pixel_mm)
     fit = fit_mark(list(spots.values()), found, pixel_mm)
     results = both_ways(spots, found, fit, pixel_mm)
@@ -75,6 +89,7 @@ def measure_like(
         results = both_ways(spots, found, fit, pixel_mm)
     results = found_after_all(results, spots, found, (fit,), pixel_mm)
     results = {name: _inside(scan, one, fit, pixel_mm) for name, one in results.items()}
+    photo_id = photo_id_of(scan.path)
     marks, doubts = judged_set(photo_id, results, results, found.predicted, fit)
     return FiducialSet(tuple(marks), tuple(doubts), found.way, (), (fit,))
 

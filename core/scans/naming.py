@@ -66,6 +66,11 @@ class Layout:
         """The marks as they lie in the scan, x right and y up, millimetres."""
         return lying(self.film, way)
 
+    @property
+    def reach_mm(self) -> float:
+        """Distance of its outermost mark from the middle."""
+        return float(np.linalg.norm(self.film, axis=1).max())
+
 
 def lying(film: FilmPoints, way: Way) -> FilmPoints:
     """Film points in the axes of a scan (x right, y up) on which the film lies in a way."""
