@@ -162,8 +162,9 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     sys.stdout.write(
         "| family | kinds taken away | found | within 1 px | 1 px or as the eye | less one offset "
-        "| median px | wrong (silent) | by one example | within 1 px | 1 px or as the eye "
-        "| less one offset | wrong (silent) | groups whole | s |\n" + "|---" * 15 + "|\n"
+        "| median px | wrong (silent) | by example | by example within 1 px "
+        "| by example 1 px or as the eye | by example less one offset | by example wrong (silent) "
+        "| groups whole | s |\n" + "|---" * 15 + "|\n"
     )
     alone, shown, seconds, whole, families = Tally(), Tally(), 0.0, 0, 0
     for number, (name, family) in enumerate(read_seen()["families"].items()):

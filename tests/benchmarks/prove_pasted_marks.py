@@ -202,8 +202,8 @@ def main(arguments: list[str] | None = None) -> int:
             )
             sys.stderr.flush()
     sys.stdout.write(
-        "| family | scans | found without example | right | median um | wrong (silent) "
-        "| by one example | right | median um | wrong (silent) | s a scan |\n"
+        "| family | scans | found | right | median um | wrong (silent) | by example "
+        "| by example right | by example median um | by example wrong (silent) | s a scan |\n"
         + "|---" * 11 + "|\n"
     )  # fmt: skip
     order = [*families, *sorted(key for key in tallies if key not in (*families, "all")), "all"]
