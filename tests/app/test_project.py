@@ -131,7 +131,19 @@ def test_overrides_change_and_exclude_single_scans__truth(folder: Path) -> None:
     assert (only.photo_id, only.camera, only.scan_pixel_um) == ("a", "other", 20.0)
 
 
+def test_days_of_exposure_hold_for_all_scans_or_for_one__truth(folder: Path) -> None:
+    text = TOML.replace("[scans]", '[scans]\ntaken = "1938-05"')
+    text += '[[scans.override]]\nfile = "a.tif"\ntaken = "1938-05-16"\n'
+    taken = read(folder, text).taken
+    assert taken.pop("a") == "1938-05-16"
+    assert set(taken.values()) == {"1938-05"}
+
+
 MISTAKES = {
+    "no day": (
+        TOML.replace("[scans]", '[scans]\ntaken = "16.5.1938"'),
+        r'taken: "16.5.1938" is no date. Write a day, a month or a year',
+    ),
     "unknown key": (
         put('camra = "x"'),
         r":13 \[scans\] camra: is no key .* Did you mean `camera`\?",

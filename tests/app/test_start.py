@@ -11,6 +11,7 @@ from app.project import read_project
 from app.start import Starting, blocks_in, is_plain, wants_start
 from core.errors import PhotogrammetryError, StorageError
 from sessions.session import Session
+from tests.core.scans.test_margin import scan_with_print
 
 DISTANCE = "camera.film.principal_distance_mm"
 MARKS = {"1": [-85.589, 0.091], "2": [85.303, -0.002], "3": [0.121, 85.589], "4": [-0.075, -85.322]}
@@ -223,3 +224,16 @@ def test_plain_names__truth() -> None:
     assert is_plain("LMSA08.1938 (2).tif")
     assert is_plain("sn\u00edmek.tif")
     assert not is_plain(".part")
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_the_margin_of_a_scan_is_told_and_writes_nothing__truth(tmp_path: Path) -> None:
+    scan_with_print(tmp_path / "0001.tif", "bottom")
+    starting = Starting(tmp_path)
+    starting.found()
+    for values in ({}, {"camera.film.frame_mm": [80, "a"], "scans.scan_pixel_um": 100.0}):
+        told = starting.margin("0001", values)["fields"]
+        assert [(one["value"], one["key"]) for one in told] == [("1972-02-24", "scans.taken")]
+    assert [path.name for path in tmp_path.iterdir()] == ["0001.tif"]
+    with pytest.raises(PhotogrammetryError, match="no scan called 0002"):
+        starting.margin("0002", {})

@@ -10,9 +10,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 
+from core.doubts import Failure
 from core.errors import CrsError, ProjectError
 from core.formats.exchange import ExchangeBlock, pixels_of
-from core.formats.stac import EXTENSIONS, read_stac, write_stac
+from core.formats.stac import EXTENSIONS, read_stac, time_span, write_stac
 from tests.exchanged import RECIPES, Recipe, assert_same_geometry, block_of
 
 
@@ -57,6 +58,30 @@ def test_the_plain_fields_alone_show_the_same__law(
         path.write_text(json.dumps(item))
     again = read_stac(folder)
     assert_same_geometry(block, again)
+
+
+@pytest.mark.parametrize(
+    ("taken", "first", "last"),
+    [("1938-05-16", "1938-05-16", "1938-05-16"), ("1936-02", "1936-02-01", "1936-02-29"),
+     ("1938", "1938-01-01", "1938-12-31"), ("", "1858-01-01", "2015-12-31")],
+)  # fmt: skip
+def test_an_item_spans_the_time_in_which_its_photo_was_taken__truth(
+    tmp_path: Path, taken: str, first: str, last: str
+) -> None:
+    block = block_of((4, 3, 2, True))
+    photos = {name: replace(photo, taken=taken) for name, photo in block.photos.items()}
+    notes = write_stac(tmp_path, replace(block, photos=photos))
+    assert any("span the time of film" in note for note in notes) == (not taken)
+    for item in items_of(tmp_path):
+        fields = item["properties"]
+        assert fields["start_datetime"] == f"{first}T00:00:00Z"
+        assert fields["end_datetime"] == f"{last}T23:59:59Z"
+    assert {photo.taken for photo in read_stac(tmp_path).photos.values()} == {taken}
+
+
+@pytest.mark.parametrize("taken", ["1938-13", "16.5.1938", "3000", "1938-05-16-01", "x"])
+def test_what_is_no_day_of_film_is_refused__law(taken: str) -> None:
+    assert isinstance(time_span(taken), Failure)
 
 
 def test_items_are_built_as_the_specification_asks__paper(tmp_path: Path) -> None:

@@ -81,9 +81,8 @@ def test_what_is_hardly_readable_tells_nothing__law() -> None:
     assert fields_of([MarginText("left", (line,))]) == ()
 
 
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-@pytest.mark.parametrize("side", ["right", "bottom"])
-def test_print_is_found_on_its_side__truth(tmp_path: Path, side: str) -> None:
+def scan_with_print(path: Path, side: str) -> np.ndarray:
+    """A scan with a day on one side; column and row of its middle."""
     size, print_ = 900, strip("24.2.1972")[10:70]
     picture = np.random.default_rng(3).normal(120, 15, (size, size)).clip(0, 255)
     picture[-80:] = picture[:, -80:] = 15
@@ -93,11 +92,17 @@ def test_print_is_found_on_its_side__truth(tmp_path: Path, side: str) -> None:
     else:
         picture[300 : 300 + print_.shape[1], -70:-10] = np.rot90(print_)
         place = np.array([size - 40, 300 + print_.shape[1] - TEXT_AT])
-    path = tmp_path / "0001.tif"
     with rasterio.open(path, "w", driver="GTiff", width=size, height=size, count=1,
                        dtype="uint8") as file:  # fmt: skip
         file.write(picture.astype(np.uint8), 1)
-    margin = read_margin(open_scan(path), reader())
+    return place
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize("side", ["right", "bottom"])
+def test_print_is_found_on_its_side__truth(tmp_path: Path, side: str) -> None:
+    place = scan_with_print(tmp_path / "0001.tif", side)
+    margin = read_margin(open_scan(tmp_path / "0001.tif"), reader())
     fields = fields_of(margin)
     assert [(field.name, field.value) for field in fields] == [("date", "1972-02-24")]
     assert np.hypot(*(np.mean(fields[0].line.corners, axis=0) - place)) < 6

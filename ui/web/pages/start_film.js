@@ -33,9 +33,9 @@ export function setUpFilm() {
     redraw, ready: () => state.scan !== null,
   });
   byId("sides").replaceChildren(...Object.keys(SIDES).map((side) => element("button",
-    { type: "button", "data-side": side, onclick: () => look(side) }, word(`start.side.${side}`))),
-  element("button", { type: "button", id: "read-margin", disabled: start.guest,
-    title: word("margin.tip"), onclick: readMargin }, word("margin.read")));
+    { type: "button", "data-side": side, onclick: () => look(side) }, word(`start.side.${side}`))));
+  byId("film-acts").append(element("button", { type: "button", id: "read-margin",
+    disabled: start.guest, title: word("margin.tip"), onclick: readMargin }, word("margin.read")));
   onTile(redraw);
   look("whole");
 }
