@@ -266,17 +266,22 @@ class Adjusting:
     def __init__(self, options: AdjustmentOptions, terrain: Terrain | None = None) -> None:
         self._given = self._options = options
         self._terrain = terrain
+        self._made: tuple[AdjustmentReport | None, AdjustmentOptions] = None, options
 
     def __call__(self, block: Block, progress: Progress = SILENT) -> AdjustmentReport:
         """Adjust until no gross error is left."""
         options = self._options
-        if not options.robust:
-            return adjust_block(block, options, progress, self._terrain)
-        return adjusted_without_gross(block, options, progress, self._terrain)
+        adjusted = adjusted_without_gross if options.robust else adjust_block
+        report = adjusted(block, options, progress, self._terrain)
+        self._made = report, options
+        return report
 
     def evidence(self, report: AdjustmentReport) -> Evidence:
         """What looking at each measurement and measuring more is expected to bring."""
-        influence = influence_of(report, self._options, SILENT, self._terrain)
+        # The equations are those of the report, whatever has been chosen since.
+        last, options = self._made
+        options = options if last is report else self._options
+        influence = influence_of(report, options, SILENT, self._terrain)
         if influence is None:
             return NO_EVIDENCE
         block, covariances = report.block, covariances_of(influence)

@@ -1,8 +1,7 @@
-"""Looks and access: no violation that axe-core knows, and a keyboard that decides nothing."""
+"""Looks and access: no violation that axe-core knows."""
 
 import pytest
 
-from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, toured
 from tests.browser.hands import grow, unfold
 
@@ -75,45 +74,3 @@ def test_axe_finds_nothing_on_any_page__oracle(sit_with, axe, theme, language):
     page.wait_for_function("gruber.parts.point.state === 'rejected'")
     look("rejected")
     assert {name: lines for name, lines in found.items() if lines} == {}
-
-
-def test_tab_reaches_every_control_and_pressing_them_decides_nothing__law(sit, tmp_path):
-    """Enter and Space on whatever has the focus; a control that decides says so by its name."""
-    page = sit(scene=False)
-    page.evaluate("document.body.focus()")
-    deciding = {"accept", "reject", "dubious", "invisible", "role"}
-    seen: list[str] = []
-    for _ in range(120):
-        page.keyboard.press("Tab")
-        name = page.evaluate(
-            """() => {
-              const { activeElement: e } = document;
-              if (!e || e === document.body) return "";
-              const look = getComputedStyle(e);
-              const shown = e.matches("section, iframe") || look.outlineStyle !== "none";
-              return (shown ? "" : "unseen ") + (e.id || e.dataset.act || e.dataset.layer
-                || e.dataset.grow || e.dataset.mode || e.dataset.state || e.className || e.tagName);
-            }"""
-        )
-        if name == "scene":
-            page.evaluate("document.querySelector('#compare').focus()")
-            continue
-        if seen and name == seen[0]:
-            break
-        seen.append(name)
-        listed = page.evaluate("document.activeElement.tagName === 'SELECT'")
-        if not name or name in deciding or listed:
-            continue
-        for key in ("Enter", " "):
-            page.keyboard.press(key)
-            page.wait_for_timeout(60)
-            page.evaluate("document.querySelectorAll('dialog[open]').forEach(d => d.close())")
-    assert [name for name in seen if name.startswith("unseen")] == []
-    controls = page.evaluate(
-        """[...document.querySelectorAll("#desk button, #desk select, #desk input")]
-             .filter(e => e.checkVisibility({ visibilityProperty: true }) && !e.disabled).length"""
-    )
-    assert len(seen) > 0.8 * controls
-    page.wait_for_timeout(600)
-    with Session.open(tmp_path, "reader") as session:
-        assert session.decisions() == ()

@@ -98,6 +98,15 @@ def test_the_chosen_adjustment_is_the_engines__oracle():
     assert found.sigma_nought == tiny_snapshot().state.report.sigma_nought
 
 
+def test_evidence_is_of_the_adjustment_whatever_is_chosen_since__law():
+    adjusting = Adjusting(AdjustmentOptions(robust=False))
+    report = adjusting(tiny_block().block)
+    before = adjusting.evidence(report)
+    adjusting._given = AdjustmentOptions(estimate_cameras=True)
+    adjusting.choose(cameras=True, robust=True)
+    assert adjusting.evidence(report).gains == before.gains
+
+
 def test_orthos_that_were_kept_remember_their_orientation__law():
     block = tiny_snapshot().state.report.block
     name, other = list(block.photos)[:2]

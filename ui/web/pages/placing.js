@@ -32,6 +32,8 @@ const state = {
   wallis: false,
   model: /** @type {"similarity" | "affine"} */ ("similarity"),
   saved: "",
+  /** Photos with saved pairs: without any left, saving gives them back. */
+  kept: /** @type {Set<string>} */ (new Set()),
   /** Pairs as they were before each change, as JSON. */
   history: /** @type {string[]} */ ([]),
   timers: { nudge: 0 },
@@ -155,14 +157,19 @@ function nudge(right, down) {
 /** @param {number[]} pair @param {Side} side */
 const halfOf = (pair, side) => (side === "scan" ? pair.slice(0, 2) : pair.slice(2));
 
+/** @param {ScanToPlace} scan */
+const isNothing = ({ photo, pairs }) => !pairs.length && !state.kept.has(photo);
+
 async function save() {
-  const { scan } = state;
-  if (!scan || start.guest) return;
+  const { scan, kept } = state;
+  if (!scan || start.guest || isNothing(scan)) return;
   const seat = encodeURIComponent(asked.get("seat") ?? "");
   const address = `/points/${encodeURIComponent(scan.photo)}?seat=${seat}`;
   const answer = await post(address, { pairs: scan.pairs });
   if (!answer.ok) return tell(answer.error, true);
   const { saved: file } = answer;
+  if (file) kept.add(scan.photo);
+  else kept.delete(scan.photo);
   const said = desk ? ["placing.decided", "placing.given-back"]
     : ["placing.saved", "placing.removed"];
   state.saved = word(said[file ? 0 : 1], { file });
@@ -303,7 +310,7 @@ function showPairs(scan) {
     element("div", { class: "acts" },
       act("placing.save", "S", {
         id: "placing-save", class: count > 1 && !saved ? "on" : "",
-        disabled: start.guest || count === 1, onclick: save,
+        disabled: start.guest || count === 1 || isNothing(scan), onclick: save,
       }),
       act("act.undo", "U", { disabled: start.guest, onclick: takeBack }),
       act("wallis", "W",
@@ -385,6 +392,8 @@ const ACTS = {
   Delete: () => state.last && remove(state.last.index),
 };
 
+const REPEATS = new Set(["j", "k"]);
+
 /** @param {number} by */
 function step(by) {
   const { scans, scan } = state;
@@ -397,9 +406,9 @@ function takeKey(event) {
   if (event.type !== "keydown" || !state.scan) return false;
   const [right, down] = ARROWS[event.key] ?? [0, 0];
   const far = event.shiftKey ? 10 : 1;
-  const act = right || down ? () => nudge(far * right, far * down)
-    : ACTS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (act) act();
+  const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const act = right || down ? () => nudge(far * right, far * down) : ACTS[name];
+  if (act && (!event.repeat || right || down || REPEATS.has(name))) act();
   return Boolean(act);
 }
 
@@ -409,6 +418,7 @@ async function open() {
   document.body.classList.toggle("embedded", Boolean(desk));
   const scans = start.scans;
   state.scans = scans;
+  state.kept = new Set(scans.filter(({ pairs }) => pairs.length).map(({ photo }) => photo));
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
   fillWords();

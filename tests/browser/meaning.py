@@ -1,0 +1,234 @@
+"""What an operator means by a key or a click, and what of it may be in the session file."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from sessions.decisions import Decision
+from ui.words.catalogue import words
+
+EYE = """(() => {
+  if (window.walk) return;
+  const NAMES = "[data-act], [data-board], .row, #keep button, #reasons button, #history button, "
+    + ".decided button, .magnified, .pane, button, a, select, input, textarea, summary, tr, iframe";
+  const NAMED = [["#keep button:first-of-type", "act accept"], ["#keep button", "drop"],
+    ["#reasons button", "reason"], ["#history button, .decided button", "back"],
+    [".magnified", "magnified"], [".pane", "pane"]];
+  const nameOf = from => {
+    const e = from?.closest?.(NAMES);
+    if (!e || e.disabled) return "";
+    const { act, board, key } = e.dataset;
+    if (act) return `act ${act}`;
+    if (board) return `board ${board}`;
+    if (key) return `row ${key}`;
+    return NAMED.find(([selector]) => e.matches(selector))?.[1]
+      ?? (e.id || `${e.tagName.toLowerCase()} ${(e.textContent || "").trim().slice(0, 24)}`);
+  };
+  const shown = id => document.getElementById(id)?.checkVisibility() ?? false;
+  const look = () => {
+    const head = [...document.querySelectorAll("#point-name > b, #point-name > .scan")];
+    const e = document.activeElement;
+    return {
+      dialog: document.querySelector("dialog[open]")?.id ?? "",
+      current: head.map(part => part.textContent).join("|"),
+      state: document.querySelector("#acts .stands")?.dataset.act ?? "",
+      asked: document.getElementById("asked")?.className ?? "",
+      adding: shown("adding"), drafts: document.getElementById("drafts")?.textContent ?? "",
+      marked: [...document.querySelectorAll(".row.marked")].map(r => r.dataset.state),
+      many: document.getElementById("queue-place")?.className === "many",
+      chip: document.querySelector(".chip.on")?.dataset.state ?? "",
+      mark: document.querySelector("#board .mark.on")?.dataset.mark ?? "",
+      able: !document.querySelector("[data-act=accept]")?.disabled,
+      tag: e?.tagName ?? "", kind: e?.type ?? "", onMark: e?.classList.contains("mark") ?? false,
+      inQueue: Boolean(e?.closest("#queue")),
+    };
+  };
+  window.walk = { texts: [], seen: [], look, nameOf };
+  for (const type of ["keydown", "click"]) window.addEventListener(type, event => {
+    const { key, shiftKey: shift, ctrlKey: ctrl, repeat, target } = event;
+    const inside = window !== top;
+    const on = nameOf(type === "click" ? target : document.activeElement);
+    top.walk.seen.push({ type, key, shift, ctrl, repeat, inside, on, ...top.walk.look() });
+  }, true);
+  new MutationObserver(records => {
+    for (const { addedNodes } of records) for (const node of addedNodes) {
+      if (!node.classList?.contains("notice")) continue;
+      window.walk.texts.push(node.textContent);
+    }
+  }).observe(document, { childList: true, subtree: true });
+  window.print = () => ["beforeprint", "afterprint"].forEach(n => dispatchEvent(new Event(n)));
+})()"""
+"""What an eye sees at the moment of every key and click, before the page acts on it."""
+Names = frozenset[str]
+VERDICTS = {"y": "accept", "n": "reject", "m": "dubious", "v": "invisible"}
+OTHERS = {"JudgeTie", "JudgePhoto", "JudgeFiducial"}
+WRITES: dict[str, Names] = {
+    "accept": frozenset({"Accept", "Place", "ChoosePeak", *OTHERS}),
+    "reject": frozenset({"Reject", *OTHERS}),
+    "dubious": frozenset({"MarkDubious"}), "invisible": frozenset({"MarkNotVisible"}),
+    "role": frozenset({"SetRole"}), "undo": frozenset({"Withdraw"}),
+    "redo": frozenset({"Withdraw"}), "back": frozenset({"Withdraw"}),
+    "reason": frozenset({"Withdraw", "Reject"}), "add": frozenset({"AddPoint"}),
+    "use": frozenset({"JudgeFiducial"}), "put": frozenset({"PlaceFiducial"}),
+    "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask"}),
+    "drop": frozenset({"Withdraw"}), "stand": frozenset({"PlacePhoto"}),
+}  # fmt: skip
+"""Decisions that a meaning may leave in the file."""
+STANDS = {"accept": "accept", "reject": "reject", "dubious": "dubious", "invisible": "reject"}
+"""The button that is lit where a verdict stands."""
+REFUSED = (
+    "ahead", "yes-or-no", "still-drafts", "guest", "wire", "not-done", "overtaken", "place-first",
+    "read-first",
+)  # fmt: skip
+ANSWERS = {
+    "undo": ("nothing-to-undo",), "redo": ("nothing-to-redo",), "reason": ("no-reason",),
+    "refine": ("refined", "refined.photos", "not-refined"),
+    "put": ("outside", "snapped", "not-snapped"), "fill": ("filled", "filled-anew", "not-filled"),
+}  # fmt: skip
+"""Notices that answer what was meant, in the file or not."""
+LATE = frozenset({"add", "put", "fill"})
+"""What is measured first, or waits for the hand to pause."""
+PRESSES, MOVES = {"Enter", " "}, {"Home", "End", "PageUp", "PageDown"}
+ARROWS = {"ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"}
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a gesture means to who made it."""
+
+    what: str
+    key: str = ""
+    """The row it is about; nothing where the hand was ahead of the picture."""
+    must: bool = False
+    """True when it has to be in the file, or be answered in words."""
+    state: str = ""
+    """The verdict that stood there, as an eye saw it."""
+    at: float = field(default_factory=time.monotonic)
+
+
+def meaning_of(seen: dict[str, Any]) -> Meaning | None:
+    """What an operator means by one key or click; None where nothing is decided by it."""
+    if seen["type"] == "click":
+        return _click_means(seen)
+    if _is_used_up(seen):
+        return None
+    if seen["dialog"]:
+        means = SHEETS.get(seen["dialog"])
+        return means(seen) if means else None
+    return None if seen["repeat"] else _key_means(seen)
+
+
+def _is_used_up(seen: dict[str, Any]) -> bool:
+    """True for a key that what has the focus uses itself; a press comes as a click."""
+    key, tag = seen["key"], seen["tag"]
+    if tag in ("BUTTON", "SUMMARY", "A"):
+        return key in PRESSES
+    if tag == "INPUT":
+        return seen["kind"] not in _USES or key in _USES[seen["kind"]]
+    return tag in ("SELECT", "TEXTAREA")
+
+
+def _key_means(seen: dict[str, Any]) -> Meaning | None:
+    key = seen["key"]
+    letter = key.lower() if len(key) == 1 else key
+    if letter in VERDICTS:
+        return _verdict(VERDICTS[letter], seen)
+    if letter in "12345":
+        return Meaning("reason", must=seen["asked"] == "why")
+    if letter in ("c", "Enter"):
+        return Meaning("role" if letter == "c" else "refine", seen["current"], seen["able"])
+    if key == "Escape" and seen["drafts"]:
+        return Meaning("drop")
+    return _undo(seen) if letter == "u" else None
+
+
+_USES = {"range": ARROWS | MOVES, "checkbox": {" "}, "radio": {" ", *ARROWS}}
+
+
+def _undo(seen: dict[str, Any]) -> Meaning:
+    """What was done last is taken back first: a draft goes without a word."""
+    return Meaning("redo" if seen["shift"] else "undo", must=seen["shift"] or not seen["drafts"])
+
+
+def _verdict(what: str, seen: dict[str, Any]) -> Meaning:
+    if seen["many"]:
+        return Meaning(f"{what} all", must="auto" in seen["marked"])
+    return Meaning(what, seen["current"], seen["able"] and bool(seen["current"]), seen["state"])
+
+
+def _click_means(seen: dict[str, Any]) -> Meaning | None:
+    on, dialog = seen["on"], seen["dialog"]
+    kind, _, name = on.partition(" ")
+    if kind == "board":
+        return {
+            "keep": Meaning("use", seen["mark"], True), "hide": Meaning("use", seen["mark"], True),
+            "snap": Meaning("put", seen["mark"]), "undo": _undo(seen), "fill": Meaning("fill"),
+        }.get(name)  # fmt: skip
+    if kind == "act":
+        return _act_means(name, seen)
+    drawing = {"mask": Meaning("draw"), "": Meaning("add") if seen["adding"] else None}
+    return {
+        "back": Meaning("back", must=True), "drop": Meaning("drop"),
+        "reason": Meaning("reason", must=seen["asked"] == "why"),
+        "magnified": Meaning("put", seen["mark"], must=True),
+        "placing-save": Meaning("stand"), "pane": drawing.get(dialog),
+    }.get(on)  # fmt: skip
+
+
+def _act_means(name: str, seen: dict[str, Any]) -> Meaning | None:
+    if name in VERDICTS.values():
+        return _verdict(name, seen)
+    if name in ("role", "refine"):
+        return Meaning(name, seen["current"], seen["able"])
+    return {
+        "redo": Meaning("redo", must=True), "undo": _undo({**seen, "shift": False}),
+        "accept-all": Meaning("accept all"),
+    }.get(name)  # fmt: skip
+
+
+def _board_means(seen: dict[str, Any]) -> Meaning | None:
+    key, mark = seen["key"], seen["mark"]
+    letter = key.lower() if len(key) == 1 else key
+    if not mark or (seen["repeat"] and key not in ARROWS):
+        return None
+    if letter in ("y", "v", "n"):
+        return Meaning("use", mark, must=True)
+    if letter in ("u", "l"):
+        return _undo(seen) if letter == "u" else Meaning("fill")
+    if letter == "Enter" or (key in ARROWS and not seen["onMark"]):
+        return Meaning("put", mark)
+    return None
+
+
+def _mask_means(seen: dict[str, Any]) -> Meaning | None:
+    key = seen["key"]
+    if key in PRESSES:
+        return Meaning("draw")
+    return _undo(seen) if key.lower() == "u" and not seen["repeat"] else None
+
+
+def _placed_means(seen: dict[str, Any]) -> Meaning | None:
+    return Meaning("stand") if seen["key"] == "s" else None
+
+
+SHEETS: dict[str, Callable[[dict[str, Any]], Meaning | None]] = {
+    "board": _board_means, "mask": _mask_means, "placed": _placed_means,
+}  # fmt: skip
+"""What keys mean in an open sheet; in any other they decide nothing."""
+SAID = {
+    name: tuple(words(language)[f"notice.{name}"].partition("{")[0] for language in ("en", "cs"))
+    for name in (*REFUSED, *(name for names in ANSWERS.values() for name in names))
+}
+"""How each of these notices begins."""
+
+
+def is_about(decision: Decision, key: str) -> bool:
+    """True when a decision is about a row or a mark of the board."""
+    one, _, other = key.partition("|")
+    point, photo = getattr(decision, "point_id", None), getattr(decision, "photo_id", None)
+    if type(decision).__name__ == "SetRole":
+        return point == one
+    if point is not None:
+        return (point, photo) == (one, other)
+    return photo in (one, other)
