@@ -69,13 +69,15 @@ def measure_like(
     if isinstance(found, Failure):
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
     best = _measured(scan, found, pixel_mm)
-    # What is most like the example from afar may reach into the picture, which differs.
+    # What is most like the example from afar may reach into the picture, which differs: another
+    # size goes before it where all of its copies stand.
+    whole = len(found.layout.names)
     for size in sizes:
-        if len(best.marks) == len(found.layout.names):
+        if len(best.marks) == whole:
             break
         if size is not found.mark:
             other = _measured(scan, replace(found, mark=size), pixel_mm)
-            best = other if len(other.marks) > len(best.marks) else best
+            best = other if len(other.marks) == whole else best
     return best
 
 
