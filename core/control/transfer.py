@@ -56,6 +56,10 @@ CANDIDATES = 8
 # design: what a peak of a pass is off by, before it is refined.
 PEAK_PX = 1.0
 """Standard deviation per axis of a peak's place, pixels of the pass."""
+# design: film, lens and interior orientation bend by a pixel or two what no adjustment tells.
+UNTOLD_PX = 2.0
+"""Standard deviation per axis of a prediction beyond what all orientations together tell, scan
+pixels. Where each photo is judged by itself, what they share counts twice and makes up for it."""
 # design: 5 mm of a frame of 230 mm at 15 micrometres are 300 px; less is still photograph.
 EDGE_PX = 8.0
 """Nearer than this to the edge of a scan nothing is proposed, pixels."""
@@ -207,7 +211,9 @@ def proposed(
         target = Shown.of(around.opened(photo_id), where.position, where.slope)
         if not _inside(target):
             continue
-        covariance = expected_spread(around, where, target.opened.photo)
+        spread = expected_spread(around, where, target.opened.photo)
+        untold = UNTOLD_PX if where.joint is not None else 0.0
+        covariance = spread + np.eye(2) * untold**2
         found = _searched(photo_id, sources, target, covariance)
         if isinstance(found, Failure):
             failures[photo_id] = found
