@@ -127,13 +127,12 @@ def add_new(added: Verbs) -> None:
     verb.add_argument(
         "--crs", default="", metavar="CRS", help="its CRS, where the project names none"
     )
-    margin = verb.add_mutually_exclusive_group()
-    margin.add_argument(
-        "--read-margin", action="store_true", help="say what is written beside the pictures"
+    verb.add_argument(
+        "--read-margin", action="store_true", help="say what is printed beside the pictures"
     )
-    margin.add_argument(
+    verb.add_argument(
         "--accept-margin", action="store_true",
-        help="and write into block.toml on what all scans agree",
+        help="the same, and write into block.toml on what all scans agree",
     )  # fmt: skip
     add_operator(verb)
 

@@ -10,7 +10,7 @@ from core.geometry.camera import Camera
 from core.raster.scan_file import Scratch, UsableArea, open_scan, read_overview
 from core.scans.interior_orientation import orient_scan
 from core.scans.photo_mask import find_scratches
-from tests.core.scans.film_maker import Film, make_film, write_gray
+from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
 
 FILM = Film(fiducials={}, turn_deg=0.4)
 SIZE = round((2 * FILM.half_mm + 5.0) / FILM.pixel_mm)
@@ -93,7 +93,8 @@ def test_a_scan_shorter_than_a_scratch_has_none__truth(tmp_path: Path) -> None:
 
 def test_the_mask_of_a_scan_leaves_out_its_scratches_alone__truth(tmp_path: Path) -> None:
     path = drawn([(BRIGHT, 235, 1)], tmp_path / "film.tif")
-    camera = Camera("little", 60.0, (60.0, 60.0), fiducials_mm={})
+    # Marks that are known and not there are given up at once; unknown ones are sought everywhere.
+    camera = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
     usable = orient_scan(path, camera, FILM.pixel_mm * 1000).masked().scan.usable
     assert usable is not None
     cells = UsableArea.of(usable.mask, usable.size_px)
