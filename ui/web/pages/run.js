@@ -60,8 +60,10 @@ export async function watchRun(changed) {
   } catch {
     return lookAgain();
   }
-  const busy = state.run.state === "running" || state.run.state === "done";
-  state.timer = setTimeout(() => watchRun(changed), busy ? BUSY_MS : IDLE_MS);
+  // The desk, which may have taken this port, knows runs of its own: only its edition tells.
+  const wait = state.run.state === "done" ? BUSY_MS : IDLE_MS;
+  if (state.run.state !== "running") return lookAgain(wait);
+  state.timer = setTimeout(() => watchRun(changed), BUSY_MS);
 }
 
 /** Files and settings take the place of this page. */
@@ -75,12 +77,12 @@ export function setUpSettings() {
 }
 
 /** Another page may be open at this address by now. */
-export async function lookAgain() {
+export async function lookAgain(wait = BUSY_MS) {
   const answer = await fetch("/start").catch(() => null);
   const edition = answer?.ok ? (await answer.json()).edition : start.edition;
   if (edition !== start.edition) return location.reload();
   clearTimeout(state.timer);
-  state.timer = setTimeout(() => watchRun(state.changed), BUSY_MS);
+  state.timer = setTimeout(() => watchRun(state.changed), wait);
 }
 
 /** @param {number} seconds */
