@@ -138,6 +138,7 @@ AWAY = {
 }  # fmt: skip
 """Write settings, begin a run or leave the page: tests of the start page go that way."""
 DECIDING_ELSEWHERE = {f"board={name}" for name in (*ON_BOARD, "undo", "fill")}
+DECIDING_ELSEWHERE |= {"act=undo", "act=redo"}
 SHEETS = {
     "": "", "help": "h", "quality": "b", "board": "i", "mask": "Shift+I", "placement": "g",
     "results": "#results-open", "points": "#points-open", "naming": "#who", "placed": "Shift+G",
@@ -253,6 +254,9 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
         known = len(session.decisions())
         page.keyboard.press("u")
         wait_until(lambda known=known: len(session.decisions()) > known)
+    page.keyboard.press("Escape")
+    for act in ("redo", "undo"):
+        decided("Withdraw", f"[data-act={act}]", len(session.decisions()))
 
 
 @pytest.mark.parametrize("language", ["en-GB", "cs-CZ"])

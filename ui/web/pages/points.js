@@ -16,6 +16,8 @@ const state = {
   reading: /** @type {Record<string, any>} */ ({}),
   found: /** @type {ReadList | null} */ (null),
   error: "",
+  /** How often the list was read; only the last answer counts. */
+  turn: 0,
 };
 
 export function setUpPoints() {
@@ -36,8 +38,9 @@ export function setUpPoints() {
 }
 
 function open() {
+  const turn = state.turn + 1;
   Object.assign(state,
-    { name: "", data: null, reading: {}, found: null, foreign: null, error: "" });
+    { name: "", data: null, reading: {}, found: null, foreign: null, error: "", turn });
   draw();
   if (!byId("points").open) byId("points").showModal();
 }
@@ -59,7 +62,10 @@ async function ask(act, data, name, reading) {
 
 async function readAgain() {
   if (!state.data) return;
+  const turn = ++state.turn;
   const answer = await ask("read", state.data, state.name, state.reading);
+  // An answer to what was chosen before would draw the newer choices away.
+  if (turn !== state.turn) return;
   state.error = answer.error ? again(answer.error) : "";
   state.found = answer.error || answer.format ? null : answer;
   state.foreign = answer.format ? answer : null;
