@@ -19,8 +19,8 @@ from sessions.session import Session
 from tests.journeys.copies import REPOSITORY, BlockCopy, copied, started
 
 SCANS = 2
-KILLS_A_STAGE = 2
-ROWS_OF_DECISIONS = 4
+KILLS_A_STAGE = 1
+ROWS_OF_DECISIONS = 12
 BEFORE_DECISIONS = STAGE_NAMES.index("adjustment")
 TABLES = (
     "control_points.csv",
