@@ -32,6 +32,7 @@ OLDER_NOTE = "† older version of the code than that of the newest row."
 CHANGED_NOTE = "The code has changed since the newest row."
 MARKED = re.compile(r"(<!-- (table|sample): ([\w-]+) -->\n)(.*?)(<!-- /\2 -->)", re.DOTALL)
 """A place of a page that this program fills."""
+REPEATED_PASS = re.compile(r"\(pass [2-9]\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +155,11 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def draw_sample(sample: Sample) -> str:
-    """The output as a block, with the command and the version that printed it."""
-    told = f"Output of `{sample.command}`, version {sample.commit} of {sample.date[:10]}."
-    return "```text\n" + "\n".join(sample.lines) + f"\n```\n\n{told}\n"
+    """The output as a block without repeated passes, with command and version that printed it."""
+    lines = [line for line in sample.lines if not REPEATED_PASS.search(line)]
+    told = f"Output of `{sample.command}`, version {sample.commit} of {sample.date[:10]}"
+    told += "; the repeated passes are left out." if len(lines) < len(sample.lines) else "."
+    return "```text\n" + "\n".join(lines) + f"\n```\n\n{told}\n"
 
 
 @cache
