@@ -209,7 +209,7 @@ def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter)
             elif opener:
                 page.keyboard.press(opener)
             if sheet:
-                page.wait_for_selector(f"#{sheet}[open] :is(button, iframe)")
+                page.wait_for_selector(f"#{sheet}[open]:not(:has([aria-busy])) :is(button, iframe)")
 
         again()
         if sheet == "placed":
@@ -283,7 +283,7 @@ def test_axe_finds_nothing_on_pages_with_content__oracle(rooms, enter, axe, lang
     look("film", page)
     page.keyboard.press("Escape")
     page.click("#results-open")
-    page.wait_for_selector("#results[open]")
+    page.wait_for_selector("#results[open] li")
     look("results", page)
     assert {name: lines for name, lines in found.items() if lines} == {}
 

@@ -39,7 +39,7 @@ export function setUpBoard() {
 export function openBoard(known) {
   const sheet = byId("board");
   if (sheet.open) return sheet.close();
-  const waiting = element("p", { class: "muted" }, word("quality.wait"));
+  const waiting = element("p", { class: "muted" }, word("wait"));
   first(".view-body", sheet).replaceChildren(waiting);
   sheet.showModal();
   state.found = null;

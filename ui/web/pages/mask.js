@@ -61,7 +61,7 @@ export function setUpMask() {
 export function openMask(known, photo) {
   const sheet = byId("mask");
   if (sheet.open) return sheet.close();
-  renew(first(".view-body", sheet), element("p", { class: "muted" }, word("quality.wait")));
+  renew(first(".view-body", sheet), element("p", { class: "muted" }, word("wait")));
   sheet.showModal();
   Object.assign(state, { outline: [], fitted: "", current: photo ?? state.current });
   if (known) showMask(known);

@@ -43,7 +43,7 @@ export function setUpPlacement() {
 export function openPlacement(known) {
   const sheet = byId("placement");
   if (sheet.open) return sheet.close();
-  const waiting = element("p", { class: "muted" }, word("quality.wait"));
+  const waiting = element("p", { class: "muted" }, word("wait"));
   first(".view-body", sheet).replaceChildren(waiting);
   sheet.showModal();
   state.found = null;

@@ -24,7 +24,7 @@ export function setUpQuality() {
 export function openQuality(known) {
   const sheet = byId("quality");
   if (sheet.open) return sheet.close();
-  sheet.replaceChildren(element("p", { class: "muted" }, word("quality.wait")));
+  sheet.replaceChildren(element("p", { class: "muted" }, word("wait")));
   sheet.showModal();
   state.shown = "";
   if (known) showQuality(known);

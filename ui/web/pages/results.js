@@ -15,22 +15,27 @@ export function setUpResults() {
 }
 
 async function open() {
+  const sheet = byId("results");
+  const list = element("div", { "aria-busy": "true" }, word("wait"));
+  // The sheet opens before its list is there, so that no key goes to what lies below.
+  sheet.replaceChildren(
+    element("h2", {}, word("results")), element("p", {}, word("results.long")), list,
+    ...exporting(),
+    element("button", { onclick: () => sheet.close() }, word("act.close")));
+  sheet.showModal();
   const answer = await fetch("/results/");
   /** @type {[name: string, bytes: number][]} */
   const files = answer.ok ? await answer.json() : [];
   const folders = [...new Set(files.map(([name]) => folderOf(name)))];
-  byId("results").replaceChildren(
-    element("h2", {}, word("results")), element("p", {}, word("results.long")),
+  list.removeAttribute("aria-busy");
+  list.replaceChildren(
     ...folders.map((folder) => {
       const lines = files.filter(([name]) => folderOf(name) === folder).map(line);
-      const list = element("ul", {}, ...lines);
+      const inside = element("ul", {}, ...lines);
       const said = `${folder}/ (${lines.length})`;
-      return folder ? element("details", {}, element("summary", {}, said), list) : list;
+      return folder ? element("details", {}, element("summary", {}, said), inside) : inside;
     }),
-    files.length ? "" : element("p", {}, word("results.none")),
-    ...exporting(),
-    element("button", { onclick: () => byId("results").close() }, word("act.close")));
-  byId("results").showModal();
+    files.length ? "" : element("p", {}, word("results.none")));
 }
 
 /** @param {string} name */
