@@ -91,7 +91,8 @@ def parser(language: str = LANGUAGES[0]) -> Parser:
     add_language(top, default="")
     added = Verbs(tell, top.add_subparsers(title=again("verbs"), required=True, metavar="VERB"))
     for build in (
-        add_new, add_run, add_review, add_report, add_export, add_import, add_demo, add_doctor,
+        add_new, add_run, add_review, add_report, add_export, add_import, add_check, add_demo,
+        add_doctor,
     ):  # fmt: skip
         build(added)
     return top
@@ -247,6 +248,31 @@ def imported_formats() -> tuple[str, ...]:
     return tuple(dict.fromkeys((POINT_TABLE, *format_names(reads=True))))
 
 
+def add_check(added: Verbs) -> None:
+    """`check`."""
+    examples = {
+        "gruber check plan kobyli-1938": "before its first run: nothing is known of its accuracy",
+        "gruber check plan kobyli-1938 --cells 8x5 --seed 7": "another grid, other places",
+        "gruber check plan kobyli-1938 --points survey.csv": "surveyed points instead",
+    }
+    verb = add_verb(added, "check", "plan places at which the mosaic is to be checked", examples)
+    verb.add_argument("what", choices=["plan"], metavar="plan", help="choose the places")
+    add_block(verb)
+    verb.add_argument(
+        "--cells", type=grid_size, default=None, metavar="6x5",
+        help="columns and rows of the grid, a place for each cell (enough for 30 places)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--seed", type=whole_number(0), default=1, metavar="N",
+        help="decides between places that are shown equally well (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--points", type=Path, default=None, metavar="FILE",
+        help="a list of surveyed points, as [control] points",
+    )  # fmt: skip
+    add_operator(verb)
+
+
 def add_demo(added: Verbs) -> None:
     """`demo`."""
     examples = {
@@ -374,6 +400,14 @@ def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
         return int(text)
 
     return number
+
+
+def grid_size(text: str) -> tuple[int, int]:
+    """Columns and rows of a grid, such as 6x5."""
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdecimal() and 1 <= int(part) <= 99 for part in parts):
+        raise argparse.ArgumentTypeError(f"must be like 6x5, not {text}")
+    return int(parts[0]), int(parts[1])
 
 
 def metres(text: str) -> float:

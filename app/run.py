@@ -206,7 +206,7 @@ class Run:
         """Lay the operator's decisions over the block and adjust it."""
         found, cameras = self.films, self.given.cameras
         block = self.session.replayed(self.assembly.report.block, found, cameras)
-        decisions = [recorded.decision_id for recorded in self.session.decisions()]
+        decisions = self.session.changing()
         options = self.given.adjustment
         digest = self.digest_of("adjustment", 4, self.digests["control"], decisions, options)
         self.digests["adjustment"] = digest

@@ -23,6 +23,8 @@ from app.bring_points import (
     reading_of,
     told_lines,
 )
+from app.check_plan import PlanWish, plan_checks
+from app.check_plan import told_lines as told_plan
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
 from app.exchange import export_block, import_into
@@ -239,6 +241,21 @@ def bring(given: argparse.Namespace, voice: Voice) -> None:
         voice.say(voice.tell("brought.nothing"))
     for note in brought.notes:
         voice.say(note)
+
+
+def check(given: argparse.Namespace, voice: Voice) -> None:
+    """A plan of places to be checked; the block is run as far as it takes to know its ground."""
+    project = read_project(given.block)
+    with Session.open(project.folder, given.operator) as session:
+        if session.products.latest_value("georeference") is None:
+            Run(project, session, voice, RunOptions(last="georeference")).walk()
+        began, title = time.monotonic(), "Places to be checked"
+        progress = voice.stage("check", title)
+        wish = PlanWish(given.cells, given.seed, given.points)
+        made = plan_checks(project, session, wish, progress)
+        voice.ended("check", title, time.monotonic() - began, "")
+    for line in told_plan(made):
+        voice.say(line)
 
 
 def tell_points(brought: BroughtPoints, path: Path, voice: Voice) -> None:

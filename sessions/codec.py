@@ -55,6 +55,7 @@ from core.mosaic.composition import MosaicProduct
 from core.mosaic.radiometry import Balance
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
+from core.quality.check_plan import CheckPlace
 from core.raster.grid import Grid
 from core.raster.holes import Hole
 from core.raster.scan_file import ScanFile, Scratch, UsableArea
@@ -79,6 +80,7 @@ REGISTERED: tuple[type, ...] = (
     Bin,
     Block,
     Camera,
+    CheckPlace,
     CheckResult,
     ClassFigures,
     Contradiction,

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 from core.block import Measurement, Role
 from core.formats.listed_point import ListedPoint
+from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
@@ -239,6 +240,40 @@ class FillMarks:
 
 
 @dataclass(frozen=True, slots=True)
+class PlanChecks:
+    """Places at which the mosaic is to be checked; a later plan stands beside it."""
+
+    places: tuple[CheckPlace, ...]
+    """The places; their names bear the number of the plan."""
+    cells: tuple[int, int]
+    """Columns and rows of the grid they were drawn on; (0, 0) for a list of the user."""
+    seed: int
+    """What they were drawn with."""
+    source: str
+    """Name of the user's list; empty where they were drawn."""
+    beforehand: bool
+    """Whether no control had been searched yet."""
+    digest: str
+    """Of all this: two plans are the same when it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadCheck:
+    """The same detail in mosaic and reference, as one observer saw it; or that there is none."""
+
+    place_id: str
+    """The place of the plan."""
+    mosaic: tuple[float, float] | None
+    """Easting and northing of the detail in the mosaic, metres; None where none is to be seen."""
+    reference: tuple[float, float] | None
+    """Easting and northing in the reference, or of the surveyed point, metres; None likewise."""
+    version: str
+    """Of the mosaic that was looked at."""
+    reason: str = ""
+    """Why nothing could be read."""
+
+
+@dataclass(frozen=True, slots=True)
 class Withdraw:
     """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
 
@@ -254,9 +289,11 @@ PointsDecision = SetRole | AddPoint | BringPoints
 """A decision about surveyed points themselves."""
 ScanDecision = DrawMask | PlacePhoto
 """A decision about a whole scan: its mask, or where it lies."""
+JudgingDecision = PlanChecks | ReadCheck
+"""A decision that judges the block and changes nothing of it."""
 Decision = (
     PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | ScanDecision
-    | Withdraw
+    | JudgingDecision | Withdraw
 )  # fmt: skip
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)
@@ -291,6 +328,20 @@ def standing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
         if isinstance(recorded.decision, Withdraw):
             withdrawn.add(recorded.decision.decision_id)
     return tuple(reversed(kept))
+
+
+def changing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
+    """Records that say something of the block itself: no plan, no reading, nor their undoing."""
+    judging: set[int] = set()
+    kept: list[Recorded] = []
+    for item in decisions:
+        said = item.decision
+        back = isinstance(said, Withdraw) and said.decision_id in judging
+        if back or isinstance(said, JudgingDecision):
+            judging.add(item.decision_id)
+        else:
+            kept.append(item)
+    return tuple(kept)
 
 
 def last_to_undo(decisions: Sequence[Recorded], operator: str) -> Recorded | None:

@@ -26,19 +26,24 @@ from sessions.decisions import (
     ChoosePeak,
     Decision,
     DrawMask,
+    FiducialDecision,
     FillMarks,
     JudgeFiducial,
     JudgePhoto,
     JudgeTie,
+    JudgingDecision,
     MarkDubious,
     MarkNotVisible,
     PhotoDecision,
     Place,
     PlaceFiducial,
     PlacePhoto,
+    PlanChecks,
     PointsDecision,
+    ReadCheck,
     Recorded,
     Reject,
+    ScanDecision,
     SetRole,
     Withdraw,
     standing,
@@ -94,10 +99,16 @@ def replay(
             case JudgeTie() | JudgePhoto() as decision:
                 after = judged(block, decision)
                 matched, block = after is not None, after or block
-            case JudgeFiducial() | PlaceFiducial() | FillMarks() as decision:
-                matched = knows(block, decision)
-            case DrawMask() | PlacePhoto() as decision:
-                matched = knows_subject(block, decision)
+            case (
+                JudgeFiducial()
+                | PlaceFiducial()
+                | FillMarks()
+                | DrawMask()
+                | PlacePhoto()
+                | PlanChecks()
+                | ReadCheck()
+            ) as decision:
+                matched = _is_known(block, decision)
             case decision:
                 matched = _decide(block, surveyed, measurements, decision, recorded=recorded)
         if not matched:
@@ -106,6 +117,17 @@ def replay(
     block = replace(block, surveyed=surveyed, measurements=measurements)
     block = with_masks(block, standing_masks(decisions))
     return Replayed(stand_on_points(block, taken_out(decisions)), tuple(unmatched))
+
+
+def _is_known(block: Block, decision: FiducialDecision | ScanDecision | JudgingDecision) -> bool:
+    """Whether what a decision is about is in this block; a check is always of it."""
+    match decision:
+        case JudgeFiducial() | PlaceFiducial() | FillMarks():
+            return knows(block, decision)
+        case DrawMask() | PlacePhoto():
+            return knows_subject(block, decision)
+        case _:
+            return True
 
 
 def taken_out(decisions: Sequence[Recorded]) -> frozenset[str]:

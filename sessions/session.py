@@ -21,6 +21,7 @@ from sessions.decisions import (
     Decision,
     Recorded,
     Withdraw,
+    changing,
     last_to_redo,
     last_to_undo,
     standing,
@@ -125,6 +126,13 @@ class Session:
     def since(self, decision_id: int) -> tuple[Recorded, ...]:
         """What was recorded after a given decision, by whomever; 0 for everything."""
         return tuple(self._recorded(row) for row in self._store.rows(after=decision_id))
+
+    def changing(self) -> list[int]:
+        """Numbers of the records that say something of the block itself.
+
+        What follows from the block depends on these; plans and readings of checks change nothing.
+        """
+        return [item.decision_id for item in changing(self.decisions())]
 
     def replayed(
         self, block: Block, found: Films | None = None, given: Mapping[str, Camera] | None = None

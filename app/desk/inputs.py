@@ -397,7 +397,7 @@ class OrthoMaker:
             walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
             walk.stand_in(report, mosaic, change)
             write_all(session, walk.content(), self.reference.dem)
-            decisions = [recorded.decision_id for recorded in session.decisions()]
+            decisions = session.changing()
             products = session.products
             products.save_value("adjustment", products.digest_of("desk", decisions), report)
             walk.threads.close()

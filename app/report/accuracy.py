@@ -12,10 +12,9 @@ from core.geometry.robust import robust_sigma
 from core.mosaic.comparison import (
     OUTLIER_RULE,
     MosaicAccuracy,
-    circular_error_90,
-    rms_interval,
 )
 from core.quality.check_points import CHECKS, STANDARD_LEAST, independent_checks, kept_out
+from core.quality.readings import circular_error_90, rms_interval
 
 
 def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:

@@ -23,6 +23,8 @@ KINDS = {
     "DrawMask": "masks drawn",
     "PlacePhoto": "photos placed",
     "FillMarks": "fiducials",
+    "PlanChecks": "checks planned",
+    "ReadCheck": "checks read",
 }
 """What each kind of decision is counted as."""
 

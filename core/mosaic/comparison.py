@@ -16,7 +16,6 @@ import rasterio
 from jaxtyping import Float32, Float64
 from scipy import ndimage
 from scipy.spatial import KDTree
-from scipy.special import chdtri
 
 from core.arrays import Flags, Mask, Scalars, locked
 from core.errors import CrsError, ReferenceDataError
@@ -25,6 +24,7 @@ from core.geometry.robust import robust_sigma
 from core.matching.peaks import highest_places
 from core.matching.template_search import correlation_scores
 from core.progress import SILENT, Progress
+from core.quality.readings import circular_error_90, rms_interval
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho, OrthoPatch, open_ortho
 from core.said import say
@@ -409,28 +409,6 @@ def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
         refused={reason: refused.count(reason) for reason in sorted(set(refused))},
         ground_sample_distance_m=grid.ground_sample_distance_m,
         places=places,
-    )
-
-
-def circular_error_90(m_p: float) -> float:
-    """CE90: the radius that holds 90 % of normal errors alike in both coordinates.
-
-    The length of such errors has the Rayleigh distribution 1 - exp(-r^2 / m_p^2), so the factor is
-    the root of ln 10 = 1.5174. FGDC-STD-007.3-1998 rounds it to 1.5175 in its appendix 3-D.
-
-    Args:
-        m_p: Root of the mean squared length of the errors, of both coordinates together.
-    """
-    return float(m_p * np.sqrt(np.log(10)))
-
-
-def rms_interval(rms: float, degrees_of_freedom: int) -> tuple[float, float]:
-    """95 % interval of a root mean square of so many independent normal errors."""
-    # source: definition of a two-sided interval of 95 %
-    high, low = chdtri(degrees_of_freedom, [0.025, 0.975])
-    return (
-        float(rms * np.sqrt(degrees_of_freedom / high)),
-        float(rms * np.sqrt(degrees_of_freedom / low)),
     )
 
 

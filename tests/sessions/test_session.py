@@ -13,6 +13,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.errors import StorageError
 from core.formats.listed_point import ListedPoint
+from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
 from sessions.decisions import (
     DECISIONS,
@@ -31,6 +32,8 @@ from sessions.decisions import (
     Place,
     PlaceFiducial,
     PlacePhoto,
+    PlanChecks,
+    ReadCheck,
     Reject,
     SetRole,
     Withdraw,
@@ -66,6 +69,8 @@ EVERY: tuple[Decision, ...] = (
     DrawMask("A", ((1.0, 2.0), (3.0, 4.0), (5.0, 1.0)), 0.0, hides=True),
     PlacePhoto("A", ((10.0, 20.0, 500000.5, 5400000.5),)),
     PlaceFiducial("A", "3", 10.25, 2 / 3),
+    PlanChecks((CheckPlace("1-01", 1.5, 2 / 3, 0.04),), (6, 5), 1, "", True, "abc"),
+    ReadCheck("1-01", (1.5, 2 / 3), (1.25, 0.5), "abc"),
     Withdraw(3),
 )
 

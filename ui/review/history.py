@@ -20,6 +20,8 @@ from sessions.decisions import (
     Place,
     PlaceFiducial,
     PlacePhoto,
+    PlanChecks,
+    ReadCheck,
     Recorded,
     Reject,
     SetRole,
@@ -78,7 +80,7 @@ def _explained(recorded: Sequence[Recorded]) -> set[int]:
 def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
     """True when a decision is about a measurement, or about its whole point."""
     match decision:
-        case Withdraw() | DrawMask() | FillMarks():
+        case Withdraw() | DrawMask() | FillMarks() | PlanChecks() | ReadCheck():
             return False
         case PlacePhoto(photo_id=photo_id):
             return photo_id == key[1]
@@ -95,7 +97,16 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
 def key_of(decision: Decision, extra: Extra) -> Key | None:
     """The measurement a decision is about; None where it is about more than one."""
     match decision:
-        case Withdraw() | SetRole() | BringPoints() | DrawMask() | PlacePhoto() | FillMarks():
+        case (
+            Withdraw()
+            | SetRole()
+            | BringPoints()
+            | DrawMask()
+            | PlacePhoto()
+            | FillMarks()
+            | PlanChecks()
+            | ReadCheck()
+        ):
             return None
         case AddPoint(point_id=point_id, measured=measured):
             return (point_id, measured[0].photo_id) if measured else None
@@ -118,6 +129,8 @@ def subject_of(decision: Decision) -> str:
         case BringPoints(points=points):
             rest = f" + {len(points) - 1}" if len(points) > 1 else ""
             return points[0].point_id + rest if points else ""
+        case ReadCheck(place_id=name) | PlanChecks(digest=name):
+            return name
         case _:
             return getattr(decision, "point_id", "")
 

@@ -7,12 +7,8 @@ from affine import Affine
 from scipy import ndimage
 
 from core.errors import CrsError, ReferenceDataError
-from core.mosaic.comparison import (
-    ComparisonOptions,
-    circular_error_90,
-    compare_orthos,
-    rms_interval,
-)
+from core.mosaic.comparison import ComparisonOptions, compare_orthos
+from core.quality.readings import circular_error_90, rms_interval
 
 CRS = "EPSG:32633"
 WEST, NORTH = 500_000.0, 4_100_000.0

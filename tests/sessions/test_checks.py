@@ -1,0 +1,72 @@
+"""Plans of checks in the session: each by its name, none erased by the next."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from core.block import Block
+from core.quality.check_plan import CheckPlace
+from sessions.checks import new_plan, readings_of, standing_plans
+from sessions.decisions import Accept, PlanChecks, ReadCheck, Recorded, changing
+from sessions.replay import replay
+from sessions.session import Session
+
+PLACES = (CheckPlace("01", 10.0, 20.0), CheckPlace("02", 30.0, 40.0, 0.04))
+
+
+def plan(session: Session, seed: int = 1) -> PlanChecks:
+    said = session.decisions()
+    return new_plan(PLACES, (6, 5), seed, "", beforehand=True, decisions=said)
+
+
+def test_a_later_plan_stands_beside_the_first_under_other_names__law(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        first = session.record(plan(session))
+        second = session.record(plan(session, seed=2))
+        plans = standing_plans(session.decisions())
+    assert [one.recorded for one in plans] == [first, second]
+    names = [[place.place_id for place in one.plan.places] for one in plans]
+    assert names == [["1-01", "1-02"], ["2-01", "2-02"]]
+    assert plans[0].plan.digest != plans[1].plan.digest
+
+
+def test_a_plan_that_was_changed_is_seen_by_its_digest__law(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        session.record(made := plan(session))
+        session.record(replace(made, places=made.places[1:]))
+        plans = standing_plans(session.decisions())
+    assert [one.unchanged for one in plans] == [True, False]
+
+
+def test_the_newest_reading_of_each_observer_counts__law(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        for place, who in (((1.0, 1.0), "ada"), ((2.0, 2.0), "bob"), ((3.0, 3.0), "ada")):
+            session.record(ReadCheck("1-01", place, place, "m"), operator=who)
+        session.record(ReadCheck("1-02", None, None, "m", "changed"), operator="bob")
+        session.undo("bob")
+        read = readings_of(session.decisions())
+    assert {key: one[1].mosaic for key, one in read.items()} == {
+        ("1-01", "ada"): (3.0, 3.0),
+        ("1-01", "bob"): (2.0, 2.0),
+    }
+
+
+def test_plans_and_readings_change_nothing_of_the_block__law(tmp_path: Path, block: Block) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        session.record(Accept("P1", "A"))
+        alone, before = session.changing(), replay(block, session.decisions())
+        session.record(plan(session))
+        session.record(ReadCheck("1-01", (1.0, 1.0), (1.5, 1.0), "m"))
+        session.undo()
+        session.redo()
+        after = replay(block, session.decisions())
+        assert session.changing() == alone == [1]
+        session.record(Accept("P1", "B"))
+        assert len(session.changing()) == 2
+    assert before.block.measurements == after.block.measurements
+    assert not after.unmatched
+
+
+def test_records_that_judge_are_told_from_those_that_change__law() -> None:
+    said = [Recorded(1, "t", "ada", Accept("P1", "A")),
+            Recorded(2, "t", "ada", ReadCheck("1-01", None, None, "m", "blurred"))]  # fmt: skip
+    assert [item.decision_id for item in changing(said)] == [1]
