@@ -15,6 +15,7 @@ from app.desk.exporting import export_routes
 from app.desk.filling import Filling
 from app.desk.lasting import lasting_token as lasting_token
 from app.desk.measuring import Errors, PhotoToPhoto
+from app.desk.mosaic import MosaicFile, mosaic_on_disk
 from app.placing import Placeable, standing_block
 from app.project import Project, described
 from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
@@ -41,9 +42,7 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, level_of, open_reference
-from core.mosaic.composition import MosaicProduct
 from core.progress import SILENT, Part, Progress
-from core.raster.holes import Hole
 from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
@@ -60,15 +59,15 @@ from ui.review.state import (
     Evidence,
     InitialState,
     Made,
+    ShownMosaic,
 )
 from ui.review.tiles import OrthoSource, ScanWindow
 from ui.review.to_measure import points_of_user
 from ui.views.meshes import SurfaceSource, TerrainOptions
+from ui.web.tiles import MosaicTiles, no_tiles
 
 SEARCH_M = 12.0
 """How far about the expected place reference and scan are compared, metres."""
-Holes = tuple[Hole, ...] | None
-"""Holes inside a mosaic; None without one."""
 MOSAIC_WORK = 2.0
 """Making the mosaic takes about as long as this many orthos."""
 
@@ -86,7 +85,7 @@ def no_evidence(report: AdjustmentReport) -> Evidence:
     return NO_EVIDENCE
 
 
-def no_mosaic() -> Holes:
+def no_mosaic() -> ShownMosaic | None:
     """There is none."""
     return None
 
@@ -151,8 +150,10 @@ class DeskInputs:
     """What the equations of an adjustment tell beside its report."""
     transfer: PhotoToPhoto | None = None
     """Finds a place of some photos in others; None where there is nothing to find it with."""
-    holes: Callable[[], Holes] = no_mosaic
-    """Holes inside the mosaic on disk."""
+    mosaic: Callable[[], ShownMosaic | None] = no_mosaic
+    """The mosaic on disk."""
+    mosaic_tiles: MosaicTiles = no_tiles
+    """What the tiles of the mosaic are drawn from."""
     routes: tuple[web.RouteDef, ...] = ()
     """Addresses that need the block's folder: exports."""
     has_ortho: bool = True
@@ -169,7 +170,7 @@ def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
     return DeskState(
-        desk.block, desk.report, made=made, written_of=desk.written_of, holes=desk.holes()
+        desk.block, desk.report, made=made, written_of=desk.written_of, mosaic=desk.mosaic()
     )
 
 
@@ -177,7 +178,15 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
     """All that the desk knows as it opens."""
     state = first_state(desk)
     drawn = drawn_from_block(state.oriented)
-    return DeskSnapshot(desk.block, state, desk.dem, drawn, desk.initial, desk.doubts)
+    return DeskSnapshot(
+        desk.block,
+        state,
+        desk.dem,
+        drawn,
+        desk.initial,
+        desk.doubts,
+        height_sigma_m=desk.reference_sigma_m[2],
+    )
 
 
 def desk_inputs(
@@ -227,7 +236,8 @@ def desk_inputs(
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
         routes=export_routes(project.file),
         results=session.results,
-        holes=lambda: holes_of(session),
+        mosaic=lambda: mosaic_on_disk(session),
+        mosaic_tiles=MosaicFile(session.results / "mosaic.tif", block.crs),
         remake=OrthoMaker(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
         written_of=latest,
@@ -240,12 +250,6 @@ def desk_inputs(
         token=lasting_token(project.folder / HIDDEN),
         template_m=template_m(report.block, reference.ortho, given.control.orientation),
     )
-
-
-def holes_of(session: Session) -> Holes:
-    """Holes inside the mosaic that was made last."""
-    mosaic = cast("MosaicProduct | None", session.products.latest_value("mosaic"))
-    return None if mosaic is None else mosaic.holes
 
 
 def initial_state_of(given: BlockInput, session: Session, placed: Georeferenced) -> InitialState:

@@ -393,7 +393,7 @@ class ReviewLoop:
         else:
             oriented = replace(state, report=ended.made_with).oriented
             made = with_made(state, ended.photo_ids, oriented)
-            state = replace(made, written_of=ended.made_with, holes=self._inputs.holes())
+            state = replace(made, written_of=ended.made_with, mosaic=self._inputs.mosaic())
             notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
         stale = stale_photos(state, self._inputs.stale_m)
         self._now = replace(self._now, state=state, stale=stale)

@@ -105,7 +105,8 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     state = first_state(desk)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
     coarse = CoarseOrtho(desk.ortho)
-    sources = Sources(coarse, desk.dem, desk.read_scan, lattice, desk.likeness, coarse.ready)
+    read, alike, mosaic = desk.read_scan, desk.likeness, desk.mosaic_tiles
+    sources = Sources(coarse, desk.dem, read, lattice, alike, coarse.ready, mosaic)
     tiles = TileStore(sources)
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
     access = Access(desk.host, desk.token) if desk.token else Access(desk.host)

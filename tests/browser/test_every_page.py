@@ -141,6 +141,7 @@ DECIDING_ELSEWHERE = {f"board={name}" for name in (*ON_BOARD, "undo", "fill")}
 DECIDING_ELSEWHERE |= {"act=undo", "act=redo"}
 SHEETS = {
     "": "", "help": "h", "quality": "b", "board": "i", "mask": "Shift+I", "placement": "g",
+    "mosaic": "Shift+O",
     "results": "#results-open", "points": "#points-open", "naming": "#who", "placed": "Shift+G",
 }  # fmt: skip
 """Everything that opens at the desk: by a key or a button."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, cast, get_args
 
 from ui.review.drawing import MaskDrawn, mask_from_message
+from ui.review.mosaic import MosaicPicked, NearAsked, near_from_message, picked_from_message
 from ui.review.state import (
     KINDS,
     LAYERS,
@@ -311,7 +312,7 @@ class Freed:
 
 Looking = (
     Stepped | Selected | Sorted | Filtered | Aimed | PhotoEntered | ReliefRaised | LayerSwitched
-    | VectorsScaled | Fitted | QualityAsked | SheetAsked | AnswerAsked
+    | VectorsScaled | Fitted | QualityAsked | SheetAsked | AnswerAsked | MosaicPicked | NearAsked
 )  # fmt: skip
 Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
@@ -472,6 +473,8 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "sheet": _sheet,
     "mark": _mark,
     "draw": mask_from_message,
+    "pick": picked_from_message,
+    "near": near_from_message,
     "mark-use": lambda seat, message: MarkJudged(
         seat, str(message["photo"]), str(message["name"]), bool(message["use"])
     ),

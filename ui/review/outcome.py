@@ -57,6 +57,7 @@ from ui.review.gestures import (
     VectorsScaled,
 )
 from ui.review.history import taken_back
+from ui.review.mosaic import MosaicPicked, NearAsked, near_place, picked_part
 from ui.review.new_points import begun, given_up
 from ui.review.picture import Part
 from ui.review.queue import (
@@ -138,7 +139,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _act(gesture, seat, desk)
         case TakenBack(decision_id=decision_id):
             return Outcome(seat, taken_back(decision_id, desk.recorded))
-        case Aimed():
+        case Aimed() | MosaicPicked():
             return _aim(gesture, seat, desk)
         case _:
             return Outcome(_moved(gesture, seat, desk))
@@ -362,8 +363,10 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
 
-def _aim(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """What the pointer meets in 3D."""
+def _aim(gesture: Aimed | MosaicPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """What the pointer meets in 3D, or on the mosaic."""
+    if isinstance(gesture, MosaicPicked):
+        return Outcome(seat, answer=("picked", picked_part(gesture, desk)))
     match gesture.act:
         case "pick":
             return _pick(gesture, seat, desk)
@@ -458,6 +461,8 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
             return replace(seat, operator=name)
         case QualityAsked(shown=shown, pair=pair):
             return replace(seat, quality=shown, pair=pair or seat.pair)
+        case NearAsked():
+            return near_place(gesture, seat, desk)
         case SheetAsked(sheet=sheet, shown=shown):
             return replace(seat, sheet=sheet if shown else "")
         case Stepped(step=step, undecided=undecided):

@@ -6,6 +6,7 @@ from functools import cache
 from ui.review.board import board_part
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
+from ui.review.mosaic import mosaic_part
 from ui.review.picture import (
     Part,
     Pictured,
@@ -129,6 +130,9 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                 lambda: mask_part(state, desk.base, desk.drawn, desk.recorded),
             ),
         )
+    if seat.sheet == "mosaic":
+        sources = (state.mosaic, desk.stale, desk.outlines, report)
+        yield "mosaic", (sources, lambda: mosaic_part(desk))
     if seat.sheet == "placement":
         yield "placement", (adjusted, lambda: placement_part(state, desk.initial, desk.doubts))
 

@@ -48,6 +48,8 @@ class DeskSnapshot:
     """What turning a measurement or keeping a draft would do; None where that was not found."""
     recorded: Sequence[Recorded] = ()
     """Every decision."""
+    height_sigma_m: float = 0.5
+    """Standard deviation of the heights of the ground, metres."""
     adjustments: tuple[AdjustmentRecord, ...] = ()
     """Adjustments of this sitting."""
     seats: Mapping[str, Seat] = field(default_factory=dict[str, Seat])

@@ -10,6 +10,7 @@ from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.control.prediction import Covariances, JointErrors, Prediction
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
+from core.mosaic.composition import MosaicProduct
 from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
 from sessions.decisions import ChoosePeak, Place
@@ -31,9 +32,9 @@ StateFilter = Literal[
 STATE_FILTERS: tuple[StateFilter, ...] = (
     "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
-Sheet = Literal["", "board", "placement", "mask"]
+Sheet = Literal["", "board", "placement", "mask", "mosaic"]
 """A view laid over the desk, beside that of the block's quality."""
-SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask")
+SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask", "mosaic")
 LAYERS: tuple[str, ...] = (
     "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
     "checks", "ties", "tie_vectors", "labels",
@@ -244,6 +245,16 @@ class ToMeasure:
 NOTHING_TO_MEASURE = ToMeasure()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownMosaic:
+    """The mosaic on disk as the desk shows it."""
+
+    product: MosaicProduct
+    """The file, its seams and holes."""
+    version: int
+    """When it was written, milliseconds since 1970: part of the address of its tiles."""
+
+
 def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
     """True when two adjustments come to the same tables."""
     states = [
@@ -277,14 +288,19 @@ class DeskState:
     """The adjustment that tables and report on disk tell of; None where there are none."""
     free: tuple[bool, bool] = (True, True)
     """Whether cameras are estimated, and whether gross errors are looked for."""
-    holes: tuple[Hole, ...] | None = None
-    """Holes inside the mosaic on disk; None where there is none."""
+    mosaic: "ShownMosaic | None" = None
+    """The mosaic on disk; None where there is none."""
     extra: Extra = NO_EXTRA
     """Tie points, photos and fiducials to be judged."""
     evidence: Evidence = NO_EVIDENCE
     """What the equations of the newest adjustment tell."""
     to_measure: ToMeasure = NOTHING_TO_MEASURE
     """Points of the user that wait to be measured."""
+
+    @property
+    def holes(self) -> tuple[Hole, ...] | None:
+        """Holes inside the mosaic on disk; None where there is none."""
+        return None if self.mosaic is None else self.mosaic.product.holes
 
     @property
     def written(self) -> bool:

@@ -39,6 +39,8 @@ LARGE_PX = 4000
 """Scans larger than this are not read whole before their first tile is shown."""
 Grey = UInt8[np.ndarray, "rows columns"]
 Colour = UInt8[np.ndarray, "rows columns 3"]
+Clear = UInt8[np.ndarray, "rows columns 4"]
+"""Red, green, blue and opacity."""
 ScanWindow = Callable[[Path, int, int, int, int, int], Raster]
 """(scan, column, row, columns, rows, reduction) -> grey values of a window of a raw scan."""
 LONGEST_PX = 3072
@@ -132,6 +134,19 @@ def ortho_tile(ortho: OrthoSource, grid: Grid) -> Colour:
     if left >= east or right <= west or bottom >= north or top <= south:
         return np.full((grid.rows, grid.columns, 3), OUTSIDE, dtype=np.uint8)
     return ortho.read_colour(grid)
+
+
+def mosaic_tile(mosaic: OrthoSource, grid: Grid, even: Callable[[Colour], Colour]) -> Clear:
+    """The mosaic on a grid with its opacity: clear where no photo shows the ground.
+
+    Args:
+        mosaic: Black where it shows nothing, and nowhere else.
+        grid: Where.
+        even: What is done to the colours before they are shown.
+    """
+    colour = mosaic.read_colour(grid)
+    opacity = np.where(colour.any(axis=2), 255, 0).astype(np.uint8)
+    return np.dstack([even(colour), opacity])
 
 
 def warped_tile(

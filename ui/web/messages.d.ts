@@ -304,6 +304,35 @@ interface Eye {
   slope: number;
   size: Pair;
 }
+/** The part of the mosaic that one photo shows, metres east and north. */
+interface SeamOf { photo: string; date: string; label: Pair; rings: Pair[][] }
+/** The mosaic on disk; version 0 and nothing else where there is none. */
+interface Mosaic {
+  version: number;
+  stale: string[];
+  written?: string;
+  pixel?: number;
+  /** West, south, east, north, metres. */
+  bounds?: number[];
+  area?: number;
+  seams?: SeamOf[];
+  borders?: Record<string, Pair[]>;
+  holes?: [east: number, north: number, area: number][];
+  hole_count?: number;
+}
+/** What a place on the mosaic leads to; photo is null where none shows it. */
+interface PickedPlace {
+  number: number;
+  place: [east: number, north: number, height: number | null];
+  photo: string | null;
+  date?: string;
+  stale?: boolean;
+  pixel?: number | null;
+  sigma?: Pair | null;
+  others?: [photo: string, nadir: number, pixel: number][];
+  points?: number;
+  nearest?: number | null;
+}
 /** A key of the catalogue with its values. */
 interface Notice { text: string; values: Record<string, string>; grave: boolean }
 /** The parts of the desk as they were told last. */
@@ -317,6 +346,8 @@ interface Parts {
   board?: Board;
   placement?: Placement;
   mask?: Masks;
+  mosaic?: Mosaic;
+  picked?: PickedPlace;
   scene?: SceneSwitches;
   card?: Card;
   sight?: Sight;
@@ -492,6 +523,8 @@ interface Ids {
   contrast: HTMLInputElement;
   help: HTMLDialogElement;
   "mark-room": HTMLElement | null;
+  mosaic: HTMLDialogElement;
+  "mosaic-share": HTMLInputElement;
   "name-field": HTMLInputElement;
   naming: HTMLDialogElement;
   placement: HTMLDialogElement;

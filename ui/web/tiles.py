@@ -22,6 +22,7 @@ from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource
 from ui.review.tiles import (
     LARGE_PX,
     WALLIS_RADIUS,
+    Clear,
     Colour,
     Grey,
     Lattice,
@@ -31,6 +32,7 @@ from ui.review.tiles import (
     fit_stretch,
     frame_picture,
     local_contrast,
+    mosaic_tile,
     ortho_tile,
     overview_of,
     raw_tile,
@@ -42,12 +44,23 @@ from ui.review.tiles import (
 CACHE_BYTES = 192 * 2**20
 """Encoded tiles kept in memory."""
 JPEG_QUALITY = 90
+Picture = Grey | Colour | Clear
 THUMBNAIL = 96
 """Width and height of the small pictures of a point in its other scans, pixels."""
 
 
+MosaicTiles = Callable[[int], OrthoSource | None]
+"""(version) -> the mosaic; None where there is none."""
+PNG = b"\x89PNG"
+
+
 def _always(grid: Grid) -> bool:
     return True
+
+
+def no_tiles(version: int) -> OrthoSource | None:
+    """There is no mosaic."""
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +79,8 @@ class Sources:
     """Compares reference and scan."""
     ready: Callable[[Grid], bool] = _always
     """False while a tile of the ortho would have to wait for its files to be read whole."""
+    mosaic: MosaicTiles = no_tiles
+    """The mosaic by its version."""
 
 
 class ScanTiles:
@@ -94,7 +109,7 @@ class ScanTiles:
         """Stop drawing."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    async def tile(self, address: str, draw: Callable[[], Grey | Colour]) -> bytes:
+    async def tile(self, address: str, draw: Callable[[], Picture]) -> bytes:
         """The encoded tile of an address, drawn when it is not kept."""
         kept = self._kept.get(address)
         if kept is not None:
@@ -150,6 +165,15 @@ class TileStore(ScanTiles):
         if not wallis:
             return ortho_tile(self.sources.ortho, grid)
         return _inner(_evened(ortho_tile(self.sources.ortho, _wider(grid))))
+
+    def mosaic(self, version: int, place: tuple[int, int, int], wallis: bool) -> Clear:
+        """A tile of the mosaic, clear where it shows nothing."""
+        source, grid = self.sources.mosaic(version), self.sources.lattice.tile(*place)
+        if source is None:
+            raise web.HTTPNotFound(text="There is no mosaic.")
+        if not wallis:
+            return mosaic_tile(source, grid, lambda colour: colour)
+        return _inner(mosaic_tile(source, _wider(grid), _evened))
 
     def scan(self, photo: DrawnPhoto, grid: Grid, wallis: bool) -> Grey:
         """A part of a scan warped to a ground grid."""
@@ -216,6 +240,10 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
             raise web.HTTPServiceUnavailable(headers={"Cache-Control": "no-store"})
         return await _answer(store, request, lambda: store.ortho(place, wallis))
 
+    async def mosaic(request: web.Request) -> web.StreamResponse:
+        version, place, wallis = _version(request), _place(request), _wallis(request)
+        return await _answer(store, request, lambda: store.mosaic(version, place, wallis))
+
     async def scan(request: web.Request) -> web.StreamResponse:
         place, wallis, photo = _place(request), _wallis(request), _photo(store, request)
         grid = store.sources.lattice.tile(*place)
@@ -239,13 +267,20 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
     return [
         web.get("/tiles/ortho" + TILE, ortho),
         web.get("/tiles/scan" + PHOTO + TILE, scan),
+        web.get(r"/tiles/mosaic/{version:\d+}" + TILE, mosaic),
         web.get("/tiles/likeness" + PHOTO + position, likeness),
         web.get("/tiles/point" + PHOTO + "/{east}/{north}/{pixel}", thumbnail),
     ]
 
 
-def encoded_tile(picture: Grey | Colour) -> bytes:
-    """JPEG of a picture, grey or red-green-blue."""
+def encoded_tile(picture: Picture) -> bytes:
+    """JPEG of a picture, grey or red-green-blue; PNG of one that is clear in places."""
+    if picture.ndim == 3 and picture.shape[2] == 4:
+        if picture[:, :, 3].all():
+            return encoded_tile(picture[:, :, :3])
+        done, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA))
+        assert done
+        return cast(np.ndarray, data).tobytes()
     ordered = picture if picture.ndim == 2 else picture[:, :, ::-1]
     done, data = cv2.imencode(".jpg", ordered, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert done
@@ -265,14 +300,15 @@ def as_veil(values: np.ndarray) -> bytes:
 
 
 async def _answer(
-    store: ScanTiles, request: web.Request, draw: Callable[[], Grey | Colour]
+    store: ScanTiles, request: web.Request, draw: Callable[[], Picture]
 ) -> web.StreamResponse:
     try:
         data = await store.tile(request.path_qs, draw)
     except PhotogrammetryError as error:
         raise web.HTTPNotFound(text=str(error)) from error
     headers = {"Cache-Control": "private, max-age=86400, immutable"}
-    return web.Response(body=data, content_type="image/jpeg", headers=headers)
+    kind = "image/png" if data.startswith(PNG) else "image/jpeg"
+    return web.Response(body=data, content_type=kind, headers=headers)
 
 
 def _place(request: web.Request) -> tuple[int, int, int]:
@@ -280,6 +316,13 @@ def _place(request: web.Request) -> tuple[int, int, int]:
     if level > 20 or max(abs(column), abs(row)) > 10**6:
         raise web.HTTPNotFound
     return level, column, row
+
+
+def _version(request: web.Request) -> int:
+    version = request.match_info["version"]
+    if len(version) > 15:
+        raise web.HTTPNotFound
+    return int(version)
 
 
 def _window(request: web.Request) -> tuple[int, int, int, int]:

@@ -27,7 +27,8 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
     ("R", "raw"), ("L", "likeness"), ("O", "edges"), ("T", "flicker"),
     ("Z", "together"), ("P", "act.add"), ("B", "quality"),
-    ("I", "board"), ("Shift+I", "mask"), ("G", "placement"), ("Shift+G", "placing"), ("X", "grow"),
+    ("I", "board"), ("Shift+I", "mask"), ("G", "placement"), ("Shift+G", "placing"),
+    ("Shift+O", "mosaic"), ("X", "grow"),
     (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the text of what it does."""

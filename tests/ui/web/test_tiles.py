@@ -86,3 +86,59 @@ def test_addresses_beyond_reason_are_not_there__law(store, drawn):
                 assert (await client.get(path)).status == 404, path
 
     asyncio.run(visit())
+
+
+class HalfMosaic:
+    """A mosaic that shows the eastern half of the ground in one gray."""
+
+    def __init__(self, split: float) -> None:
+        self.split = split
+        self.bounds = (split - 1000.0, -1e6, split + 1000.0, 1e6)
+        self.ground_sample_distance_m = 0.5
+
+    def read_colour(self, grid):
+        across, _ = grid.centres()
+        gray = np.where(across > self.split, 120, 0).astype(np.uint8)
+        return np.repeat(np.repeat(gray[None, :, None], grid.rows, 0), 3, 2)
+
+
+def test_the_mosaic_is_clear_where_it_shows_nothing_and_a_jpeg_where_it_is_whole__law():
+    tiny = tiny_block()
+    lattice = Lattice.over(tiny.land.today.bounds, 0.5)
+    split = lattice.west + 1.5 * TILE * lattice.pixel_m
+    asked = []
+
+    def mosaic(version):
+        asked.append(version)
+        return HalfMosaic(split) if version == 7 else None
+
+    store = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice, mosaic=mosaic))
+    application = web.Application()
+    application.add_routes(tile_routes(store))
+
+    async def ask():
+        async with TestClient(TestServer(application)) as client:
+            found = []
+            for address in (
+                "7/0/1/0",
+                "7/0/2/0",
+                "7/0/1/0?wallis=1",
+                "8/0/1/0",
+                f"{'9' * 16}/0/1/0",
+            ):
+                answer = await client.get(f"/tiles/mosaic/{address}")
+                found.append((answer.status, answer.content_type, await answer.read()))
+            return found
+
+    half, whole, even, none, absurd = asyncio.run(ask())
+    store.close()
+    assert half[:2] == (200, "image/png")
+    picture = cv2.imdecode(np.frombuffer(half[2], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (TILE, TILE, 4)
+    assert np.array_equal(picture[0, :, 3] > 0, np.arange(TILE) >= TILE // 2)
+    assert np.unique(picture[:, TILE // 2 :, :3]).tolist() == [120]
+    assert whole[:2] == (200, "image/jpeg")
+    evened = cv2.imdecode(np.frombuffer(even[2], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(evened[..., 3], picture[..., 3])
+    assert (none[0], absurd[0]) == (404, 404)
+    assert asked == [7, 7, 7, 8]

@@ -18,6 +18,9 @@ import {
   openPlacement, placementKey, placementState, setUpPlacement, showPlacement,
 } from "./placement.js";
 import { maskKey, maskState, openMask, setUpMask, showMask } from "./mask.js";
+import {
+  mosaicKey, mosaicState, openMosaic, setUpMosaic, showMosaic, showPicked, tellMosaic,
+} from "./mosaic.js";
 import { openPlaced, setUpPlaced } from "./placed.js";
 import { setUpPoints } from "./points.js";
 import { setUpResults } from "./results.js";
@@ -132,6 +135,7 @@ const ACTS = {
   board: () => openBoard(state.parts.board),
   placement: () => openPlacement(state.parts.placement),
   mask: () => openMask(state.parts.mask, state.parts.point?.key[1]),
+  mosaic: openMosaic,
   placing,
   theme: nextTheme,
   tour: startTour,
@@ -151,12 +155,13 @@ const TEXTS = {
   placement: "placement", theme: "theme", tour: "tour", "fit-whole": "fit.whole",
   "fit-current": "fit.current", details: "details", edges: "edges",
   flicker: "flicker", together: "together", mask: "mask", placing: "placing",
+  mosaic: "mosaic",
 };
 /** @type {Record<string, State>} */
 const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };
 /** What a key does with Shift. @type {Record<string, string>} */
 const SHIFTED = {
-  undo: "redo", accept: "accept-all", board: "mask", placement: "placing",
+  undo: "redo", accept: "accept-all", board: "mask", placement: "placing", edges: "mosaic",
 };
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
@@ -186,6 +191,7 @@ function sheetKey(event, /** @type {HTMLDialogElement} */ sheet) {
   if (sheet.id === "board") return boardKey(event, letter);
   if (sheet.id === "placement") return placementKey(event, letter);
   if (sheet.id === "mask") return maskKey(event, letter);
+  if (sheet.id === "mosaic") return mosaicKey(event, letter);
   const closes = event.key === "Escape" || letter === CLOSED_BY[sheet.id];
   if (closes && event.type === "keydown") sheet.close();
   return event.key === "Escape" || event.key.length === 1;
@@ -305,6 +311,7 @@ function receive(message) {
   if (fresh.status) {
     showStatus(fresh.status);
     showFilling(fresh.status.filling);
+    tellMosaic(fresh.status);
   }
   if (parts.status && (fresh.status || "point" in fresh)) {
     showPeople(parts.status, parts.point?.key);
@@ -313,6 +320,8 @@ function receive(message) {
   if (fresh.board) showBoard(fresh.board);
   if (fresh.placement) showPlacement(fresh.placement);
   if (fresh.mask) showMask(fresh.mask);
+  if (fresh.mosaic) showMosaic(fresh.mosaic);
+  if (fresh.picked) showPicked(fresh.picked);
   if (fresh.scene) showScene(fresh.scene);
   if (fresh.card) showCard(fresh.card);
   if (fresh.sight) showSight(fresh.sight);
@@ -384,6 +393,7 @@ async function open() {
   setUpBoard();
   setUpPlacement();
   setUpMask();
+  setUpMosaic();
   setUpPlaced();
   setUpPoints();
   setUpResults();
@@ -395,7 +405,9 @@ async function open() {
   state.wanted = keptPlace();
   connect(receive);
   openScene();
-  window.gruber = { parts: state.parts, compareState, boardState, placementState, maskState };
+  window.gruber = {
+    parts: state.parts, compareState, boardState, placementState, maskState, mosaicState,
+  };
   if (tourIsNew()) startTour();
 }
 

@@ -40,6 +40,7 @@ export const SHAPES = {
   keys: drawn("M1.5 4.5h13v7h-13zM4 7h.1M6.7 7h.1M9.3 7h.1M12 7h.1M5 9.5h6"),
   quality: drawn("M2.5 13.5h11M4 11V7.5M8 11V3M12 11V5.5"),
   map: drawn("M2 4l4-1.5 4 1.5 4-1.5v9.5l-4 1.5-4-1.5-4 1.5zM6 2.5v9.5M10 4v9.5"),
+  mosaic: drawn("M2 4.5h5l1.5 3-1 5.5H2zM7 4.5h7v8.5H7.5M8.5 7.5L14 6"),
   mask: drawn("M9.5 3l3.5 3.5-6 6H3.5v-3.5zM8 4.5l3.5 3.5M2 14.5h12"),
   pin: drawn("M8 14.5c-3-3.5-4.5-5-4.5-7a4.5 4.5 0 0 1 9 0c0 2-1.5 3.5-4.5 7zM8 7h.1"),
   play: drawn("M5 3.5l7 4.5-7 4.5z"),

@@ -2,6 +2,7 @@
 import {
   all, byId, element, first, number, renew, shortName, start, svg, tip, word,
 } from "./words.js";
+import { mosaicButton } from "./mosaic.js";
 import { fewer, keptOut } from "./status.js";
 import { send } from "./wire.js";
 
@@ -67,6 +68,7 @@ function head({ sigma, mp, checks }) {
   const close = () => byId("quality").close();
   return element("header", {}, element("h2", {}, `${word("quality")} \u00b7 ${start.name}`),
     element("span", { class: "muted" }, words), element("span", { class: "stretch" }),
+    mosaicButton("quality"),
     element("button", { onclick: () => window.print() }, word("quality.print")),
     element("button", { id: "quality-close", onclick: close }, word("act.close")));
 }

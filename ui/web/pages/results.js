@@ -1,4 +1,5 @@
 // Tables and report, to be opened or taken away.
+import { mosaicButton } from "./mosaic.js";
 import { post } from "./run.js";
 import { again, byId, element, fileSize, start, word } from "./words.js";
 
@@ -19,7 +20,8 @@ async function open() {
   const list = element("div", { "aria-busy": "true" }, word("wait"));
   // The sheet opens before its list is there, so that no key goes to what lies below.
   sheet.replaceChildren(
-    element("h2", {}, word("results")), element("p", {}, word("results.long")), list,
+    element("h2", {}, word("results")), element("p", {}, word("results.long")),
+    element("p", {}, mosaicButton("results")), list,
     ...exporting(),
     element("button", { onclick: () => sheet.close() }, word("act.close")));
   sheet.showModal();

@@ -8,6 +8,7 @@ import { start } from "./words.js";
  * @property {(level: number, column: number, row: number) => string} address
  * @property {number} levels @property {number} pixel
  * @property {Pair} [extent] beyond it there is nothing, in the layer's unit
+ * @property {number[]} [box] left, top, right and bottom of all that there is, in the layer's unit
  * @property {Layer | null} [older] as the same was drawn before: better than nothing for a while
  */
 
@@ -117,8 +118,10 @@ function covering(layer, frame, [width, height]) {
   const level = levelFor(frame.scale * layer.pixel, layer.levels);
   const side = SIDE * layer.pixel * 2 ** level;
   const [right, low] = [frame.x + width / frame.scale, frame.y + height / frame.scale];
-  const first = [Math.floor(frame.x / side), Math.floor(frame.y / side)];
-  return { level, side, first, last: [Math.floor(right / side), Math.floor(low / side)] };
+  const [least, top, most, bottom] = layer.box ?? [-Infinity, -Infinity, Infinity, Infinity];
+  const tile = (/** @type {number} */ place) => Math.floor(place / side);
+  return { level, side, first: [tile(Math.max(frame.x, least)), tile(Math.max(frame.y, top))],
+    last: [tile(Math.min(right, most)), tile(Math.min(low, bottom))] };
 }
 
 /**
@@ -183,6 +186,20 @@ export function orthoLayer(wallis) {
   const { pixel, levels, width, height } = start.lattice;
   return { pixel, levels, extent: [width, height],
     address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${query(wallis)}` };
+}
+
+/**
+ * The mosaic; while it is drawn anew it is seen as it was.
+ * @param {Mosaic} mosaic @param {boolean} wallis @param {number} before its version before this
+ * @returns {Layer}
+ */
+export function mosaicLayer({ version, bounds = [] }, wallis, before = 0) {
+  const { pixel, levels } = start.lattice;
+  const [west, south, east, north] = bounds;
+  const box = [...layerFromGround([west, north]), ...layerFromGround([east, south])];
+  const older = before ? mosaicLayer({ version: before, stale: [], bounds }, wallis) : null;
+  return { pixel, levels, box, older,
+    address: (l, c, r) => `/tiles/mosaic/${version}/${l}/${c}/${r}${query(wallis)}` };
 }
 
 /**

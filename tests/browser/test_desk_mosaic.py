@@ -1,0 +1,158 @@
+"""The mosaic at the desk: looked at beside and over the ortho, and what a place on it leads to."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.browser.conftest import VIOLATIONS, RealDesk
+
+pytestmark = pytest.mark.browser
+Sit = Callable[..., Any]
+WHOLE = "() => gruber.mosaicState().drawn.whole"
+ALPHA = """pane => {
+  const canvas = document.querySelector(`#mosaic-panes [data-pane=${pane}] .picture`);
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const middle = Math.floor(canvas.height / 2) * canvas.width + Math.floor(canvas.width / 2);
+  return [3, 4 * middle + 3].map(at => data[at]);
+}"""
+"""Opacity in the corner and in the middle of a picture."""
+
+
+def open_mosaic(page: Any) -> None:
+    page.keyboard.press("Shift+O")
+    page.wait_for_selector("#mosaic[open] #mosaic-panes")
+    page.wait_for_function(WHOLE)
+
+
+def show(page: Any, key: str) -> None:
+    """Another view by its key, drawn whole."""
+    page.keyboard.press(key)
+    page.wait_for_timeout(100)
+    page.wait_for_function(WHOLE)
+
+
+def middle(page: Any) -> list[float]:
+    return page.evaluate(
+        "(() => { const [w, s, e, n] = gruber.mosaicState().found.bounds;"
+        " return [(w + e) / 2, (s + n) / 2]; })()"
+    )
+
+
+def on_screen(page: Any, pane: str, ground: list[float]) -> tuple[float, float]:
+    box = page.locator(f"#mosaic-panes [data-pane={pane}]").bounding_box()
+    x, y = page.evaluate("place => gruber.mosaicState().toScreen(place)", ground)
+    return box["x"] + x, box["y"] + y
+
+
+def test_the_mosaic_is_seen_beside_and_over_the_ortho__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    page.click("#results-open")
+    page.click("#results [data-open=mosaic]")
+    page.wait_for_selector("#mosaic[open] #mosaic-panes")
+    page.wait_for_function(WHOLE)
+    assert page.locator("#results[open]").count() == 0
+    # The whole mosaic is seen, and nothing beside it.
+    assert page.evaluate(ALPHA, "right") == [0, 255]
+    show(page, "2")
+    assert page.locator("#mosaic-panes [data-pane=right]").is_hidden()
+    box = page.locator("#mosaic-panes [data-pane=left]").bounding_box()
+    across, down = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(across, down)
+    page.mouse.down()
+    page.mouse.move(across - box["width"] / 4, down, steps=4)
+    page.mouse.up()
+    assert page.evaluate("gruber.mosaicState().look.share") == pytest.approx(0.25, abs=0.02)
+    show(page, "4")
+    assert page.evaluate(ALPHA, "left") == [0, 255]
+    page.keyboard.down(" ")
+    page.wait_for_function("gruber.mosaicState().look.blink")
+    page.keyboard.up(" ")
+    page.wait_for_function("!gruber.mosaicState().look.blink")
+    # Who goes away and comes back is where he was.
+    show(page, "+")
+    before = page.evaluate(
+        "(({view, look}) => [view.x, view.scale, look.mode])(gruber.mosaicState())"
+    )
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#mosaic", state="hidden")
+    page.keyboard.press("b")
+    page.click("#quality [data-open=mosaic]")
+    page.wait_for_selector("#mosaic[open]")
+    page.keyboard.press("Escape")
+    page.reload()
+    page.wait_for_selector(".row.current")
+    open_mosaic(page)
+    after = page.evaluate(
+        "(({view, look}) => [view.x, view.scale, look.mode])(gruber.mosaicState())"
+    )
+    assert after == [pytest.approx(before[0]), pytest.approx(before[1]), "difference"]
+
+
+def test_a_place_leads_to_its_photo_and_to_its_points__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    page = sit_at(real_desk.desk.guest_url, scene=False)
+    open_mosaic(page)
+    place = middle(page)
+    page.mouse.click(*on_screen(page, "right", place))
+    page.wait_for_selector("#mosaic-photo")
+    photo = page.get_attribute("#mosaic-photo", "title")
+    seams = {seam["photo"] for seam in page.evaluate("gruber.mosaicState().found.seams")}
+    assert photo in seams
+    assert "m" in page.inner_text('[data-figure="sigma"]')
+    # The same by keys alone: the crosshair is where the pointer left it.
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    page.wait_for_function("east => gruber.mosaicState().picked.place[0] > east + 1", arg=place[0])
+    photo = page.get_attribute("#mosaic-photo", "title")
+    place = page.evaluate("gruber.mosaicState().picked.place")
+    page.click("#mosaic-queue")
+    page.wait_for_selector("#mosaic", state="hidden")
+    page.wait_for_function("photo => gruber.parts.queue.filter.photo === photo", arg=photo)
+    page.wait_for_function("photo => gruber.parts.point.key[1] === photo", arg=photo)
+    nearest = page.evaluate("gruber.parts.point.marks.surveyed")
+    state = real_desk.desk.loop._now.state  # pyright: ignore[reportPrivateUsage]
+    points = [
+        point.position[:2]
+        for (name, seen), item in state.block.measurements.items()
+        if seen == photo and (point := state.point_of(name)) is not None
+    ]
+    away = np.linalg.norm(np.array(points) - place[:2], axis=1).min()
+    assert np.hypot(*np.subtract(nearest, place[:2])) == pytest.approx(away, abs=0.5)
+    open_mosaic(page)
+    page.click("#mosaic-scene")
+    page.wait_for_selector("#mosaic", state="hidden")
+    page.wait_for_function("photo => gruber.parts.scene.inside === photo", arg=photo)
+
+
+@pytest.mark.parametrize(("theme", "language"), [("dark", "en-GB"), ("light", "cs-CZ")])
+def test_axe_finds_nothing_on_the_mosaic_and_all_fits_a_small_screen__oracle(
+    sit_at: Sit, real_desk: RealDesk, axe: str, theme: str, language: str
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False, language=language)
+    page.evaluate(f"localStorage.setItem('gruber.theme', '{theme}')")
+    page.set_viewport_size({"width": 1366, "height": 768})
+    page.reload()
+    page.wait_for_selector(".row.current")
+    open_mosaic(page)
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#mosaic-photo")
+    page.evaluate(axe)
+    assert page.evaluate(VIOLATIONS) == []
+    for wide in ("#mosaic header", "#mosaic aside"):
+        room = page.locator(wide)
+        assert room.evaluate("room => room.scrollWidth <= room.clientWidth"), wide
+
+
+def test_without_a_mosaic_the_sheet_says_what_to_do__law(sit_at: Sit, desk: Any) -> None:
+    page = sit_at(desk.url, scene=False)
+    page.keyboard.press("Shift+O")
+    page.wait_for_selector("#mosaic-none:not([hidden]) button")
+    assert page.locator("#mosaic-panes").is_hidden()
+    page.keyboard.press("Shift+O")
+    page.wait_for_selector("#mosaic", state="hidden")

@@ -1,0 +1,155 @@
+"""The mosaic's sheet, what a place on it leads to, and how surely it lies where it is shown."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from core.adjustment.influence import influence_of
+from core.control.prediction import covariances_of
+from core.geometry.collinearity import rotations_from_increments
+from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
+from core.mosaic.composition import MosaicProduct
+from core.mosaic.seams import Seam
+from core.raster.grid import Grid
+from core.raster.holes import Hole
+from tests.ui.desk_block import OPTIONS, outlines, tiny_snapshot
+from ui.review.gestures import LOOKING, gesture_from_message
+from ui.review.mosaic import (
+    MosaicPicked,
+    NearAsked,
+    ground_sigma_m,
+    mosaic_part,
+    near_place,
+    nearest_keys,
+    picked_part,
+)
+from ui.review.outcome import outcome_of
+from ui.review.queue import visible
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Evidence, Seat, ShownMosaic
+
+EAST, WEST = "1938_01_016", "1938_01_014"
+
+
+@pytest.fixture(scope="module")
+def desk() -> DeskSnapshot:
+    """The tiny block with a mosaic of two photos that meet half-way."""
+    known = tiny_snapshot()
+    centres = [known.state.oriented.photos[name].exterior.centre for name in (WEST, EAST)]
+    middle = float(np.mean([centre[0] for centre in centres]))
+    west, east = middle - 600, middle + 600
+    south, north = (float(centres[0][1]) + side for side in (-500, 300))
+    seams = (
+        Seam(WEST, "1938-07-02", shapely.box(west, south, middle, north)),
+        Seam(EAST, "", shapely.box(middle, south, east, north)),
+    )
+    grid = Grid(west, north, 1.0, int(east - west), int(north - south))
+    holes = (Hole(900.0, west + 40.0, north - 30.0),)
+    product = MosaicProduct(Path("mosaic.tif"), grid, seams, {}, 0.5, holes)
+    influence = influence_of(known.state.report, OPTIONS)
+    assert influence is not None
+    evidence = Evidence(covariances=covariances_of(influence))
+    mosaic = ShownMosaic(product, 1_700_000_000_000)
+    state = replace(known.state, mosaic=mosaic, evidence=evidence)
+    return replace(known, state=state, outlines=outlines(state))
+
+
+def middle_of(desk: DeskSnapshot) -> tuple[float, float]:
+    """A place well inside the part of the western photo."""
+    assert desk.state.mosaic is not None
+    return desk.state.mosaic.product.seams[0].area.centroid.coords[0]
+
+
+def test_the_sheet_tells_seams_borders_holes_and_what_is_stale__truth(desk: DeskSnapshot) -> None:
+    part = mosaic_part(replace(desk, stale=(EAST,)))
+    assert part["version"] == 1_700_000_000_000
+    assert part["written"] == "2023-11-14T22:13"
+    assert part["stale"] == [EAST]
+    assert [seam["photo"] for seam in part["seams"]] == [WEST, EAST]
+    assert part["seams"][0]["label"] == pytest.approx(middle_of(desk), abs=0.1)
+    assert set(part["borders"]) == set(desk.state.oriented.photos)
+    assert part["holes"] == [[*part["holes"][0][:2], 900.0]]
+    assert part["area"] == 0.5 * 1200 * 800
+
+
+def test_without_a_mosaic_the_sheet_says_so__law() -> None:
+    assert mosaic_part(tiny_snapshot()) == {"version": 0, "stale": []}
+
+
+def test_a_place_leads_to_the_photo_that_shows_it__truth(desk: DeskSnapshot) -> None:
+    east, north = middle_of(desk)
+    told = picked_part(MosaicPicked("s", east, north, 7), desk)
+    photo = desk.state.oriented.photos[WEST]
+    assert (told["number"], told["photo"], told["date"]) == (7, WEST, "1938-07-02")
+    nadir = photo.ground_pixel_m(desk.state.oriented.camera_of(WEST))
+    assert told["pixel"] == pytest.approx(nadir, rel=0.05)
+    assert WEST in [name for name, _, _ in told["others"]]
+    assert told["points"] == sum(key[1] == WEST for key in desk.rows)
+    beside = picked_part(MosaicPicked("s", east - 5000, north, 8), desk)
+    assert beside["photo"] is None
+
+
+def test_the_sigma_of_a_place_is_what_the_covariances_scatter__oracle(desk: DeskSnapshot) -> None:
+    """Photos drawn from the covariance of one photo, their rays met with the ground."""
+    east, north = middle_of(desk)
+    block = desk.state.oriented
+    photo, camera = block.photos[WEST], block.camera_of(WEST)
+    height = float(desk.dem.heights(np.array([[east, north]]))[0])
+    position = np.array([east, north, height])
+    told = ground_sigma_m(desk, WEST, position)
+    assert told is not None
+    pixel = photo.pixel_from_object(position[None], camera)
+    rng = np.random.default_rng(3)
+    covariance = desk.state.evidence.covariances[WEST][:6, :6]
+    covariance = covariance * max(desk.state.report.sigma_nought, 1.0) ** 2
+    places = []
+    draws = rng.multivariate_normal(np.zeros(6), covariance, 4000)
+    turns = photo.exterior.object_from_image @ rotations_from_increments(draws[:, 3:])
+    for draw, turn in zip(draws, turns, strict=True):
+        centre = photo.exterior.centre + draw[:3]
+        exterior = ExteriorOrientation(centre, *angles_from_rotation(turn))
+        moved = replace(photo, exterior=exterior)
+        level = np.array([height + rng.normal(0, desk.height_sigma_m)])
+        places.append(moved.object_from_pixel(pixel, level, camera)[0, :2])
+    # Four thousand draws know a standard deviation to a ninetieth.
+    assert np.std(places, axis=0) == pytest.approx(told, rel=0.05)
+
+
+def test_of_a_photo_that_took_no_part_no_sigma_is_told__law(desk: DeskSnapshot) -> None:
+    bare = replace(desk, state=replace(desk.state, evidence=Evidence()))
+    assert picked_part(MosaicPicked("s", *middle_of(desk), 1), bare)["sigma"] is None
+
+
+def test_the_queue_goes_to_the_photos_points_nearest_first__law(desk: DeskSnapshot) -> None:
+    east, north = middle_of(desk)
+    seat = near_place(NearAsked("s", WEST, east, north), Seat("s", "anna"), desk)
+    shown = visible(desk.rows, seat)
+    assert seat.current == shown[0]
+    assert {key[1] for key in shown} == {WEST}
+    places = [desk.state.block.surveyed[key[0]].position[:2] for key in shown]
+    away = np.hypot(*(np.array(places) - (east, north)).T)
+    assert np.all(np.diff(away) >= 0)
+    assert nearest_keys(desk, WEST, east, north)[0] == (pytest.approx(away[0]), shown[0])
+    assert near_place(NearAsked("s", "nobody", east, north), seat, desk) is seat
+
+
+def test_asking_is_for_guests_too_and_answers_only_who_asked__law(desk: DeskSnapshot) -> None:
+    asked = gesture_from_message("s", {"kind": "pick", "number": 3, "place": middle_of(desk)})
+    assert isinstance(asked, LOOKING)
+    outcome = outcome_of(asked, Seat("s", "anna"), desk)
+    assert outcome.answer is not None
+    assert outcome.answer[0] == "picked"
+    assert outcome.answer[1]["photo"] == WEST
+    near = gesture_from_message("s", {"kind": "near", "photo": WEST, "place": middle_of(desk)})
+    assert isinstance(near, LOOKING)
+    assert outcome_of(near, Seat("s", "anna"), desk).seat.filter.photo_id == WEST
+
+
+@pytest.mark.parametrize("place", [[1e12, 0], [float("nan"), 0], ["x", 1], [1]])
+def test_a_place_nowhere_is_no_gesture__truth(place: list[object]) -> None:
+    for kind in ("pick", "near"):
+        message = {"kind": kind, "number": 1, "photo": WEST, "place": place}
+        assert gesture_from_message("s", message) is None

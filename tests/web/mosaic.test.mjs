@@ -1,0 +1,45 @@
+// Whose part of the mosaic a place lies in, and which tiles of it are asked for.
+import assert from "node:assert/strict";
+import test from "node:test";
+
+import { photoAt } from "../../ui/web/pages/mosaic_marks.js";
+import { fetchAhead, mosaicLayer } from "../../ui/web/pages/tiles.js";
+import { start } from "../../ui/web/pages/words.js";
+
+start.edition = "today";
+start.lattice = { west: 1000, north: 5000, pixel: 0.5, levels: 6, width: 4000, height: 3000 };
+
+const box = (west, south, east, north) => [[west, south], [east, south], [east, north],
+  [west, north]];
+const SEAMS = [
+  { photo: "a", rings: [box(0, 0, 100, 100), box(40, 40, 60, 60)] },
+  { photo: "b", rings: [box(40, 40, 60, 60)] },
+  { photo: "c", rings: [box(100, 0, 200, 100), box(300, 0, 310, 10)] },
+];
+
+test("a place belongs to the part that holds it, not to one that goes round it__truth", () => {
+  assert.equal(photoAt(SEAMS, [10, 10]), "a");
+  assert.equal(photoAt(SEAMS, [50, 50]), "b");
+  assert.equal(photoAt(SEAMS, [150, 50]), "c");
+  assert.equal(photoAt(SEAMS, [305, 5]), "c");
+  assert.equal(photoAt(SEAMS, [250, 50]), "");
+});
+
+test("no tile is asked for where there is no mosaic__law", () => {
+  const asked = [];
+  globalThis.Image = class {
+    set src(address) {
+      asked.push(address);
+    }
+  };
+  const mosaic = { version: 12, stale: [], bounds: [1100, 4000, 1300, 4900] };
+  const layer = mosaicLayer(mosaic, true, 11);
+  assert.equal(layer.older.address(0, 1, 2), "/tiles/mosaic/11/0/1/2?e=today&wallis=1");
+  fetchAhead(layer, { x: -5000, y: -5000, scale: 2 }, [40000, 40000]);
+  const columns = new Set(asked.map((address) => Number(address.split("/")[5])));
+  const rows = new Set(asked.map((address) => Number(address.split("/")[6].split("?")[0])));
+  // 128 m a tile: from 100 to 300 m east of the corner, from 100 to 1000 m south of it.
+  assert.deepEqual([Math.min(...columns), Math.max(...columns)], [0, 2]);
+  assert.deepEqual([Math.min(...rows), Math.max(...rows)], [0, 7]);
+  assert.ok(asked[0].startsWith("/tiles/mosaic/12/0/"));
+});

@@ -1,0 +1,220 @@
+"""The mosaic at the desk: what its sheet shows, and what a place on it leads to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any, cast
+
+import numpy as np
+import shapely
+from jaxtyping import Float64
+
+from core.arrays import Position
+from core.block import Block, SurveyedPoint
+from core.control.prediction import predict_points
+from core.mosaic.seams import Seam
+from ui.review.looks import short
+from ui.review.quality import footprint_polygons
+from ui.review.queue import passes, with_filter
+from ui.review.sight import photos_over
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Key, QueueFilter, Seat
+
+Part = dict[str, Any]
+HOLES_TOLD = 60
+"""Holes in the list; the largest come first."""
+STRAIGHT_PX = 1.0
+"""Seams are drawn to so many pixels of the mosaic."""
+STEPS_M = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""East and north of a place, metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class MosaicPicked:
+    """A place on the mosaic of which everything is asked: easting and northing, metres."""
+
+    seat_id: str
+    east: float
+    north: float
+    number: int
+    """The page's own number of the question, so that it knows the answer again."""
+
+
+@dataclass(frozen=True, slots=True)
+class NearAsked:
+    """The queue shall show the points of a photo, nearest to a place first."""
+
+    seat_id: str
+    photo_id: str
+    east: float
+    north: float
+
+
+def place_of(message: Mapping[str, Any]) -> tuple[float, float]:
+    """Easting and northing of a message.
+
+    Raises:
+        ValueError: They lie nowhere.
+    """
+    east, north = (float(value) for value in cast("list[Any]", message["place"]))
+    if not (abs(east) < 1e9 and abs(north) < 1e9):
+        raise ValueError("not a place")
+    return east, north
+
+
+def picked_from_message(seat_id: str, message: Mapping[str, Any]) -> MosaicPicked:
+    """A place on the mosaic."""
+    return MosaicPicked(seat_id, *place_of(message), int(message["number"]))
+
+
+def near_from_message(seat_id: str, message: Mapping[str, Any]) -> NearAsked:
+    """A photo and a place."""
+    return NearAsked(seat_id, str(message["photo"]), *place_of(message))
+
+
+def mosaic_part(desk: DeskSnapshot) -> Part:
+    """Seams, borders of the photos and holes of the mosaic on disk, and what of it is stale."""
+    shown = desk.state.mosaic
+    if shown is None:
+        return {"version": 0, "stale": []}
+    product = shown.product
+    gsd = product.grid.ground_sample_distance_m
+    written = datetime.fromtimestamp(shown.version / 1000, UTC)
+    borders = footprint_polygons(desk.state, desk.outlines)
+    return {
+        "version": shown.version,
+        "written": written.isoformat(timespec="minutes")[:16],
+        "pixel": gsd,
+        "bounds": [round(value, 2) for value in product.grid.bounds],
+        "area": round(product.covered_share * product.grid.columns * product.grid.rows * gsd**2),
+        "stale": list(desk.stale),
+        "seams": [_seam(seam, gsd) for seam in product.seams],
+        "borders": {
+            name: np.round(shapely.get_coordinates(polygon.exterior), 1).tolist()
+            for name, polygon in borders.items()
+        },
+        "holes": [
+            [round(hole.east, 1), round(hole.north, 1), round(hole.area_m2, 1)]
+            for hole in product.holes[:HOLES_TOLD]
+        ],
+        "hole_count": len(product.holes),
+    }
+
+
+def _seam(seam: Seam, gsd_m: float) -> Part:
+    """One photo's part as rings, and where its name is written."""
+    drawn = seam.area.simplify(STRAIGHT_PX * gsd_m)
+    parts = [part for part in shapely.get_parts(drawn) if part.area > 0]
+    largest = max(parts, key=lambda part: part.area, default=seam.area)
+    middle = largest.centroid
+    if not largest.contains(middle):
+        middle = largest.representative_point()
+    return {
+        "photo": seam.photo_id,
+        "date": seam.date,
+        "label": [round(middle.x, 1), round(middle.y, 1)],
+        "rings": [
+            np.round(shapely.get_coordinates(ring), 1).tolist()
+            for part in parts
+            for ring in (part.exterior, *part.interiors)
+        ],
+    }
+
+
+def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
+    """Which photo shows a place, how sharply and how surely; and which others could."""
+    east, north = gesture.east, gesture.north
+    height = float(desk.dem.heights(np.array([[east, north]]))[0])
+    told: Part = {
+        "number": gesture.number,
+        "place": [round(east, 2), round(north, 2), short(height, 1)],
+        "photo": None,
+    }
+    seam = seam_at(desk, east, north)
+    block = desk.state.oriented
+    if seam is None or seam.photo_id not in block.photos:
+        return told
+    name = seam.photo_id
+    photo = block.photos[name]
+    position = np.array([east, north, height if np.isfinite(height) else photo.ground_height_m])
+    pixel_from_plane = _pixel_from_plane(block, name, position)
+    sigma = ground_sigma_m(desk, name, position)
+    near = nearest_keys(desk, name, east, north)
+    return {
+        **told,
+        "photo": name,
+        "date": seam.date,
+        "stale": name in desk.stale,
+        "pixel": short(float(abs(np.linalg.det(pixel_from_plane))) ** -0.5, 3),
+        "sigma": None if sigma is None else [short(value, 2) for value in sigma],
+        "others": [
+            [one.photo_id, round(one.nadir_deg, 1), round(one.pixel_m, 3)]
+            for one in photos_over(position, block, desk.dem)
+        ],
+        "points": len(near),
+        "nearest": short(near[0][0], 0) if near else None,
+    }
+
+
+def seam_at(desk: DeskSnapshot, east: float, north: float) -> Seam | None:
+    """The part of the mosaic that holds a place; None beside all of them, and without a mosaic."""
+    place = shapely.Point(east, north)
+    seams = () if desk.state.mosaic is None else desk.state.mosaic.product.seams
+    return next((seam for seam in seams if seam.area.covers(place)), None)
+
+
+def ground_sigma_m(
+    desk: DeskSnapshot, photo_id: str, position: Position
+) -> tuple[float, float] | None:
+    """Predicted standard deviations of a place in the ortho of a photo, east and north, metres.
+
+    That of the photo's orientation, and what an error of the heights of the ground displaces. None
+    for a photo that took no part in the adjustment, of which nothing is known.
+    """
+    state = desk.state
+    block, covariances = state.oriented, state.evidence.covariances
+    if photo_id not in covariances:
+        return None
+    sigmas = np.array([0.0, 0.0, desk.height_sigma_m])
+    place = SurveyedPoint("", position, sigmas, "new", "hand")
+    alone = block.with_photos({photo_id: block.photos[photo_id]})
+    found = predict_points(alone, [place], covariances, state.report.sigma_nought)
+    if ("", photo_id) not in found:
+        return None
+    back = np.linalg.inv(_pixel_from_plane(block, photo_id, position))
+    spread = back @ found["", photo_id].covariance @ back.T
+    return float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))
+
+
+def _pixel_from_plane(
+    block: Block, photo_id: str, position: Position
+) -> Float64[np.ndarray, "2 2"]:
+    """Scan pixels per metre east and per metre north at a place."""
+    photo, camera = block.photos[photo_id], block.camera_of(photo_id)
+    pixels = photo.pixel_from_object(position + STEPS_M, camera)
+    return np.column_stack([pixels[1] - pixels[0], pixels[2] - pixels[0]])
+
+
+def nearest_keys(
+    desk: DeskSnapshot, photo_id: str, east: float, north: float
+) -> list[tuple[float, Key]]:
+    """Rows of a photo with their distance from a place, metres, nearest first."""
+    found: list[tuple[float, Key]] = []
+    for key, row in desk.rows.items():
+        point = desk.state.point_of(key[0])
+        if point is not None and passes(row, QueueFilter("all", photo_id)):
+            away = np.hypot(point.position[0] - east, point.position[1] - north)
+            found.append((float(away), key))
+    return sorted(found)
+
+
+def near_place(gesture: NearAsked, seat: Seat, desk: DeskSnapshot) -> Seat:
+    """The seat with the queue at a photo's points, the nearest to a place first and current."""
+    near = nearest_keys(desk, gesture.photo_id, gesture.east, gesture.north)
+    if not near:
+        return seat
+    seat = with_filter(seat, desk.rows, QueueFilter("all", gesture.photo_id))
+    keys = [key for _, key in near]
+    beside = set(keys)
+    rest = (key for key in seat.order if key not in beside)
+    return replace(seat, order=(*keys, *rest), current=keys[0])

@@ -1,0 +1,91 @@
+// What is drawn over the mosaic: seams with the names of their photos, borders of photos, holes.
+import { halo, text } from "./overlay.js";
+import { number, shortName } from "./words.js";
+
+/** @typedef {(ground: Pair) => Pair} OnScreen */
+
+const [SEAM, BORDER, HOLE] = ["#ffd23f", "#56b4e9", "#ff6b6b"];
+export const CHOSEN = "#ffffff";
+const NAME_PX = 44; // design: a part narrower than its name on the screen has none
+const TOLD_PX = 24; // design: smaller holes are only ringed, their areas would lie over each other
+
+/**
+ * Outlines of whole photos on the ground; that of the chosen one is named.
+ * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen @param {string} chosen
+ */
+export function drawBorders(context, { borders = {} }, onScreen, chosen) {
+  context.setLineDash([7, 5]);
+  for (const [name, ring] of Object.entries(borders)) {
+    outline(context, [ring.map(onScreen)], BORDER, name === chosen ? 2.6 : 1.1);
+    if (name === chosen) text(context, shortName(name), onScreen(ring[0]), BORDER);
+  }
+  context.setLineDash([]);
+}
+
+/**
+ * The chosen photo's part lies over the others.
+ * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen @param {string} chosen
+ */
+export function drawSeams(context, { seams = [] }, onScreen, chosen) {
+  const rings = seams.map((seam) => seam.rings.map((ring) => ring.map(onScreen)));
+  for (const strong of [false, true]) {
+    seams.forEach(({ photo }, at) => {
+      if ((photo === chosen) !== strong) return;
+      outline(context, rings[at], strong ? CHOSEN : SEAM, strong ? 2.2 : 1.3);
+    });
+  }
+  seams.forEach(({ photo, label }, at) => {
+    const across = rings[at].flat().map(([place]) => place);
+    if (Math.max(...across) - Math.min(...across) < NAME_PX) return;
+    const [x, y] = onScreen(label);
+    text(context, shortName(photo), [x - 16, y], photo === chosen ? CHOSEN : SEAM);
+  });
+}
+
+/**
+ * @param {Context} context @param {Pair[][]} rings on the screen @param {string} colour
+ * @param {number} wide
+ */
+function outline(context, rings, colour, wide) {
+  halo(context, colour, wide, () => {
+    for (const ring of rings) {
+      ring.forEach(([x, y], at) => (at ? context.lineTo(x, y) : context.moveTo(x, y)));
+      context.closePath();
+    }
+  });
+}
+
+/**
+ * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen
+ * @param {number} scale css pixels a metre
+ */
+export function drawHoles(context, { holes = [] }, onScreen, scale) {
+  for (const [east, north, area] of holes) {
+    const [x, y] = onScreen([east, north]);
+    const radius = Math.sqrt(area / Math.PI) * scale;
+    const reach = Math.max(6, radius + 4);
+    halo(context, HOLE, 1.6, () => context.arc(x, y, reach, 0, 7));
+    if (2 * radius > TOLD_PX) {
+      text(context, number(area, 0, "m\u00b2"), [x + reach + 4, y + 4], HOLE);
+    }
+  }
+}
+
+/**
+ * The photo whose part holds a place; empty beside all of them.
+ * @param {SeamOf[]} seams @param {Pair} ground
+ */
+export const photoAt = (seams, ground) =>
+  seams.find(({ rings }) => rings.filter((ring) => turnsRound(ring, ground)).length % 2)?.photo
+  ?? "";
+
+/** @param {Pair[]} ring @param {Pair} place */
+function turnsRound(ring, [east, north]) {
+  let inside = false;
+  ring.forEach(([x, y], at) => {
+    const [before, level] = ring[at ? at - 1 : ring.length - 1];
+    const crosses = (y > north) !== (level > north);
+    if (crosses && east < ((before - x) * (north - y)) / (level - y) + x) inside = !inside;
+  });
+  return inside;
+}

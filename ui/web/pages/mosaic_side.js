@@ -1,0 +1,96 @@
+// What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
+import { element, number, shortName, start, word } from "./words.js";
+import { send } from "./wire.js";
+
+/**
+ * What the buttons set off.
+ * @typedef {object} Acts
+ * @property {(ground: Pair) => void} goTo @property {() => void} remake
+ * @property {(part: string) => void} leave
+ */
+
+/**
+ * @param {Mosaic} found @param {PickedPlace | null} picked @param {Status | null} status
+ * @param {Acts} acts
+ */
+export function mosaicSide(found, picked, status, acts) {
+  return [
+    element("p", { id: "mosaic-said" }, word("mosaic.said", {
+      pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
+      count: found.seams?.length ?? 0, when: (found.written ?? "").replace("T", " "),
+    })),
+    ...stale(found, status, acts), ...place(picked, acts), ...holes(found, acts),
+    element("p", { class: "muted" }, word("mosaic.hint")),
+  ];
+}
+
+/** @param {Mosaic} found @param {Status | null} status @param {Acts} acts */
+function stale({ stale: photos }, status, { remake }) {
+  const making = status?.remaking;
+  if (making) {
+    const share = word("mosaic.making", { share: Math.round(100 * making.share) });
+    return [element("p", { id: "mosaic-stale", class: "doubted", role: "status" }, share)];
+  }
+  if (!photos.length) return [];
+  const names = photos.map(shortName).join(", ");
+  return [element("p", { id: "mosaic-stale", class: "doubted" },
+    word("mosaic.stale", { count: photos.length, names })),
+  element("div", {}, element("button", { id: "mosaic-remake", onclick: remake,
+    disabled: start.guest, title: word("remake.tip") }, word("remake")))];
+}
+
+/** @param {string} name @param {string} value */
+const figure = (name, value) => element("div", { class: "figure" },
+  element("span", {}, word(`mosaic.${name}`)), element("b", { "data-figure": name }, value));
+
+/** @param {PickedPlace | null} picked @param {Acts} acts */
+function place(picked, { leave }) {
+  if (!picked) return [element("p", { class: "muted" }, word("mosaic.pick"))];
+  const { photo, place: at } = picked;
+  const where = figure("place", at.slice(0, 2).map((value) => number(value, 1)).join("  "));
+  if (!photo) return [element("h3", {}, word("mosaic.nothing")), where];
+  const { sigma, others = [] } = picked;
+  const precision = sigma ? word("mosaic.sigma.of",
+    { east: number(sigma[0], 2), north: number(sigma[1], 2) }) : word("mosaic.unknown");
+  const near = picked.points
+    ? word("mosaic.points.of", { count: picked.points, metres: number(picked.nearest, 0) })
+    : word("mosaic.points.none");
+  const scene = () => {
+    leave("block");
+    send({ kind: "enter", photo });
+  };
+  const queue = () => {
+    leave("queue");
+    send({ kind: "near", photo, place: at.slice(0, 2) });
+  };
+  const seen = others.map(([name, nadir, pixel]) => element("tr",
+    { class: name === photo ? "on" : "" }, element("td", { class: "name" }, shortName(name)),
+    element("td", {}, number(nadir, 0, "\u00b0")), element("td", {}, number(pixel, 2, "m"))));
+  const heads = ["photo", "nadir", "pixel"].map((name) =>
+    element("th", {}, word(`mosaic.${name}`)));
+  return [
+    element("h3", { id: "mosaic-photo", title: photo }, shortName(photo),
+      picked.stale ? ` \u00b7 ${word("mosaic.moved")}` : ""),
+    element("div", { class: "board-figures" },
+      figure("date", picked.date || word("mosaic.unknown")), figure("pixel", number(picked.pixel,
+        2, "m")), figure("sigma", precision), where, figure("height", number(at[2], 1, "m")),
+      figure("points", near)),
+    element("div", { class: "acts" },
+      element("button", { id: "mosaic-scene", onclick: scene }, word("mosaic.scene")),
+      element("button", { id: "mosaic-queue", onclick: queue, disabled: !picked.points },
+        word("mosaic.queue"))),
+    element("h3", {}, word("sight.title")),
+    element("table", { class: "film-table" }, element("tr", {}, ...heads), ...seen),
+  ];
+}
+
+/** @param {Mosaic} found @param {Acts} acts */
+function holes({ holes: found = [], hole_count: count = 0 }, { goTo }) {
+  if (!count) return [element("p", { class: "muted" }, word("mosaic.holes.none"))];
+  const lines = found.map(([east, north, area]) => element("button", { class: "scan",
+    "data-hole": "", onclick: () => goTo([east, north]) },
+  element("span", {}, number(area, 0, "m\u00b2")),
+  element("span", { class: "muted" }, `${number(east, 0)}  ${number(north, 0)}`)));
+  return [element("h3", {}, word("mosaic.holes", { count })),
+    element("div", { class: "scans" }, ...lines)];
+}
