@@ -213,8 +213,7 @@ def desk_inputs(
     initial = initial_state_of(given, session, placed)
     opened = photographs(scans, initial)
     compared = Comparing(reference, given.control.orientation, opened)
-    terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
-    adjusting = Adjusting(given.adjustment, terrain)
+    adjusting = adjusting_of(given, reference)
     report = adjusting(session.replayed(block, initial.films, initial.cameras))
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
     return DeskInputs(
@@ -262,6 +261,12 @@ def initial_state_of(given: BlockInput, session: Session, placed: Georeferenced)
         return InitialState({}, pixels_mm, sources, placed.set_aside, exterior, given.cameras)
     set_aside = {**scans.set_aside, **placed.set_aside}
     return InitialState(scans.oriented, pixels_mm, sources, set_aside, exterior, given.cameras)
+
+
+def adjusting_of(given: BlockInput, reference: Reference) -> "Adjusting":
+    """The adjustment of a block, on its terrain where the heights of that count."""
+    terrain = terrain_of(reference.dem) if given.adjustment.dem_sigma_m > 0 else None
+    return Adjusting(given.adjustment, terrain)
 
 
 class Adjusting:

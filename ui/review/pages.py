@@ -114,6 +114,14 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                 lambda: quality_part(state, desk.outlines, desk.adjustments, seat.pair),
             ),
         )
+    yield from _sheet_parts(seat, desk, adjusted)
+
+
+def _sheet_parts(
+    seat: Seat, desk: DeskSnapshot, adjusted: tuple[object, ...]
+) -> Iterator[tuple[str, Made]]:
+    """What the sheet shows that is open, if one is."""
+    state = desk.state
     if seat.sheet == "board":
         yield (
             "board",
@@ -126,12 +134,12 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
         yield (
             "mask",
             (
-                (block, desk.base, desk.drawn, desk.recorded),
+                (state.block, desk.base, desk.drawn, desk.recorded),
                 lambda: mask_part(state, desk.base, desk.drawn, desk.recorded),
             ),
         )
     if seat.sheet == "mosaic":
-        sources = (state.mosaic, desk.stale, desk.outlines, report)
+        sources = (state.mosaic, desk.stale, desk.outlines, state.report)
         yield "mosaic", (sources, lambda: mosaic_part(desk))
     if seat.sheet == "placement":
         yield "placement", (adjusted, lambda: placement_part(state, desk.initial, desk.doubts))
