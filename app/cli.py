@@ -83,10 +83,10 @@ def parser(language: str = LANGUAGES[0]) -> Parser:
     tell = teller_of_usage(language)
     again = tell.again
     top = Parser(tell, prog="gruber", description=again(DESCRIPTION), epilog=again(ENDING))
+    told = "show the version and exit"
     top.add_argument(
-        "--version", action="version", version=f"gruber {version('gruber')}",
-        help="show the version and exit",
-    )  # fmt: skip
+        "--version", action="version", version=f"gruber {version('gruber')}", help=told
+    )
     add_log(top, default=False)
     add_language(top, default="")
     added = Verbs(tell, top.add_subparsers(title=again("verbs"), required=True, metavar="VERB"))
@@ -117,24 +117,13 @@ def add_new(added: Verbs) -> None:
     }
     verb = add_verb(added, "new", summary, examples)
     verb.add_argument("folder", type=Path, metavar="FOLDER", help="folder of scans and reference")
-    verb.add_argument(
-        "--from", dest="format", choices=format_names(reads=True), default="", metavar="FORMAT",
-        help="make the block from another program's project",
-    )  # fmt: skip
-    verb.add_argument(
-        "--project", type=Path, default=None, metavar="PATH",
-        help="file or folder of that project (FOLDER)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--crs", default="", metavar="CRS", help="its CRS, where the project names none"
-    )
-    verb.add_argument(
-        "--read-margin", action="store_true", help="say what is printed beside the pictures"
-    )
-    verb.add_argument(
-        "--accept-margin", action="store_true",
-        help="the same, and write into block.toml on what all scans agree",
-    )  # fmt: skip
+    foreign, project = format_names(reads=True), "make the block from another program's project"
+    verb.add_option("--from FORMAT", project, dest="format", choices=foreign, default="")
+    verb.add_option("--project PATH", "file or folder of that project (FOLDER)", type=Path)
+    verb.add_option("--crs CRS", "its CRS, where the project names none", default="")
+    verb.add_switch("--read-margin", "say what is printed beside the pictures")
+    accepted = "the same, and write into block.toml on what all scans agree"
+    verb.add_switch("--accept-margin", accepted)
     add_operator(verb)
 
 
@@ -150,10 +139,8 @@ def add_run(added: Verbs) -> None:
     add_block(verb)
     names = verbs.stage_names()
     anew = say("make this stage and all after it anew; one of {names}", names=names)
-    verb.add_argument("--from", dest="first", choices=names, metavar="STAGE", help=anew)
-    verb.add_argument(
-        "--until", dest="last", choices=names, metavar="STAGE", help="stop after this stage"
-    )
+    verb.add_option("--from STAGE", anew, dest="first", choices=names)
+    verb.add_option("--until STAGE", "stop after this stage", dest="last", choices=names)
     add_workers(verb)
     verb.add_argument(
         "--executor", choices=["local"], default="local", help="where the work runs (%(default)s)"
@@ -176,15 +163,11 @@ def add_review(added: Verbs) -> None:
 def add_report(added: Verbs) -> None:
     """`report`."""
     summary = "write results/report.html and report.json; what is not fresh is computed first"
-    verb = add_verb(
-        added,
-        "report",
-        summary,
-        {
-            "gruber report kobyli-1938": "prints where it is",
-            "gruber report kobyli-1938 --language cs": "in Czech",
-        },
-    )
+    examples = {
+        "gruber report kobyli-1938": "prints where it is",
+        "gruber report kobyli-1938 --language cs": "in Czech",
+    }
+    verb = add_verb(added, "report", summary, examples)
     add_block(verb)
     verb.set_defaults(workers=Settings().workers)
 
@@ -199,22 +182,14 @@ def add_export(added: Verbs) -> None:
     summary = "write the block as it stands in the format of another program"
     verb = add_verb(added, "export", summary, examples)
     add_block(verb)
-    verb.add_argument(
-        "--to", dest="format", choices=format_names(reads=False), required=True, metavar="FORMAT",
-        help=say("one of {names}", names=format_names(reads=False)),
-    )  # fmt: skip
-    verb.add_argument(
-        "--out", type=Path, default=None, metavar="PATH",
-        help="file or folder to write (results/export/...)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--frame", choices=["map", "tangent"], default="map",
-        help="coordinates of the map, or of a plane that touches the Earth there (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--pictures", action="store_true",
-        help="write the scans laid upright, where the format cannot hold film",
-    )  # fmt: skip
+    names = format_names(reads=False)
+    known = say("one of {names}", names=names)
+    verb.add_option("--to FORMAT", known, dest="format", choices=names, required=True)
+    verb.add_option("--out PATH", "file or folder to write (results/export/...)", type=Path)
+    frames = "coordinates of the map, or of a plane that touches the Earth there (%(default)s)"
+    verb.add_argument("--frame", choices=["map", "tangent"], default="map", help=frames)
+    pictures = "write the scans laid upright, where the format cannot hold film"
+    verb.add_switch("--pictures", pictures)
     add_workers(verb)
 
 
@@ -235,11 +210,11 @@ def add_import(added: Verbs) -> None:
     verb.add_argument(
         "--from", dest="source", nargs=2, required=True, metavar=("FORMAT", "PATH"), help=what
     )
-    verb.add_argument(
-        "--answer", action="append", default=[], metavar="WHAT=VALUE",
-        help="how a table of points is to be read, as its questions name it, such as "
-        "columns=id,Y,X,Z or axes='-E -N'; again for each",
-    )  # fmt: skip
+    answered = (
+        "how a table of points is to be read, as its questions name it, such as "
+        "columns=id,Y,X,Z or axes='-E -N'; again for each"
+    )
+    verb.add_option("--answer WHAT=VALUE", answered, action="append", default=[])
     add_operator(verb)
 
 
@@ -282,28 +257,16 @@ def add_demo(added: Verbs) -> None:
     }
     summary = "make a synthetic block with known truth, run it and open the desk"
     verb = add_verb(added, "demo", summary, examples)
-    verb.add_argument(
-        "--size", choices=["tiny", "small", "full"], default="small",
-        help="scans of about 1100, 3200 or 12 900 pixels a side (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--epoch", type=int, choices=[1938, 1984], default=1938,
-        help="much has changed since 1938, little since 1984 (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--relief", type=metres, default=60.0, metavar="M",
-        help="highest minus lowest ground, metres (%(default)g)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--seed", type=whole_number(0), default=1, metavar="N", help="any number (%(default)s)"
-    )
-    verb.add_argument(
-        "--out", type=Path, default=Path("gruber-demo"), metavar="FOLDER",
-        help="where the block is made (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--headless", action="store_true", help="end with the results instead of opening the desk"
-    )
+    sides = "scans of about 1100, 3200 or 12 900 pixels a side (%(default)s)"
+    verb.add_argument("--size", choices=["tiny", "small", "full"], default="small", help=sides)
+    changed = "much has changed since 1938, little since 1984 (%(default)s)"
+    verb.add_argument("--epoch", type=int, choices=[1938, 1984], default=1938, help=changed)
+    relief = "highest minus lowest ground, metres (%(default)g)"
+    verb.add_option("--relief M", relief, type=metres, default=60.0)
+    verb.add_option("--seed N", "any number (%(default)s)", type=whole_number(0), default=1)
+    place = "where the block is made (%(default)s)"
+    verb.add_option("--out FOLDER", place, type=Path, default=Path("gruber-demo"))
+    verb.add_switch("--headless", "end with the results instead of opening the desk")
     add_workers(verb)
     add_desk(verb)
 
@@ -321,57 +284,44 @@ def add_doctor(added: Verbs) -> None:
 
 def add_block(verb: Parser, default: Path | None = Path()) -> None:
     """The block: a folder or its block.toml; the current folder when left out."""
-    verb.add_argument(
-        "block", type=Path, nargs="?", default=default, metavar="BLOCK",
-        help="the block's folder or its block.toml",
-    )  # fmt: skip
+    place = "the block's folder or its block.toml"
+    verb.add_argument("block", type=Path, nargs="?", default=default, metavar="BLOCK", help=place)
 
 
 def add_workers(verb: Parser) -> None:
     """How much runs side by side."""
-    verb.add_argument(
-        "--workers", type=whole_number(1), default=Settings().workers, metavar="N",
-        help="pieces of a stage that run side by side (%(default)s)",
-    )  # fmt: skip
+    pieces = "pieces of a stage that run side by side (%(default)s)"
+    verb.add_option("--workers N", pieces, type=whole_number(1), default=Settings().workers)
 
 
 def add_desk(verb: Parser) -> None:
     """Where the desk is served, and who sits at it."""
     settings = Settings()
-    verb.add_argument(
-        "--port", type=whole_number(0, 65535), default=settings.port, metavar="P",
-        help="port of the desk; 0 takes any that is free (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--host", default=settings.host, metavar="H",
-        help="address the desk listens at (%(default)s: this machine only)",
-    )  # fmt: skip
+    port = "port of the desk; 0 takes any that is free (%(default)s)"
+    verb.add_option("--port P", port, type=whole_number(0, 65535), default=settings.port)
+    host = "address the desk listens at (%(default)s: this machine only)"
+    verb.add_option("--host H", host, default=settings.host)
     add_operator(verb)
-    verb.add_argument("--no-browser", action="store_true", help="print the address only")
+    verb.add_switch("--no-browser", "print the address only")
 
 
 def add_operator(verb: Parser) -> None:
     """Who decides."""
-    verb.add_argument(
-        "--operator", default=Settings().operator, metavar="NAME",
-        help="name under which decisions are recorded (%(default)s)",
-    )  # fmt: skip
+    name = "name under which decisions are recorded (%(default)s)"
+    verb.add_option("--operator NAME", name, default=Settings().operator)
 
 
 def add_language(parsed: Parser, default: str) -> None:
     """In which language it is told."""
-    parsed.add_argument(
-        OPTION, choices=LANGUAGES, default=default,
-        help="language of messages and report (English), and of the desk (that of each browser)",
-    )  # fmt: skip
+    language = "language of messages and report (English), and of the desk (that of each browser)"
+    parsed.add_argument(OPTION, choices=LANGUAGES, default=default, help=language)
 
 
 def add_log(parsed: Parser, default: object) -> None:
     """How it is told."""
-    parsed.add_argument(
-        "--log-json", action="store_true", default=default,
-        help="tell everything as one JSON object a line, for machines",
-    )  # fmt: skip
+    parsed.add_switch(
+        "--log-json", "tell everything as one JSON object a line, for machines", default
+    )
 
 
 def wrong_use(given: argparse.Namespace) -> str:

@@ -23,7 +23,7 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangeTies,
 )
-from core.formats.scan_names import scan_stem
+from core.formats.records import scan_stem
 from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import parse_crs
 from core.raster.files import FILES
@@ -304,7 +304,7 @@ def toml_of(
     document["camera"] = {name: dict(table.values) for name, table in tables.items()}
     names = list(tables)
     files: Sequence[str] = [scan.relative_to(folder).as_posix() for scan in scans.values()]
-    document["scans"] = {
+    scan_table: dict[str, object] = {
         "files": files,
         "camera": names[0],
         "scan_pixel_um": tables[names[0]].pixel_um,
@@ -321,8 +321,6 @@ def toml_of(
         if foreign.photos[theirs].camera != names[0]
     ]
     if other:
-        listed = tomlkit.aot()
-        for one in other:
-            listed.append(tomlkit.item(one))
-        document["scans"]["override"] = listed  # pyright: ignore[reportIndexIssue]
+        scan_table["override"] = other
+    document["scans"] = scan_table
     return tomlkit.dumps(document)

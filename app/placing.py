@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from app.desk.lasting import lasting_token
 from app.project import Project, described
 from app.running import Running
 from core.block import Block, ExteriorPrior, Photo, footprint
@@ -39,7 +38,7 @@ from ui.review.compare import DrawnPhoto
 from ui.review.looks import page_palette
 from ui.review.placement import NOWHERE
 from ui.review.tiles import Lattice, OrthoSource
-from ui.web.access import Access
+from ui.web.access import Access, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
 from ui.web.placing import Pair, placing_routes
 from ui.web.running import leaving_route

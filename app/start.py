@@ -12,7 +12,6 @@ from typing import Any, cast
 
 from app.block_form import BlockForm
 from app.block_toml import FILE, RASTERS
-from app.desk.inputs import lasting_token
 from app.folder_scan import (
     DEPTH,
     VECTORS,
@@ -32,7 +31,7 @@ from core.said import say
 from sessions.atomic_write import clean_leftovers, whole_file
 from sessions.session import HIDDEN, Session
 from ui.review.looks import page_palette
-from ui.web.access import Access
+from ui.web.access import Access, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
 from ui.web.start import start_routes
 from ui.web.tiles import ScanTiles

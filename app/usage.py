@@ -43,6 +43,15 @@ class Parser(argparse.ArgumentParser):
             how["help"] = self.tell.again(how["help"])
         return super().add_argument(*names, **how)
 
+    def add_option(self, written: str, told: str, **how: Any) -> None:
+        """One option with a value, such as `--out PATH`; None is its value when left out."""
+        name, metavar = written.split()
+        self.add_argument(name, metavar=metavar, help=told, **how)
+
+    def add_switch(self, name: str, told: str, default: object = False) -> None:
+        """One option that is given or not."""
+        self.add_argument(name, action="store_true", default=default, help=told)
+
 
 @dataclass(frozen=True, slots=True)
 class Verbs:

@@ -13,7 +13,6 @@ from app.bring_points import brought_points
 from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import export_routes
 from app.desk.filling import Filling
-from app.desk.lasting import lasting_token as lasting_token
 from app.desk.measuring import Errors, PhotoToPhoto
 from app.desk.mosaic import MosaicFile, mosaic_on_disk
 from app.placing import Placeable, standing_block
@@ -47,7 +46,7 @@ from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
 from core.said import say
-from core.scans.drawn_area import with_drawn
+from core.scans.photo_mask import with_drawn
 from core.scans.stage import ScanSet, find_like
 from sessions.session import HIDDEN, Session
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
@@ -64,6 +63,7 @@ from ui.review.state import (
 from ui.review.tiles import OrthoSource, ScanWindow
 from ui.review.to_measure import points_of_user
 from ui.views.meshes import SurfaceSource, TerrainOptions
+from ui.web.access import lasting_token
 from ui.web.tiles import MosaicTiles, no_tiles
 
 SEARCH_M = 12.0

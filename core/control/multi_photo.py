@@ -9,11 +9,11 @@ says, so that the rays of a point stay measurements of their own.
 
 import math
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import Lock
-from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
@@ -61,22 +61,11 @@ class KeptSurfaces:
     hundredth of their spread, and is gone when the work is done or the program ends.
     """
 
-    def __init__(self) -> None:
-        self.file = tempfile.TemporaryFile(prefix="gruber-surfaces-")  # noqa: SIM115
+    def __init__(self, file: IO[bytes]) -> None:
+        self.file = file
         self.lock = Lock()
         self.slots: dict[tuple[str, str], tuple[int, tuple[int, ...]]] = {}
         self.end = 0
-
-    def __enter__(self) -> "KeptSurfaces":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.file.close()
 
     def keep(self, point_id: str, photo_id: str, surface: ScoreMap) -> None:
         """Lay a surface by; an earlier one of the same point and photo gives way.
@@ -110,6 +99,13 @@ class KeptSurfaces:
             self.file.seek(start)
             content = self.file.read(2 * math.prod(shape))
         return np.frombuffer(content, np.float16).reshape(shape).astype(np.float32)
+
+
+@contextmanager
+def keeping_surfaces() -> Generator[KeptSurfaces]:
+    """A place for surfaces while the work lasts."""
+    with tempfile.TemporaryFile(prefix="gruber-surfaces-") as file:
+        yield KeptSurfaces(file)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

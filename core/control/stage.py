@@ -18,7 +18,7 @@ from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
 from core.control.common_shift import common_shift, weighed
 from core.control.datum import lay_on_reference
-from core.control.multi_photo import KeptSurfaces, joint_searches
+from core.control.multi_photo import KeptSurfaces, joint_searches, keeping_surfaces
 from core.control.proposals import borne_out, judged, with_proposals
 from core.control.search import Search, on_photograph, search_points
 from core.doubts import Doubt, Failure
@@ -190,7 +190,7 @@ def propose_and_adjust(
     """
     searches = believed = tuple[Search, ...]()
     report, resting = None, {}
-    with KeptSurfaces() as kept:
+    with keeping_surfaces() as kept:
         for done in range(ROUNDS):
             part = work.part(done / ROUNDS, (done + 1) / ROUNDS)
             searches = seen = search_photos(block, site, options, searches, kept, part)

@@ -17,8 +17,7 @@ from core.formats.exchange import (
     ExchangePhoto,
 )
 from core.formats.film_rays import MICROMETRES, principal_distance_mm, untested
-from core.formats.records import Row, read_rows, write_rows
-from core.formats.scan_names import scan_stem
+from core.formats.records import Row, read_rows, scan_stem, write_rows
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say
 

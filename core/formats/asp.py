@@ -24,8 +24,7 @@ from core.formats.exchange import (
     from_frame_camera,
 )
 from core.formats.film_rays import numbered
-from core.formats.records import Record, read_records
-from core.formats.scan_names import scan_stem
+from core.formats.records import Record, read_records, scan_stem
 from core.frames import HALF_PIXEL
 from core.geometry.map_in_space import EARTH_M, MapInSpace, map_crs, map_in_space, zone_of
 from core.said import say

@@ -16,6 +16,7 @@ from typing import cast, get_args
 import numpy as np
 
 from core.errors import ProjectError
+from core.formats.records import scan_stem
 from core.formats.rotations import (
     FULL_TURN,
     RADIANS,
@@ -25,7 +26,6 @@ from core.formats.rotations import (
     Triple,
     rotation_of,
 )
-from core.formats.scan_names import scan_stem
 from core.geometry.exterior import angles_from_rotation
 
 REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."

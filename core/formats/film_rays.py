@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.arrays import Affine2
 from core.errors import ProjectError
 from core.formats.exchange import (
     ExchangeBlock,
@@ -195,18 +196,21 @@ def with_interiors(
         photos: The same photos with `pixel_from_image`.
     """
 
-    def pixel(name: str, place: tuple[float, float]) -> list[float]:
+    def affines(name: str) -> tuple[Affine2, Affine2]:
         before, after = block.photos[name].pixel_from_image, photos[name].pixel_from_image
-        assert before is not None and after is not None  # noqa: PT018
+        assert before is not None, "a block of rays has one for every photo"
+        assert after is not None, "only photos with an interior orientation are given"
+        return before, after
+
+    def pixel(name: str, place: tuple[float, float]) -> list[float]:
+        before, after = affines(name)
         ideal = np.linalg.solve(before[:, :2], np.array(place) - before[:, 2])[None]
         image = image_from_ideal(ideal, cameras[photos[name].camera])[0]
         return (after[:, :2] @ image + after[:, 2]).tolist()
 
     def scale(name: str) -> float:
-        before, after = block.photos[name].pixel_from_image, photos[name].pixel_from_image
-        assert before is not None and after is not None  # noqa: PT018
-        areas = [abs(float(np.linalg.det(matrix[:, :2]))) for matrix in (after, before)]
-        return float(np.sqrt(areas[0] / areas[1]))
+        areas = [abs(float(np.linalg.det(matrix[:, :2]))) for matrix in affines(name)]
+        return float(np.sqrt(areas[1] / areas[0]))
 
     measured: list[ExchangeMeasurement] = []
     for one in block.measurements:

@@ -15,7 +15,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from core.errors import ProjectError
-from core.formats.scan_names import scan_stem
+from core.formats.records import scan_stem
 
 
 @dataclass(frozen=True, slots=True, eq=False)

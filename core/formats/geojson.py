@@ -29,9 +29,8 @@ from core.formats.exchange import (
     pixels_of,
 )
 from core.formats.outlines import ground_outline
-from core.formats.records import json_numbers, read_text, write_json
+from core.formats.records import json_numbers, read_text, scan_stem, write_json
 from core.formats.rotations import triple_of
-from core.formats.scan_names import scan_stem
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say

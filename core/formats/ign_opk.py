@@ -24,9 +24,16 @@ from core.formats.exchange import (
     Holds,
 )
 from core.formats.film_rays import median_misfit, not_oriented, tie_names
-from core.formats.records import Record, one_word, only_file, read_records, read_text, write_lines
+from core.formats.records import (
+    Record,
+    one_word,
+    only_file,
+    read_records,
+    read_text,
+    scan_stem,
+    write_lines,
+)
 from core.formats.rotations import RADIANS, AngleUnit
-from core.formats.scan_names import scan_stem
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say
 

@@ -187,8 +187,9 @@ def _map_layer(parent: Element, name: str, layer: ProjectLayer, crs: str) -> Non
         provider.set("encoding", "UTF-8")
         _renderer(one, layer)
         if layer.style.label:
-            text = add(add(add(one, "labeling"), "settings"), "text-style")
-            one.find("labeling").set("type", "simple")  # pyright: ignore[reportOptionalMemberAccess]
+            labeling = add(one, "labeling")
+            labeling.set("type", "simple")
+            text = add(add(labeling, "settings"), "text-style")
             text.set("fieldName", layer.style.label)
             text.set("fontSize", "8")
             text.set("textColor", "0,0,0,255")

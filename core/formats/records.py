@@ -201,6 +201,14 @@ def json_numbers(where: str | Path, fields: Mapping[str, Any], key: str, count: 
     return plain
 
 
+def scan_stem(name: str) -> str:
+    """A scan's name without folder (of any system) and image extension; case is kept."""
+    plain = name.strip().replace("\\", "/").rsplit("/", 1)[-1]
+    stem, dot, extension = plain.rpartition(".")
+    known = {"tif", "tiff", "jpg", "jpeg", "jp2", "j2k", "png", "img", "vrt"}
+    return stem if dot and extension.lower() in known else plain
+
+
 def one_word(name: str) -> str:
     """A name as one word, for files in which blanks part the columns."""
     return "_".join(name.split()) or "-"

@@ -24,7 +24,7 @@ from core.orthos.scan_places import Heights, PixelMap, ScanPlaces, locate_tile
 from core.progress import SILENT, Progress
 from core.raster.grid import NODATA, Grid, Pixels, Tile, tiled_profile, tiles_of, write_tiles
 from core.raster.scan_file import ScanSource, UsableArea
-from core.scans.drawn_area import with_drawn
+from core.scans.photo_mask import with_drawn
 
 # design: pieces of one or two centimetres of film, over which tilt and lens are all but straight
 RAYS_PER_SIDE = 16

@@ -8,11 +8,11 @@ from affine import Affine
 from rasterio.crs import CRS
 from rasterio.enums import Resampling
 from rasterio.vrt import WarpedVRT
-from rasterio.windows import Window
 
 from core.arrays import Affine2
 from core.progress import Progress
 from core.raster.files import FILES, open_plain
+from core.raster.grid import window_of
 
 # source: any CRS in metres will do; the film's millimetres are no place on Earth.
 PLANE = CRS.from_wkt('LOCAL_CS["film",UNIT["metre",1]]')
@@ -56,6 +56,6 @@ def write_upright(
                 progress.report(row, rows, scan.name)
                 for column in range(0, columns, TILE_PX):
                     width, height = min(TILE_PX, columns - column), min(TILE_PX, rows - row)
-                    window = Window(column, row, width, height)  # pyright: ignore[reportCallIssue]
+                    window = window_of((column, row, width, height))
                     written.write(laid.read(window=window), window=window)
     progress.report(rows, rows, scan.name)

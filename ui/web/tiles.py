@@ -189,8 +189,7 @@ class TileStore(ScanTiles):
         if source is None:
             return Failure("there is nothing to compare with")
         loop = asyncio.get_running_loop()
-        ask = lambda: source(photo.photo, photo.camera, position)  # noqa: E731
-        return await loop.run_in_executor(self._pool, ask)
+        return await loop.run_in_executor(self._pool, source, photo.photo, photo.camera, position)
 
     def thumbnail(self, photo: DrawnPhoto) -> Colour:
         """A photo's picture area, small; its grey range is known from then on."""

@@ -13,7 +13,6 @@ from app.desk.inputs import (
     Transferring,
     first_snapshot,
     first_state,
-    lasting_token,
     ortho_orientations,
     template_m,
 )
@@ -24,21 +23,6 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.raster.scan_file import open_scan
 from tests.core.ties.rendered import rendered_block, terrain
 from tests.ui.desk_block import OPTIONS, desk_inputs, tiny_block, tiny_snapshot
-
-
-def test_the_secret_lasts_and_is_the_owners_alone__law(tmp_path: Path):
-    first = lasting_token(tmp_path)
-    assert len(first) >= 32
-    assert lasting_token(tmp_path) == first
-    assert (tmp_path / "desk-token").stat().st_mode & 0o077 == 0
-
-
-@pytest.mark.parametrize("spoilt", [b"short", b"\xff\xfe\x00"])
-def test_a_spoilt_secret_is_made_anew__law(tmp_path: Path, spoilt: bytes):
-    (tmp_path / "desk-token").write_bytes(spoilt)
-    fresh = lasting_token(tmp_path)
-    assert len(fresh) >= 32
-    assert lasting_token(tmp_path) == fresh
 
 
 def test_a_template_is_as_wide_as_its_pixels_on_the_ground__truth():

@@ -8,9 +8,9 @@ import pytest
 
 from core.control.multi_photo import (
     APART_PX,
-    KeptSurfaces,
     Sight,
     joint_searches,
+    keeping_surfaces,
     moves_of,
     resampled,
     seen_together,
@@ -64,7 +64,7 @@ def noise(seed):
 
 def judged_together(surfaces):
     """The searches of one point in photos that have these surfaces."""
-    with KeptSurfaces() as kept:
+    with keeping_surfaces() as kept:
         for one, surface in surfaces:
             kept.keep("A", one.search.photo_id, surface)
         return seen_together([one for one, _ in surfaces], kept)
@@ -167,7 +167,7 @@ def test_a_right_peak_close_beside_a_higher_one_is_a_candidate__truth():
 
 def test_the_latest_surface_is_kept__law():
     first, second = noise(4), noise(5)
-    with KeptSurfaces() as kept:
+    with keeping_surfaces() as kept:
         kept.keep("A", "1", first)
         kept.keep("A", "2", second)
         size = kept.end
@@ -199,7 +199,7 @@ def test_all_photos_find_unchanged_ground_and_two_workers_the_same__truth(tiny):
     options = ControlStageOptions(orientation=OrientationOptions(template_half_px=30))
 
     def run(mapper):
-        with KeptSurfaces() as kept:
+        with keeping_surfaces() as kept:
             alone = search_photos(block, site, options, (), kept, Work(mapper=mapper))
             return alone, joint_searches(block, site, options.orientation, alone, kept, mapper)
 

@@ -8,7 +8,7 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.control.multi_photo import KeptSurfaces
+from core.control.multi_photo import keeping_surfaces
 from core.control.stage import (
     ControlStageOptions,
     adjusted_without_gross,
@@ -35,7 +35,7 @@ def test_only_photos_that_stand_are_searched_for_control__truth(tiny):
         {n: replace(p, oriented=n == name) for n, p in tiny.photos.items()}
     )
     options = ControlStageOptions(orientation=OrientationOptions(template_half_px=30))
-    with KeptSurfaces() as kept:
+    with keeping_surfaces() as kept:
         found = search_photos(block, site, options, (), kept, Work())
     assert {value.photo_id for value in found} == {name}
 
@@ -48,9 +48,9 @@ def test_one_worker_and_two_propose_the_same__law(tiny):
     site = Site(tiny.reference, tiny.scans, points, dict.fromkeys(ids, "salient"))
     block = tiny.block.with_photos({n: replace(p, oriented=True) for n, p in tiny.photos.items()})
     options = ControlStageOptions(orientation=OrientationOptions(template_half_px=30))
-    with KeptSurfaces() as kept:
+    with keeping_surfaces() as kept:
         alone = search_photos(block, site, options, (), kept, Work())
-    with ThreadPoolExecutor(2) as pool, KeptSurfaces() as kept:
+    with ThreadPoolExecutor(2) as pool, keeping_surfaces() as kept:
         together = search_photos(block, site, options, (), kept, Work(mapper=pool.map))
     assert len(alone) > 20
     assert repr(alone) == repr(together)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from core.geometry.drawn_mask import DrawnMask, Stroke, drawn_mask, outlines
 from core.geometry.transforms import PlanePoints
 from core.raster.scan_file import UsableArea
-from core.scans.drawn_area import with_drawn
+from core.scans.photo_mask import with_drawn
 
 SQUARE = Stroke(((10.0, 10.0), (50.0, 10.0), (50.0, 50.0), (10.0, 50.0)), 0.0, True)
 ERASER = Stroke(((0.0, 30.0), (60.0, 30.0)), 8.0, False)

@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sessions.decisions import AddPoint, Place, Recorded, Withdraw
 from sessions.replay import replay
 from tests.ui.user_points import measuring_snapshot, true_pixel
 from ui.review.gestures import Dropped, PlacedInScan
-from ui.review.new_points import UNKNOWN, act_of, given_up, next_name
+from ui.review.new_points import UNKNOWN, act_of, given_up, name_after, next_name
 from ui.review.outcome import outcome_of
 from ui.review.queue import seat_down
 from ui.review.state import QueueFilter, Seat
@@ -57,3 +59,20 @@ def test_a_dropped_draft_takes_its_new_point_along__law(desk):
     there = replace(desk, state=state, recorded=(made,))
     assert isinstance(added, AddPoint)
     assert outcome_of(Dropped("seat-1", seat.current), seat, there).decisions == (Withdraw(1),)
+
+
+def test_names_count_on__truth():
+    assert name_after("N###", []) == "N001"
+    assert name_after("N###", ["N001", "N007", "N7x", "P9"]) == "N008"
+    assert name_after("H#", ["H9", "H10"]) == "H11"
+    assert name_after("roof-##-a", ["roof-99-a"]) == "roof-100-a"
+    assert name_after("P", ["P3"]) == "P4"
+
+
+@given(st.text("N#a1", max_size=6), st.lists(st.text("Na12", max_size=5)))
+def test_a_name_is_never_given_twice__law(pattern, taken):
+    given_names = list(taken)
+    for _ in range(3):
+        name = name_after(pattern, given_names)
+        assert name not in given_names
+        given_names.append(name)

@@ -1,12 +1,13 @@
 """The lock: who knows the token comes in, from our own pages only."""
 
 import asyncio
+from pathlib import Path
 
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
-from ui.web.access import Access, is_guest
+from ui.web.access import Access, is_guest, lasting_token
 
 
 def test_addresses_carry_the_token_and_guests_get_another__law():
@@ -65,3 +66,18 @@ def test_operators_and_guests_come_in_and_strangers_do_not__law():
             assert refused.status == 403
 
     asyncio.run(visit())
+
+
+def test_the_secret_lasts_and_is_the_owners_alone__law(tmp_path: Path):
+    first = lasting_token(tmp_path)
+    assert len(first) >= 32
+    assert lasting_token(tmp_path) == first
+    assert (tmp_path / "desk-token").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize("spoilt", [b"short", b"\xff\xfe\x00"])
+def test_a_spoilt_secret_is_made_anew__law(tmp_path: Path, spoilt: bytes):
+    (tmp_path / "desk-token").write_bytes(spoilt)
+    fresh = lasting_token(tmp_path)
+    assert len(fresh) >= 32
+    assert lasting_token(tmp_path) == fresh

@@ -1,6 +1,6 @@
-"""Names of scans as lists have them."""
+"""Lines of text files, and names of scans as lists have them."""
 
-from core.formats.scan_names import scan_stem
+from core.formats.records import scan_stem
 
 
 def test_names_lose_folder_and_image_extension_only__truth() -> None:
