@@ -1,1 +1,1 @@
-"""The front door: knows every room, and no photogrammetry."""
+"""The command line, the block file and the desk's threads; the only room that knows all others."""

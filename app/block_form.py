@@ -1,4 +1,4 @@
-"""The form of the start page: the keys of `block.toml`, judged one by one, written into it."""
+"""The form of the start page: checks single keys of `block.toml` and writes them into the file."""
 
 import tomllib
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Change single keys of a `block.toml` and leave everything else as its owner wrote it."""
+"""Change single keys of a `block.toml` and keep everything else as the owner wrote it."""
 
 import re
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Lists of surveyed points into a block: read, judged against its ground, recorded whole or not."""
+"""Import lists of surveyed points: read, compare with the block's ground, record as a whole."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""`gruber export` and `gruber import`: a block to other programs and from them."""
+"""`gruber export` and `gruber import`: write a block for other programs, read their files."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What lies in a folder: rasters and vector layers, and what each of them probably is."""
+"""Find the rasters and vector layers of a folder and guess what each of them is."""
 
 import csv
 import os

@@ -1,8 +1,8 @@
-"""`gruber new FOLDER --from FORMAT`: a block out of another program's project.
+"""`gruber new FOLDER --from FORMAT`: make a block from another program's project.
 
-Cameras and scans become a `block.toml`; orientations and fiducials files beside it; points and
-measurements decisions of its session. A camera without fiducials whose pixels are not square and
-upright gets its interior orientation exactly by four marks at the corners of its frame.
+Cameras and scans become a `block.toml`, orientations and fiducials files beside it, points and
+measurements decisions of its session. If a camera has no fiducials and its pixels are not square
+and upright, four marks at the corners of its frame express its interior orientation exactly.
 """
 
 from collections.abc import Mapping, Sequence

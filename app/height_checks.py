@@ -1,4 +1,4 @@
-"""Whether the heights of block, DEM and list are of one system: told before a run, and after it."""
+"""Check before and after a run that block, DEM and point list use one height system."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""What stands in the margins of scans: told as proposals, written only once somebody accepts it."""
+"""Read the print in the margins of scans and propose its values; a person has to accept them."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""`gruber new`: a `block.toml` from what a folder holds, and plain words on what it lacks."""
+"""`gruber new`: write a `block.toml` for the files of a folder, and say what is missing."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The placing page: two clicks in one photo, for a block that could not be placed by itself."""
+"""The placing page: two clicks in one photo for a block that could not be localised."""
 
 import secrets
 import threading

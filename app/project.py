@@ -1,4 +1,4 @@
-"""`block.toml` as a frozen `Project`, every default filled in, and in the engine's own terms."""
+"""Read `block.toml` into a frozen `Project` with every default, in the engine's terms."""
 
 import os
 from collections.abc import Mapping, Sequence

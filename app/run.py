@@ -1,4 +1,4 @@
-"""Walk the stages in their order; what is fresh is not made again."""
+"""Walk the stages in order; a stage whose product is up to date is skipped."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping

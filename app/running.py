@@ -1,4 +1,4 @@
-"""A run begun from a page: one at a time, told line by line, stopped on request."""
+"""A run started from a page: one at a time, reported line by line, stopped on request."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""How this start is to run: machine, operator, and the threads that pieces of a stage run in."""
+"""Settings of this start of the program: machine, operator, and worker threads."""
 
 import getpass
 import os

@@ -1,4 +1,4 @@
-"""One line about what each stage of a run made."""
+"""One line that sums up the result of each stage of a run."""
 
 from collections.abc import Callable, Mapping
 

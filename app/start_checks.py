@@ -1,4 +1,4 @@
-"""What can be said of a block within a second, before its stages take minutes."""
+"""Checks of a block that take a second, made before its stages take minutes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

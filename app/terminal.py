@@ -1,4 +1,4 @@
-"""How long work shows itself on a terminal or to a machine that reads JSON, and how it is stopped.
+"""Progress of long work on a terminal or as JSON lines, and how Ctrl-C stops it.
 
 Python raises KeyboardInterrupt wherever the main thread happens to be. Inside a callback of a
 library, or while an object is being destroyed, it is printed and forgotten, and the work would go

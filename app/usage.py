@@ -1,4 +1,4 @@
-"""Help and wrong use of the command, in the operator's language."""
+"""Help and error messages of the command line, in the operator's language."""
 
 import argparse
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What each verb does: parsed arguments in, work done, sentences to the operator."""
+"""What each verb does, from its parsed arguments to the sentences for the operator."""
 
 import argparse
 import os

@@ -1,1 +1,1 @@
-"""The engine: arrays and values in, values out; no screen, no memory, no globals."""
+"""The engine: takes arrays and values, returns values; no screen, no session, no globals."""

@@ -1,4 +1,4 @@
-"""What the engine is unsure of, with its evidence; the operator decides."""
+"""Doubts: what the engine is unsure of, with its evidence, for the operator to decide."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

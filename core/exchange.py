@@ -1,9 +1,9 @@
-"""The adjusted block as other programs can hold it, and theirs as a block of ours.
+"""Convert the adjusted block for exchange with other programs, and exchanged blocks back.
 
-Going out, a photo's refraction is put into the camera exactly: K (1 + r^2 / c^2) is a scale and a
-radial term. Curvature depends on the ground, so measurements are corrected for it, where a format
-asks for a flat Earth. A format that holds upright square pixels alone gets those of the photo laid
-upright: the scan resampled into the frame of its fiducials (`core.raster.upright`).
+On export, a photo's refraction is put into the camera exactly: K (1 + r^2 / c^2) is a scale and a
+radial term. Curvature depends on the ground, so measurements are corrected for it if a format
+assumes a flat Earth. A format that holds upright square pixels only gets those of the scan
+resampled into the frame of its fiducials (`core.raster.upright`).
 """
 
 from dataclasses import dataclass, replace

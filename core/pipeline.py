@@ -1,8 +1,8 @@
-"""The stages in their order: the table of contents of the engine.
+"""The stages in order: the table of contents of the engine.
 
-Each stage takes the block as its owner describes it and what earlier stages made, and returns a
-value. Nothing here knows of folders, sessions or screens; `app.run` walks this list. Localisation,
-ties and control are walked again from where control put the photos, until those have settled.
+Each stage takes the description of the block and the results of earlier stages, and returns a
+value. Nothing here knows folders, sessions or screens; `app.run` walks this list. Localisation,
+ties and control are repeated from the adjusted block until the photos no longer move.
 """
 
 from collections.abc import Callable

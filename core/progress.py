@@ -1,4 +1,4 @@
-"""How long work reports how far it is, learns that it shall stop, and shares its pieces."""
+"""Progress and cancellation of long work, and how it is split among workers."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace

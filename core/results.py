@@ -1,4 +1,4 @@
-"""What is known of a block: its owner's description, and what each stage has made of it."""
+"""The description of a block and the results of its stages."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""A sentence with its figures: told in English, and kept so that any language can tell it.
+"""A sentence with its figures: written in English, kept so that it can be shown in any language.
 
 A place is written `{name}` or, with a format, `{name:.2f}`. A place that is counted names its
 forms, with `#` for the number: `{count:# scan|# scans}`.

@@ -1,4 +1,4 @@
-"""`import gruber`: blocks from a notebook or a script. It calls the rooms and holds nothing itself.
+"""`import gruber`: blocks from a notebook or a script; a thin layer over the other rooms.
 
 Examples are in docs/python/examples.md; the tests run them.
 """

@@ -1,4 +1,4 @@
-"""Files of other programs, read into one value and written from it, without any block."""
+"""Read files of other programs into one value, and write it, without a block."""
 
 from pathlib import Path
 

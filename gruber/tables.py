@@ -1,4 +1,4 @@
-"""A block's values as arrays with named columns, and as GeoDataFrames where geopandas is there."""
+"""A block's values as arrays with named columns, or as GeoDataFrames if geopandas is installed."""
 
 from typing import Any
 

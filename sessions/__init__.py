@@ -1,1 +1,1 @@
-"""The memory: appends, replays, finds; knows nothing of screens."""
+"""The memory: append, replay and find; no screens."""

@@ -1,4 +1,4 @@
-"""What the operator said about a point, as frozen values; the session appends and replays them."""
+"""Decisions of the operator as frozen values; the session appends and replays them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What a full, forbidden or broken disk says, told as file, cause and remedy."""
+"""Errors of a full, forbidden or broken disk as messages with file, cause and remedy."""
 
 import errno
 import shutil

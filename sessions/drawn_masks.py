@@ -1,4 +1,4 @@
-"""What operators drew on scans, laid over scans and block; what is in use inside is left out."""
+"""Masks that operators drew, applied to scans and block; measurements inside are left out."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What operators said about fiducials, laid over scans as they were found and over the block."""
+"""Decisions on fiducials, applied to the scans and to the block."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

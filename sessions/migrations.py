@@ -1,4 +1,4 @@
-"""Versions of the session file: what each one added, as the SQL that leads there."""
+"""Versions of the session file: the SQL that upgrades each to the next."""
 
 from dataclasses import dataclass
 

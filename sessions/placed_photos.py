@@ -1,4 +1,4 @@
-"""Photos that operators placed by clicks, laid over the block; the next run begins from them."""
+"""Photos that operators placed by clicks; the next run begins from these positions."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Which process is at work: names that outlive no process, and one run at a time in a block."""
+"""Names of running processes, and a lock that lets one run at a time work on a block."""
 
 import fcntl
 import json

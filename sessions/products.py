@@ -1,4 +1,4 @@
-"""Products on disk, named by a digest of what made them: fresh, or not there."""
+"""Products on disk, named by a digest of their inputs: up to date, or missing."""
 
 import hashlib
 import json

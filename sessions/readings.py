@@ -1,8 +1,8 @@
-"""Readings: the same point measured in the same photo by several operators, kept side by side.
+"""Readings: one point measured in one photo by several operators.
 
-What is used is the mean of each operator's latest reading. One reading alone is as good as a hand;
-of several, their own spread tells how good their mean is. Readings that lie further apart than one
-detail is wide are of different details: then the newest counts, and the others are kept beside it.
+The measurement is the mean of each operator's latest reading. A single reading has the standard
+deviation of a hand; several give their own. Readings further apart than the size of a detail show
+different details: then the newest counts, and the others are kept beside it.
 """
 
 from collections.abc import Sequence

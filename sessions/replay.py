@@ -1,4 +1,4 @@
-"""The operator's standing decisions laid over scans as they were found, and over the block."""
+"""Apply the operator's standing decisions to the scans and to the block."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

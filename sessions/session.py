@@ -1,4 +1,4 @@
-"""Session: the folder of a block and its door; all other rooms come through here."""
+"""Session: a block's folder, and the door through which all other rooms use it."""
 
 import json
 from collections.abc import Generator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What follows from an adjustment: found beside it, so that no key waits for it."""
+"""Results derived from an adjustment, computed outside the review thread: keys never wait."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

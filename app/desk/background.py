@@ -1,4 +1,4 @@
-"""The work beside the review loop: adjusting (newest wins), measuring in scans, making orthos."""
+"""Background work of the desk: adjusting (newest wins), measuring in scans, making orthos."""
 
 import logging
 import threading

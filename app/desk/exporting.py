@@ -1,4 +1,4 @@
-"""Export at the desk: the standing block in the format of another program, as one file to take."""
+"""Export at the desk: the adjusted block in the format of another program, as one download."""
 
 import asyncio
 import shutil

@@ -1,4 +1,4 @@
-"""All marks of a camera like one that the operator pointed at, looked for beside the loop."""
+"""Search all scans of a camera for marks like the one the operator clicked."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

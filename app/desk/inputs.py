@@ -1,4 +1,4 @@
-"""The review desk of a block that has been run: what it works on, and what it may set off."""
+"""Everything the review desk of a block works on, and the work it may start."""
 
 import io
 from collections.abc import Callable, Sequence

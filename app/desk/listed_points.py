@@ -1,4 +1,4 @@
-"""Lists of points and files of other programs at the desk: looked at before they come in."""
+"""Point lists and files of other programs at the desk: previewed before they are imported."""
 
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The one thread that owns session, state and screen: gesture in, picture out, in order."""
+"""The one thread that owns session, state and screen: takes gestures, sends pictures, in order."""
 
 import queue
 import threading

@@ -1,4 +1,4 @@
-"""What the program took for no photograph, as a veil over the raw scan."""
+"""The unused part of a scan, drawn as a transparent overlay."""
 
 import asyncio
 

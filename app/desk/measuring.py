@@ -1,4 +1,4 @@
-"""Places measured in scans because a gesture asked: read and computed beside the review thread."""
+"""Measurements in scans that a gesture asked for, computed outside the review thread."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

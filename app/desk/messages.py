@@ -1,4 +1,4 @@
-"""What comes to the review loop, and where its pictures go."""
+"""Messages to the review loop, and the functions through which it sends pictures."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Placing a photo by clicks at the desk: what is saved is a decision, which the block follows."""
+"""Place a photo by clicks at the desk: the saved pairs are a decision."""
 
 from collections.abc import Callable
 from pathlib import Path

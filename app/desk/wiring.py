@@ -1,4 +1,4 @@
-"""Build session, loop, worker, scene and front, and join them; the only such place."""
+"""Build session, loop, worker, scene and front and connect them; nothing else does."""
 
 import logging
 import queue

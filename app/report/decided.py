@@ -1,4 +1,4 @@
-"""The log of decisions in short: who decided how much, when, and about what."""
+"""Summary of the decision log: who decided how many measurements, when, and how."""
 
 from collections import Counter
 from collections.abc import Sequence

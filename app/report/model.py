@@ -1,7 +1,4 @@
-"""What the report is made from, and every figure of it as one JSON-able value.
-
-The page shows nothing else.
-"""
+"""All figures of the report as one JSON-able value; the page shows nothing else."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

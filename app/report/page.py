@@ -1,4 +1,4 @@
-"""The accuracy report: a page that opens without a network, and every figure of it as JSON."""
+"""Write the accuracy report: a page that opens without a network, and the same figures as JSON."""
 
 import base64
 import io

@@ -1,4 +1,4 @@
-"""How well operators point, told by places that two of them measured."""
+"""Pointing precision of the operators, from points that two of them measured."""
 
 from collections import defaultdict
 from collections.abc import Iterable

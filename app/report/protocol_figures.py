@@ -1,4 +1,4 @@
-"""Every figure of the adjustment's protocol, as one JSON-able value; its text shows no other."""
+"""Every figure of the adjustment's protocol as one JSON-able value."""
 
 from collections import Counter
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Residuals together: how they are distributed, what is left of them on each film."""
+"""Distribution of the residuals, and their mean over parts of each film."""
 
 from collections.abc import Mapping
 from typing import Any

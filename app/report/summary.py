@@ -1,4 +1,4 @@
-"""The first page of the report: every requirement with its value, its limit and what came of it.
+"""The first page of the report: every requirement with its value, limit and result.
 
 Nothing is judged here: value, limit and result are those of the findings of `core.quality.rules`.
 """

@@ -1,6 +1,6 @@
-"""Which sentences of the catalogue the accuracy report tells, and with which figures.
+"""Sentences of the accuracy report, chosen from the catalogue by its figures.
 
-What is told after a run stands here too: scans set aside, and the gravest doubts, in a few lines.
+The short summary after a run is here too: scans set aside, and the gravest doubts.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

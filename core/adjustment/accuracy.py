@@ -1,4 +1,4 @@
-"""How good the block is: check points, how far they should be off, and residuals by class."""
+"""Accuracy of a block: differences at check points, what was predicted, residuals by class."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What an adjustment is asked for, and what it says when it is done."""
+"""Options and report of an adjustment."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

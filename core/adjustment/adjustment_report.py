@@ -1,4 +1,4 @@
-"""What an adjustment says when it is done: residuals, standard deviations, reasons."""
+"""Make the report of an adjustment: residuals, standard deviations, reasons."""
 
 from collections.abc import Mapping
 from dataclasses import replace

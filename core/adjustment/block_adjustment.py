@@ -1,10 +1,10 @@
 """Bundle adjustment of a block: all rays, known coordinates and priors in one least squares fit.
 
-In a free network ties alone decide the block's shape, control only says where it lies. What the
-residuals then show is the ties' own; what control differs by after a similarity is control's own,
-or a bend of the block. Standard deviations are those of inner constraints on the perspective
-centres: cofactors S Q S^T with S = I - G (G^T B G)^-1 G^T B, G the seven directions in which a
-block can be moved without changing its shape, B one for centres (Baarda 1973).
+In a free network ties alone determine the shape of the block, and control only its position. The
+residuals are then those of the ties; differences at control after a similarity show the errors of
+control, or a bend of the block. Standard deviations are those of inner constraints on the
+perspective centres: cofactors S Q S^T with S = I - G (G^T B G)^-1 G^T B, G the seven directions in
+which a block can be moved without changing its shape, B one for centres (Baarda 1973).
 """
 
 from contextlib import AbstractContextManager

@@ -1,6 +1,6 @@
 """Single observations of an adjusted block as rows over photos and cameras, points eliminated.
 
-The ground that a photo shows, at its nine Gruber places, is told by the same unknowns.
+The ground at the nine von Gruber places of a photo is expressed by the same unknowns.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
-"""The way down to the least squares minimum: Gauss-Newton, damped where a step does not help.
+"""Gauss-Newton iterations to the least squares minimum, damped where a step does not help.
 
-It begins with orientations as they are, and points where their rays meet.
+They start from the given orientations, with each point where its rays meet.
 """
 
 from dataclasses import dataclass, replace

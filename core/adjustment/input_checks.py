@@ -1,4 +1,4 @@
-"""What no adjustment can use: taken out beforehand and named, never a crash."""
+"""Input that no adjustment can use: left out beforehand and reported, never a crash."""
 
 from collections import defaultdict
 from collections.abc import Mapping

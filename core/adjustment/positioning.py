@@ -1,8 +1,8 @@
-"""What GNSS and IMU get wrong the same way in many photos: shift, drift, misalignment.
+"""Common errors of GNSS and IMU: shift, drift, misalignment.
 
 Measured centre = perspective centre + shift + drift times the place along the strip (-1 to 1);
 measured rotation = R exp[m] with the misalignment m about the image axes. Flight strips are found
-from where the photos were taken.
+from the positions of the photos.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""How sure the adjusted values are, and which measurements the others contradict."""
+"""Standard deviations and redundancy of an adjusted block, and measurements that contradict it."""
 
 from dataclasses import dataclass
 

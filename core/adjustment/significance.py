@@ -1,4 +1,4 @@
-"""Which shared unknowns stand out, and which cannot be told from another."""
+"""Tests of shared unknowns: which are significant, and which cannot be separated."""
 
 import numpy as np
 from jaxtyping import Float64

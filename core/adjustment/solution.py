@@ -1,4 +1,4 @@
-"""An adjusted network: the state, how sure it is, and how its residuals stand to that."""
+"""An adjusted network: state, cofactors and residuals."""
 
 from dataclasses import dataclass, replace
 

@@ -1,11 +1,11 @@
-"""Are the probabilities of proposals borne out? A reliability diagram without a single label.
+"""Reliability diagram of the probabilities of proposals, without labelled data.
 
-The highest peak of every search is given a probability by its height alone, as if nothing were
-known of where it should be. Then it is looked where it lies: a right one lies within the gate about
-the block's prediction, a wrong one only as often as the gate has a share in the window. So of the
-peaks with a stated probability p, p r + (1 - p) c should lie there, with r = 98.9 % (three standard
-deviations in the plane) and c that share. The prediction has moved a little towards what the block
-has used; truth would be a sterner judge.
+The highest peak of every search gets a probability from its height alone, without its position.
+The position then tests it: a right peak lies within the gate about the block's prediction, a wrong
+one only as often as the gate has a share in the window. So of the peaks with a stated probability
+p, the share p r + (1 - p) c should lie there, with r = 98.9 % (three standard deviations in the
+plane) and c that share. The prediction has moved a little towards what the block used; comparison
+with the truth would be stricter.
 """
 
 from collections.abc import Sequence

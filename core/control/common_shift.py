@@ -1,8 +1,8 @@
-"""Natural points that all lean one way: found by the junctions, and taken at their true worth.
+"""Salient points with a common offset: estimated against the junctions, and weighted down by it.
 
-Crowns and shadows stand for another hour and another height than those of the reference, in every
-photo alike. Salient points may so agree with each other and lie off together, which no residual of
-theirs tells. Where road junctions hold the block by themselves, they tell.
+Crowns and shadows belong to another hour and another height than those of the reference, in every
+photo alike. Salient points may therefore agree with each other and all be off in one direction,
+which their residuals do not show. Road junctions do, where they hold the block by themselves.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,8 @@
-"""The datum: a block that holds together by ties, laid on the reference by a vote of all photos.
+"""Datum: the tied block is laid on the reference by a vote of all photos.
 
-A single photo over woods may agree with itself in the wrong place, for crowns and shadows move
-together. Ties make one stiff body of all photos; then only seven unknowns are left, and every
-reference point of every photo has a voice in them.
+A single photo over woods may agree with itself in the wrong place, because crowns and shadows move
+together. Ties make one rigid body of all photos; only seven unknowns are left, and every reference
+point in every photo contributes to them.
 """
 
 from collections.abc import Callable, Iterable, Mapping

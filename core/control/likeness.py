@@ -1,4 +1,4 @@
-"""How alike a reference point's patch and a scan are at every place about where it is expected."""
+"""Similarity of a reference point's patch and a scan around the expected place."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
-"""Where on the ground a point measured in photos lies, and how well that is known.
+"""Ground position of a point measured in photos, with its covariance.
 
-Two rays and more meet; a single one ends at the height that is known of the point, or near the
-terrain. The orientations' own errors count with the pointing.
+Two rays or more intersect; a single ray ends at the known height of the point, or near the
+terrain. The errors of the orientations are propagated along with the pointing.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,10 +1,10 @@
-"""What all photos that see a point say together: the mean of their surfaces of likeness.
+"""Joint search of a point in all photos that see it: the mean of their score maps.
 
-Chance peaks of two photos seldom lie at one place of the ground, right ones do. Once the block
-agrees to a pixel, a point's surfaces in other photos, each in its own robust deviations, are
-resampled through the ground into a photo's frame, and their mean tells which candidate is right,
-and what chance brings about in such means. Where that candidate lies in the photo its own surface
-says, so that the rays of a point stay measurements of their own.
+Chance peaks of two photos seldom lie at the same place of the ground; right ones do. Once the block
+agrees to a pixel, the score maps of a point in other photos, each in its own robust deviations, are
+resampled through the ground into one photo's frame. Their mean shows which candidate is right, and
+how high chance makes such means. The place of that candidate is still measured on the photo's own
+score map, so that the rays of a point stay independent.
 """
 
 import math

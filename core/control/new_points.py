@@ -1,7 +1,7 @@
-"""Details that photos alone tell of: where they lie on the ground, and how well that is known.
+"""Ground positions of details that are known from photos alone.
 
-Measured in one photo, a detail lies on a ray that ends near the ground; in the next photo it is
-sought along what that photo shows of the ray. From two photos on its rays meet.
+A detail measured in one photo lies on a ray that ends near the ground; in the next photo it is
+searched along the image of that ray. From two photos on its rays intersect.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
-"""What one photo, or an ortho, shows of a place, as another photo would see it, and where it lies.
+"""A patch of one photo, or of an ortho, used as template in another photo.
 
-Both orientations and a plane through the ground say how one scan is turned, stretched and sheared
-against the other; so a place measured in a photo is a template for all others, whichever way their
-scans lie and whatever their scale. Least squares matching finds what the plane did not know.
+Both orientations and a plane through the ground give the rotation, scale and shear between two
+scans, so a place measured in one photo is a template for all others. Least squares matching then
+finds what the plane did not model.
 """
 
 from collections.abc import Sequence

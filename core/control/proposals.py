@@ -1,8 +1,8 @@
-"""Control proposals: which of what was searched the block believes.
+"""Control proposals: which candidates of a search are used.
 
-Whatever a search finds far from the prediction, and with its template mirrored, is certainly wrong,
-and tells what chance brings about in these very photos: from that comes the probability of each
-candidate (`core.matching.probability`).
+Peaks far from the prediction, and those of a mirrored template, are certainly wrong. They show how
+high chance peaks are in these photos, which gives the probability of each candidate
+(`core.matching.probability`).
 """
 
 from collections import Counter

@@ -1,9 +1,9 @@
-"""Reference points searched near where the block says they are.
+"""Search of reference points around their predicted places.
 
-The first search looks much further than the block can be off: what it finds there, and with the
-template mirrored, is certainly wrong, and tells what chance brings about in these very photos. Once
-that is known, later rounds look no further than a right candidate can lie; and where the block has
-hardly moved, what was found is only measured from the new prediction.
+The first search looks much further than the block can be off: peaks out there, and those of a
+mirrored template, are certainly wrong and show how high chance peaks are in these photos. Once that
+is known, later rounds look no further than a right candidate can lie; and where the block has
+hardly moved, earlier peaks are only measured from the new prediction.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,9 +1,9 @@
 """Stage control: which reference points are seen in which photo, and the block adjusted on them.
 
-One pass searches the reference points where the block says they are, judges what was found, and
-adjusts. The first pass lays the block on the reference as one body before that. From the second on
-the photos agree to a pixel, so that all photos of a point are judged together. The walk repeats
-passes until the photos no longer move.
+One pass searches the reference points at their predicted places, judges the candidates, and
+adjusts. The first pass begins by laying the block on the reference as one body. From the second on
+the photos agree to a pixel, so all photos of a point are judged together. The walk repeats passes
+until the photos no longer move.
 """
 
 from collections.abc import Mapping, Sequence

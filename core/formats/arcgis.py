@@ -1,7 +1,7 @@
 """ArcGIS frames and cameras tables: two CSV files with the columns of Esri's table schemas.
 
-A frame bears its own affine transform, since every scan lies in its own way; what stands in the
-frames table comes before the same entry in the cameras table. Film is in micrometres.
+Each frame has its own affine transform, because every scan lies differently; a value in the frames
+table overrides the same one in the cameras table. Film is in micrometres.
 """
 
 from pathlib import Path

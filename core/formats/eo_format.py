@@ -1,7 +1,7 @@
-"""Exterior orientation lists as exchange formats: read, written, and told apart.
+"""Exterior orientation lists as exchange formats: read and written.
 
-`eo` reads what a list says of itself and writes omega, phi, kappa in degrees; `eo-opk-gon` and its
-like write and read one way of counting, whatever the list leaves unsaid.
+`eo` reads the convention that a list states and writes omega, phi, kappa in degrees; `eo-opk-gon`
+and the others read and write one fixed convention.
 """
 
 from collections.abc import Callable

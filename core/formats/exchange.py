@@ -1,12 +1,12 @@
-"""A block as programs exchange it: cameras, photos, surveyed points, measurements and ties.
+"""A block for exchange between programs: cameras, photos, points, measurements and ties.
 
-Every foreign format is read into this value and written from it. Most programs hold less than it,
-so much may be missing.
+Every foreign format is read into this value and written from it. Most programs hold only part of
+it, so most fields may be empty.
 
 Image coordinates are those of film divided by the principal distance: x right, y up, without unit,
 from the principal point. The lens moves an ideal point to
 (x, y) (1 + k1 r^2 + k2 r^4 + ...) + (p1 (r^2 + 2 x^2) + 2 p2 x y, p2 (r^2 + 2 y^2) + 2 p1 x y)
-(Brown 1971), and an affine transform takes it into the scan.
+(Brown 1971), and an affine transform maps it into the scan.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
-"""Cameras as most programs share them among photos: one frame camera each, with a name.
+"""Interior orientations as other programs hold them: one named frame camera for several photos.
 
-A scan may lie in its own way, so one camera of ours can become several of theirs.
+Every scan may lie differently, so one camera of ours can become several of theirs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Surveyed points of a list, how the list was read, and what it leaves open, as values."""
+"""Surveyed points of a list, how the list was read, and what has to be asked, as values."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -1,4 +1,4 @@
-"""Which way the plane coordinates of a list point and in which CRS they are, as the block tells."""
+"""Axis directions and CRS of a point list, found by comparison with the block."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What the columns of a list of surveyed points hold, by their names or by what stands in them."""
+"""The meaning of the columns of a point list, from their names or their values."""
 
 import re
 import unicodedata

@@ -1,4 +1,4 @@
-"""Surveyed points as the tables that Metashape, Pix4D and anybody read."""
+"""Surveyed points as tables for Metashape, Pix4D and others."""
 
 import re
 from pathlib import Path

@@ -1,7 +1,8 @@
-"""A list of surveyed points that the user brings: any table of them, in the block's CRS.
+"""Read any table of surveyed points into the block's CRS.
 
-What is not written out is recognised and said with its evidence; what remains doubtful is a
-question; a row that cannot be used is refused with its reason. Nothing is guessed in silence.
+What the list does not state is recognised and reported with the evidence; what remains open is a
+question to the user; a row that cannot be used is refused with a reason. Nothing is guessed
+silently.
 """
 
 from collections.abc import Sequence

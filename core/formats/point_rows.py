@@ -1,4 +1,4 @@
-"""One row of a list as a surveyed point, or why it is none."""
+"""One row of a list as a surveyed point, or the reason why it is refused."""
 
 from collections.abc import Sequence
 

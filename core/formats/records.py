@@ -1,4 +1,4 @@
-"""Text files of other programs, line by line: numbers that are none are told with their line."""
+"""Text files of other programs, line by line; errors name the line."""
 
 import csv
 import json

@@ -1,7 +1,7 @@
 """A block in a local tangent frame: east, north, up at its middle, metres, Euclidean.
 
-Projected coordinates are none of Euclid's: the map stretches the plan and not the heights, and the
-Earth falls away. Programs that know neither adjust rightly in this frame alone. Measurements must
+Projected coordinates are not Euclidean: the map stretches the plan but not the heights, and the
+Earth curves. Programs that model neither adjust correctly only in this frame. Measurements must
 be as the scan shows them, with the Earth's curvature in them.
 """
 

@@ -1,4 +1,4 @@
-"""Tie points as a table, one ray a row: how those of another program stay with a block."""
+"""Tie points as a table with one ray per row, kept with blocks of other programs."""
 
 from collections.abc import Container
 from pathlib import Path

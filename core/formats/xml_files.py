@@ -1,4 +1,4 @@
-"""XML of other programs: parsed without entities, every fault named with its file and element."""
+"""XML of other programs: parsed without entities; errors name file and element."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable

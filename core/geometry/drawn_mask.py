@@ -1,4 +1,4 @@
-"""What a hand drew on a scan: parts that are no photograph, and parts that are one after all."""
+"""A mask drawn by hand on a scan: areas to hide, and areas to use after all."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field

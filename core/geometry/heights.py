@@ -1,7 +1,7 @@
-"""Height systems: what a word or a CRS says, and whether a list of heights fits the ground.
+"""Height systems: recognise one by its name or CRS, and compare a list of heights with the ground.
 
-Nothing here moves a height. Normal heights of Czechia and ellipsoidal ones differ by about 45 m,
-and a transformation without its grid would leave them as they are without a word.
+No height is changed here. Normal heights of Czechia and ellipsoidal ones differ by about 45 m,
+and a transformation without its grid would silently leave them unchanged.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""What moves an image point and which points of a photo matter: plain figures with their sources.
+"""Corrections of image points and special points of a photo: textbook formulas with sources.
 
 The notes on image coordinates (chapter 4, cited by section) give them for near-vertical photos.
-What the bundle itself uses of them stands in `collinearity` and `camera`.
+The bundle adjustment uses its own models, in `collinearity` and `camera`.
 """
 
 from collections.abc import Sequence

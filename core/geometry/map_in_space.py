@@ -1,6 +1,6 @@
-"""Coordinates and rotations of a map taken into space: geocentric, or east, north, up somewhere.
+"""Map coordinates and rotations in a spatial frame: geocentric, or east, north, up at a place.
 
-A map's scale and its heights above the geoid stay: heights go as if above the ellipsoid.
+The scale of the map and heights above the geoid are kept: heights are used as if ellipsoidal.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What keeps a gross error from pulling the good measurements."""
+"""Robust estimation: weights and scales that gross errors do not dominate."""
 
 from collections.abc import Callable
 from typing import TypeVar

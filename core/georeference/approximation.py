@@ -1,7 +1,7 @@
 """Approximate exterior orientation of one photo from one source: near-vertical, with its prior.
 
-World files, points clicked in QGIS, footprints and EO lists each give one, with a prior that says
-honestly how far it may be trusted, and further hypotheses where the rotation is not known.
+World files, points clicked in QGIS, footprints and EO lists each give one, with an honest prior,
+and further hypotheses if the rotation is not known.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Where each photo roughly is: the archive's sources opened once, and asked photo by photo."""
+"""The archive's sources of georeferences: opened once, then queried photo by photo."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace

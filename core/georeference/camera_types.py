@@ -1,4 +1,4 @@
-"""What a camera is known to be by its type: aggregated facts of many certificates.
+"""Typical constants of camera types, aggregated from many certificates.
 
 `camera_types.csv` beside this file is written by `tests/camera_types.py`.
 """

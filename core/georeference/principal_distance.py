@@ -1,7 +1,7 @@
-"""A principal distance that no certificate states: what it may be before the photos tell.
+"""Propose a principal distance that no certificate states; the photos decide later.
 
-It is proposed by the type of the camera, else by the distances that lenses usually have; flying
-heights and the scale of the photos, where the archive gives both, say it for this very camera.
+Proposals come from the type of the camera, else from the usual lenses; flying height and photo
+scale, where the archive gives both, determine it for this very camera.
 """
 
 from collections.abc import Mapping

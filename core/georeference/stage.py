@@ -1,6 +1,6 @@
-"""Stage georeference: what the archive says of where each photo lies.
+"""Stage georeference: a rough exterior orientation of each photo from the archive.
 
-A reference that covers too little of the block is said so here.
+A reference that covers too little of the block is reported here.
 """
 
 from collections.abc import Mapping

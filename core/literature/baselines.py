@@ -1,7 +1,6 @@
-"""Every operator by its name; those of the literature that lose to the engine's own stand here.
+"""All operators by name; those that are here only for comparison are defined in this room.
 
-All stand behind the interface of `core/matching/operators.py`. They are for comparison and lessons,
-and may be named in `block.toml`.
+All implement the interface of `core/matching/operators.py`, and may be named in `block.toml`.
 """
 
 from dataclasses import dataclass

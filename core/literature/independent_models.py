@@ -1,8 +1,8 @@
-"""Aerial triangulation by independent models: pairs as bodies, all laid on control at once.
+"""Aerial triangulation by independent models: pairs as rigid bodies, all fitted to control at once.
 
-A model is two photos in each other's right place, with the points both show. Each is shifted,
-turned and scaled (seven unknowns) so that its points, and its perspective centres, meet those of
-its neighbours and the control (Ackermann, Ebner, Klein 1970).
+A model is two photos in correct relative orientation, with the points both show. Each is shifted,
+rotated and scaled (seven unknowns) so that its points and its perspective centres fit those of its
+neighbours and the control (Ackermann, Ebner, Klein 1970).
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,12 +1,12 @@
 """Coarse placement: a block, or one photo as a block of one, found on the reference as one body.
 
-The scans are laid on the ground with the orientations they came with, then turned, scaled and
+The scans are projected to the ground with their given orientations, then rotated, scaled and
 shifted over the reference as a whole; doubled gradient angles are compared by FFT (METHODS 3).
-Several hypotheses come out: which of them is right, or none, only the resection after it can tell.
+The result is several hypotheses; only the resection after it can tell which is right, if any.
 
-A single photo over woods and rebuilt villages has little to go by, and a poor georeference gives it
-much room. Tied together, the photos leave four unknowns between them (turn, scale, shift), and all
-their ground speaks.
+A single photo over woods and rebuilt villages has little evidence, and a poor georeference leaves
+a large search space. Tied together, the photos leave four unknowns (rotation, scale, shift), and
+all their ground contributes.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,8 +1,8 @@
-"""The free block: photos brought into each other's right place by tie points alone.
+"""The free block: relative positions of all photos from tie points alone.
 
-Every photo is a plane similarity over level ground (independent models in plan); that is linear and
-needs no approximations. The bundle adjustment after it gives the third dimension. Only then is the
-whole laid on the reference, as one body.
+Every photo is a plane similarity over level ground (independent models in plan), which is linear
+and needs no approximations. The bundle adjustment after it gives the third dimension. Only then is
+the whole placed on the reference, as one body.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Which photos stand at first: found on the reference by themselves, or carried by tie points."""
+"""Initial orientation: which photos are found on the reference, and which are carried by ties."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

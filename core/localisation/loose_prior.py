@@ -1,8 +1,8 @@
-"""Photos that were found on the reference, freed from what the archive said of them.
+"""Remove the georeference from photos that were found on the reference.
 
-A georeference that is hundreds of metres off would pull the adjustment, and decide how far pairs
-and points are searched. Once a photo stands on the reference, all it keeps of it is what holds for
-any aerial photo: it was taken nearly vertically, from where its own picture says.
+A georeference that is hundreds of metres off would bias the adjustment and widen the search for
+pairs and points. Once a photo has been found on the reference, it keeps only what holds for any
+aerial photo: it was taken nearly vertically, from where its own picture says.
 """
 
 from collections.abc import Callable

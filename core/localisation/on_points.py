@@ -1,8 +1,8 @@
-"""Photos that measured surveyed points orient, and blocks that stand on such points alone.
+"""Photos and blocks oriented by measured surveyed points alone.
 
 A photo that neither reference nor ties hold is resected once four surveyed points are measured in
-it. A block without proposals lies where its sources put it until three points are measured in it
-that span a triangle; from then on it lies on them, and its sources lose their say.
+it. A block without proposals keeps the position of its sources until three measured points span a
+triangle; from then on the points hold it, and the sources are ignored.
 """
 
 from collections.abc import Sequence

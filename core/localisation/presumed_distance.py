@@ -1,4 +1,4 @@
-"""A block whose cameras have one of the principal distances that nobody knows yet."""
+"""A block whose cameras use one of several presumed principal distances."""
 
 from collections.abc import Mapping
 from dataclasses import replace

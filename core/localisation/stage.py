@@ -1,8 +1,9 @@
-"""Stage localisation: where the photos really lie, found for all of them together.
+"""Stage localisation: the true positions of the photos, found for all of them together.
 
-Rough ties bring the photos together, each connected part is found on the reference as one body,
-and from there every photo is oriented by itself. Photos that no ground speaks for are carried by
-their ties. A later pass begins where control has put the block and only carries what still waits.
+Rough ties join the photos, each connected part is found on the reference as one body, and from
+there every photo is oriented by itself. Photos without evidence of their own are carried by their
+ties. A later pass starts from the block that control has adjusted, and only carries photos that
+are still waiting.
 """
 
 from collections.abc import Mapping

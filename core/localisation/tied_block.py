@@ -1,8 +1,8 @@
-"""A block without a reference ortho: its photos brought together by ties, where sources put them.
+"""A block without a reference ortho, positioned by ties and by the priors of its sources.
 
 Each connected part becomes one body (`core.localisation.free_block`) and is then adjusted with the
-exterior orientations its sources give as weighted observations. So it lies no better than they do
-until surveyed points are measured.
+exterior orientations its sources give as weighted observations. Until surveyed points are
+measured, it is no more accurate than those.
 """
 
 from collections.abc import Mapping, Sequence

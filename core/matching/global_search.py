@@ -1,7 +1,7 @@
-"""A picture laid on the ground, sought on the reference over all turns, scales and shifts.
+"""Search of a picture, projected to the ground, on the reference over all rotations and scales.
 
-Doubled gradient angles are compared by FFT (METHODS 3): they do not care which of two neighbours is
-the brighter one, which changes with the season and the film.
+Doubled gradient angles are compared by FFT (METHODS 3): they do not depend on which of two
+neighbours is brighter, which changes with the season and the film.
 """
 
 from collections.abc import Callable, Iterable, Sequence

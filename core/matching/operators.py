@@ -1,10 +1,10 @@
-"""Operators: what says how alike a patch of the reference and every place of a scan window are.
+"""Operators: measures of similarity between a reference patch and every place of a scan window.
 
-All stand behind one small interface. What is compared is described once for a whole tile; the
-score map of a point is then cut out of two descriptions. The engine uses two: `fused` compares
-directions of edges with those of the ortho and of the drawn roads, whatever their contrast and its
-sign; `ncc-high-pass` compares grey values. `core/literature/baselines.py` has those to be compared
-with, `core/matching/learned.py` the one whose network the user gives.
+All implement one small interface. A whole tile is described once; the score map of a point is then
+cut out of two descriptions. The engine uses two: `fused` compares the directions of edges with
+those of the ortho and of the drawn roads, whatever their contrast and its sign; `ncc-high-pass`
+compares grey values. `core/literature/baselines.py` has others for comparison,
+`core/matching/learned.py` the one that runs a network of the user.
 """
 
 from dataclasses import dataclass

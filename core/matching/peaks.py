@@ -1,4 +1,4 @@
-"""Peaks of a score map: found, refined to a part of a pixel, with how well their place is known."""
+"""Peaks of a score map: detected, refined to sub-pixel, with their standard deviation."""
 
 from dataclasses import dataclass
 

@@ -1,13 +1,13 @@
-"""How well a template's place is known, told by the template and by what it was found on.
+"""Precision of a template match, from the template and from the window it was found in.
 
-What the template does not explain of the window there moves the peak about: noise, grain, and
-whatever looks different today. With g the gradients of the template, c the autocorrelation of what
-is left and a the gain, the shift has the covariance
+What the template does not explain of the window moves the peak: noise, grain, and whatever looks
+different today. With g the gradients of the template, c the autocorrelation of the rest and a the
+gain, the shift has the covariance
 
     H^-1 (sum over u of c(u) (g * g)(u)) H^-1 / a^2,   H = sum of g g^T,
 
-least squares of a shift with correlated errors (METHODS 3.4). It holds of any layers that are
-correlated, so that each operator's peaks are judged by what it compares.
+least squares of a shift with correlated errors (METHODS 3.4). It holds for any correlated layers,
+so that each operator's peaks are judged by the layers it compares.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,8 @@
-"""What is known of the ground today, in one value: ortho, heights, roads, and how good they are.
+"""The reference in one value: ortho, heights and roads, with their accuracy.
 
-Roads are centre lines in space, to be drawn into a photo: a template that owes the ortho nothing.
-Where roads stayed and everything about them changed, the map still says what must be there: strips
-of their width, whatever their tone.
+Roads are centre lines in space that can be drawn into a photo: templates independent of the ortho.
+Where everything around a road has changed, the map still predicts strips of its width, of whatever
+tone.
 """
 
 from dataclasses import dataclass

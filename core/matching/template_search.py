@@ -1,7 +1,7 @@
-"""A template searched in a window: how alike both are at every place where the template fits.
+"""Correlation of a template with a window: similarity at every place where the template fits.
 
-All correlation of the engine is done here, by OpenCV; only the marks of cameras have their own in
-`core/scans`. What is correlated, `core/matching/operators.py` says.
+All correlation of the engine is done here, by OpenCV; only camera marks have their own in
+`core/scans`. `core/matching/operators.py` says which layers are correlated.
 """
 
 from collections.abc import Sequence

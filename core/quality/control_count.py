@@ -1,4 +1,4 @@
-"""How much control there is, and how it is spread; `core/quality/rules.py` judges it."""
+"""Amount and distribution of control; `core/quality/rules.py` judges it."""
 
 from collections import Counter
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where one more control point would help most, told before anyone has looked for it."""
+"""Places where one more control point would help most, before it is searched for."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

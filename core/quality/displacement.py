@@ -1,4 +1,4 @@
-"""How far a photo's georeference was off: what was believed beside what was found."""
+"""Error of a photo's georeference: assumed minus final position."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Residuals of what is in use: by photo, by cell of the film, along radius and height."""
+"""Residuals of the measurements in use: by photo, by part of the film, along radius and height."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
-"""The judgement of a block: every rule with its limit and its one sentence, and what follows.
+"""The judgement of a block: rules with their limits, findings, and the verdict.
 
-The desk's verdict, the report's release check and the protocol's doubts are all read from here.
-Tilt, crab and overlaps are those of national specifications for aerial survey cameras; how much
-control, and how far apart, is that of the Czech instruction for the renewal of cadastral maps.
+The desk's verdict, the report's release check and the protocol's doubts all use these findings.
+Limits of tilt, crab and overlap follow national specifications for aerial survey cameras; those of
+amount and spacing of control follow the Czech instruction for the renewal of cadastral maps.
 """
 
 from collections.abc import Mapping, Sequence

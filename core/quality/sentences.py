@@ -1,4 +1,4 @@
-"""What the judgement of a block says, one sentence for each finding; limits stand in its rules."""
+"""Sentences for the findings of a block's judgement; `core/quality/rules.py` has the limits."""
 
 from collections.abc import Mapping
 

@@ -1,7 +1,7 @@
-"""The terrain: heights at exact places, bilinear, from one DEM file or many.
+"""The terrain: heights at exact places, bilinear, from one DEM file or several.
 
-Small gaps are closed by the smoothest surface through what surrounds them. A block without any DEM
-stands on level ground.
+Small gaps are closed by the smoothest surface through their surroundings. A block without a DEM
+uses level ground.
 """
 
 from collections.abc import Iterator, Sequence

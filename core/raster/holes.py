@@ -1,4 +1,4 @@
-"""Holes: ground inside a raster product that nothing shows."""
+"""Holes: ground inside a raster product that no photo covers."""
 
 from dataclasses import dataclass
 from pathlib import Path

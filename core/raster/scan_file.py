@@ -1,6 +1,6 @@
-"""A scan as a file that is read by windows, and which part of it is photograph.
+"""A scan file, read by windows, with the mask of its usable part.
 
-What cannot be read says why and what to do.
+Errors of reading name the cause and the remedy.
 """
 
 import zlib

@@ -1,4 +1,4 @@
-"""Reference sheets: one raster file each, looked at once for what it is and where it lies."""
+"""Reference sheets: one raster file each, inspected once for kind, place and resolution."""
 
 import os
 from collections.abc import Generator

@@ -1,4 +1,4 @@
-"""The scans of one camera together: what one alone cannot say, the others do."""
+"""Scans of one camera judged together: what a single scan cannot determine, all of them may."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,11 +1,11 @@
-"""Which places in a scan are the camera's fiducials: the set of candidates that fits best.
+"""Which places in a scan are the camera's fiducials: the best-fitting set of candidates.
 
-Every kind of mark in the library is correlated with windows about the expected places; of all
-peaks the set is taken that lies as the certificate says, turned by about none to three quarter
-circles and scaled by the scan pixel size. A set stands only if it could not be chance: the marks
-that did not determine it lie too near to where they should, or look too much like marks.
+Every kind of mark in the library is correlated with windows about the expected places. Of all
+peaks, the set is taken that lies as certified, rotated by about none to three quarter circles and
+scaled by the scan pixel size. A set is accepted only if it could not be chance: the marks that did
+not determine it lie too close to their places, or look too much like marks.
 
-Corner marks and marks of the sides may be of different kinds; all lie on one film.
+Corner marks and side marks may be of different kinds; all lie on one film.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The copies of a mark that somebody showed, found and measured in its own scan and in others."""
+"""Copies of a mark that an operator showed, found and measured in its own scan and in others."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Fiducials that a person corrected after they were found: the interior orientation follows."""
+"""Apply fiducials that a person corrected: the interior orientation is computed again."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

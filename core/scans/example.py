@@ -1,8 +1,8 @@
-"""Marks like one that somebody showed: of any shape, wherever a camera of that kind has them.
+"""Marks like one that an operator showed: of any shape, at the places typical for cameras.
 
-A click says where the middle is and nothing else. How far the mark reaches is tried: of several
-sizes the set search takes the one that it finds again best. What is not the mark, the picture
-beside it, differs from copy to copy: the mean of those that were found shows the mark alone.
+A click gives the middle of the mark only. Its size is found by trial: of several sizes, the set
+search takes the one that it finds again best. The picture beside the mark differs from copy to
+copy, so the mean of the found copies shows the mark alone.
 """
 
 from collections.abc import Sequence

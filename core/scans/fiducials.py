@@ -1,8 +1,9 @@
-"""Fiducials measured to a fraction of a pixel; one that is missing or in doubt says so.
+"""Measure the fiducials of a scan with sub-pixel precision; missing or doubtful ones are reported.
 
-Marks that do not stand at first are sought once more as the others look and where they put them:
-from afar a bright spot of the picture may have been taken for the mark beside it, and until the
-marks have their right names nobody knows to a few pixels where a missing one should be.
+Marks that are not accepted at first are searched for once more, with the appearance and the
+places that the others give: at reduced resolution a bright spot of the picture may be taken for
+the mark beside it, and until marks have their right names the place of a missing one is not known
+to a few pixels.
 """
 
 from collections.abc import Mapping, Sequence

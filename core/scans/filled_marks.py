@@ -1,4 +1,4 @@
-"""Marks found by an example, named on the film: beside the marks that were known before."""
+"""Name the marks that were found by an example, and add them to the known ones."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

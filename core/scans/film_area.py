@@ -1,7 +1,7 @@
-"""Where the exposed picture lies in a scan, and beside which of its sides the camera wrote.
+"""Find the exposed picture in a scan, and the side on which the camera wrote.
 
-The border is looked for as four straight steps of gray, at right angles and as far apart as the
-camera's frame is wide; a side that cannot be seen (dark ground against dark film, or cut off by the
+The border is searched as four straight steps of grey, at right angles and as far apart as the
+camera's frame is wide. A side that cannot be seen (dark ground against dark film, or cut off by the
 scanner) is derived from the others and the frame.
 """
 

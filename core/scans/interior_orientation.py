@@ -1,4 +1,4 @@
-"""One scan from file to interior orientation, with everything that is doubtful about it."""
+"""Interior orientation of one scan from its file, with all doubts about it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

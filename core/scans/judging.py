@@ -1,4 +1,4 @@
-"""When a measured mark and the orientation by it stand, and what is doubtful about them."""
+"""Accept or doubt measured marks and the interior orientation they give."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

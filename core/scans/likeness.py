@@ -1,8 +1,8 @@
-"""The middle of a mark of which there is nothing but an example, found in two ways.
+"""The middle of a mark that is known only from an example, measured in two ways.
 
 An example that is not symmetric is a notch or a corner, and half of it is picture, which differs
-from scan to scan. Grays without the straight border beside the mark, and directions of gradients
-whatever their height, are drawn aside by it in different ways: where both agree the mark is.
+from scan to scan. The picture biases grey values without the straight border, and gradient
+directions, in different ways: where both agree, the mark is found.
 """
 
 from functools import partial

@@ -1,6 +1,6 @@
-"""What a camera and its crew wrote beside the picture: lines of print, and what they tell.
+"""Read the print beside the picture: lines of text, and the values they state.
 
-Nothing of it is used by any stage: a person accepts or corrects it first.
+No stage uses any of it before a person accepts or corrects it.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Kinds of fiducial marks, drawn at any scale: what to look for when nobody says how they look."""
+"""The library of fiducial marks, drawn at any scale, for cameras without a description."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

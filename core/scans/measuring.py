@@ -1,4 +1,4 @@
-"""The marks of one set at full resolution: the kind fitted, every middle found twice."""
+"""Measure the marks of one set at full resolution: kind, and every middle in two ways."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Which mark is which: of the eight ways a film can lie, the one the certificate speaks for."""
+"""Name the marks: of the eight orientations of a film, choose the one the certificate supports."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,9 +1,8 @@
-"""Marks of which nobody knows how they look: what a camera shows alike at its corners or sides.
+"""Fiducials of unknown appearance: what repeats at the corners or sides of a camera's frame.
 
-Four places lie opposite each other on the film. What is the camera's repeats there, turned or
-mirrored; what is landscape does not. So small figures that stand out of their surroundings at one
-place are sought at the other three, and those found again best are taken for marks, as if somebody
-had pointed at them.
+Four places lie opposite each other on the film. A camera's own figures repeat there, rotated or
+mirrored; landscape does not. So small conspicuous figures at one place are searched for at the
+other three, and the best matches are treated as marks, as if an operator had shown them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

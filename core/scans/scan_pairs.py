@@ -1,7 +1,7 @@
-"""Scans held against each other: which show one photo, and which show their film from the back.
+"""Compare scans in pairs: two scans of one photo, and film scanned from the back.
 
 Marks at the corners of a square look the same from behind, and so does a data strip; the ground
-does not. Overlapping photos are matched as they are and mirrored; those that match only mirrored
+does not. Overlapping photos are matched as they are and mirrored; pairs that match only mirrored
 have been scanned from different sides.
 """
 

@@ -1,4 +1,4 @@
-"""Stage scans: every scan read, its picture area and fiducials found, pixel fitted to film."""
+"""Stage scans: picture area, fiducials and interior orientation of every scan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

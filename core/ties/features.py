@@ -1,4 +1,4 @@
-"""Features of one scan: places with a description that is the same in the next photo.
+"""Features of one scan: keypoints with descriptors.
 
 SIFT on a reduced scan, by tiles so that memory stays small; places are scan pixels.
 """

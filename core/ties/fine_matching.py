@@ -1,4 +1,4 @@
-"""Rays of tie points matched finely on the raw scans, each to one fixed ray of its point."""
+"""Match the rays of a tie point finely on the raw scans, each against one fixed ray."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Matches of two photos: features that look alike and lie as the known cameras demand."""
+"""Matches of two photos: similar features that satisfy the relative orientation."""
 
 from dataclasses import dataclass
 

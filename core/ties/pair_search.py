@@ -1,4 +1,4 @@
-"""All pairs of a block matched: where they should overlap first, then wherever they may."""
+"""Match all pairs of a block: first those that should overlap, then others."""
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

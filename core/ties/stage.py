@@ -1,4 +1,4 @@
-"""Stage ties: the same place of the ground measured finely in several scans."""
+"""Stage ties: tie points measured finely in several scans."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Tie points measured finely on the raw scans, with deviations that the y-parallaxes confirm."""
+"""Measure tie points on the raw scans, with standard deviations scaled by y-parallaxes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

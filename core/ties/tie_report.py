@@ -1,4 +1,4 @@
-"""What the tie points of a block amount to: a report of each pair, and the doubts."""
+"""Summary of the tie points of a block: a report for each pair, and doubts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""What is shown and what a gesture means; knows nothing of viser."""
+"""What the desk shows and what gestures mean; does not know viser."""

@@ -1,4 +1,4 @@
-"""The fiducial board: every photo by every mark, worst first, and the shape of the films."""
+"""The fiducial board: all photos by all marks, worst first, and the deformation of the films."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

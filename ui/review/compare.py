@@ -1,4 +1,4 @@
-"""One measurement on both pictures: where it is predicted, measured, and where else it may lie.
+"""One measurement in both pictures: predicted and measured place, and the other peaks.
 
 The right picture is the scan warped to the ground with the orientation it was *drawn* with, which
 lags behind the newest adjustment by at most a third of a pixel, so that tiles are not made anew

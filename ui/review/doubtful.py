@@ -1,4 +1,4 @@
-"""What is doubtful beside control: tie points that bend the block, photos, fiducials."""
+"""Doubts other than control: tie points that bend the block, photos, fiducials."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

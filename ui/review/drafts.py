@@ -1,4 +1,4 @@
-"""Drafts: what a place not decided yet would be, how it lies to the block, and whether to ask."""
+"""Drafts: where a draft lies in the block, and whether to ask before it is kept."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Masks drawn by hand: what a gesture comes to, and what the sheet shows of them."""
+"""Masks drawn by hand: the decision a gesture makes, and what the sheet shows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What an operator did, as values: no meaning yet, and nothing of browsers any more."""
+"""Gestures of an operator as values, free of browser and meaning."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

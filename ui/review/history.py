@@ -1,4 +1,4 @@
-"""What was decided and what came of it: the history of a point, and adjustments to compare."""
+"""The history of a point, and pairs of adjustments to compare."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

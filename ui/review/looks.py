@@ -1,4 +1,4 @@
-"""How things look on the pages and in 3D: colours and shapes of states, rounded figures."""
+"""Colours, shapes and rounded figures for states, on the pages and in 3D."""
 
 import math
 from dataclasses import dataclass

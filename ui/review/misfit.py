@@ -1,8 +1,8 @@
-"""How far measurements lie from where the block expects their surveyed points: the misfit.
+"""The misfit: how far a measurement lies from where the block expects its surveyed point.
 
-A control point with weak coordinates gives way to its measurement, so that the residual of the
-adjustment stays small even where the place is wrong. The misfit does not: it is the projection of
-the *given* coordinates minus the measurement, with the standard deviations of both.
+A control point with weak coordinates follows its measurement, so its residual in the adjustment
+stays small even if the place is wrong. The misfit does not: it is the projection of the *given*
+coordinates minus the measurement, with the standard deviations of both.
 """
 
 from collections.abc import Iterable, Mapping

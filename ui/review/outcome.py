@@ -1,4 +1,4 @@
-"""What a gesture means: a changed seat, perhaps a decision, perhaps an act of the loop."""
+"""The meaning of a gesture: a changed seat, perhaps a decision, perhaps an act of the loop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

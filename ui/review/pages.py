@@ -1,4 +1,4 @@
-"""What each seat's page shows of one moment of the desk, made anew only where it changed."""
+"""The parts of each seat's page, renewed only where they changed."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache

@@ -1,4 +1,4 @@
-"""What a page shows, as values that can be sent: the loop makes it, the page only draws it."""
+"""The picture of a page as JSON-able values: the loop makes it, the page draws it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where the photos were said to lie and where they lie, as values a map can draw."""
+"""Georeferenced and final positions of the photos, as values for a map."""
 
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The queue: one row per measurement, how doubtful each is and why, sorted and filtered."""
+"""The queue: one row per measurement with its doubts, sorted and filtered."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Second readings: who measures again does not see the first place before having placed his own."""
+"""Second readings: the second operator does not see the first place before measuring."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a ray in the 3D scene meets: a point, a photo, the ground; and which photos see a place."""
+"""What a ray in the 3D scene hits: point, photo or ground; and which photos see a place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""All that the desk knows at one moment, as one frozen value: what is shown, and what is asked."""
+"""All that the desk knows at one moment, as one frozen value."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""What the desk knows at one moment, and what each seat at it looks at: frozen values."""
+"""State of the desk and of each seat, as frozen values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

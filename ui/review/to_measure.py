@@ -1,4 +1,4 @@
-"""Points of the user, and new ones, that wait to be measured: where, and in which order."""
+"""Surveyed and new points that wait to be measured, where they are expected, in order."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a decision would do, before it is made: the block adjusted with one measurement turned."""
+"""The effect of a decision before it is made: the block adjusted with one measurement switched."""
 
 from dataclasses import dataclass, replace
 

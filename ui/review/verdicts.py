@@ -1,4 +1,4 @@
-"""What a verdict comes to on one measurement, and where it says nothing."""
+"""The decision that a verdict makes on one measurement, if any."""
 
 from core.block import Measurement
 from sessions.decisions import (

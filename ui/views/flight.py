@@ -1,4 +1,4 @@
-"""Where the eye is in the 3D scene, and its way into a photo's perspective centre: local frame."""
+"""Position of the eye in the 3D scene and its flight into a perspective centre, local frame."""
 
 from dataclasses import dataclass
 

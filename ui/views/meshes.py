@@ -1,4 +1,4 @@
-"""Meshes of the scene as GLB: the DEM draped with ortho, shade or a photo, and needles."""
+"""Meshes of the scene as GLB: the DEM draped with ortho, shade or a photo; residual needles."""
 
 import io
 import json

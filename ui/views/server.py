@@ -1,4 +1,4 @@
-"""Viser on a port of its own that only our front can use, and the views of every browser."""
+"""Viser on a port that only our front can use, with one view for each browser."""
 
 import hmac
 import io

@@ -1,4 +1,4 @@
-"""Who may come in: an access token kept in a cookie, and a guard on Host and Origin."""
+"""Access to the desk: a token kept in a cookie, and a guard on Host and Origin."""
 
 import hashlib
 import hmac

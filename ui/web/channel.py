@@ -1,4 +1,4 @@
-"""The wire between the loop and the pages: gestures in, the parts of a picture that changed out."""
+"""The web socket between loop and pages: gestures in, changed parts of the picture out."""
 
 import asyncio
 import json

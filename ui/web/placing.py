@@ -1,4 +1,4 @@
-"""Addresses of the placing page: pairs of points of one photo, and the run that follows."""
+"""Addresses of the placing page: pairs of points of one photo, and the run after them."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, cast

@@ -1,4 +1,4 @@
-"""Addresses of lists of surveyed points: read to be looked at, brought, and single ones known."""
+"""Addresses of point lists: preview, import, and single points."""
 
 import asyncio
 import json

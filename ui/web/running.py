@@ -1,4 +1,4 @@
-"""Addresses of a run that is begun from a page; what pages share that only operators may do."""
+"""Addresses of a run started from a page, and the check that only operators use them."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Addresses of the start page: what a folder holds, files into it, the form, and the run."""
+"""Addresses of the start page: the folder's content, uploads, the form, and the run."""
 
 import asyncio
 from collections.abc import Callable, Mapping

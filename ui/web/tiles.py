@@ -1,4 +1,4 @@
-"""Tiles over HTTP: drawn in two threads, encoded, and kept while memory lasts."""
+"""Tiles over HTTP: drawn in two threads, encoded, cached within a memory limit."""
 
 import asyncio
 import threading
