@@ -126,12 +126,16 @@ def told_lines(brought: BroughtPoints) -> Iterator[str]:
     for row in found.refused:
         yield say(
             "Row {number}: {cause} {remedy}",
-            number=row.number, cause=row.cause, remedy=row.remedy,
-        )  # fmt: skip
+            number=row.number,
+            cause=row.cause,
+            remedy=row.remedy,
+        )
     for question in found.questions:
         yield question.words
         for choice in question.choices:
             yield say(
                 "  --answer {about}={value!r}: {words}",
-                about=question.about, value=choice.value, words=choice.words,
-            )  # fmt: skip
+                about=question.about,
+                value=choice.value,
+                words=choice.words,
+            )

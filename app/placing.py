@@ -199,9 +199,10 @@ class Clicking:
         fit = self.fitted(photo_id, pairs)
         if pairs and "matrix" not in fit:
             raise ScanError(
-                self._scan(photo_id).scan.path, str(fit.get("why", "One pair is too few.")),
+                self._scan(photo_id).scan.path,
+                str(fit.get("why", "One pair is too few.")),
                 "Click two places or more, far apart.",
-            )  # fmt: skip
+            )
         return fit
 
     def save(self, photo_id: str, pairs: list[Pair], seat_id: str = "") -> dict[str, Any]:
@@ -240,12 +241,10 @@ class Clicking:
             points = in_crs(read_qgis_points(path), self._found.given.crs)
         except PhotogrammetryError as error:
             raise ScanError(
-                path, say(
-"It cannot be read, and is not written over. {cause}",
-cause=error.cause
-),
+                path,
+                say("It cannot be read, and is not written over. {cause}", cause=error.cause),
                 "Rename it or repair it in QGIS, then save again.",
-            ) from error  # fmt: skip
+            ) from error
         off = ~points.enabled
         return replace(
             points, plane=points.plane[off], pixels=points.pixels[off], enabled=points.enabled[off]
@@ -332,4 +331,4 @@ def _start(project: Project, lattice: Lattice, ortho: OrthoSource) -> dict[str, 
         "lattice": lattice.part(ortho.bounds),
         "ortho_pixel": ortho.ground_sample_distance_m,
         "command": f"gruber run {project.folder}",
-    }  # fmt: skip
+    }

@@ -17,8 +17,9 @@ def scans_line(results: StageResults) -> Said:
         return say("{count:# scan|# scans}, {aside} set aside, no fiducials", **told)
     return say(
         "{count:# scan|# scans}, {aside} set aside, fiducials {rms:.1f} um rms",
-        rms=sum(rms) / len(rms), **told,
-    )  # fmt: skip
+        rms=sum(rms) / len(rms),
+        **told,
+    )
 
 
 def georeference_line(results: StageResults) -> Said:
@@ -40,8 +41,9 @@ def ties_line(results: StageResults) -> Said:
     ties = made(results.ties).ties
     return say(
         "{points:# tie point|# tie points}, {rays:# ray|# rays}",
-        points=ties.count, rays=len(ties.point),
-    )  # fmt: skip
+        points=ties.count,
+        rays=len(ties.point),
+    )
 
 
 def adjusted_line(report: AdjustmentReport) -> Said:

@@ -190,12 +190,14 @@ class Starting:
         free = free_bytes(self.folder)
         if size > free:
             raise StorageError(
-                path, say(
+                path,
+                say(
                     "needs {size:.0f} MB, and the disk has {free:.0f} MB left.",
-                    size=size / 1e6, free=free / 1e6
+                    size=size / 1e6,
+                    free=free / 1e6,
                 ),
                 "Free some space, or link the folder instead of copying it.",
-            )  # fmt: skip
+            )
         return whole_file(path)
 
     def place_of(self, name: str) -> Path:
@@ -210,9 +212,10 @@ class Starting:
         within = plain and path.parent.resolve() == path.parent
         if not within or parts[0] in OWN_NAMES:
             raise StorageError(
-                self.folder, say("{name!r} cannot be the name of a file here.", name=name),
+                self.folder,
+                say("{name!r} cannot be the name of a file here.", name=name),
                 "Give it a plain name, without dots at its beginning.",
-            )  # fmt: skip
+            )
         return path
 
     def folders(self, path: str) -> dict[str, Any]:
@@ -340,8 +343,10 @@ class Starting:
         """What is checked before minutes are spent, and what a run would make again."""
         if project is None:
             return {"checks": [], "ahead": [], "made": False, "placeable": False}
-        states = {"made": was_made(self.folder, "control"),
-                  "placeable": was_made(self.folder, "scans")}  # fmt: skip
+        states = {
+            "made": was_made(self.folder, "control"),
+            "placeable": was_made(self.folder, "scans"),
+        }
         checks = checks_of(project, {scan["file"]: scan["why"] for scan in scans}, outlines)
         if not states["placeable"] or self.running.under_way:
             return {"checks": checks, "ahead": [], **states}

@@ -20,9 +20,7 @@ from core.geometry.exterior import ExteriorOrientation
 
 Recipe = tuple[int, int, int, bool]
 """Seed, number of photos, radial terms, whether the lens is tangential."""
-RECIPES = st.tuples(
-    st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 3), st.booleans()
-)  # fmt: skip
+RECIPES = st.tuples(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 3), st.booleans())
 """Plain numbers, because values that are checked at every call would slow hypothesis down."""
 CRS = "EPSG:5514"
 MIDDLE = np.array([-743000.0, -1043000.0, 300.0])
@@ -50,9 +48,7 @@ def block_of(recipe: Recipe, holds: Holds = "film", crs: str = CRS) -> ExchangeB
         made[name] = _photo(name, camera, affine, rng)
     points = {f"P{number}": _point(f"P{number}", rng) for number in range(5)}
     block = ExchangeBlock(crs, cameras, made, points)
-    return ExchangeBlock(
-        crs, cameras, made, points, _measurements(block, rng), _ties(block, rng)
-    )  # fmt: skip
+    return ExchangeBlock(crs, cameras, made, points, _measurements(block, rng), _ties(block, rng))
 
 
 def assert_same_geometry(block: ExchangeBlock, again: ExchangeBlock, px: float = 1e-6) -> None:
@@ -109,7 +105,7 @@ def _camera(name: str, rng: np.random.Generator, radial: int, tangential: bool) 
     marks = {str(n + 1): (84.5 * x, 84.5 * y) for n, (x, y) in enumerate(CORNERS)}
     return ExchangeCamera(
         name, lens, (p1, p2), SIZE, 211.59, (0.013, -0.021), (180.0, 180.0), marks
-    )  # fmt: skip
+    )
 
 
 CORNERS = ((-1, 0), (1, 0), (0, 1), (0, -1))
@@ -123,16 +119,12 @@ def _affine(rng: np.random.Generator, holds: Holds) -> np.ndarray:
         matrix = np.array([[1 + scale, skew], [0, 1]]) @ matrix
     if holds == "film":
         turn = rng.uniform(-np.pi, np.pi)
-        matrix = (
-            np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ matrix
-        )  # fmt: skip
+        matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ matrix
     focal = rng.uniform(8000, 10000)
     return np.column_stack([focal * matrix, np.array(SIZE) / 2 + rng.uniform(-90, 90, 2)])
 
 
-def _photo(
-    name: str, camera: str, affine: np.ndarray, rng: np.random.Generator
-) -> ExchangePhoto:  # fmt: skip
+def _photo(name: str, camera: str, affine: np.ndarray, rng: np.random.Generator) -> ExchangePhoto:
     """A photo that looks down, more or less, with fiducials where they may be."""
     angles = (*rng.uniform(-0.15, 0.15, 2).tolist(), float(rng.uniform(-3.1, 3.1)))
     centre = MIDDLE + np.array([*rng.uniform(-400, 400, 2), HEIGHT + rng.uniform(-50, 50)])
@@ -160,7 +152,7 @@ def _point(name: str, rng: np.random.Generator) -> ExchangePoint:
 
 def _measurements(
     block: ExchangeBlock, rng: np.random.Generator
-) -> tuple[ExchangeMeasurement, ...]:  # fmt: skip
+) -> tuple[ExchangeMeasurement, ...]:
     """Every point in every photo, with noise."""
     made: list[ExchangeMeasurement] = []
     for name, photo in block.photos.items():

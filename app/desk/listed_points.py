@@ -101,10 +101,12 @@ class DeskPoints:
         plan, height = float(point.sigma_m[0]), float(point.sigma_m[2])
         role = "height" if plan >= UNKNOWN_M else "plan" if height >= UNKNOWN_M else point.role
         return {
-            "position": point.position.tolist(), "role": role, "description": point.description,
+            "position": point.position.tolist(),
+            "role": role,
+            "description": point.description,
             "sketch": point.sketch,
             "sigma": [None if sigma >= UNKNOWN_M else sigma for sigma in (plan, height)],
-        }  # fmt: skip
+        }
 
     def _now(self) -> Block:
         """The block with all decisions; the loop's own session is not to be used from here."""

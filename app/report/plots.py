@@ -68,8 +68,9 @@ def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:
     def place(at: float, value: float) -> tuple[float, float]:
         return EDGE + WIDE * (at - low) / span, 10 + TALL * (1 - value / reach) / 2
 
-    parts = [tag("line", x1=EDGE, y1=10 + TALL / 2, x2=EDGE + WIDE, y2=10 + TALL / 2,
-                 class_="axis")]  # fmt: skip
+    parts = [
+        tag("line", x1=EDGE, y1=10 + TALL / 2, x2=EDGE + WIDE, y2=10 + TALL / 2, class_="axis")
+    ]
     for at, mean, sigma in zip(along, means, sigmas, strict=True):
         (x, top), (_, foot) = place(at, mean + 2 * sigma), place(at, mean - 2 * sigma)
         parts.append(tag("line", x1=x, y1=top, x2=x, y2=foot, class_="vector controlline"))

@@ -223,10 +223,12 @@ def _asprs(checks: Figures, tell: Teller) -> str:
         return ""
     told = tell(
         "report.asprs.figures.heights" if checks["heights"] else "report.asprs.figures",
-        total=checks["rmse_plan_m"], survey=checks["survey_rms_horizontal"],
-        height=checks["rmse_height_m"], survey_height=checks["survey_rms_vertical"],
+        total=checks["rmse_plan_m"],
+        survey=checks["survey_rms_horizontal"],
+        height=checks["rmse_height_m"],
+        survey_height=checks["survey_rms_vertical"],
         space=checks["rmse_space_m"],
-    )  # fmt: skip
+    )
     key = "report.asprs.enough" if checks["asprs_enough"] else "report.asprs.few"
     return tell(key, count=checks["count"], least=checks["asprs_least"], told=told)
 

@@ -223,10 +223,12 @@ def pointing_variance(
     """
     some = [one for one in predictions.values() if one.redundancy > 0]
     brought = [float(np.sum(one.left * equations.cofactors(one.left).T)) for one in some]
-    excess = np.array([
-        (one.misclosure - scale**2 * part) / one.redundancy
-        for one, part in zip(some, brought, strict=True)
-    ])  # fmt: skip
+    excess = np.array(
+        [
+            (one.misclosure - scale**2 * part) / one.redundancy
+            for one, part in zip(some, brought, strict=True)
+        ]
+    )
     freedom = np.array([float(one.redundancy) for one in some])
     usual = float(np.median(np.maximum(excess, 0.0))) if some else scale**2
     most = max(usual, scale**2) * chdtri(freedom, LEAST_CHANCE) / freedom

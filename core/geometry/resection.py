@@ -183,8 +183,10 @@ class Search:
             )
         e_value = self.log10_e_value(exterior)
         evidence = {
-            "points": count, "agreeing": len(chosen), "log10_e_value": round(e_value, 2),
-        }  # fmt: skip
+            "points": count,
+            "agreeing": len(chosen),
+            "log10_e_value": round(e_value, 2),
+        }
         if e_value < self.options.least_log10_e_value:
             return Failure(
                 say(

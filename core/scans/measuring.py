@@ -386,8 +386,10 @@ def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> T
     return TwoWays(
         spot.corner[0] + share * second.column + (1 - share) * matched.column,
         spot.corner[1] + share * second.row + (1 - share) * matched.row,
-        float(np.hypot(min(second.sigma_px, WORST_PX), beyond)), likeness, apart,
-    )  # fmt: skip
+        float(np.hypot(min(second.sigma_px, WORST_PX), beyond)),
+        likeness,
+        apart,
+    )
 
 
 def _second_way(

@@ -20,8 +20,9 @@ def manual() -> dict[str, dict[str, tuple[str, str]]]:
         name.removesuffix(".NAME"): ROW.findall(page)
         for name, page in zip(pages[::2], pages[1::2], strict=True)
     }
-    return {name: {key: (default, says) for key, default, says in found}
-            for name, found in rows.items()}  # fmt: skip
+    return {
+        name: {key: (default, says) for key, default, says in found} for name, found in rows.items()
+    }
 
 
 def number(text: str) -> float:

@@ -46,8 +46,10 @@ def test_what_scans_differ_on_is_not__law() -> None:
 
 
 def test_one_misread_distance_does_not_count__law() -> None:
-    scans = [read(name, distance=mm) for name, mm in zip("abc", ("152.75", "182.75", "152.75"),
-                                                         strict=True)]  # fmt: skip
+    scans = [
+        read(name, distance=mm)
+        for name, mm in zip("abc", ("152.75", "182.75", "152.75"), strict=True)
+    ]
     assert accepted_values(scans) == {"camera.principal_distance_mm": 152.75}
 
 

@@ -28,8 +28,10 @@ def test_a_line_for_each_stage_with_what_was_said__truth(tmp_path):
     voice.say("A remark.")
     status = running.status()
     assert [(line["stage"], line["pass"]) for line in status["lines"]] == [
-        ("scans", 1), ("ties", 1), ("ties", 2),
-    ]  # fmt: skip
+        ("scans", 1),
+        ("ties", 1),
+        ("ties", 2),
+    ]
     assert (status["lines"][0]["seconds"], status["lines"][0]["said"]) == (1.23, "6 scans")
     assert "begun" not in str(status["lines"])
     assert status["log"] == ["A remark."]

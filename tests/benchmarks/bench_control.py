@@ -266,8 +266,10 @@ def searches(given: argparse.Namespace, folder: Path) -> list[str]:
     task = task_of(*parts, every)
     shares, wall, cpu = searched(task, given.workers)
     count = len(task.points)
-    say(f"{count} junctions, {len(every)} operators, {given.workers} workers: {wall:.1f} s, "
-        f"{cpu:.1f} s of CPU; {PROMISED_S:.0f} s on {CORES} cores are promised")  # fmt: skip
+    say(
+        f"{count} junctions, {len(every)} operators, {given.workers} workers: {wall:.1f} s, "
+        f"{cpu:.1f} s of CPU; {PROMISED_S:.0f} s on {CORES} cores are promised"
+    )
     say(f"\n| operator | within {NEAR_M:.0f} m |\n|---|---|")
     for operator, share in shares.items():
         say(f"| {operator} | {share:.1%} |")
@@ -277,13 +279,17 @@ def searches(given: argparse.Namespace, folder: Path) -> list[str]:
         "\n| program | windows | points per s of CPU | points per s by the clock | right | "
         "fused is faster | right ones per s | returned; kept |\n|---|---|---|---|---|---|---|---|"
     )
-    say(f"| fused, the whole stage | 160 m, template 51 m | {count / cpu:.1f} | {count / wall:.1f} "
-        f"| {fused['fused']:.1%} of {count} | | | |")  # fmt: skip
+    say(
+        f"| fused, the whole stage | 160 m, template 51 m | {count / cpu:.1f} | {count / wall:.1f} "
+        f"| {fused['fused']:.1%} of {count} | | | |"
+    )
     windows = [int(word) for word in given.windows.split(",")]
     broken += beside_arosics(given.arosics, windows, folder, task, fused["fused"], count / cpu)
     share, cpu = phase_correlated(task)
-    say(f"  phase correlation alone, without reading and warping: {count / cpu:.0f} points per "
-        f"second of CPU, {share:.1%} right")  # fmt: skip
+    say(
+        f"  phase correlation alone, without reading and warping: {count / cpu:.0f} points per "
+        f"second of CPU, {share:.1%} right"
+    )
     return broken
 
 

@@ -166,8 +166,10 @@ def coarse(folder: Path) -> bool:
     before = _processor_ms(lambda: [ortho.read_colour(grid) for grid in grids])
     read = _processor_ms(small.prepare)
     after = _processor_ms(lambda: [small.read_colour(grid) for grid in grids])
-    say(f"ortho of {side} px without overviews, four coarsest tiles: {before:.0f} ms from its "
-        f"files, {after:.0f} ms once it was read in the background ({read:.0f} ms)")  # fmt: skip
+    say(
+        f"ortho of {side} px without overviews, four coarsest tiles: {before:.0f} ms from its "
+        f"files, {after:.0f} ms once it was read in the background ({read:.0f} ms)"
+    )
     return after < before / 10
 
 

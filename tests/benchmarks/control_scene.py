@@ -107,8 +107,10 @@ def seen(photo: Photo, then: np.ndarray, rng: np.random.Generator) -> np.ndarray
     across = ((ground[:, 0] - WEST) / ORTHO_M - 0.5).reshape(len(line), -1).astype(np.float32)
     down = ((NORTH - ground[:, 1]) / ORTHO_M - 0.5).reshape(len(line), -1).astype(np.float32)
     scan = np.empty((SCAN_PX, SCAN_PX), np.uint8)
-    maps = [cv2.resize(one, (SCAN_PX, SCAN_PX), interpolation=cv2.INTER_LINEAR)
-            for one in (across, down)]  # fmt: skip
+    maps = [
+        cv2.resize(one, (SCAN_PX, SCAN_PX), interpolation=cv2.INTER_LINEAR)
+        for one in (across, down)
+    ]
     for row in range(0, SCAN_PX, 2000):
         part = cv2.remap(then, *(m[row : row + 2000] for m in maps), cv2.INTER_LINEAR)
         grain = rng.normal(0, 10, part.shape).astype(np.float32)

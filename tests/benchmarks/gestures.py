@@ -214,11 +214,12 @@ def click_frustum(page: Page) -> None:
             __viserMutable.camera.position.clone());
           at.project(__viserMutable.camera);
           return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight]; }""",
-        "/photos/" + page.evaluate(
+        "/photos/"
+        + page.evaluate(
             "Object.keys(Object.fromEntries(gruber.parts.rows.map(r => [r[1], 1])))"
             ".sort().find(n => n !== gruber.parts.point.key[1])"
         ),
-    )  # fmt: skip
+    )
     room = page.locator("#scene").bounding_box()
     assert room is not None
     page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 40)
@@ -386,10 +387,12 @@ LOOKING = (
 )  # fmt: skip
 BOARD_LOOKING = (
     Looks("board button", button("board"), OPEN),
-    Looks("J on the board", key("j"), MARK), Looks("K on the board", key("k"), MARK),
+    Looks("J on the board", key("j"), MARK),
+    Looks("K on the board", key("k"), MARK),
     Looks("mark clicked", click("#board .mark:not(.on)"), MARK),
-    Looks("next mark button", click('#mark-room h3 button >> nth=1'), MARK),
+    Looks("next mark button", click("#mark-room h3 button >> nth=1"), MARK),
     Looks("film", click('[data-tab="film"]'), "gruber.boardState().tab"),
     Looks("marks again", click('[data-tab="board"]'), "gruber.boardState().tab"),
-    Looks("board closed", click("#board-close"), OPEN), Looks("I", key("i"), OPEN),
-)  # fmt: skip
+    Looks("board closed", click("#board-close"), OPEN),
+    Looks("I", key("i"), OPEN),
+)

@@ -126,22 +126,27 @@ def with_huge_scan(inputs: DeskInputs, side_px: int) -> DeskInputs:
     matrix = interior.film_from_pixel_matrix.copy()
     matrix[:, :2] /= factor
     fine = replace(
-        photo, scan=path, size_px=(side, side),
+        photo,
+        scan=path,
+        size_px=(side, side),
         interior=replace(interior, film_from_pixel_matrix=matrix),
-    )  # fmt: skip
+    )
     measured = {
-        key: replace(m, column=m.column * factor, row=m.row * factor, peaks=()) if key[1] == name
+        key: replace(m, column=m.column * factor, row=m.row * factor, peaks=())
+        if key[1] == name
         else m
         for key, m in block.measurements.items()
-    }  # fmt: skip
+    }
     ties = block.ties
     pixels = np.where(
         (ties.photo == ties.photo_ids.index(name))[:, None], ties.pixels * factor, ties.pixels
     )
     fresh = replace(
-        block, photos={**block.photos, name: fine}, measurements=measured,
+        block,
+        photos={**block.photos, name: fine},
+        measurements=measured,
         ties=replace(ties, pixels=pixels),
-    )  # fmt: skip
+    )
     return replace(inputs, block=fresh, report=inputs.adjust(fresh, Silent()))
 
 
@@ -258,9 +263,9 @@ def _blurred(rng: np.random.Generator, photo: Photo) -> Photo:
     """The photo with the orientation an engine would begin from."""
     true = photo.exterior
     about = ExteriorOrientation(
-        true.centre + rng.normal(0, 4, 3), *(np.array([true.omega, true.phi, true.kappa])
-        + rng.normal(0, 0.003, 3)),
-    )  # fmt: skip
+        true.centre + rng.normal(0, 4, 3),
+        *(np.array([true.omega, true.phi, true.kappa]) + rng.normal(0, 0.003, 3)),
+    )
     return replace(photo, exterior=about, approximate=about)
 
 

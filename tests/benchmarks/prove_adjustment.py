@@ -153,9 +153,11 @@ def tell(tally: Tally) -> None:
     tally.tell("false alarms among good measurements", np.mean(tally.of("alarms")), 0, 0.01)
     for name in ("tie", "control_image", "control_plan", "control_height"):
         tally.tell(
-            f"variance component {name}, found over put in", np.mean(tally.of(f"vce {name}")),
-            0.85, 1.15,
-        )  # fmt: skip
+            f"variance component {name}, found over put in",
+            np.mean(tally.of(f"vce {name}")),
+            0.85,
+            1.15,
+        )
     for percent in (99, 100):
         share = _high(tally.of("left out"), percent)
         what = f"leave-one-out against adjustment, share of its sigma, {percent} %"

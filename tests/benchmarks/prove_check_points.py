@@ -38,8 +38,10 @@ POINTING_PX = 0.3
 MARGIN_MM = 5.0
 """So far inside the frame a photo must show a point for it to be drawn."""
 ASKED = (0.8, 1.25)
-ROLES = {f"P{number + 1:02d}": "control" if number < CONTROL else "check"
-         for number in range(CONTROL + CHECK)}  # fmt: skip
+ROLES = {
+    f"P{number + 1:02d}": "control" if number < CONTROL else "check"
+    for number in range(CONTROL + CHECK)
+}
 
 
 def shown(truth: Truth, places: np.ndarray) -> dict[str, np.ndarray]:

@@ -189,8 +189,10 @@ def calibration(
     for b in range(10):
         own = np.clip((told * 10).astype(int), 0, 9) == b
         if own.any():
-            say(f"| {b / 10:.1f} to {b / 10 + 0.1:.1f} | {own.sum()} | {told[own].mean():.2f} | "
-                f"{within[own].mean():.2f} | {came[own].mean():.2f} |")  # fmt: skip
+            say(
+                f"| {b / 10:.1f} to {b / 10 + 0.1:.1f} | {own.sum()} | {told[own].mean():.2f} | "
+                f"{within[own].mean():.2f} | {came[own].mean():.2f} |"
+            )
     sure = told >= 0.9
     precision = float(came[sure].mean()) if sure.any() else float("nan")
     return expected_error(within, came), expected_error(told, came), precision
@@ -252,9 +254,11 @@ class Proof:
         say("|---|---|---|---|---|---|---|---|")
         seed = "" if case.level == "real" else case.folder.name.replace("p", ", ")
         for chain, row in rows.items():
-            say(f"| {case.name}{seed} | {chain} | {row.used} | "
+            say(
+                f"| {case.name}{seed} | {chain} | {row.used} | "
                 f"{row.wrong / max(row.used, 1):.1%} | {row.recall:.1%} | {row.ground_m:.2f} m | "
-                f"{row.photos} | {row.seconds:.0f} s |")  # fmt: skip
+                f"{row.photos} | {row.seconds:.0f} s |"
+            )
         own, other = rows["gruber"], rows[thesis]
         self.used, self.wrong = self.used + own.used, self.wrong + own.wrong
         self.grounds.append(own.ground_m)
@@ -325,8 +329,10 @@ def summary(proof: Proof) -> None:
         if wrong > 0.01 * used:
             broken.append(f"wrong control {wrong / used:.2%}")
         near = sum(ground <= STRONG_M for ground in proof.grounds)
-        say(f"ground error at most {STRONG_M} m on {near} of {len(proof.grounds)} blocks; "
-            f"mean recall {np.mean(proof.recalls or [np.nan]):.1%}")  # fmt: skip
+        say(
+            f"ground error at most {STRONG_M} m on {near} of {len(proof.grounds)} blocks; "
+            f"mean recall {np.mean(proof.recalls or [np.nan]):.1%}"
+        )
         if near < 0.9 * len(proof.grounds):
             broken.append("ground error")
     if proof.told:

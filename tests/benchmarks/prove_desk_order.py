@@ -178,8 +178,10 @@ def main() -> int:
             needed = {name: decisions_until(case, name, CLOSE * best) for name in ORDERS}
             ratios.append(needed["gain"] / max(needed["residual"], 1))
             told = " | ".join(f"{number}" for number in needed.values())
-            say(f"| {seed} | {len(case.block.measurements)} | {len(case.wrong)} | {first:.3f} m | "
-                f"{best:.3f} m | {told} | {ratios[-1]:.2f} |")  # fmt: skip
+            say(
+                f"| {seed} | {len(case.block.measurements)} | {len(case.wrong)} | {first:.3f} m | "
+                f"{best:.3f} m | {told} | {ratios[-1]:.2f} |"
+            )
         seed += 1
     drawn = seed - given.seed
     say(f"{drawn} blocks drawn, {drawn - given.blocks} needed no decision")

@@ -54,8 +54,9 @@ def stands(page: Page, folder: Path, gesture: Decides, on_board: bool) -> bool:
     fresh = decided(page, folder, gesture)
     aimed = {*before, *(page.evaluate(shown) or []), *(page.evaluate("window.aimed") or [])}
     found = tuple(type(item.decision).__name__ for item in fresh)
-    about = {getattr(item.decision, "photo_id" if on_board else "point_id", before[0])
-             for item in fresh}  # fmt: skip
+    about = {
+        getattr(item.decision, "photo_id" if on_board else "point_id", before[0]) for item in fresh
+    }
     # A new point has a name of its own; several decided at once are several points.
     free = "AddPoint" in found or (len(found) > 1 and not gesture.reason)
     good = found == gesture.kinds and (free or about <= aimed)

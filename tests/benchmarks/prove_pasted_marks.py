@@ -204,8 +204,9 @@ def main(arguments: list[str] | None = None) -> int:
     sys.stdout.write(
         "| family | scans | found | right | median um | wrong (silent) | by example "
         "| by example right | by example median um | by example wrong (silent) | s a scan |\n"
-        + "|---" * 11 + "|\n"
-    )  # fmt: skip
+        + "|---" * 11
+        + "|\n"
+    )
     order = [*families, *sorted(key for key in tallies if key not in (*families, "all")), "all"]
     for key in order:
         if key in tallies:

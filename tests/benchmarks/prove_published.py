@@ -79,10 +79,12 @@ def strasbourg(folder: Path) -> list[bool]:
         promise("SXB, centres against DBAT", 1000 * max(off), 1, " mm"),
         promise(
             f"SXB, {len(ratios)} standard deviations of orientations against DBAT, largest",
-            100 * max(ratios), 2, " %",
+            100 * max(ratios),
+            2,
+            " %",
         ),
         promise("SXB, check points", rms, DBAT_CHECK_M, " m"),
-    ]  # fmt: skip
+    ]
 
 
 def deviations(report: Path) -> dict[str, np.ndarray]:
@@ -110,11 +112,13 @@ def addis(folder: Path) -> list[bool]:
     return [
         promise("Addis Ababa, centres against ERDAS", 1000 * max(off), 20, " mm"),
         promise(
-            "Addis Ababa, residual of point 2 on 4093 against ERDAS", abs(bad - ERDAS_BAD_PX),
-            0.05, " px",
+            "Addis Ababa, residual of point 2 on 4093 against ERDAS",
+            abs(bad - ERDAS_BAD_PX),
+            0.05,
+            " px",
         ),
         found_alone("Addis Ababa", block),
-    ]  # fmt: skip
+    ]
 
 
 def found_alone(name: str, block: Block) -> bool:
@@ -123,8 +127,10 @@ def found_alone(name: str, block: Block) -> bool:
     report: AdjustmentReport = adjust_block(replace(block, measurements=free), SNOOPING)
     good = BAD_PICKS[name] in report.rejected
     told = ", ".join(f"{point} on {photo}" for point, photo in sorted(report.rejected))
-    say(f"| {name}, left out | {told} | {' on '.join(BAD_PICKS[name])} among them | "
-        f"{'kept' if good else 'BROKEN'} |")  # fmt: skip
+    say(
+        f"| {name}, left out | {told} | {' on '.join(BAD_PICKS[name])} among them | "
+        f"{'kept' if good else 'BROKEN'} |"
+    )
     return good
 
 

@@ -169,11 +169,13 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
         return _act_means(name, seen)
     drawing = {"mask": Meaning("draw"), "": Meaning("add") if seen["adding"] else None}
     return {
-        "back": Meaning("back", must=True), "drop": Meaning("drop"),
+        "back": Meaning("back", must=True),
+        "drop": Meaning("drop"),
         "reason": Meaning("reason", must=seen["asked"] == "why"),
         "magnified": Meaning("put", seen["mark"], must=True),
-        "placing-save": Meaning("stand"), "pane": drawing.get(dialog),
-    }.get(on)  # fmt: skip
+        "placing-save": Meaning("stand"),
+        "pane": drawing.get(dialog),
+    }.get(on)
 
 
 def _act_means(name: str, seen: dict[str, Any]) -> Meaning | None:
@@ -182,9 +184,10 @@ def _act_means(name: str, seen: dict[str, Any]) -> Meaning | None:
     if name in ("role", "refine"):
         return Meaning(name, seen["current"], seen["able"])
     return {
-        "redo": Meaning("redo", must=True), "undo": _undo({**seen, "shift": False}),
+        "redo": Meaning("redo", must=True),
+        "undo": _undo({**seen, "shift": False}),
         "accept-all": Meaning("accept all"),
-    }.get(name)  # fmt: skip
+    }.get(name)
 
 
 def _board_means(seen: dict[str, Any]) -> Meaning | None:
@@ -213,8 +216,10 @@ def _placed_means(seen: dict[str, Any]) -> Meaning | None:
 
 
 SHEETS: dict[str, Callable[[dict[str, Any]], Meaning | None]] = {
-    "board": _board_means, "mask": _mask_means, "placed": _placed_means,
-}  # fmt: skip
+    "board": _board_means,
+    "mask": _mask_means,
+    "placed": _placed_means,
+}
 """What keys mean in an open sheet; in any other they decide nothing."""
 SAID = {
     name: tuple(words(language)[f"notice.{name}"].partition("{")[0] for language in ("en", "cs"))

@@ -252,8 +252,10 @@ class PlacingWalk(PageWalk):
     def end(self) -> None:
         super().end()
         self.page.click("#placing-scans button >> nth=1")
-        self.expect("document.querySelector('#placing-scans button:nth-child(2).on')",
-                    "a scan is clicked and not shown")  # fmt: skip
+        self.expect(
+            "document.querySelector('#placing-scans button:nth-child(2).on')",
+            "a scan is clicked and not shown",
+        )
 
 
 class ReportWalk(PageWalk):
@@ -434,15 +436,19 @@ class DeskWalk(PageWalk):
             page.select_option(f"#{select}", "")
         self.expect("document.querySelector('.row')?.checkVisibility()", "no queue in sight")
         page.click(".row >> nth=1")
-        self.expect("document.querySelectorAll('.row')[1].classList.contains('current')",
-                    "a row is clicked and not shown")  # fmt: skip
+        self.expect(
+            "document.querySelectorAll('.row')[1].classList.contains('current')",
+            "a row is clicked and not shown",
+        )
         self.expect("document.querySelector('#lost').hidden", "the desk is lost")
         time.sleep(0.5)  # A nudge may still wait for the hand to pause.
         self.fresh()
         self.undo_all()
-        self.expect(f"!gruber.parts.status.adjusting && JSON.stringify({ROWS}) === rows",
-                    "undone to the beginning, the block is another", rows=json.dumps(self.room.rows,
-                    ensure_ascii=False, separators=(",", ":")))  # fmt: skip
+        self.expect(
+            f"!gruber.parts.status.adjusting && JSON.stringify({ROWS}) === rows",
+            "undone to the beginning, the block is another",
+            rows=json.dumps(self.room.rows, ensure_ascii=False, separators=(",", ":")),
+        )
         if page.locator("#details").is_visible():
             page.keyboard.press(".")
         try:

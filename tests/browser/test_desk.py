@@ -232,8 +232,9 @@ def test_another_browser_sees_the_decision_and_keeps_its_place__law(sit):
     there = current(berta)
     point, _, _ = press(anna, "n")
     becomes(berta, point, "rejected")
-    berta.wait_for_function("value => +document.getElementById('sigma').dataset.value === value",
-                            arg=sigma(anna))  # fmt: skip
+    berta.wait_for_function(
+        "value => +document.getElementById('sigma').dataset.value === value", arg=sigma(anna)
+    )
     assert current(berta) == there
 
 
@@ -317,8 +318,10 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     page.wait_for_selector("#asked.against")
     said = page.inner_text("#keep p")
     assert re.fullmatch(r"[\d.]+ sigma, moves \S+ by [\d.]+ m\. Keep\?", said)
-    assert page.evaluate("(p => p.scrollWidth - p.clientWidth)"
-                         "(document.querySelector('#keep p'))") <= 1  # fmt: skip
+    assert (
+        page.evaluate("(p => p.scrollWidth - p.clientWidth)(document.querySelector('#keep p'))")
+        <= 1
+    )
     with Session.open(tmp_path, "reader") as session:
         assert session.decisions() == ()
     page.click("#keep button")
@@ -391,9 +394,11 @@ def test_strangers_are_kept_out__law(desk):
 
 def test_sockets_of_strangers_are_refused__law(desk):
     upgrade = {
-        "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-    }  # fmt: skip
+    }
     root = f"http://127.0.0.1:{desk.port}"
     assert fetched(f"{root}/desk/abcdefgh", **upgrade) == 401
     assert fetched(f"{root}/scene/abcdefgh", **upgrade) == 401

@@ -15,9 +15,11 @@ def sit_with(chromium, desk):
 
     def sit_down(language: str, theme: str):
         context = chromium.new_context(
-            locale="cs-CZ" if language == "cs" else "en-GB", bypass_csp=True,
-            viewport={"width": 1600, "height": 1000}, storage_state=toured(desk.url),
-        )  # fmt: skip
+            locale="cs-CZ" if language == "cs" else "en-GB",
+            bypass_csp=True,
+            viewport={"width": 1600, "height": 1000},
+            storage_state=toured(desk.url),
+        )
         context.set_default_timeout(PATIENCE_MS)
         context.add_init_script(f"localStorage.setItem('gruber.theme', '{theme}')")
         contexts.append(context)

@@ -87,8 +87,9 @@ def test_a_mask_is_drawn_and_erased_by_keys_alone_on_all_scans_of_a_camera__law(
     assert page.evaluate("gruber.maskState().found.photos.every(one => one.freed.length === 1)")
     decided = [item.decision for item in real_desk.session.decisions()]
     assert [(d.on_film, d.hides) for d in decided if isinstance(d, DrawMask)] == [
-        (True, True), (True, False)
-    ]  # fmt: skip
+        (True, True),
+        (True, False),
+    ]
     page.keyboard.press("Escape")
     page.wait_for_selector("#mask:not([open])", state="attached")
 

@@ -52,8 +52,9 @@ def test_nothing_is_cut_off_at_any_width__law(sit, language):
     assert page.evaluate("document.documentElement.lang") == language
     assert page.text_content("#queue h2") == words(language)["queue"]
     wait = words(language)["trial.wait"]
-    page.wait_for_function("w => !document.querySelector('#trial .figure').textContent.includes(w)",
-                           arg=wait)  # fmt: skip
+    page.wait_for_function(
+        "w => !document.querySelector('#trial .figure').textContent.includes(w)", arg=wait
+    )
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         for mode in ("side", "swipe", "blend"):

@@ -181,8 +181,10 @@ def test_names_people_give_are_kept_short_and_plain__law(tmp_path, sit_at):
         page.click("#who")
         page.fill("#name-field", '  <img src=x onerror="window.hurt=1">  Berta ')
         page.click("#naming button")
-        page.wait_for_function("gruber.parts.status.operator.includes('Berta') || "
-                               "gruber.parts.status.operator.startsWith('<img')")  # fmt: skip
+        page.wait_for_function(
+            "gruber.parts.status.operator.includes('Berta') || "
+            "gruber.parts.status.operator.startsWith('<img')"
+        )
         point = page.get_attribute(".row.current", "data-key").split("|")
         page.keyboard.press("y")
         page.wait_for_function("gruber.parts.status.decided === 1")

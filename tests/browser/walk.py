@@ -82,9 +82,11 @@ def open_rooms(block: Path, folder: Path) -> Generator[list[Room]]:
         page = stack.enter_context(open_placing(project, found, "127.0.0.1", 0))
         report = (desk / "results" / "report.html").as_uri()
         yield [
-            Room(DeskWalk, opened.url, desk, reader), Room(StartWalk, started.url, start),
-            Room(PlacingWalk, page.url, placing), Room(ReportWalk, report, desk / "results"),
-        ]  # fmt: skip
+            Room(DeskWalk, opened.url, desk, reader),
+            Room(StartWalk, started.url, start),
+            Room(PlacingWalk, page.url, placing),
+            Room(ReportWalk, report, desk / "results"),
+        ]
 
 
 GONE = ("net::ERR_ABORTED",)

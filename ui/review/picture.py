@@ -48,12 +48,14 @@ def queue_part(
         "current": places.get(seat.current, -1) if seat.current else -1,
         "taken": [[places[key], name] for key, name in others if key in places],
         "filter": {
-            "state": seat.filter.state, "photo": seat.filter.photo_id, "role": seat.filter.role,
+            "state": seat.filter.state,
+            "photo": seat.filter.photo_id,
+            "role": seat.filter.role,
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": list(seat.explaining) if seat.explaining else None,
         "drafts": [places[draft.key] for draft in seat.drafts if draft.key in places],
-    }  # fmt: skip
+    }
 
 
 def notice_part(notice: Notice) -> Part:
@@ -183,7 +185,9 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "ellipse": _ellipse(state, key),
         "readings": readings_part(measurement),
         "raw": _raw(overlay),
-        "draft": None if draft is None else {
+        "draft": None
+        if draft is None
+        else {
             **_draft(overlay_of(shown, drawn, pictured.dem, key)),
             "asking": seat.asking == draft,
         },
@@ -194,7 +198,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "ahead": _ahead(state, seat, rows, drawn),
         "trial": _trial(state, pictured.trial),
         "history": list(pictured.history),
-    }  # fmt: skip
+    }
 
 
 def _draft(overlay: Overlay | None) -> dict[str, Any]:

@@ -285,8 +285,9 @@ def showing(seat: Seat, rows: Mapping[Key, Row], key: Key) -> Seat:
     if not passes(row, replace(wanted, state="all")):
         role = wanted.role if row.role == wanted.role else ""
         photo_id = wanted.photo_id if row.key[1] == wanted.photo_id else ""
-        wanted = replace(wanted, role=role if row.role in POINT_KINDS else row.role,
-                         photo_id=photo_id)  # fmt: skip
+        wanted = replace(
+            wanted, role=role if row.role in POINT_KINDS else row.role, photo_id=photo_id
+        )
     if not passes(row, wanted):
         wanted = replace(wanted, state=_filter_of(row))
     if wanted != seat.filter:

@@ -148,9 +148,10 @@ def scene_picture(
     checks = [name for name, point in state.block.surveyed.items() if point.role == "check"]
     keys, vectors = misfit_vectors(state, away)
     adjusted = {
-        name: sigma for name, sigma in state.report.surveyed_sigmas_m.items()
+        name: sigma
+        for name, sigma in state.report.surveyed_sigmas_m.items()
         if name in state.block.surveyed and np.isfinite(sigma[:2]).all()
-    }  # fmt: skip
+    }
     ties, rays = tie_cloud(state)
     return ScenePicture(
         depth_m=frustum_depth_m(oriented),

@@ -130,8 +130,10 @@ def test_a_search_for_marks_tells_each_scan_and_can_be_cancelled__law():
     filler.cancel()
     ended = inbox.until(lambda items: isinstance(items[-1], FillEnded))[-1]
     assert (ended.seat_id, ended.decision, ended.notice.text) == (
-        "anna-1", None, "notice.fill-cancelled",
-    )  # fmt: skip
+        "anna-1",
+        None,
+        "notice.fill-cancelled",
+    )
     filler.close()
     going.set()
     filler.start(shown, tiny_snapshot())

@@ -204,10 +204,12 @@ def test_filled_marks_are_doubts_until_somebody_has_looked__law(given: Any):
     assert max(doubts, key=doubts.__getitem__) == "L"
     assert board["examples"] == [
         {
-            "id": 1, "camera": decision.camera, "photo": decision.photo_id,
+            "id": 1,
+            "camera": decision.camera,
+            "photo": decision.photo_id,
             "place": [decision.column, decision.row],
         }
-    ]  # fmt: skip
+    ]
     accepted = said(decision, JudgeFiducial(worst, "L", use=True))
     desk = snapshot(bare, accepted)
     board = board_part(desk.state, bare.initial, desk.drawn, accepted)

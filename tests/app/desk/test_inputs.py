@@ -51,8 +51,10 @@ def test_cameras_stay_fixed_where_the_block_says_so__law():
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_what_one_photo_shows_is_found_in_the_others__truth(tmp_path: Path):
     _, block = rendered_block(tmp_path, 0.0)
-    photos = {name: photo.with_exterior(photo.exterior, oriented=True)
-              for name, photo in block.photos.items()}  # fmt: skip
+    photos = {
+        name: photo.with_exterior(photo.exterior, oriented=True)
+        for name, photo in block.photos.items()
+    }
     block = block.with_photos(photos)
     place = np.array([[700.0, 700.0, float(terrain(700.0, 700.0, 0.0))]])
     places = {

@@ -77,9 +77,7 @@ def test_reliability_is_told_in_words__law(written):
     ratio = np.hypot(*checks["rms_m"][:2]) / np.hypot(*checks["predicted_rms_m"][:2])
     assert 0.4 < ratio < 2.0
     for row in f["photos"]:
-        assert set(row["ground_sigma_m"]) == {
-            "NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE"
-        }  # fmt: skip
+        assert set(row["ground_sigma_m"]) == {"NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE"}
 
 
 def test_places_for_more_control_are_told_the_most_useful_first__law(written):

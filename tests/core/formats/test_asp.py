@@ -135,17 +135,19 @@ POINT = "1 50 14 200 1 1 1 a.tif 10 20 1 1\n"
 
 @pytest.mark.parametrize(
     ("name", "text", "words"),
-    [("a.tsai", CAMERA.replace("fu = 10\n", ""), "entry 'fu' is missing"),
-     ("a.tsai", CAMERA.replace("R = 1", "R = 2"), "R is no rotation"),
-     ("a.tsai", CAMERA.replace("C = 1 2 3", "C = 1 2"), "ends after 3 entries"),
-     ("a.tsai", CAMERA.replace("cu = 5", "cu = five"), "'five' is not a number"),
-     ("a.gcp", POINT + POINT, "Line 2: 1 stands twice"),
-     ("a.gcp", "1 480000 5500000 200 1 1 1\n", "480000.* is no latitude"),
-     ("a.gcp", POINT.replace(" 1 1\n", " 1\n"), "ends after 11 entries"),
-     ("a.gcp", "1 50 14\n", "ends after 3 entries"),
-     ("a.gcp", POINT.replace("14", "nan"), "'nan' is not a number"),
-     ("a.txt", "", "holds neither cameras")],
-)  # fmt: skip
+    [
+        ("a.tsai", CAMERA.replace("fu = 10\n", ""), "entry 'fu' is missing"),
+        ("a.tsai", CAMERA.replace("R = 1", "R = 2"), "R is no rotation"),
+        ("a.tsai", CAMERA.replace("C = 1 2 3", "C = 1 2"), "ends after 3 entries"),
+        ("a.tsai", CAMERA.replace("cu = 5", "cu = five"), "'five' is not a number"),
+        ("a.gcp", POINT + POINT, "Line 2: 1 stands twice"),
+        ("a.gcp", "1 480000 5500000 200 1 1 1\n", "480000.* is no latitude"),
+        ("a.gcp", POINT.replace(" 1 1\n", " 1\n"), "ends after 11 entries"),
+        ("a.gcp", "1 50 14\n", "ends after 3 entries"),
+        ("a.gcp", POINT.replace("14", "nan"), "'nan' is not a number"),
+        ("a.txt", "", "holds neither cameras"),
+    ],
+)
 def test_broken_files_are_named__truth(tmp_path: Path, name: str, text: str, words: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(ProjectError, match=words):

@@ -75,13 +75,15 @@ def test_without_the_note_pixels_count_from_the_middle__truth(tmp_path: Path) ->
 
 
 SPOILED = {
-    "empty": lambda text: "", "other version": lambda text: text.replace("v0.3", "v0.2"),
-    "cut": lambda text: text[: len(text) // 3], "cut late": lambda text: text[:-40],
+    "empty": lambda text: "",
+    "other version": lambda text: text.replace("v0.3", "v0.2"),
+    "cut": lambda text: text[: len(text) // 3],
+    "cut late": lambda text: text[:-40],
     "words": lambda text: text.replace("128", "grey", 1),
     "too many cameras": lambda text: text.replace("\n4 ", "\n9 ", 1),
     "counts beyond": lambda text: text.replace("\n4 ", "\n4 99", 1),
     "nan": lambda text: text.replace("128", "nan", 1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SPOILED)

@@ -116,14 +116,16 @@ def test_a_model_of_colmap_reprojects_as_it_says__real(shared_data: Path) -> Non
     assert ties.positions is not None
     for number, name in enumerate(ties.photo_ids):
         rays = ties.photo == number
-        shown = pixels_of(ties.positions[ties.point[rays]], block.photos[name],
-                          block.camera_of(name))  # fmt: skip
+        shown = pixels_of(
+            ties.positions[ties.point[rays]], block.photos[name], block.camera_of(name)
+        )
         off.append(np.linalg.norm(shown - ties.pixels[rays], axis=1))
     # COLMAP's own mean error of each point stands in points3D.txt; six digits are written.
     said = [float(line.split()[7]) for line in (folder / "points3D.txt").read_text().splitlines()
             if not line.startswith("#")]  # fmt: skip
-    mine = np.bincount(np.concatenate([ties.point[ties.photo == n] for n in range(11)]),
-                       np.concatenate(off)) / np.bincount(ties.point)  # fmt: skip
+    mine = np.bincount(
+        np.concatenate([ties.point[ties.photo == n] for n in range(11)]), np.concatenate(off)
+    ) / np.bincount(ties.point)
     assert len(ties.point) == 37123
     assert np.abs(mine - said).max() < 0.02
     assert np.median(np.abs(mine - said)) < 0.002
@@ -140,8 +142,9 @@ def test_a_model_of_colmap_is_the_same_again__real(shared_data: Path, tmp_path: 
     assert ours.num_points3D() == theirs.num_points3D()
     assert np.isclose(
         np.linalg.norm(reprojected(ours), axis=1).mean(),
-        np.linalg.norm(reprojected(theirs), axis=1).mean(), atol=1e-6,
-    )  # fmt: skip
+        np.linalg.norm(reprojected(theirs), axis=1).mean(),
+        atol=1e-6,
+    )
     camera, other = ours.cameras[1], theirs.cameras[1]
     assert (camera.model, camera.width, camera.height) == (other.model, other.width, other.height)
     assert np.array_equal(camera.params, other.params)
@@ -229,7 +232,8 @@ BINARY = {
     "note cut": cut("gruber.json", 0.3),
 }  # fmt: skip
 TEXT = {
-    "image without its rays": cut("images.txt", 0.6), "no images": gone("images.txt"),
+    "image without its rays": cut("images.txt", 0.6),
+    "no images": gone("images.txt"),
     "fisheye": exchange("cameras.txt", "FULL_OPENCV", "THIN_PRISM_FISHEYE"),
     "unknown model": exchange("cameras.txt", "FULL_OPENCV", "PANORAMA"),
     "no number": exchange("cameras.txt", " 9000 ", " wide "),
@@ -237,7 +241,7 @@ TEXT = {
     "unknown camera": exchange("images.txt", " 1 1938_000", " 7 1938_000"),
     "one scan twice": exchange("images.txt", "1938_001.tif", "1938_000.tif"),
     "nothing at all": lambda folder: [path.unlink() for path in folder.glob("*.txt")],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BINARY)

@@ -135,8 +135,10 @@ def test_what_caller_and_list_say_must_agree__truth(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("parted", [",", ";", "\t", "   "])
 def test_every_way_of_parting_columns_says_the_same__truth(tmp_path: Path, parted: str) -> None:
-    rows = [["scan", "X", "Y", "Z", "omega[gon]", "phi[gon]", "kappa[gon]"],
-            ["a.tif", "10.25", "20.5", "3000", "1", "2", "200"]]  # fmt: skip
+    rows = [
+        ["scan", "X", "Y", "Z", "omega[gon]", "phi[gon]", "kappa[gon]"],
+        ["a.tif", "10.25", "20.5", "3000", "1", "2", "200"],
+    ]
     text = "".join(parted.join(row) + "\n" for row in rows)
     if parted == ";":
         text = text.replace(".2", ",2").replace("20.5", "20,5")

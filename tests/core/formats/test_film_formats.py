@@ -145,17 +145,19 @@ EO = f"{'1':>16}{'':16}{0.0:16.5f}{0.0:16.5f}{9.0:16.5f}\n1 0 0 0 1\n0 0 0 1\n"
 
 @pytest.mark.parametrize(
     ("name", "text", "words"),
-    [("patb_eo.txt", EO + "2 0 0\n", "4 lines, not three for every photo"),
-     ("patb_eo.txt", EO + EO, "1 stands twice"),
-     ("patb_eo.txt", EO.replace("1 0 0 0 1", "1 0 0 0 2"), "is no rotation"),
-     ("patb_eo.txt", EO.replace("9.0", "nan"), "'nan0000' is not a number"),
-     ("patb_img.im", "1 153000\n7 1 2\n", "does not end with -99"),
-     ("patb_img.im", "2 153000\n7 1 2\n-99\n-99\n", "photo 2, which is unknown"),
-     ("patb_img.im", "1 153000\n7 1 2\n7 1 2\n-99\n-99\n", "measured twice"),
-     ("patb_img.im", "1 153000\n7 1\n-99\n-99\n", "ends after 2 entries"),
-     ("patb_cntl.con", "7 1 2 3\n7 1 2 3\n-99\n", "7 stands twice"),
-     ("patb_cntl.con", "7 1 2 3\n", "does not end with -99")],
-)  # fmt: skip
+    [
+        ("patb_eo.txt", EO + "2 0 0\n", "4 lines, not three for every photo"),
+        ("patb_eo.txt", EO + EO, "1 stands twice"),
+        ("patb_eo.txt", EO.replace("1 0 0 0 1", "1 0 0 0 2"), "is no rotation"),
+        ("patb_eo.txt", EO.replace("9.0", "nan"), "'nan0000' is not a number"),
+        ("patb_img.im", "1 153000\n7 1 2\n", "does not end with -99"),
+        ("patb_img.im", "2 153000\n7 1 2\n-99\n-99\n", "photo 2, which is unknown"),
+        ("patb_img.im", "1 153000\n7 1 2\n7 1 2\n-99\n-99\n", "measured twice"),
+        ("patb_img.im", "1 153000\n7 1\n-99\n-99\n", "ends after 2 entries"),
+        ("patb_cntl.con", "7 1 2 3\n7 1 2 3\n-99\n", "7 stands twice"),
+        ("patb_cntl.con", "7 1 2 3\n", "does not end with -99"),
+    ],
+)
 def test_broken_patb_is_named__truth(tmp_path: Path, name: str, text: str, words: str) -> None:
     (tmp_path / "patb_eo.txt").write_text(EO)
     (tmp_path / name).write_text(text)
@@ -175,13 +177,15 @@ GEO = "ORIA a 0 0 9 0 0 0\nCONT p 1 2 3\n"
 
 @pytest.mark.parametrize(
     ("geo", "image", "words"),
-    [(GEO + "CONT p 1 2 3\n", "", "p stands twice"),
-     ("ORIA a 0 0 9 0 0 401\n", "", "401(.0)? gon is more than a whole turn"),
-     ("ORIA a 0 0 9 0 0\n", "", "ends after 7 entries"),
-     (GEO, "a cam\np 1 2\n", "does not end with -99"),
-     (GEO, "b cam\np 1 2\n-99\n", "photo b, which is unknown"),
-     (GEO, "a other\np 1 2\n-99\n", "principal distance of camera 'other'")],
-)  # fmt: skip
+    [
+        (GEO + "CONT p 1 2 3\n", "", "p stands twice"),
+        ("ORIA a 0 0 9 0 0 401\n", "", "401(.0)? gon is more than a whole turn"),
+        ("ORIA a 0 0 9 0 0\n", "", "ends after 7 entries"),
+        (GEO, "a cam\np 1 2\n", "does not end with -99"),
+        (GEO, "b cam\np 1 2\n-99\n", "photo b, which is unknown"),
+        (GEO, "a other\np 1 2\n-99\n", "principal distance of camera 'other'"),
+    ],
+)
 def test_broken_bingo_is_named__truth(tmp_path: Path, geo: str, image: str, words: str) -> None:
     (tmp_path / "geoin.dat").write_text(geo)
     (tmp_path / "image.dat").write_text(image)

@@ -124,9 +124,10 @@ def test_markers_equal_the_list_of_another_program__real(shared_data: Path) -> N
         values = np.array([float(word) for word in line[:5]])
         # The list rounds to 0.1 m and whole pixels.
         near = [
-            row for row in rows
+            row
+            for row in rows
             if row[0] == line[5] and np.all(np.abs(np.array(row[1:]) - values) <= NEAR)
-        ]  # fmt: skip
+        ]
         assert near, line
 
 
@@ -149,10 +150,12 @@ def test_projections_of_metashape_meet_in_a_point__real(shared_data: Path) -> No
     off: list[float] = []
     for name, point in block.points.items():
         seen = [
-            one for one in block.measurements
-            if one.point_id == name and block.photos[one.photo_id].exterior is not None
+            one
+            for one in block.measurements
+            if one.point_id == name
+            and block.photos[one.photo_id].exterior is not None
             and one.column not in known
-        ]  # fmt: skip
+        ]
 
         def residuals(place: np.ndarray, seen: list = seen) -> np.ndarray:
             return np.concatenate([

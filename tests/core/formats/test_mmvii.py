@@ -54,9 +54,7 @@ def test_both_micmacs_give_one_block_of_the_same_photos__real(shared_data: Path)
 
 def test_mmvii_fitted_the_lens_that_micmac_has__real(shared_data: Path) -> None:
     """Four radial terms became three, b1, b2 and another F: MMVII's own conversion lost that."""
-    blocks = (
-        read_micmac(shared_data / SET / "Ori-Ground_mm3d"), read_mmvii(shared_data / SET)
-    )  # fmt: skip
+    blocks = (read_micmac(shared_data / SET / "Ori-Ground_mm3d"), read_mmvii(shared_data / SET))
     grid = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 9), np.linspace(-0.27, 0.27, 7)), axis=-1)
     seen = []
     for block in blocks:
@@ -101,9 +99,11 @@ def test_an_upright_block_comes_back__law(seed: int) -> None:
         assert near(point.sigma_m, block.points[name].sigma_m)
     exact = {name: replace(p, sigma_m=None) for name, p in block.points.items()}
     assert {name: replace(p, sigma_m=None) for name, p in again.points.items()} == exact
-    for ours, theirs in zip(block.measurements, sorted(
-        again.measurements, key=lambda m: (m.point_id, m.photo_id)), strict=True
-    ):  # fmt: skip
+    for ours, theirs in zip(
+        block.measurements,
+        sorted(again.measurements, key=lambda m: (m.point_id, m.photo_id)),
+        strict=True,
+    ):
         assert (ours.point_id, ours.photo_id) == (theirs.point_id, theirs.photo_id)
         assert (ours.column, ours.row) == pytest.approx((theirs.column, theirs.row), abs=1e-9)
         assert near(theirs.sigma_px, ours.sigma_px)

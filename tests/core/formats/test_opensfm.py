@@ -151,17 +151,18 @@ SPOILED: dict[str, Callable[[Path], object]] = {
     "nan": change(R, lambda all_: all_[0]["shots"][SHOT].update(rotation=[float("nan"), 0, 0])),
     "two numbers": change(R, lambda all_: all_[0]["shots"][SHOT].update(translation=[1, 2])),
     "words": change(R, lambda all_: all_[0]["shots"][SHOT].update(translation=["a", "b", "c"])),
-    "fisheye": change(R, lambda all_: all_[0]["cameras"]["wide"].update(
-        projection_type="fisheye")),
+    "fisheye": change(R, lambda all_: all_[0]["cameras"]["wide"].update(projection_type="fisheye")),
     "no size": change(R, lambda all_: all_[0]["cameras"]["wide"].update(width=0)),
     "no latitude": change(R, lambda all_: all_[0]["reference_lla"].pop("latitude")),
-    "unknown shot": change(G, lambda all_: all_["points"][0]["observations"][0].update(
-        shot_id="other.tif")),
+    "unknown shot": change(
+        G, lambda all_: all_["points"][0]["observations"][0].update(shot_id="other.tif")
+    ),
     "points cut": lambda folder: (folder / G).write_text('{"points": ['),
     "tracks of words": lambda folder: (folder / "tracks.csv").write_text(
-        f"{SHOT}\t1\t0\tleft\tright\t1\t0\t0\t0\n"),
+        f"{SHOT}\t1\t0\tleft\tright\t1\t0\t0\t0\n"
+    ),
     "bad crs": change("gruber.json", lambda all_: all_.update(crs="EPSG:4326")),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SPOILED)

@@ -182,8 +182,10 @@ def test_a_table_without_names_of_columns_reads_back__law(
 ) -> None:
     if numbered:
         points = [replace(one, point_id=f"{1000 + n}") for n, one in enumerate(points)]
-    plain = [replace(one, role="control", sigma_m=(0.1,) * 3, description="", sketch="")
-             for one in points]  # fmt: skip
+    plain = [
+        replace(one, role="control", sigma_m=(0.1,) * 3, description="", sketch="")
+        for one in points
+    ]
     text = "\n".join(
         delimiter.join([p.point_id, f"{p.easting:.3f}", f"{p.northing:.3f}", f"{p.height:.3f}"])
         for p in plain

@@ -24,14 +24,14 @@ VARIANTS = {
     "bom": "\ufeff#CRS: EPSG:5514\n" + NOW + ROWS,
     "without-crs": NOW + ROWS,
     "older": "mapX,mapY,pixelX,pixelY,enable,dX,dY,residual\n" + ROWS,
-    "tabs": "mapX\tmapY\tpixelX\tpixelY\tenable\n" + "\n".join(
-        "\t".join(row.split(",")[:5]) for row in ROWS.splitlines()
-    ),
+    "tabs": "mapX\tmapY\tpixelX\tpixelY\tenable\n"
+    + "\n".join("\t".join(row.split(",")[:5]) for row in ROWS.splitlines()),
     "headless": "\n".join("\t".join(row.split(",")[:4]) for row in ROWS.splitlines()),
-    "upright": "#CRS: EPSG:5514\n" + NOW
+    "upright": "#CRS: EPSG:5514\n"
+    + NOW
     + ROWS.replace("-350.5", "350.5").replace("-1200.75", "1200.75"),
     "crs-in-rows": NOW.strip() + ",crs\n" + ROWS.replace(",0,0,0\n", ",0,0,0,EPSG:5514\n"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("variant", list(VARIANTS))

@@ -13,9 +13,10 @@ SQUARE = Stroke(((10.0, 10.0), (50.0, 10.0), (50.0, 50.0), (10.0, 50.0)), 0.0, T
 ERASER = Stroke(((0.0, 30.0), (60.0, 30.0)), 8.0, False)
 place = st.tuples(st.floats(-20, 80), st.floats(-20, 80))
 strokes = st.tuples(
-    st.lists(place, min_size=1, max_size=5).map(tuple), st.sampled_from([0.0, 6.0]),
+    st.lists(place, min_size=1, max_size=5).map(tuple),
+    st.sampled_from([0.0, 6.0]),
     st.booleans(),
-)  # fmt: skip
+)
 
 
 def on_scan(*drawn: Stroke) -> DrawnMask:

@@ -125,8 +125,10 @@ def test_far_outside_the_dem_is_refused__truth() -> None:
     with pytest.raises(CrsError, match=r"km outside the DEM.*crs"):
         approximate_from_world_file(
             world_of(ExteriorOrientation(np.array([-580000.0, -1190000, 3000]), 0.0, 0.0, 0.0)),
-            INTERIOR, CAMERA, ground,
-        )  # fmt: skip
+            INTERIOR,
+            CAMERA,
+            ground,
+        )
 
 
 def test_clicked_points_place_the_photo__truth() -> None:
@@ -143,8 +145,10 @@ def test_clicked_points_place_the_photo__truth() -> None:
     with pytest.raises(ScanError, match="Click two points"):
         approximate_from_points(
             QgisPoints(Path("s.points"), "", plane, PIXELS, np.array([True, False, False, False])),
-            INTERIOR, CAMERA, CZECH,
-        )  # fmt: skip
+            INTERIOR,
+            CAMERA,
+            CZECH,
+        )
 
 
 def test_clicked_points_of_another_crs_are_moved__oracle() -> None:
@@ -227,9 +231,11 @@ def small_block(tmp_path: Path) -> Path:
 
     make_film(tmp_path / "p1.tif", Film(fiducials={}))
     write_gray(
-        tmp_path / "dem.tif", np.full((60, 60), 300.0, np.float32),
-        transform=Affine(50, 0, 640000, 0, -50, 5413000), crs="EPSG:32633",
-    )  # fmt: skip
+        tmp_path / "dem.tif",
+        np.full((60, 60), 300.0, np.float32),
+        transform=Affine(50, 0, 640000, 0, -50, 5413000),
+        crs="EPSG:32633",
+    )
     return tmp_path
 
 

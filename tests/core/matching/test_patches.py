@@ -107,9 +107,11 @@ def test_beyond_the_reference_nothing_is_known__truth(tiny):
     assert not templates.known.any()
     assert not templates.reference.any()
     ground = object_on_ground(
-        tiny.opened(name, away).photo, tiny.truth.camera, np.array([[500.0, 500.0]]),
+        tiny.opened(name, away).photo,
+        tiny.truth.camera,
+        np.array([[500.0, 500.0]]),
         tiny.reference.dem,
-    )  # fmt: skip
+    )
     assert np.isnan(ground[0, 2])
     assert np.isfinite(ground[0, :2]).all()
 

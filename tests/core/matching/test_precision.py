@@ -29,9 +29,11 @@ def found(rng, noise, changed, gradients):
     if changed:
         scan = np.where(textured(rng, 12.0) > 0.7, textured(rng, 1.5), scan)
     scan = (scan + noise * textured(rng, 0.8)).astype(np.float32)
-    shown, template = (doubled_angle_field(scan), doubled_angle_field(ground)) if gradients else (
-        scan, ground - ground[TEMPLATE].mean()
-    )  # fmt: skip
+    shown, template = (
+        (doubled_angle_field(scan), doubled_angle_field(ground))
+        if gradients
+        else (scan, ground - ground[TEMPLATE].mean())
+    )
     template = np.ascontiguousarray(template[TEMPLATE])
     scores = (cosine_scores if gradients else correlation_scores)(shown, template)
     peak = detect_peaks(np.ascontiguousarray(scores[NEAR]), 1, 3)[0]

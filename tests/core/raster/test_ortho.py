@@ -214,8 +214,9 @@ def test_unusable_files_are_told__truth(tmp_path, texture):
 
 
 def test_many_threads_and_other_processes_read_the_same__law(tmp_path, texture):
-    path = write_raster(tmp_path / "a.tif", texture, place(0.2), tiled=True, blockxsize=64,
-                        blockysize=64)  # fmt: skip
+    path = write_raster(
+        tmp_path / "a.tif", texture, place(0.2), tiled=True, blockxsize=64, blockysize=64
+    )
     ortho = pickle.loads(pickle.dumps(open_ortho([path], CRS)))
     grids = [Grid(WEST + i % 30, NORTH - i % 17, 0.3, 90, 80) for i in range(60)]
     alone = [ortho.read(grid).values for grid in grids]

@@ -92,8 +92,9 @@ def scan_with_print(path: Path, side: str) -> np.ndarray:
     else:
         picture[300 : 300 + print_.shape[1], -70:-10] = np.rot90(print_)
         place = np.array([size - 40, 300 + print_.shape[1] - TEXT_AT])
-    with rasterio.open(path, "w", driver="GTiff", width=size, height=size, count=1,
-                       dtype="uint8") as file:  # fmt: skip
+    with rasterio.open(
+        path, "w", driver="GTiff", width=size, height=size, count=1, dtype="uint8"
+    ) as file:
         file.write(picture.astype(np.uint8), 1)
     return place
 

@@ -306,9 +306,10 @@ def test_a_card_tells_of_what_lies_under_the_pointer__truth(desk, seat):
     ray = tuple(target + np.array([300.0, -900.0, 1000.0])), (-300.0, 900.0, -1000.0)
     _, card = outcome_of(Aimed(seat.seat_id, "hover", *ray, number=4), seat, desk).answer
     misfits = [
-        desk.rows[key].misfit_px for key in desk.table.by_point[point]
+        desk.rows[key].misfit_px
+        for key in desk.table.by_point[point]
         if desk.rows[key].misfit_px is not None
-    ]  # fmt: skip
+    ]
     assert card["point"] == point
     assert card["photos"] == len(desk.table.by_point[point])
     assert card["misfit_px"] == pytest.approx(max(misfits), abs=0.3)
@@ -356,8 +357,9 @@ def test_next_passes_over_what_is_decided__law(desk, seat):
     done = {key: replace(desk.rows[key], state="rejected") for key in shown[1:4]}
     rows = {**desk.rows, **done}
     seat = replace(seat, current=shown[0], filter=QueueFilter("all"))
-    assert next_open(rows, seat) == next(k for k in visible(rows, seat)[1:]
-                                         if rows[k].state == "auto")  # fmt: skip
+    assert next_open(rows, seat) == next(
+        k for k in visible(rows, seat)[1:] if rows[k].state == "auto"
+    )
     assert next_open(rows, replace(seat, filter=QueueFilter("rejected"))) in done
 
 

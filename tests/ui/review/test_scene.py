@@ -116,9 +116,10 @@ def test_areas_are_nine_of_each_photo_and_the_bare_ones_are_crossed__truth(state
         sigma_px=ties.sigma_px[kept],
     )  # fmt: skip
     without = {
-        key: item for key, item in state.report.block.measurements.items()
+        key: item
+        for key, item in state.report.block.measurements.items()
         if key[1] != name or item.column > 400
-    }  # fmt: skip
+    }
     block = replace(state.report.block, ties=fewer, measurements=without)
     report = replace(
         state.report, block=block, tie_residuals_px=state.report.tie_residuals_px[kept]

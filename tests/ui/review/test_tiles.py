@@ -56,9 +56,11 @@ def test_the_warped_scan_lies_on_the_landscape_it_shows__truth(drawn):
     place = then.grid.grid_from_object(np.column_stack([across.ravel(), down.ravel()])) - 0.5
     place = place.reshape(TILE, TILE, 2).astype(np.float32)
     truth = cv2.remap(
-        cv2.GaussianBlur(then.values, (0, 0), 1.0), np.ascontiguousarray(place[..., 0]),
-        np.ascontiguousarray(place[..., 1]), cv2.INTER_LINEAR,
-    ).astype(np.float32)  # fmt: skip
+        cv2.GaussianBlur(then.values, (0, 0), 1.0),
+        np.ascontiguousarray(place[..., 0]),
+        np.ascontiguousarray(place[..., 1]),
+        cv2.INTER_LINEAR,
+    ).astype(np.float32)
     shift, response = cv2.phaseCorrelate(truth, warped, cv2.createHanningWindow((TILE, TILE), 5))
     assert response > 0.2
     assert np.hypot(*shift) < 0.15

@@ -102,8 +102,9 @@ def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs)
         assert "default-src 'none'" in report.headers["Content-Security-Policy"]
         table, body = visitor.get("/results/control_points.csv")
         assert (body, table.headers["Content-Disposition"].split(";")[0]) == (
-            "point_id", "attachment",
-        )  # fmt: skip
+            "point_id",
+            "attachment",
+        )
         for name in ("secret.key", "link.csv", "..%2Fblock.toml", "linked/a.tif"):
             assert visitor.get(f"/results/{name}")[0].status == 404, name
 

@@ -43,8 +43,9 @@ def test_a_list_and_its_reading_arrive_whole__truth():
     asked = ("POST", f"/points/read{path}", body), ("POST", f"/points/bring{path}", body)
     assert statuses(door, *asked) == [200, 200]
     assert door.given == [
-        ("read", "a.csv", body, {"decimal": ","}), ("bring", "s", "a.csv", body, {"decimal": ","}),
-    ]  # fmt: skip
+        ("read", "a.csv", body, {"decimal": ","}),
+        ("bring", "s", "a.csv", body, {"decimal": ","}),
+    ]
 
 
 def test_guests_bring_nothing__law():
