@@ -10,6 +10,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app import verbs
+from app.batch import EXECUTORS
 from app.bring_points import POINT_TABLE
 from app.exchange import format_names
 from app.settings import Settings
@@ -22,7 +23,7 @@ from ui.words.catalogue import LANGUAGES
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
 MOST_RELIEF_M = 2000.0
 CANCELS = {
-    **dict.fromkeys(("run", "report", "export", "demo"), "terminal.cancelled.stages"),
+    **dict.fromkeys(("run", "batch", "report", "export", "demo"), "terminal.cancelled.stages"),
     "review": "terminal.cancelled.review",
 }
 """What Ctrl-C leaves of a verb, and how it goes on."""
@@ -91,8 +92,8 @@ def parser(language: str = LANGUAGES[0]) -> Parser:
     add_language(top, default="")
     added = Verbs(tell, top.add_subparsers(title=again("verbs"), required=True, metavar="VERB"))
     for build in (
-        add_new, add_run, add_review, add_report, add_export, add_import, add_check, add_demo,
-        add_doctor,
+        add_new, add_run, add_batch, add_review, add_report, add_export, add_import, add_check,
+        add_demo, add_doctor,
     ):  # fmt: skip
         build(added)
     return top
@@ -143,8 +144,35 @@ def add_run(added: Verbs) -> None:
     verb.add_option("--until STAGE", "stop after this stage", dest="last", choices=names)
     add_workers(verb)
     verb.add_argument(
-        "--executor", choices=["local"], default="local", help="where the work runs (%(default)s)"
-    )
+        "--executor", choices=["threads", "local"], default="threads",
+        help="where the pieces of a stage run; `gruber batch` knows more (%(default)s)",
+    )  # fmt: skip
+
+
+def add_batch(added: Verbs) -> None:
+    """`batch`."""
+    examples = {
+        "gruber batch archive": "every block below a folder, one after another",
+        "gruber batch blocks.csv --executor processes": "blocks side by side",
+        "gruber batch blocks.txt --executor dask --scheduler tcp://host:8786": "on many machines",
+    }
+    summary = "run many blocks; what fails in one stops no other, and the table batch.csv says why"
+    verb = add_verb(added, "batch", summary, examples)
+    verb.add_argument(
+        "list", type=Path, metavar="LIST",
+        help="a folder of blocks, a text file with one path a line, or a CSV table with columns "
+        "block, priority, until",
+    )  # fmt: skip
+    add_workers(verb)
+    verb.add_argument(
+        "--executor", choices=EXECUTORS, default=EXECUTORS[0],
+        help="one block after another in threads, blocks side by side in processes, or the "
+        "workers of a Dask cluster (%(default)s)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--scheduler", default="", metavar="ADDRESS",
+        help="address of the Dask scheduler (a cluster on this machine)",
+    )  # fmt: skip
 
 
 def add_review(added: Verbs) -> None:

@@ -16,6 +16,7 @@ import pyproj
 import rasterio
 from pyproj.transformer import TransformerGroup
 
+from app.batch import Batch, run_block
 from app.bring_points import (
     POINT_TABLE,
     BroughtPoints,
@@ -65,7 +66,9 @@ def stage_names() -> tuple[str, ...]:
 
 def run(given: argparse.Namespace, voice: Voice) -> None:
     """The automatic stages."""
-    walked(given.block, voice, RunOptions(given.first, given.last, given.workers, given.language))
+    run_block(
+        given.block, voice, RunOptions(given.first, given.last, given.workers, given.language)
+    )
 
 
 def run_options(given: argparse.Namespace) -> RunOptions:
@@ -73,13 +76,9 @@ def run_options(given: argparse.Namespace) -> RunOptions:
     return RunOptions(workers=given.workers, language=given.language)
 
 
-def walked(block: Path, voice: Voice, options: RunOptions) -> Run:
-    """Run a block and return what was made."""
-    project = read_project(block)
-    with Session.open(project.folder, "gruber") as session:
-        walk = Run(project, session, voice, options)
-        walk.walk()
-    return walk
+def batch(given: argparse.Namespace, voice: Voice) -> None:
+    """The automatic stages of many blocks."""
+    Batch(given.list, voice).run(given.executor, given.workers, given.scheduler)
 
 
 def new(given: argparse.Namespace, voice: Voice) -> None:
@@ -200,7 +199,7 @@ class Visit:
 
 def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first."""
-    walk = walked(given.block, voice, run_options(given))
+    walk = run_block(given.block, voice, run_options(given))
     voice.say(str(walk.session.results / "report.html"))
 
 
@@ -277,7 +276,7 @@ def demo(given: argparse.Namespace, voice: Voice) -> None:
     """A synthetic block: made, run, compared with its truth, opened."""
     options = SyntheticOptions(given.size, given.epoch, float(given.relief), given.seed)
     make_demo(given.out, options, voice)
-    walk = walked(given.out, voice, run_options(given))
+    walk = run_block(given.out, voice, run_options(given))
     tell_truth(given.out, walk.adjusted, voice)
     if given.headless:
         voice.say(say("Results: {folder}", folder=str(walk.session.results)))

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from app.batch import run_block
+from app.run import RunOptions
 from app.terminal import JsonLines
-from app.verbs import RunOptions, walked
 from tests.browser.conftest import scene_of
 from tests.browser.hands import (
     becomes,
@@ -130,7 +131,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     assert rows[name, scan]["status"] == "rejected"
     shown = sigma(page)
     silent = JsonLines(io.StringIO())
-    walk = walked(real_desk.folder, silent, RunOptions(last="adjustment"))
+    walk = run_block(real_desk.folder, silent, RunOptions(last="adjustment"))
     assert round(walk.adjusted.sigma_nought, 4) == shown
 
 

@@ -1,0 +1,106 @@
+"""Many blocks: lists of every kind, failures that stay where they are, and stopping."""
+
+import csv
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from app.batch import TABLE, read_list
+from app.cli import DONE, UNUSABLE, main
+from core.errors import ProjectError
+
+
+def block(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "block.toml").write_text("[block]\n", encoding="utf-8")
+    return folder
+
+
+def rows(folder: Path) -> dict[str, dict[str, str]]:
+    with (folder / TABLE).open(encoding="utf-8") as file:
+        return {Path(row["block"]).name: row for row in csv.DictReader(file)}
+
+
+@pytest.fixture
+def three(tmp_path):
+    return [block(tmp_path / "archive" / name) for name in ("a", "b", "c")]
+
+
+def test_a_folder_a_file_and_a_table_list_the_same_blocks__truth(tmp_path, three):
+    listed = tmp_path / "list.txt"
+    listed.write_text("# rolls\n\narchive/a\narchive/b/block.toml\narchive/c\n", encoding="utf-8")
+    table = tmp_path / "list.csv"
+    table.write_text("block,until\narchive/a,\narchive/b,ties\narchive/c,\n", encoding="utf-8")
+    for source in (tmp_path / "archive", listed, table):
+        assert [task.block.resolve() for task in read_list(source)] == three
+    assert [task.until for task in read_list(table)] == ["", "ties", ""]
+
+
+def test_a_higher_priority_runs_first__truth(tmp_path, three):
+    table = tmp_path / "list.csv"
+    table.write_text("priority,block\n1,archive/a\n,archive/b\n7.5,archive/c\n", encoding="utf-8")
+    assert [task.block.name for task in read_list(table)] == ["c", "a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("", "lists no block"),
+        ("archive/a\narchive/nowhere\n", "archive/nowhere"),
+        ("archive/a\narchive/a/block.toml\n", "more than once"),
+        ("block,until\narchive/a,landing\n", "landing"),
+        ("block,colour\narchive/a,red\n", "colour"),
+        ("block,priority\narchive/a,high\n", "no number"),
+        (b"\xff\xfe\x00", "cannot be read"),
+    ],
+)
+def test_a_list_that_cannot_be_used_is_refused_by_name__law(tmp_path, three, text, cause):
+    source = tmp_path / "list.csv"
+    source.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ProjectError, match=cause):
+        read_list(source)
+    assert not (tmp_path / TABLE).exists()
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
+def test_a_block_that_fails_stops_no_other__truth(tiny_run, tmp_path, capsys, executor):
+    for name in ("one", "two"):
+        shutil.copytree(tiny_run.folder, tmp_path / name)
+    block(tmp_path / "broken")
+    listed = "block,until\nbroken,\none,scans\ntwo,georeference\n"
+    (tmp_path / "list.csv").write_text(listed, encoding="utf-8")
+    command = ["batch", str(tmp_path / "list.csv"), "--executor", executor, "--workers", "2"]
+    assert main(command) == UNUSABLE
+    told = capsys.readouterr().err
+    assert "1 of 3 blocks failed" in told
+    assert "broken" in told
+    found = rows(tmp_path)
+    states = {name: (row["state"], row["stage"]) for name, row in found.items()}
+    assert states["one"] == ("done", "scans")
+    assert states["two"] == ("done", "georeference")
+    assert states["broken"][0] == "failed"
+    assert "block.toml" in found["broken"]["message"]
+    assert found["one"]["findings"].split(":")[0].isdecimal()
+
+
+def test_ctrl_c_stops_the_runs_under_way_and_the_next_call_resumes__law(tiny_block, tmp_path):
+    shutil.copytree(tiny_block, tmp_path / "one")
+    command = [sys.executable, "-m", "app", "batch", str(tmp_path)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    products = tmp_path / "one" / ".gruber" / "products" / "scans"
+    while not products.exists():
+        assert process.poll() is None
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=90)
+    assert process.returncode == 130
+    assert b"stopped" in told
+    assert rows(tmp_path)["one"]["state"] == "waiting"
+    (tmp_path / "list.csv").write_text("block,until\none,scans\n", encoding="utf-8")
+    assert main(["batch", str(tmp_path / "list.csv")]) == DONE
+    assert rows(tmp_path)["one"]["state"] == "done"
