@@ -173,6 +173,7 @@ ADJUSTMENT = (
     Key("risk", "number", DEFAULT.risk, unit=RISK),
 )  # fmt: skip
 ORTHO = (Key("gsd_m", "number", unit=METRES, asked="more"), Key("sheets", "file"))
+SURFACE = (Key("gsd_m", "number", unit=METRES),)
 TABLES: Mapping[str, tuple[Key, ...]] = {
     "block": BLOCK,
     "camera": CAMERA,
@@ -181,6 +182,7 @@ TABLES: Mapping[str, tuple[Key, ...]] = {
     "reference": REFERENCE,
     "control": CONTROL,
     "adjustment": ADJUSTMENT,
+    "surface": SURFACE,
     "ortho": ORTHO,
 }
 """Keys by table; `camera` stands for every `[camera.NAME]`."""

@@ -1,4 +1,4 @@
-"""`[camera.NAME]` and `[adjustment]` of `block.toml`: the certificate, and what is estimated."""
+"""`[camera.NAME]`, `[adjustment]` and `[surface]` of `block.toml`."""
 
 from typing import Any, Literal, cast
 
@@ -12,6 +12,7 @@ from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_t
 from core.georeference.camera_types import camera_types
 from core.georeference.principal_distance import proposed_distances, types_named
 from core.said import say
+from core.surface.stage import SurfaceOptions
 
 MARKS = (0, 4, 8)
 
@@ -155,6 +156,14 @@ def adjustment_options(document: Document) -> AdjustmentOptions:
         risk=table.number("risk"),
         compare_methods=table.flag("compare_methods"),
     )
+
+
+def surface_options(document: Document) -> SurfaceOptions | None:
+    """The options of `[surface]`; None where the table is left out."""
+    if "surface" not in document.values:
+        return None
+    table = document.table("surface")
+    return SurfaceOptions(table.number("gsd_m") if table.has("gsd_m") else None)
 
 
 def _sets(table: Table) -> tuple[str, ...]:

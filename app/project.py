@@ -12,7 +12,7 @@ import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
-from app.block_sections import adjustment_options, read_camera
+from app.block_sections import adjustment_options, read_camera, surface_options
 from app.block_toml import FILE, Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
@@ -37,6 +37,7 @@ from core.matching.reference import ReferenceFiles
 from core.results import BlockInput
 from core.said import say
 from core.scans.stage import ScanInput
+from core.surface.stage import SurfaceOptions
 from sessions.session import FILE as SESSION_FILE
 
 
@@ -160,6 +161,8 @@ class Project:
     """What orthos and mosaic are to be."""
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
     """`[adjustment]`."""
+    surface: SurfaceOptions | None = None
+    """`[surface]`; None where no surface is asked for."""
 
     @property
     def folder(self) -> Path:
@@ -205,6 +208,7 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         _control(document),
         _ortho(document),
         adjustment,
+        surface_options(document),
     )
 
 

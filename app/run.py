@@ -10,6 +10,7 @@ from typing import Any, cast
 import shapely
 
 from app.bring_points import brought_points
+from app.change import make_change
 from app.height_checks import doubts_after
 from app.project import Project, described
 from app.report.model import ReportContent, Written
@@ -19,11 +20,11 @@ from app.report.tables import write_fiducials, write_results
 from app.report.wording import remarks
 from app.settings import Threads
 from app.stage_lines import STAGE_LINES, adjusted_line
+from app.surface import make_block_surface, surface_line, usable_parts
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
-from core.arrays import Mask
 from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.doubts import Doubt
@@ -31,14 +32,12 @@ from core.errors import Cancelled
 from core.formats.qgis_project import result_layers, write_qgis_project
 from core.localisation.stage import Localised
 from core.matching.reference import level_of, open_heights
-from core.mosaic.change import find_change, write_change
 from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
 from core.quality.rules import human_findings
 from core.raster.dem import Dem
-from core.raster.ortho import open_ortho
 from core.results import BlockInput, StageResults
 from core.said import say
 from core.scans.stage import ScanSet
@@ -52,13 +51,13 @@ from ui.words.catalogue import LANGUAGES
 
 LAST_STAGES = {
     "adjustment": "Adjustment with your decisions",
+    "surface": "Surface from the photos",
     "orthos": "Orthophotos",
     "mosaic": "Mosaic",
     "report": "Results and report",
 }
 PAGE = "report.html"
 QGIS_PROJECT = "block.qgs"
-CHANGE = "change.gpkg"
 LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
 WALKED = "walked"
@@ -68,6 +67,8 @@ NOTHING_STANDS = (
     "in a photo at the desk (gruber review), then run the block again."
 )
 """What ends the walk of a block in which nothing but surveyed points can orient a photo."""
+WHEN_ASKED = ("surface",)
+"""Stages that are walked only where block.toml or the operator asks for them."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -132,10 +133,17 @@ class Run:
         """The stages in the order they are walked; the repeated ones until control is final."""
         repeated = [stage.name for stage in STAGES if stage.repeated]
         for name in STAGE_NAMES:
+            if name in WHEN_ASKED and not self.asked(name):
+                continue
             yield name
             while self.again(name):
                 self.passes += 1
                 yield from repeated
+
+    def asked(self, name: str) -> bool:
+        """Whether block.toml or the operator asks for a stage that not every block needs."""
+        named = name in (self.options.first, self.options.last)
+        return named or self.project.surface is not None
 
     def again(self, name: str) -> bool:
         """Whether the photos have not settled with this stage, so that a pass follows."""
@@ -153,6 +161,7 @@ class Run:
         progress = self.interruption.watching(self.voice.stage(name, title))
         last: Mapping[str, Callable[[Progress], str]] = {
             "adjustment": self.adjust,
+            "surface": self.match,
             "orthos": self.rectify,
             "mosaic": self.compose,
             "report": self.report,
@@ -249,6 +258,15 @@ class Run:
         if self.results.control is None:
             return self.results.doubts
         return doubts_after(self.project, self.results, self.dem)
+
+    def match(self, progress: Progress) -> str:
+        """The surface from the photos themselves."""
+        work = Work(progress, self.threads.map, self.given.name)
+        surface = make_block_surface(
+            self.session, self.project, self.adjusted, self.dem(), work, self.anew("surface")
+        )
+        self.results = replace(self.results, surface=surface)
+        return surface_line(surface)
 
     def rectify(self, progress: Progress) -> str:
         """One ortho of every oriented photo."""
@@ -395,19 +413,6 @@ def make_orthos(
     return orthos
 
 
-def usable_parts(session: Session) -> Callable[[str], Mask | None]:
-    """Which part of a photo's scan is photograph, without housings, data strip and marks."""
-    scans: ScanSet | None = session.products.latest_value("scans")
-
-    def usable(photo_id: str) -> Mask | None:
-        if scans is None or photo_id not in scans.oriented:
-            return None
-        area = scans.oriented[photo_id].scan.usable
-        return None if area is None else area.mask
-
-    return usable
-
-
 def default_gsd_m(block: Block) -> float:
     """The scans' own ground sample distance, rounded up to a round figure, metres."""
     sizes = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
@@ -450,44 +455,6 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     with whole_file(session.results / QGIS_PROJECT) as temporary:
         layers = result_layers(f"../{SESSION_FILE}")
         write_qgis_project(temporary, content.name, block.crs, layers, (west, south, east, north))
-
-
-def make_change(
-    session: Session,
-    project: Project,
-    mosaic: MosaicProduct,
-    progress: Progress,
-    *,
-    anew: bool = False,
-) -> Mapping[str, float]:
-    """Write the layer unless it is fresh.
-
-    Args:
-        session: Where results are kept.
-        project: For the reference.
-        mosaic: The mosaic, on disk.
-        progress: Told per tile.
-        anew: Make it again.
-
-    Returns:
-        Share of the ground that is the same, and that is different; nothing without a reference.
-    """
-    crs, reference = project.block.crs, project.reference.ortho
-    if not reference:
-        return {}
-    target = session.results / CHANGE
-    digest = session.products.digest_of("change", 1, mosaic.path, reference)
-    kept = None if anew else session.products.load_value("change", digest)
-    if kept is not None and target.is_file():
-        return kept
-    found = find_change(
-        open_ortho([mosaic.path], crs), open_ortho(reference, crs), mosaic.grid.bounds,
-        progress=progress,
-    )  # fmt: skip
-    with whole_file(target) as temporary:
-        write_change(found, temporary, crs)
-    session.products.save_value("change", digest, found.shares)
-    return found.shares
 
 
 def now_utc() -> str:

@@ -7,7 +7,7 @@ from typing import Any, Literal, cast
 
 from app.desk.background import survived
 from app.project import read_project
-from app.run import STAGE_NAMES, Run, RunOptions
+from app.run import STAGE_NAMES, WHEN_ASKED, Run, RunOptions
 from app.settings import Settings
 from app.terminal import JsonLines
 from core.errors import Cancelled
@@ -77,8 +77,17 @@ class Running:
             seconds = round(now - self._begun) if self._begun else 0
             return {
                 "state": self._state, "why": self._why, "seconds": seconds, "lines": lines,
-                "log": list(self._log), "stages": list(STAGE_NAMES),
+                "log": list(self._log), "stages": self._names(),
             }  # fmt: skip
+
+    def _names(self) -> list[str]:
+        """Stages that the run goes through."""
+        walk = self._walk
+        return [
+            name
+            for name in STAGE_NAMES
+            if name not in WHEN_ASKED or (walk is not None and walk.asked(name))
+        ]
 
     def _go(self) -> None:
         why = survived(lambda _: self._run(), self)

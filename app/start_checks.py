@@ -11,7 +11,7 @@ import shapely
 from app.folder_scan import Corners, Findings, FoundRaster
 from app.height_checks import height_doubts
 from app.project import Project, described
-from app.run import LAST_STAGES
+from app.run import LAST_STAGES, WHEN_ASKED
 from core.errors import PhotogrammetryError, ScanError
 from core.geometry.crs import operation_between, short_name
 from core.matching.reference import open_reference
@@ -173,7 +173,7 @@ def stages_ahead(project: Project, session: Session) -> Iterator[str]:
     decisions = [recorded.decision_id for recorded in session.decisions()]
     digest = products.digest_of("adjustment", 4, digests["control"], decisions, given.adjustment)
     if stale or products.fresh("adjustment", digest) is None:
-        yield from LAST_STAGES
+        yield from (name for name in LAST_STAGES if project.surface or name not in WHEN_ASKED)
         return
     mosaic: MosaicProduct | None = products.latest_value("mosaic")
     wanted = project.ortho.gsd_m

@@ -7,7 +7,7 @@ from pathlib import Path
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.block import SurveyedPoint
 from core.control.stage import ControlFound, ControlStageOptions
-from core.doubts import Doubt
+from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.georeference.archive import Georeference
 from core.georeference.stage import Georeferenced
@@ -19,6 +19,7 @@ from core.orthos.rectification import OrthoProduct
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferenceFeatures
 from core.scans.stage import ScanInput, ScanSet
+from core.surface.stage import SurfaceProduct
 from core.ties.stage import Tied
 
 
@@ -78,6 +79,8 @@ class StageResults:
     """Control, and the block adjusted on it."""
     adjustment: AdjustmentReport | None = None
     """The block adjusted with the operator's decisions."""
+    surface: SurfaceProduct | Failure | None = None
+    """The surface from the photos, where it was asked for, or why there is none."""
     orthos: tuple[OrthoProduct, ...] | None = None
     """One ortho of each photo."""
     mosaic: MosaicProduct | None = None

@@ -65,6 +65,8 @@ from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
 from core.scans.stage import ScanSet
+from core.surface.relief import SystematicPart
+from core.surface.stage import SurfaceFiles, SurfaceProduct
 from core.ties.stage import Tied
 from sessions.decisions import DECISIONS, Recorded
 
@@ -115,6 +117,9 @@ REGISTERED: tuple[type, ...] = (
     Balance,
     Seam,
     SharedParameter,
+    SurfaceFiles,
+    SurfaceProduct,
+    SystematicPart,
     SurveyedPoint,
     Tied,
     TiePoints,

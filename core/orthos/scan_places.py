@@ -95,6 +95,18 @@ def locate_tile(
         spacing, coarse = max(spacing // 2, 1), max(coarse // 2, FINEST_COARSE)
 
 
+def places_at(photo: Photo, camera: Camera, tile: Grid, heights: Matrix) -> ScanPlaces:
+    """Scan places of every pixel centre of a tile whose heights are known pixel by pixel.
+
+    Args:
+        photo: The photo.
+        camera: Its camera.
+        tile: Where the pixels lie.
+        heights: At the pixel centres and at those of one pixel all round, metres.
+    """
+    return _interpolate(photo, camera, tile, 1, FINEST_COARSE, heights)[0]
+
+
 def spread(
     values: Float32[np.ndarray, "r c"], factor: int, rows: int, columns: int
 ) -> Float32[np.ndarray, "rows columns"]:

@@ -1,0 +1,117 @@
+"""The stage `surface` of a block on disk: made where it is asked for, and not twice."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from app.project import Project
+from core.adjustment.adjusted import AdjustmentReport
+from core.arrays import Mask
+from core.doubts import Failure
+from core.progress import Work
+from core.raster.dem import Dem
+from core.said import Said, say
+from core.scans.stage import ScanSet
+from core.surface.stage import (
+    SurfaceFiles,
+    SurfaceOptions,
+    SurfaceProduct,
+    make_surface,
+    with_files,
+)
+from sessions.atomic_write import whole_file
+from sessions.session import Session
+
+VERSION = 1
+"""Counted up when the same inputs give another surface than before."""
+
+
+class _NothingMatched(Exception):
+    """Carries a failure past the files that are then not written."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.reason)
+        self.failure = failure
+
+
+def make_block_surface(
+    session: Session,
+    project: Project,
+    report: AdjustmentReport,
+    dem: Dem,
+    work: Work,
+    anew: bool = False,
+) -> SurfaceProduct | Failure:
+    """The surface of an adjusted block, unless it is fresh.
+
+    Args:
+        session: Where results are kept.
+        project: For the size of its cells.
+        report: The adjusted block.
+        dem: Heights to begin from.
+        work: Told per tile; runs tiles side by side.
+        anew: Make it again.
+
+    Returns:
+        The surface, or why there is none; files of an earlier one are then removed.
+    """
+    digest_of, block = session.products.digest_of, report.block
+    options = project.surface or SurfaceOptions()
+    photos = [
+        (photo, block.camera_of(name), photo.scan)
+        for name, photo in block.photos.items()
+        if photo.oriented
+    ]
+    ground = project.reference.dem or (dem.mean_height(),)
+    inputs = digest_of("surface", VERSION, photos, options, ground, report.tie_positions)
+    files = SurfaceFiles.within(session.results)
+    kept = None if anew else session.products.load_value("surface", digest_of(inputs, files.paths))
+    if kept is not None and all(path.is_file() for path in files.paths):
+        return kept
+    try:
+        with ExitStack() as stack:
+            parts = [stack.enter_context(whole_file(path)) for path in files.paths]
+            made = make_surface(
+                block,
+                dem,
+                SurfaceFiles(*parts),
+                usable_parts(session),
+                ties=report.tie_positions,
+                options=options,
+                work=work,
+            )
+            if isinstance(made, Failure):
+                raise _NothingMatched(made)
+    except _NothingMatched as nothing:
+        for path in files.paths:
+            path.unlink(missing_ok=True)
+        return nothing.failure
+    product = with_files(made, files)
+    session.products.save_value("surface", digest_of(inputs, files.paths), product)
+    return product
+
+
+def usable_parts(session: Session) -> Callable[[str], Mask | None]:
+    """Which part of a photo's scan is photograph, without housings, data strip and marks."""
+    scans: ScanSet | None = session.products.latest_value("scans")
+
+    def usable(photo_id: str) -> Mask | None:
+        if scans is None or photo_id not in scans.oriented:
+            return None
+        area = scans.oriented[photo_id].scan.usable
+        return None if area is None else area.mask
+
+    return usable
+
+
+def surface_line(surface: SurfaceProduct | Failure) -> Said:
+    """What became of the surface."""
+    if isinstance(surface, Failure):
+        return say("no surface: {reason}", reason=surface.reason)
+    return say(
+        "cells of {cell:.2f} m, {share:.0f} % of what two photos show, standard deviation "
+        "{sigma:.2f} m, scatter about the DEM {nmad:.2f} m",
+        cell=surface.grid.ground_sample_distance_m,
+        share=100 * surface.completeness,
+        sigma=surface.median_sigma_m,
+        nmad=surface.trend.nmad_m,
+    )

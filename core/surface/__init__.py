@@ -1,0 +1,1 @@
+"""Stage surface: heights of the ground and what stands on it, from the photos themselves."""

@@ -1,0 +1,162 @@
+"""Parallaxes become object points, object points the heights of cells, and pairs one surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from core.arrays import ObjectPoints, Scalars
+from core.frames import HALF_PIXEL
+from core.raster.grid import Grid
+from core.surface.matching import WINDOW_SIGMA_PX, Parallaxes
+from core.surface.rectified import LaidPhoto, Picture, RectifiedPair
+
+# design: half of the pixels of a cell are seen by the left photo on a slope of 60 degrees.
+LEAST_SHARE = 0.25
+"""Of the pixels of a cell so many must have a parallax."""
+# design: no division by nought.
+NOTHING = np.float32(1e-6)
+# source: three standard deviations, the usual limit of gross errors
+AGREEMENT = 3.0
+"""Pairs agree with the median within so many standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellHeights:
+    """The surface on a grid."""
+
+    heights: Picture
+    """Metres; NaN in holes."""
+    sigmas: Picture
+    """Standard deviations, metres; NaN in holes."""
+    pairs: UInt8[np.ndarray, "rows columns"]
+    """Pairs that agree; nought in holes."""
+
+
+def object_points(pair: RectifiedPair, found: Parallaxes) -> tuple[ObjectPoints, Scalars]:
+    """Where the rays of both photos meet, and the standard deviations of the heights, metres.
+
+    Each ray goes through the perspective centre and the place of the start surface that the photo
+    shows there, so collinearity with all corrections is in both.
+    """
+    grid, px = pair.grid, pair.grid.ground_sample_distance_m
+    rows, columns = np.nonzero(found.found)
+    parallax = found.parallax_px[rows, columns].astype(np.float64)
+    u_left = grid.west + (columns + HALF_PIXEL) * px
+    v = grid.north - (rows + HALF_PIXEL) * px
+    u_right = u_left - parallax * px
+    z_left = pair.start[rows, columns].astype(np.float64)
+    z_right = _heights_at(pair.start, columns - parallax, rows)
+    lean_left = _lean(pair.left, u_left, v, z_left)
+    lean_right = _lean(pair.right, u_right, v, z_right)
+    apart = lean_left[0] - lean_right[0]
+    height = (u_right - u_left + z_left * lean_left[0] - z_right * lean_right[0]) / apart
+    place = np.column_stack(
+        [u_left + (height - z_left) * lean_left[0], v + (height - z_left) * lean_left[1]]
+    )
+    sigma = found.sigma_px[rows, columns] * px / np.abs(apart)
+    return np.column_stack([pair.frame.to_object(place), height]), sigma
+
+
+def _heights_at(start: Picture, columns: Scalars, rows: np.ndarray) -> Scalars:
+    """Of the start surface between pixels of a row."""
+    place = np.clip(columns, 0, start.shape[1] - 1.001)  # design: the last pixel has a neighbour
+    left = place.astype(np.int64)
+    share = place - left
+    return start[rows, left] * (1 - share) + start[rows, left + 1] * share
+
+
+def _lean(laid: LaidPhoto, u: Scalars, v: Scalars, z: Scalars) -> tuple[Scalars, Scalars]:
+    """How far a ray goes along both axes for each metre that it rises."""
+    down = z - laid.centre[2]
+    return (u - laid.centre[0]) / down, (v - laid.centre[1]) / down
+
+
+def cell_heights(
+    points: ObjectPoints, sigmas: Scalars, cells: Grid, pixel_m: float
+) -> tuple[Picture, Picture]:
+    """Heights and standard deviations of the cells of a grid from the points of one pair."""
+    place = np.floor(cells.grid_from_object(points[:, :2])).astype(np.int64)
+    inside = ((place >= 0) & (place < (cells.columns, cells.rows))).all(axis=1)
+    cell = place[inside, 1] * cells.columns + place[inside, 0]
+    size = cells.columns * cells.rows
+    weight = 1 / sigmas[inside] ** 2
+    level = float(points[0, 2]) if len(points) else 0.0
+    total = np.bincount(cell, weight, size)
+    sums = np.bincount(cell, weight * (points[inside, 2] - level), size)
+    count = np.bincount(cell, minlength=size)
+    # Neighbouring points share their windows: a cell no larger than one is one measurement.
+    in_cell = (cells.ground_sample_distance_m / pixel_m) ** 2
+    shared = min(4 * np.pi * WINDOW_SIGMA_PX**2, max(in_cell, 1.0))
+    known = count >= max(LEAST_SHARE * in_cell, 1.0)
+    safe = np.where(known, total, 1.0)
+    heights = np.where(known, sums / safe + level, np.nan)
+    variance = np.where(known, np.minimum(shared, np.maximum(count, 1)) / safe, np.nan)
+    shape = (cells.rows, cells.columns)
+    return (
+        heights.reshape(shape).astype(np.float32),
+        np.sqrt(variance).reshape(shape).astype(np.float32),
+    )
+
+
+def fuse_pairs(found: Sequence[tuple[Picture, Picture]], cells: Grid) -> CellHeights:
+    """One surface of all pairs: the weighted mean of those that agree with the weighted median.
+
+    Where the only two pairs contradict each other, and where no majority of weight agrees, there
+    is a hole.
+    """
+    shape = (cells.rows, cells.columns)
+    if not found:
+        empty = np.full(shape, np.nan, dtype=np.float32)
+        return CellHeights(empty, empty, np.zeros(shape, dtype=np.uint8))
+    heights = np.stack([one[0] for one in found])
+    sigmas = np.stack([one[1] for one in found])
+    known = np.isfinite(heights)
+    weights = np.where(known, 1 / np.where(known, sigmas, 1) ** 2, 0)
+    middle = _weighted_median(heights, weights)
+    agree = known & (np.abs(heights - middle) <= AGREEMENT * np.where(known, sigmas, 0))
+    used = np.where(agree, weights, 0)
+    total = used.sum(axis=0)
+    # The majority: what contradicts may not weigh as much as what agrees.
+    sound = (total > 0) & (2 * total > weights.sum(axis=0))
+    safe = np.where(sound, total, 1)
+    mean = (used * np.where(agree, heights, 0)).sum(axis=0) / safe
+    count = agree.sum(axis=0)
+    sigma = _sigma_of(np.where(agree, heights - mean, 0), used, count, safe)
+    return CellHeights(
+        np.where(sound, mean, np.nan).astype(np.float32),
+        np.where(sound, sigma, np.nan).astype(np.float32),
+        np.where(sound, count, 0).astype(np.uint8),
+    )
+
+
+def _sigma_of(
+    residuals: Float32[np.ndarray, "pairs r c"],
+    weights: Float32[np.ndarray, "pairs r c"],
+    count: np.ndarray,
+    total: np.ndarray,
+) -> np.ndarray:
+    """From what is known of each pair, and from how far they scatter where that is more.
+
+    Scatter of a few pairs says little of one cell, so that of all cells around is taken.
+    """
+    squares = (weights * residuals**2).sum(axis=0)
+    freedom = np.maximum(count - 1, 0)
+    around = (4 * int(WINDOW_SIGMA_PX) + 1,) * 2
+    known = np.where(total > 0, freedom, 0).astype(np.float32)
+    scatter = cv2.blur(squares.astype(np.float32), around)
+    factor = scatter / np.maximum(cv2.blur(known, around), NOTHING)
+    return np.sqrt(np.maximum(factor, 1) / total)
+
+
+def _weighted_median(
+    heights: Float32[np.ndarray, "pairs r c"], weights: Float32[np.ndarray, "pairs r c"]
+) -> Float32[np.ndarray, "r c"]:
+    """The height below and above which half of the weight lies, the nearest of the pairs'."""
+    order = np.argsort(heights, axis=0)
+    sorted_heights = np.take_along_axis(heights, order, axis=0)
+    total = np.cumsum(np.take_along_axis(weights, order, axis=0), axis=0)
+    first = np.argmax(total >= total[-1] / 2, axis=0)
+    return np.take_along_axis(sorted_heights, first[None], axis=0)[0]

@@ -1,0 +1,104 @@
+"""The surface of a block on disk: written whole, not made twice, removed where there is none."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from app.project import read_project
+from app.run import WHEN_ASKED, Run, RunOptions
+from app.surface import make_block_surface, surface_line
+from core.doubts import Failure
+from core.progress import Work
+from core.raster.dem import open_dem
+from core.surface.relief import nmad
+from core.surface.stage import SurfaceFiles, SurfaceOptions
+from sessions.session import Session
+from tests.app.test_run import Listener
+from tests.tiny import Tiny
+
+CELL_M = 10.0
+
+
+class Told:
+    """Progress that counts reports."""
+
+    def __init__(self) -> None:
+        self.shares: list[float] = []
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        self.shares.append(done / total)
+
+
+@pytest.fixture
+def asked(tiny_run: Tiny):
+    project = read_project(tiny_run.folder)
+    with Session.open(tiny_run.folder, "tester") as session:
+        yield session, replace(project, surface=SurfaceOptions(CELL_M))
+    for path in SurfaceFiles.within(tiny_run.folder / "results").paths:
+        path.unlink(missing_ok=True)
+
+
+def test_a_surface_is_made_once_and_is_the_ground__truth(asked, tiny_run):
+    session, project = asked
+    report = session.products.latest_value("adjustment")
+    told, again = Told(), Told()
+    made = make_block_surface(
+        session, project, report, tiny_run.reference.dem, Work(told, seed="tiny")
+    )
+    assert told.shares == sorted(told.shares)
+    assert told.shares[-1] == pytest.approx(1.0)
+    kept = make_block_surface(session, project, report, tiny_run.reference.dem, Work(again))
+    assert not again.shares
+    assert kept.files == made.files
+    assert f"cells of {CELL_M:.2f} m" in surface_line(kept)
+    with rasterio.open(made.files.surface) as file:
+        heights = file.read(1, masked=True)
+    truth = open_dem([tiny_run.folder / "truth" / "terrain.tif"], report.block.crs).on(made.grid)
+    errors = (heights - truth).compressed()
+    assert made.completeness > 0.85
+    assert nmad(errors) < 1.2
+    assert abs(np.median(errors)) < 0.5
+    made.files.count.unlink()
+    make_block_surface(session, project, report, tiny_run.reference.dem, Work(again))
+    assert again.shares
+
+
+def test_where_there_is_no_surface_none_is_left__truth(asked, tiny_run):
+    session, project = asked
+    report = session.products.latest_value("adjustment")
+    files = SurfaceFiles.within(session.results)
+    files.surface.touch()
+    photos = {name: replace(photo, oriented=False) for name, photo in report.block.photos.items()}
+    alone = replace(report, block=report.block.with_photos(photos))
+    made = make_block_surface(session, project, alone, tiny_run.reference.dem, Work())
+    assert isinstance(made, Failure)
+    assert surface_line(made).startswith("no surface: No two photos")
+    assert not any(path.exists() for path in files.paths)
+
+
+def test_it_is_walked_only_where_somebody_asks__law(tiny_run):
+    project = read_project(tiny_run.folder)
+
+    def names(wanted, options):
+        with Session.open(tiny_run.folder, "tester") as session:
+            walk = Run(wanted, session, Listener(), options)
+            walk.threads.close()
+            return [name for name in WHEN_ASKED if walk.asked(name)]
+
+    assert names(project, RunOptions()) == []
+    assert names(project, RunOptions(last="surface")) == ["surface"]
+    assert names(project, RunOptions(first="surface")) == ["surface"]
+    assert names(replace(project, surface=SurfaceOptions()), RunOptions()) == ["surface"]
+
+
+def test_the_table_alone_asks_for_a_surface__truth(tiny_block, tmp_path):
+    folder = Path(shutil.copytree(tiny_block, tmp_path / "block"))
+    text = (folder / "block.toml").read_text()
+    (folder / "block.toml").write_text(text + "\n[surface]\n")
+    assert read_project(folder).surface == SurfaceOptions(None)
+    (folder / "block.toml").write_text(text + "\n[surface]\ngsd_m = 2\n")
+    assert read_project(folder).surface == SurfaceOptions(2.0)

@@ -1,0 +1,165 @@
+"""The steps of a surface, each by itself."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from core.block import Block
+from core.raster.grid import Grid
+from core.surface.fusion import cell_heights, fuse_pairs
+from core.surface.matching import match_pair
+from core.surface.pairs import pairs_over, sound_pairs
+from core.surface.rectified import LaidPhoto, RectifiedPair, Turned
+from core.surface.relief import fit_trend, hillshade
+from tests.flights import FlightPlan, fly
+
+
+@pytest.fixture(scope="module")
+def block() -> Block:
+    return fly(FlightPlan(ties=10, control=4, check=0), np.random.default_rng(2)).truth
+
+
+def test_a_turned_photo_shows_turned_ground_at_the_same_pixels__law(block):
+    photo = next(iter(block.photos.values()))
+    camera = block.camera_of(photo.photo_id)
+    frame = Turned(photo.exterior.centre[:2] + np.array([300.0, -200.0]), 0.7)
+    plan = photo.exterior.centre[:2] + np.random.default_rng(1).uniform(-900, 900, (50, 2))
+    heights = np.linspace(280, 330, 50)
+    pixels = photo.pixel_from_object(np.column_stack([plan, heights]), camera)
+    turned = np.column_stack([frame.from_object(plan), heights])
+    np.testing.assert_allclose(
+        frame.photo(photo).pixel_from_object(turned, camera), pixels, atol=1e-6
+    )
+    np.testing.assert_allclose(frame.to_object(turned[:, :2]), plan, atol=1e-6)
+
+
+def test_pairs_are_neighbours_whose_rays_meet_well__truth(block):
+    pairs = sound_pairs(block)
+    names = {(pair.left, pair.right) for pair in pairs}
+    assert ("00_000", "00_001") in names
+    assert ("00_000", "01_000") in names
+    for pair in pairs:
+        assert 0.2 <= pair.base_to_height <= 0.8
+    crowded = {
+        name: replace(photo, exterior=next(iter(block.photos.values())).exterior)
+        for name, photo in block.photos.items()
+    }
+    assert not sound_pairs(block.with_photos(crowded))
+
+
+def test_no_more_pairs_than_six_at_one_place__law(block):
+    pairs = sound_pairs(block) * 3
+    west, south, east, north = block.bounds
+    middle = ((west + east) / 2 - 5, (south + north) / 2 - 5)
+    assert len(pairs_over(pairs, (*middle, middle[0] + 10, middle[1] + 10))) <= 6
+    assert pairs_over(pairs, (east + 5000, north, east + 5100, north + 100)) == ()
+
+
+def shifted_pair(parallax: np.ndarray, grain: float, seed: int) -> RectifiedPair:
+    """Two pictures of a texture, the right one displaced, with grain of its own in each."""
+    rng = np.random.default_rng(seed)
+    rows, columns = parallax.shape
+    texture = sum(
+        size
+        * 6
+        * cv2.GaussianBlur(rng.normal(size=parallax.shape).astype(np.float32), (0, 0), size)
+        for size in (1.5, 4.0)
+    )
+    x, y = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
+    moved = cv2.remap(texture, x + parallax.astype(np.float32), y, cv2.INTER_CUBIC)
+
+    def laid(values: np.ndarray) -> LaidPhoto:
+        noise = cv2.GaussianBlur(rng.normal(size=values.shape).astype(np.float32), (0, 0), 0.7)
+        return LaidPhoto(
+            (120 + 8 * values + grain * noise).astype(np.float32),
+            np.ones(values.shape, dtype=bool),
+            np.zeros(3),
+        )
+
+    start = np.zeros(parallax.shape, dtype=np.float32)
+    grid = Grid(0, rows, 1.0, columns, rows)
+    # The left picture at x shows what the right one shows at x - parallax.
+    return RectifiedPair(Turned(np.zeros(2), 0.0), grid, start, laid(texture), laid(moved))
+
+
+def test_parallaxes_are_found_to_parts_of_a_pixel__truth():
+    true = 3.0 + 1.5 * np.sin(np.arange(300) / 60)[None, :] * np.ones((280, 1))
+    found = match_pair(shifted_pair(true, 3.0, 1), 12)
+    inner = np.s_[30:-30, 40:-40]
+    error = (found.parallax_px - true)[inner][found.found[inner]]
+    assert found.found[inner].mean() > 0.9
+    assert 1.48 * np.median(np.abs(error)) < 0.12
+    assert abs(np.median(error)) < 0.06
+
+
+@pytest.mark.parametrize("grain", [4.0, 12.0])
+def test_a_parallax_says_how_well_it_is_known__truth(grain):
+    found = match_pair(shifted_pair(np.full((320, 320), 2.3), grain, 5), 8)
+    inner = np.s_[30:-30, 40:-40]
+    ratio = ((found.parallax_px - 2.3) / found.sigma_px)[inner][found.found[inner]]
+    assert 0.7 < 1.48 * np.median(np.abs(ratio)) < 1.3
+
+
+CELLS = Grid(0, 40, 1.0, 40, 40)
+
+
+def level(height: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    shape = (CELLS.rows, CELLS.columns)
+    return np.full(shape, height, np.float32), np.full(shape, sigma, np.float32)
+
+
+def test_pairs_that_agree_outvote_one_that_does_not__truth():
+    fused = fuse_pairs([level(10, 0.5), level(10.4, 0.5), level(30, 0.5)], CELLS)
+    np.testing.assert_allclose(fused.heights, 10.2, atol=1e-5)
+    assert (fused.pairs == 2).all()
+
+
+def test_two_pairs_that_contradict_each_other_leave_a_hole__truth():
+    fused = fuse_pairs([level(10, 0.5), level(30, 0.5)], CELLS)
+    assert np.isnan(fused.heights).all()
+    assert (fused.pairs == 0).all()
+    assert np.isnan(fuse_pairs([], CELLS).heights).all()
+
+
+def test_weights_and_scatter_make_the_standard_deviation__truth():
+    calm = fuse_pairs([level(10, 0.3), level(10, 0.4)], CELLS)
+    np.testing.assert_allclose(calm.sigmas, 0.24, atol=1e-4)
+    rough = fuse_pairs([level(10, 0.3), level(11, 0.4)], CELLS)
+    # Chi squared of one freedom is 1 / (0.3^2 + 0.4^2) = 4, so twice as much.
+    np.testing.assert_allclose(rough.sigmas, 0.48, atol=1e-4)
+
+
+def test_cells_with_too_few_points_stay_open__truth():
+    places = np.array([[x + 0.25, y + 0.25] for x in range(10) for y in range(10)])
+    points = np.column_stack([places, 100 + places[:, 0]])
+    heights, sigmas = cell_heights(points, np.full(len(points), 0.5), Grid(0, 10, 2.0, 5, 5), 0.5)
+    np.testing.assert_allclose(heights[0], 100.75 + 2 * np.arange(5), atol=1e-4)
+    sparse, _ = cell_heights(points[::3], np.full(34, 0.5), Grid(0, 10, 2.0, 5, 5), 0.5)
+    assert np.isnan(sparse).any()
+    assert (sigmas > 0).all()
+
+
+def test_the_trend_ignores_what_stands_on_the_ground__truth():
+    rng = np.random.default_rng(4)
+    plan = rng.uniform((0, 0), (2000, 1000), (5000, 2))
+    x, y = plan[:, 0] / 1000 - 1, (plan[:, 1] - 500) / 1000
+    systematic = 0.4 - 0.3 * x + 0.2 * y + 0.5 * (x**2 + y**2)
+    away = systematic + rng.normal(0, 0.2, 5000)
+    away[rng.random(5000) < 0.15] += 12.0
+    trend = fit_trend(plan, away, (0.0, 0.0, 2000.0, 1000.0))
+    np.testing.assert_allclose(trend.at(plan), systematic, atol=0.08)
+    assert trend.nmad_m == pytest.approx(0.23, abs=0.04)
+
+
+def test_slopes_to_the_light_are_bright__truth():
+    east, north = np.meshgrid(np.arange(20.0), np.arange(20.0)[::-1])
+    towards = hillshade((300 + 0.5 * (east - north)).astype(np.float32), 1.0)
+    away = hillshade((300 - 0.5 * (east - north)).astype(np.float32), 1.0)
+    level_ground = hillshade(np.full((20, 20), 300, np.float32), 1.0)
+    # Ground that falls to the north-west looks into the light.
+    assert towards[5, 5] > level_ground[5, 5] > away[5, 5]
+    hole = np.full((20, 20), 300, np.float32)
+    hole[10, 10] = np.nan
+    assert hillshade(hole, 1.0)[10, 10] == 0
