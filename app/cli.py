@@ -93,7 +93,7 @@ def parser(language: str = LANGUAGES[0]) -> Parser:
     added = Verbs(tell, top.add_subparsers(title=again("verbs"), required=True, metavar="VERB"))
     for build in (
         add_new, add_run, add_batch, add_review, add_report, add_export, add_import, add_check,
-        add_demo, add_doctor,
+        add_teach, add_demo, add_doctor,
     ):  # fmt: skip
         build(added)
     return top
@@ -276,6 +276,22 @@ def add_check(added: Verbs) -> None:
     add_operator(verb)
 
 
+def add_teach(added: Verbs) -> None:
+    """`teach`."""
+    examples = {
+        "gruber teach": "opens the lessons in the browser",
+        "gruber teach --lesson relief": "begins with one of them",
+        "gruber teach --list": "names them all",
+        "gruber teach --own tower.py": "a teacher's own lesson among them",
+    }
+    summary = "open lessons of photogrammetry whose formulas can be moved"
+    verb = add_verb(added, "teach", summary, examples)
+    verb.add_option("--lesson NAME", "the lesson to begin with", default="")
+    verb.add_switch("--list", "name the lessons and end")
+    verb.add_option("--own FILE", "a Python file with one more lesson", type=Path)
+    add_address(verb)
+
+
 def add_demo(added: Verbs) -> None:
     """`demo`."""
     examples = {
@@ -324,12 +340,17 @@ def add_workers(verb: Parser) -> None:
 
 def add_desk(verb: Parser) -> None:
     """Where the desk is served, and who sits at it."""
+    add_address(verb)
+    add_operator(verb)
+
+
+def add_address(verb: Parser) -> None:
+    """Where a page is served."""
     settings = Settings()
     port = "port of the desk; 0 takes any that is free (%(default)s)"
     verb.add_option("--port P", port, type=whole_number(0, 65535), default=settings.port)
     host = "address the desk listens at (%(default)s: this machine only)"
     verb.add_option("--host H", host, default=settings.host)
-    add_operator(verb)
     verb.add_switch("--no-browser", "print the address only")
 
 
@@ -358,6 +379,11 @@ def wrong_use(given: argparse.Namespace) -> str:
     if source and source[0] not in imported_formats():
         wrong = "--from {name} is no format; it is one of {names}"
         return say(wrong, name=source[0], names=imported_formats())
+    if lesson := getattr(given, "lesson", ""):
+        lessons = verbs.lesson_names(given.own)
+        if lesson not in lessons:
+            wrong = "--lesson {name} is no lesson; it is one of {names}"
+            return say(wrong, name=lesson, names=lessons)
     first, last = getattr(given, "first", None), getattr(given, "last", None)
     names = verbs.stage_names()
     if first and last and names.index(last) < names.index(first):

@@ -37,6 +37,7 @@ from app.placing import open_placing, placeable
 from app.project import Project, described, read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.start import open_start, wants_start
+from app.teaching import Teacher, find_lessons, open_teaching
 from app.terminal import Voice
 from core.adjustment.adjusted import AdjustmentReport
 from core.errors import ProjectError, StorageError
@@ -284,6 +285,27 @@ def demo(given: argparse.Namespace, voice: Voice) -> None:
         return
     given.block = given.out
     review(given, voice)
+
+
+def teach(given: argparse.Namespace, voice: Voice) -> None:
+    """The lessons, until Ctrl-C, or only their names."""
+    found = find_lessons(given.own)
+    if given.list:
+        told = Teacher(found).listed(voice.tell.language)["words"]
+        for name in found:
+            voice.say(voice.tell("teach.line", name=name, title=told[f"lesson.{name}.title"]))
+        return
+    with open_teaching(found, given.host, given.port, given.language) as page:
+        url = f"{page.url}&lesson={given.lesson}" if given.lesson else page.url
+        voice.say(voice.tell("teach.open", url=url))
+        if not given.no_browser:
+            webbrowser.open(url)
+        page.wait()
+
+
+def lesson_names(own: Path | None = None) -> tuple[str, ...]:
+    """Names of the lessons, for `--lesson`."""
+    return tuple(find_lessons(own))
 
 
 def doctor(given: argparse.Namespace, voice: Voice) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from app.cli import main, parser
 
-VERBS = ("new", "run", "batch", "review", "report", "demo", "doctor")
+VERBS = ("new", "run", "batch", "review", "report", "teach", "demo", "doctor")
 
 
 def help_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:

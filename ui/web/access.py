@@ -57,7 +57,8 @@ class Access:
                 raise web.HTTPForbidden(text="Requests from other sites are refused.")
             entering = request.query.get("token")
             if entering is not None and request.path == "/":
-                return self._let_in(entering)
+                # A link may name what is to be shown.
+                return self._let_in(entering, str(request.rel_url.without_query_params("token")))
             shown = request.cookies.get(self.cookie, "")
             if not self._known(shown):
                 raise web.HTTPUnauthorized(text="Open the desk with the address it printed.")
@@ -80,11 +81,11 @@ class Access:
         """True when a request comes from our own page, or from no page at all."""
         return origin is None or urlsplit(origin).netloc.lower() == host.lower()
 
-    def _let_in(self, entering: str) -> web.StreamResponse:
+    def _let_in(self, entering: str, onward: str) -> web.StreamResponse:
         """Keep the token in a cookie and take it out of the address bar."""
         if not self._known(entering):
             raise web.HTTPUnauthorized(text="That is not this desk's token.")
-        response = web.Response(status=303, headers={"Location": "/"})
+        response = web.Response(status=303, headers={"Location": onward})
         response.set_cookie(self.cookie, entering, httponly=True, samesite="Lax", path="/")
         return response
 

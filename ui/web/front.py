@@ -80,8 +80,8 @@ class FrontInputs:
     """The lock."""
     channel: Channel | None
     """The wire to the loop; None for a page that works without one."""
-    tiles: ScanTiles
-    """Pictures."""
+    tiles: ScanTiles | None
+    """Pictures; None for a page without any."""
     upstream: Upstream | None
     """Viser; None without a 3D scene."""
     start: dict[str, Any]
@@ -181,7 +181,7 @@ class Front:
                 web.get("/", self._page(self._inputs.page)),
                 web.get("/pages/{name}", self._file),
                 web.get("/start", self._start),
-                *tile_routes(self._inputs.tiles),
+                *(tile_routes(self._inputs.tiles) if self._inputs.tiles else ()),
                 *result_routes(self._inputs.results),
                 *self._inputs.routes,
             ]

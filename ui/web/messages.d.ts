@@ -555,3 +555,57 @@ interface Window {
   /** What tests look at. */
   gruber?: object;
 }
+
+/** The page of lessons, as `app/teaching.py` tells it. */
+interface LessonNumber { value: number | null; digits: number; unit: string; truth: number | null }
+type LessonMath = string | [string, ...LessonMath[]];
+interface Equation { left: string; right: LessonMath }
+interface LessonSlider {
+  name: string;
+  low: number;
+  high: number;
+  start: number;
+  step: number;
+  unit: string;
+  symbol: string;
+  /** Canvas whose handle moves it; empty for a slider of its own. */
+  moved_in: string;
+  switch: boolean;
+}
+interface Lesson {
+  name: string;
+  letter: string;
+  sliders: LessonSlider[];
+  equations: Equation[];
+  questions: string[];
+  /** Whether something was put in that can be hidden. */
+  truth: boolean;
+}
+interface LessonShape {
+  kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text";
+  points: Pair[];
+  look: string;
+  label?: string;
+  number?: LessonNumber;
+  handle?: [across: string, up: string];
+  below?: boolean;
+}
+interface LessonCanvas {
+  name: string;
+  window: [left: number, lower: number, right: number, upper: number];
+  shapes: LessonShape[];
+  unit: string;
+  equal: boolean;
+}
+interface LessonPlot {
+  x: string;
+  y: string;
+  curves: { name: string; points: Pair[]; look: string }[];
+  at: Pair | null;
+}
+interface LessonView {
+  figures: Record<string, LessonNumber>;
+  canvases: LessonCanvas[];
+  symbols: Record<string, LessonNumber>;
+  plot: LessonPlot | null;
+}

@@ -1,7 +1,7 @@
 """The texts of Gruber in every language: read once, found by key, filled with values."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,22 @@ def messages(language: str) -> Mapping[str, str]:
     return {**verdict, **classes, **_table(f"{MESSAGES}.{language}.toml")}
 
 
-def _table(name: str) -> Mapping[str, str]:
+@cache
+def lesson_words(language: str) -> Mapping[str, str]:
+    """The texts of all lessons by key: `lesson.NAME.` and what the lesson calls it."""
+    return dict(_leaves(_table(f"lessons.{language}.toml"), "lesson"))
+
+
+def _leaves(table: Mapping[str, Any], before: str) -> Iterator[tuple[str, str]]:
+    """Texts of nested tables, each under the names of its tables with a dot between them."""
+    for name, inside in table.items():
+        if isinstance(inside, str):
+            yield f"{before}.{name}", inside
+        else:
+            yield from _leaves(inside, f"{before}.{name}")
+
+
+def _table(name: str) -> Mapping[str, Any]:
     return tomllib.loads((FOLDER / name).read_text(encoding="utf-8"))
 
 

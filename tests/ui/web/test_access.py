@@ -57,6 +57,9 @@ def test_operators_and_guests_come_in_and_strangers_do_not__law():
             for token, name in (("secret-token", "operator"), (access.guest_token, "guest")):
                 entered = await client.get(f"/?token={token}", allow_redirects=False)
                 assert (entered.status, entered.headers["Location"]) == (303, "/")
+                link = f"/?token={token}&lesson=relief"
+                named = await client.get(link, allow_redirects=False)
+                assert named.headers["Location"] == "/?lesson=relief"
                 cookies = {access.cookie: token}
                 answer = await client.get("/page", cookies=cookies)
                 assert await answer.text() == name

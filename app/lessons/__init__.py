@@ -1,0 +1,1 @@
+"""Lessons: one file each, declared as data, computed by the engine's own functions."""

@@ -1,0 +1,122 @@
+"""Image coordinates: refraction, Earth curvature and lens move an image point along its radius."""
+
+import numpy as np
+
+from app.lessons import sheet
+from app.lessons.photo import HALF_MM, camera_with
+from core.arrays import Scalars
+from core.geometry.camera import radial_factor
+from core.geometry.collinearity import EARTH_RADIUS_M, refraction_constant
+from core.geometry.image_corrections import curvature_um, photo_scale, refraction_um
+
+TABLE_MM = 129.0
+"""Radius that all rows of table 4.2 fit, which names none."""
+GRID = np.linspace(-0.9 * HALF_MM, 0.9 * HALF_MM, 7)
+
+
+def moves_um(radius_mm: Scalars, state: sheet.State) -> tuple[Scalars, Scalars, Scalars]:
+    """Refraction and lens outwards, curvature inwards, micrometres."""
+    above = state["H"] - state["h"]
+    refraction = refraction_um(radius_mm, state["c"], refraction_constant(state["H"], state["h"]))
+    k1 = state["lens"] / 1000 / 100.0**3
+    lens = radius_mm * (radial_factor(radius_mm**2, camera_with(state["c"], k1)) - 1) * 1000
+    return refraction, -curvature_um(radius_mm, state["c"], above), lens
+
+
+def view(state: sheet.State) -> sheet.View:
+    """Three curves sheet.over the radius, and their sum as arrows on the film."""
+    radii = np.linspace(0, 160, 41)
+    parts = moves_um(radii, state)
+    here = [float(part[0]) for part in moves_um(np.array([state["r"]]), state)]
+    total = sum(here)
+    x, y = (axis.ravel() for axis in np.meshgrid(GRID, GRID))
+    away = np.hypot(x, y)
+    sums = np.sum(moves_um(away, state), axis=0)
+    share = state["times"] * sums / 1000 / np.maximum(away, 1e-9)
+    arrows = [
+        sheet.shape("arrow", [(a, b), (a * (1 + s), b * (1 + s))], "bad" if s < 0 else "estimate")
+        for a, b, s in zip(x, y, share, strict=True)
+    ]
+    edge = 1.12 * HALF_MM
+    turn = np.linspace(0, 2 * np.pi, 73)
+    ring = state["r"] * np.column_stack([np.cos(turn), np.sin(turn)])
+    film = sheet.Canvas(
+        "film",
+        (-edge, -edge, edge, edge),
+        (
+            sheet.shape("area", sheet.frame_of(HALF_MM), "film"),
+            *arrows,
+            sheet.shape("line", ring, "axis", "radius"),
+            sheet.shape("crosses", [(0, 0)], "axis", "point"),
+        ),
+        "mm",
+    )
+    names = ("refraction", "curvature", "lens")
+    looks: tuple[sheet.Look, ...] = ("estimate", "bad", "second")
+    curves = [sheet.curve(n, radii, p, w) for n, p, w in zip(names, parts, looks, strict=True)]
+    curves.append(sheet.curve("sum", radii, sum(parts), "given"))
+    scale = photo_scale(state["c"], state["H"], state["h"])
+    figures = {name: sheet.Number(value, 1, "µm") for name, value in zip(names, here, strict=True)}
+    figures |= {
+        "sum": sheet.Number(total, 1, "µm"),
+        "ground": sheet.Number(total / 1e6 / scale, 2, "m"),
+        "scale": sheet.Number(1 / scale, 0),
+    }
+    above = sheet.Number(state["H"] - state["h"], 0, "m")
+    symbols = {
+        "Δr_e": figures["curvature"],
+        "H_g": above,
+        "R": sheet.Number(EARTH_RADIUS_M, 0, "m"),
+    }
+    constant = sheet.Number(1e6 * refraction_constant(state["H"], state["h"]), 1, "·10⁻⁶")
+    symbols |= {"Δr_a": figures["refraction"], "K": constant}
+    return sheet.View(
+        figures, (film,), symbols, sheet.Plot("r", "moves", tuple(curves), (state["r"], total))
+    )
+
+
+def ask_curvature(rng: np.random.Generator) -> sheet.Asked:
+    """A sheet.row of table 4.2."""
+    c = float(rng.choice([85, 150, 210, 300]))
+    scale = float(rng.choice([5000, 10000, 20000, 30000]))
+    moved = curvature_um(np.array([TABLE_MM]), c, scale * c / 1000)
+    return sheet.Asked({"c": c, "scale": scale, "r": TABLE_MM}, float(moved[0]))
+
+
+LESSON = sheet.Lesson(
+    "corrections",
+    "b",
+    (
+        sheet.Slider("H", 600, 12000, 4500, 100, "m"),
+        sheet.Slider("h", 0, 2000, 300, 50, "m"),
+        sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
+        sheet.Slider("r", 0, 160, 130, 1, "mm", "r"),
+        sheet.Slider("lens", -30, 30, 0, 1, "µm"),
+        sheet.Slider("times", 100, 2000, 500, 100),
+    ),
+    view,
+    (
+        sheet.Equation(
+            "Δr_a",
+            sheet.row(
+                "K",
+                "*",
+                [
+                    "fence",
+                    sheet.row("r", "+", sheet.over(sheet.power("r", "3"), sheet.power("c", "2"))),
+                ],
+            ),
+        ),
+        sheet.Equation(
+            "Δr_e",
+            sheet.row(
+                "−",
+                sheet.over(
+                    sheet.row("H_g", "*", sheet.power("r", "3")),
+                    sheet.row("2", "*", "R", "*", sheet.power("c", "2")),
+                ),
+            ),
+        ),
+    ),
+    (sheet.Question("curvature", "µm", 2.0, ask_curvature, 0),),
+)

@@ -1,0 +1,120 @@
+"""Interior orientation: fiducials tell what film and scanner did to the frame."""
+
+import numpy as np
+
+from app.lessons import sheet
+from app.lessons.photo import PIXEL_MM
+from core.arrays import FilmPoints, PixelPoints
+from core.doubts import Failure
+from core.geometry.interior import InteriorOrientation, film_shape
+from core.geometry.interior_models import FilmFit, FilmModel, fit_film, warp_film
+
+MODELS: tuple[FilmModel, ...] = ("similarity", "affine", "projective")
+NEAR, FAR = 0.0, 106.0
+MARKS = np.array([(x, y) for x in (-FAR, NEAR, FAR) for y in (-FAR, NEAR, FAR) if (x, y) != (0, 0)])
+"""Eight fiducials: corners and middles of the sides."""
+HALF = 115.0
+TIMES = 400.0
+
+
+def scanned(state: sheet.State) -> PixelPoints:
+    """Where the marks lie in the scan of a film that shrank and was bent."""
+    along = np.array([1 - state["shrink_x"] / 1000, 1 - state["shrink_y"] / 1000])
+    sheared = MARKS * along + np.column_stack(
+        [state["shear"] / 1000 * MARKS[:, 1], np.zeros(len(MARKS))]
+    )
+    bent = warp_film(sheared, np.array([state["bend"] * 1e-6, 0.0]), "projective")
+    rng = np.random.default_rng(int(state["seed"]))
+    noisy = bent + rng.normal(0, state["noise"] / 1000, bent.shape)
+    return np.column_stack([noisy[:, 0] + HALF, HALF - noisy[:, 1]]) / PIXEL_MM
+
+
+def fitted(model: FilmModel, pixels: PixelPoints) -> FilmFit:
+    """One model on all marks."""
+    fit = fit_film(model, pixels, MARKS, np.full(len(MARKS), 0.005))
+    assert not isinstance(fit, Failure), fit.reason
+    return fit
+
+
+def view(state: sheet.State) -> sheet.View:
+    """Residuals of the chosen model at the marks, and what it found of the film."""
+    pixels = scanned(state)
+    fits = [fitted(model, pixels) for model in MODELS]
+    fit = fits[int(state["model"])]
+    interior = InteriorOrientation(
+        fit.model,
+        fit.matrix,
+        tuple(str(i) for i in range(len(MARKS))),
+        pixels,
+        fit.residuals * 1000,
+        fit.sigma,
+        fit.warp,
+    )
+    found = film_shape(interior, PIXEL_MM)
+    figures = {
+        "rms": sheet.Number(1000 * fit.rms, 1, "µm"),
+        "sigma": sheet.Number(1000 * fit.sigma, 1, "µm"),
+        "shrink_x": sheet.Number(1000 * (1 - found.scale_x), 2, "‰", state["shrink_x"]),
+        "shrink_y": sheet.Number(1000 * (1 - found.scale_y), 2, "‰", state["shrink_y"]),
+        "shear": sheet.Number(found.shear_mrad, 2, "mrad", state["shear"]),
+    }
+    sigmas = sheet.curve("sigma", range(3), [1000 * one.sigma for one in fits])
+    plot = sheet.Plot("model", "sigma", (sigmas,), (state["model"], 1000 * fit.sigma))
+    symbols = {
+        "r": sheet.Number(fit.redundancy, 0),
+        "m": sheet.Number(len(MARKS), 0),
+        "u": sheet.Number(2 * len(MARKS) - fit.redundancy, 0),
+    }
+    return sheet.View(figures, (film(fit.residuals),), symbols, plot)
+
+
+def film(residuals: FilmPoints) -> sheet.Canvas:
+    """The frame with its marks and their residuals, magnified."""
+    edge = 1.16 * HALF
+    ends = MARKS + TIMES * residuals
+    lengths = 1000 * np.hypot(*residuals.T)
+    return sheet.Canvas(
+        "film",
+        (-edge, -edge, edge, edge),
+        (
+            sheet.shape("area", sheet.frame_of(HALF), "film"),
+            sheet.shape("line", [(-FAR, 0), (FAR, 0)], "faint"),
+            sheet.shape("line", [(0, -FAR), (0, FAR)], "faint"),
+            sheet.shape("crosses", MARKS, "given"),
+            *(
+                sheet.shape(
+                    "arrow", [mark, end], "bad", number=sheet.Number(float(length), 0, "µm")
+                )
+                for mark, end, length in zip(MARKS.tolist(), ends.tolist(), lengths, strict=True)
+            ),
+        ),
+        "mm",
+    )
+
+
+def ask(rng: np.random.Generator) -> sheet.Asked:
+    """How far uneven shrinkage moves a corner when it is not corrected."""
+    shrink = float(rng.integers(2, 11)) / 10
+    side = float(rng.choice([180, 230]))
+    flat = np.array([[side / 2, side / 2]])
+    moved = flat - flat * (1 - shrink / 1000)
+    return sheet.Asked({"shrink": shrink, "side": side}, 1000 * float(moved[0, 0]))
+
+
+LESSON = sheet.Lesson(
+    "interior",
+    "a",
+    (
+        sheet.Slider("model", 0, 2, 0, 1),
+        sheet.Slider("shrink_x", -1, 3, 1.2, 0.05, "‰"),
+        sheet.Slider("shrink_y", -1, 3, 0.6, 0.05, "‰"),
+        sheet.Slider("shear", -1, 1, 0.2, 0.02, "mrad"),
+        sheet.Slider("bend", -5, 5, 0, 0.1, "·10⁻⁶/mm"),
+        sheet.NOISE,
+        sheet.SEED,
+    ),
+    view,
+    (sheet.Equation("r", sheet.row("2", "*", "m", "−", "u")),),
+    (sheet.Question("shrink", "µm", 2.0, ask, 0),),
+    hides_truth=True,
+)

@@ -1,0 +1,145 @@
+"""Relative orientation: six von Gruber points, whose y-parallaxes are taken away by hand."""
+
+import numpy as np
+
+from app.lessons import sheet
+from app.lessons.photo import HALF_MM, camera_with, on_ground, vertical_at
+from core.arrays import FilmPoints
+from core.geometry.collinearity import film_from_object
+from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
+from core.geometry.relative import (
+    RayPairs,
+    RelativeOrientation,
+    adjust_relative,
+    parallax,
+    rays_from_ideal,
+)
+
+C_MM, ABOVE_M, BASE_M = 152.0, 1500.0, 900.0
+UM_ANGLE = 0.001 / C_MM
+"""A micrometre on film, as an angle: the unit of the parallaxes."""
+SIDE_M = 850.0
+GRUBER = on_ground(
+    (0, 0, 20),
+    (BASE_M, 0, -10),
+    (0, SIDE_M, 40),
+    (BASE_M, SIDE_M, 0),
+    (0, -SIDE_M, -30),
+    (BASE_M, -SIDE_M, 15),
+)
+"""The six points in their usual order: two below the photos, four at the sides."""
+NAMES = ("by", "bz", "omega", "phi", "kappa")
+
+
+def orientation_of(by: float, bz: float, angles_deg: np.ndarray) -> RelativeOrientation:
+    """The second photo: base in percent of bx, angles in degrees."""
+    base = np.array([1.0, by / 100, bz / 100])
+    turn = rotation_from_angles(*np.radians(angles_deg).tolist())
+    return RelativeOrientation(base / np.linalg.norm(base), turn)
+
+
+def hidden(seed: int) -> np.ndarray:
+    """What is to be found: by, bz (percent), omega, phi, kappa (degrees)."""
+    rng = np.random.default_rng(seed)
+    return np.round(rng.uniform([-3, -3, -1.5, -1.5, -1.5], [3, 3, 1.5, 1.5, 1.5]), 2)
+
+
+def measured(truth: np.ndarray, noise_um: float, seed: int) -> tuple[FilmPoints, FilmPoints]:
+    """Both photos of the six points."""
+    centre = np.array([BASE_M, truth[0] / 100 * BASE_M, ABOVE_M + truth[1] / 100 * BASE_M])
+    second = ExteriorOrientation(centre, *np.radians(truth[2:]).tolist())
+    camera, rng = camera_with(C_MM), np.random.default_rng(1000 + seed)
+    films = [film_from_object(GRUBER, one, camera) for one in (vertical_at(0, ABOVE_M), second)]
+    first, other = (film + rng.normal(0, noise_um / 1000, film.shape) for film in films)
+    return first, other
+
+
+def view(state: sheet.State) -> sheet.View:
+    """The parallaxes that are left, as arrows in the first photo."""
+    seed = int(state["seed"])
+    truth = hidden(seed)
+    first, second = measured(truth, state["noise"], seed)
+    rays = RayPairs(
+        rays_from_ideal(first, C_MM), rays_from_ideal(second, C_MM), (UM_ANGLE, UM_ANGLE)
+    )
+    hand = orientation_of(
+        state["by"], state["bz"], np.array([state["omega"], state["phi"], state["kappa"]])
+    )
+    found = adjust_relative(rays, hand, max(3 * state["noise"], 3.0))
+    shown = found if state["solve"] else hand
+    left = parallax(rays, shown)
+    ends = first + np.column_stack([np.zeros(6), state["times"] * left / 1000])
+    edge = 1.12 * HALF_MM
+    canvas = sheet.Canvas(
+        "first",
+        (-edge, -edge, edge, edge),
+        (
+            sheet.shape("area", sheet.frame_of(HALF_MM), "film"),
+            *(
+                sheet.shape("arrow", [spot, end], "bad")
+                for spot, end in zip(first.tolist(), ends.tolist(), strict=True)
+            ),
+            *(
+                sheet.shape(
+                    "dots", [spot], "given", f"{i}", number=sheet.Number(p, 0, "µm"), below=p > 0
+                )
+                for i, (spot, p) in enumerate(zip(first.tolist(), left.tolist(), strict=True), 1)
+            ),
+        ),
+        "mm",
+    )
+    rms = float(np.sqrt(np.mean(left**2)))
+    figures = {"rms": sheet.Number(rms, 1, "µm")} | elements_of(shown, truth)
+    return sheet.View(figures, (canvas,))
+
+
+def elements_of(shown: RelativeOrientation, truth: np.ndarray) -> dict[str, sheet.Number]:
+    """The five elements, with what was put in."""
+    base = 100 * shown.base[1:] / shown.base[0]
+    values = [*base.tolist(), *np.degrees(angles_from_rotation(shown.rotation)).tolist()]
+    units = ("%", "%", "°", "°", "°")
+    return {
+        name: sheet.Number(value, 2, unit, put)
+        for name, value, unit, put in zip(NAMES, values, units, truth.tolist(), strict=True)
+    }
+
+
+def ask(rng: np.random.Generator) -> sheet.Asked:
+    """The parallax that a small kappa makes at point 1, where nothing else does."""
+    kappa = float(rng.integers(2, 13)) / 10
+    first, second = measured(np.array([0, 0, 0, 0, kappa]), 0.0, 1)
+    # Point 1 lies a base away from the second principal point.
+    return sheet.Asked(
+        {"kappa": kappa, "b": BASE_M / ABOVE_M * C_MM},
+        abs(1000 * float(second[0, 1] - first[0, 1])),
+    )
+
+
+LESSON = sheet.Lesson(
+    "relative",
+    "f",
+    (
+        sheet.Slider("by", -5, 5, 0, 0.02, "%"),
+        sheet.Slider("bz", -5, 5, 0, 0.02, "%"),
+        sheet.Slider("omega", -2, 2, 0, 0.01, "°"),
+        sheet.Slider("phi", -2, 2, 0, 0.01, "°"),
+        sheet.Slider("kappa", -2, 2, 0, 0.01, "°"),
+        sheet.Slider("solve", 0, 1, 0, 1),
+        sheet.Slider("times", 5, 500, 10, 5),
+        sheet.NOISE,
+        sheet.SEED,
+    ),
+    view,
+    (
+        sheet.Equation(
+            "p",
+            sheet.over(
+                sheet.row("u", "·", ["fence", sheet.row("b", "×", "R", "*", "v")]),
+                sheet.row("‖", "∇", "‖"),
+            ),
+        ),
+    ),
+    (sheet.Question("kappa", "µm", 60.0, ask, 0),),
+    hides_truth=True,
+    order=1,
+)

@@ -1,0 +1,173 @@
+"""Resection: one photo on known points, and how their places decide what is known of it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.lessons import sheet
+from app.lessons.photo import HALF_MM, PIXEL_MM, photo_model, vertical_at
+from core.arrays import Matrix, ObjectPoints, PixelPoints
+from core.geometry.collinearity import object_from_film
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.resection import PhotoModel, difference, moved
+
+C_MM, ABOVE_M = 152.0, 1500.0
+REACH_M = HALF_MM / C_MM * ABOVE_M
+TIMES = 1000.0
+"""Errors are drawn so many times their size."""
+DRAWS = 25
+"""So many photos measured anew, each with errors of its own."""
+LIFTS = np.array([0.0, 1.0, -0.6, 0.4])
+"""Heights of the points as shares of the relief."""
+TRUTH = vertical_at(0.0, ABOVE_M)
+SINGULAR = 1e-14
+PLACES = ((-900, 800), (850, 850), (900, -850), (-850, -900))
+
+
+def resected(model: PhotoModel, points: ObjectPoints, pixels: PixelPoints) -> ExteriorOrientation:
+    """Least squares from the true orientation: two steps of Gauss and Newton."""
+    exterior = TRUTH
+    for _ in range(2):
+        predicted, design = model.linearised(points, exterior)
+        off = (pixels - predicted).ravel()
+        exterior = moved(exterior, np.linalg.lstsq(design.reshape(-1, 6), off, rcond=None)[0])
+    return exterior
+
+
+def covariance_of(model: PhotoModel, points: ObjectPoints, sigma_px: float) -> Matrix:
+    """Of X, Y, Z (m), omega, phi, kappa (rad); NaN where the points do not fix the photo."""
+    design = model.linearised(points, TRUTH)[1].reshape(-1, 6)
+    unit = 1 / np.linalg.norm(design, axis=0)
+    left = np.linalg.svd(design * unit, full_matrices=False)
+    if left[1][-1] ** 2 < SINGULAR * left[1][0] ** 2:
+        return np.full((6, 6), np.nan)
+    scaled = left[2].T / left[1]
+    return sigma_px**2 * (scaled @ scaled.T) * np.outer(unit, unit)
+
+
+def view(state: sheet.State) -> sheet.View:
+    """Points in plan, with the error ellipses of the nadir and of the frame's corners."""
+    model = photo_model(C_MM)
+    count = 4 if state["fourth"] else 3
+    plan = np.array([[state[f"x{i}"], state[f"y{i}"]] for i in range(1, count + 1)])
+    points = np.column_stack([plan, state["relief"] * LIFTS[:count]])
+    sigma = max(state["noise"], 0.1) / 1000 / PIXEL_MM
+    covariance = covariance_of(model, points, sigma)
+    rng = np.random.default_rng(int(state["seed"]))
+    exact = model.pixels(points, TRUTH)
+    fixed = bool(np.isfinite(covariance).all())
+    draws = [
+        difference(resected(model, points, exact + rng.normal(0, sigma, exact.shape)), TRUTH)
+        for _ in range(DRAWS * fixed)
+    ]
+    spots = np.array(draws).reshape(-1, 6)[:, :2]
+    corners = object_from_film(np.array(sheet.frame_of(HALF_MM)), np.zeros(4), TRUTH, model.camera)
+    ground_pixel = PIXEL_MM / C_MM * ABOVE_M
+    slopes = model.linearised(corners, TRUTH)[1] * ground_pixel
+    at_corners = slopes @ covariance @ np.swapaxes(slopes, 1, 2)
+    ellipses = [
+        sheet.shape("line", sheet.ellipse(place[:2], matrix, TIMES), "error")
+        for place, matrix in zip(corners, at_corners, strict=True)
+        if fixed
+    ]
+    if fixed:
+        around = sheet.ellipse((0, 0), covariance[:2, :2], TIMES)
+        ellipses.append(sheet.shape("line", around, "estimate"))
+    edge = 1.25 * REACH_M
+    canvas = sheet.Canvas(
+        "plan",
+        (-edge, -edge, edge, edge),
+        (
+            sheet.shape("area", corners[:, :2], "film"),
+            *circle_through(plan[:3]),
+            sheet.shape("dots", TIMES * spots, "faint"),
+            *ellipses,
+            sheet.shape("crosses", [(0, 0)], "given", "N"),
+            *(
+                sheet.shape("dots", [place], "ray", f"{i}", handle=(f"x{i}", f"y{i}"))
+                for i, place in enumerate(plan.tolist(), 1)
+            ),
+        ),
+    )
+    figures = figures_of(covariance, at_corners)
+    shares = np.append(np.geomspace(0.15, 1.0, 9), 1.12)
+    closer = [
+        covariance_of(model, np.column_stack([plan * s, points[:, 2]]), sigma) for s in shares
+    ]
+    curve = sheet.curve("corner", shares, [worst_of(slopes, one) for one in closer])
+    plot = sheet.Plot("share", "corner", (curve,), (1.0, figures["corner"].value))
+    return sheet.View(figures, (canvas,), symbols_of(count), plot if fixed else None)
+
+
+def worst_of(slopes: np.ndarray, covariance: Matrix) -> float:
+    """Standard deviation of the ground at the worst of some places, metres."""
+    variances = np.trace(slopes @ covariance @ np.swapaxes(slopes, 1, 2), axis1=1, axis2=2)
+    return float(np.sqrt(variances.max()))
+
+
+def figures_of(covariance: Matrix, at_corners: np.ndarray) -> dict[str, sheet.Number]:
+    """Standard deviations of the photo, and of the ground at the worst corner."""
+    sigmas = np.sqrt(np.diag(covariance))
+    worst = np.sqrt(np.trace(at_corners, axis1=1, axis2=2).max())
+    return {
+        "sigma_x": sheet.Number(float(sigmas[0]), 2, "m"),
+        "sigma_y": sheet.Number(float(sigmas[1]), 2, "m"),
+        "sigma_z": sheet.Number(float(sigmas[2]), 2, "m"),
+        "sigma_omega": sheet.Number(float(np.degrees(sigmas[3])) * 60, 2, "′"),
+        "sigma_kappa": sheet.Number(float(np.degrees(sigmas[5])) * 60, 2, "′"),
+        "corner": sheet.Number(float(worst), 2, "m"),
+    }
+
+
+def symbols_of(count: int) -> dict[str, sheet.Number]:
+    """Numbers of the formula of redundancy."""
+    return {"r": sheet.Number(2 * count - 6, 0), "n": sheet.Number(count, 0)}
+
+
+def circle_through(places: np.ndarray) -> list[sheet.Shape]:
+    """The circle in plan through three points: with the nadir on it, they fix nothing."""
+    (a, b), (c, d) = places[1] - places[0], places[2] - places[0]
+    twice = 2 * (a * d - b * c)
+    if abs(twice) < 1:
+        return []
+    first, second = a * a + b * b, c * c + d * d
+    middle = np.array([d * first - b * second, a * second - c * first]) / twice
+    turn = np.linspace(-0.75 * np.pi, 1.25 * np.pi, 121)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)]) * float(np.hypot(*middle))
+    return [sheet.shape("line", places[0] + middle + circle, "axis", "cylinder", below=True)]
+
+
+def ask(rng: np.random.Generator) -> sheet.Asked:
+    """How many equations are left over."""
+    count = int(rng.integers(4, 13))
+    return sheet.Asked({"n": float(count)}, symbols_of(count)["r"].value)
+
+
+LESSON = sheet.Lesson(
+    "resection",
+    "f",
+    (
+        *(
+            sheet.Slider(f"{axis}{i}", -1130, 1130, start, 10, "m", moved_in="plan")
+            for i, place in enumerate(PLACES, 1)
+            for axis, start in zip("xy", place, strict=True)
+        ),
+        sheet.Slider("fourth", 0, 1, 1, 1),
+        sheet.Slider("relief", 0, 300, 40, 5, "m"),
+        replace(sheet.NOISE, start=10),
+        sheet.SEED,
+    ),
+    view,
+    (
+        sheet.Equation("r", sheet.row("2", "*", "n", "−", "6")),
+        sheet.Equation(
+            "Σ",
+            sheet.row(
+                sheet.power("σ", "2"),
+                "*",
+                sheet.power(["fence", sheet.row(sheet.power("A", "T"), "*", "A")], "−1"),
+            ),
+        ),
+    ),
+    (sheet.Question("redundancy", "", 0.1, ask, 0),),
+)

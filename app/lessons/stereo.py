@@ -1,0 +1,151 @@
+"""Stereo: two photos, a parallax, a height; and how well it is known."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from app.lessons import sheet
+from app.lessons.photo import HALF_MM, camera_with, on_ground, vertical_at
+from core.arrays import FilmPoints
+from core.doubts import Failure
+from core.geometry.collinearity import VACUUM, film_from_object
+from core.geometry.intersection import Intersection, OrientedRay, intersect
+
+MOST_HEIGHT = 200.0
+"""The ground point is hidden between nought and this, metres."""
+
+
+def rays_of(base: float, above: float, c: float) -> list[OrientedRay]:
+    """Two vertical photos, half a base to each side of the middle."""
+    return [
+        OrientedRay(vertical_at(east, above), camera_with(c), VACUUM)
+        for east in (-base / 2, base / 2)
+    ]
+
+
+def seen(point: tuple[float, float, float], rays: list[OrientedRay]) -> FilmPoints:
+    """Where both photos show a point."""
+    ground = on_ground(point)
+    return np.concatenate([film_from_object(ground, ray.exterior, ray.camera) for ray in rays])
+
+
+def height_from(film: FilmPoints, rays: list[OrientedRay], sigma_um: float) -> Intersection:
+    """The point where both rays meet, with its covariance."""
+    found = intersect(film, np.full(2, sigma_um / 1000), rays)
+    assert not isinstance(found, Failure), found.reason
+    return found
+
+
+@lru_cache(maxsize=4096)
+def sigma_height(base: float, above: float, c: float, sigma_um: float) -> float:
+    """Standard deviation of a height in the middle of the model, metres."""
+    rays = rays_of(base, above, c)
+    return float(np.sqrt(height_from(seen((0.0, 0.0, 0.0), rays), rays, sigma_um).covariance[2, 2]))
+
+
+def view(state: sheet.State) -> sheet.View:
+    """The floating mark above or below the ground, in space and in both photos."""
+    base, above, c, mark = state["B"], state["H"], state["c"], state["mark"]
+    sigma = max(state["noise"], 1e-3)
+    rng = np.random.default_rng(int(state["seed"]))
+    height = float(rng.uniform(0.1, 0.9)) * MOST_HEIGHT
+    rays = rays_of(base, above, c)
+    exact, marks = seen((0.0, 0.0, height), rays), seen((0.0, 0.0, mark), rays)
+    measured = exact + rng.normal(0, state["noise"] / 1000, (2, 2))
+    found = height_from(measured, rays, sigma)
+    sigma_z = float(np.sqrt(found.covariance[2, 2]))
+    parallax = float(measured[0, 0] - measured[1, 0])
+    split = 1000 * (float(marks[0, 0] - marks[1, 0]) - parallax)
+    bases = np.geomspace(0.1, 1.2, 12) * above
+    figures = {
+        "parallax": sheet.Number(parallax, 3, "mm"),
+        "split": sheet.Number(split, 0, "µm"),
+        "height": sheet.Number(float(found.position[2]), 2, "m", height, secret=True),
+        "sigma_z": sheet.Number(sigma_z, 2, "m"),
+        "ratio": sheet.Number(base / above, 2),
+    }
+    curve = sheet.curve(
+        "sigma_z", bases / above, [sigma_height(float(one), above, c, sigma) for one in bases]
+    )
+    middle = sigma_height(base, above, c, sigma)
+    plot = sheet.Plot("ratio", "sigma_z", (curve,), (base / above, middle))
+    symbols = {
+        "σ_Z": sheet.Number(middle, 2, "m"),
+        "σ_p": sheet.Number(np.sqrt(2) * sigma / 1000, 4, "mm"),
+    }
+    canvases = (section(base, above, mark, height), pair(measured, marks, split))
+    return sheet.View(figures, canvases, symbols, plot)
+
+
+def section(base: float, above: float, mark: float, height: float) -> sheet.Canvas:
+    """Both perspective centres, the mark, and the hidden ground."""
+    half = max(base / 2, 0.35 * above)
+    slope = np.linspace(-1.5 * half, 1.5 * half, 60)
+    ground = height + 0.03 * above * np.sin(slope / half * 2.2)
+    centres = [(-base / 2, above), (base / 2, above)]
+    return sheet.Canvas(
+        "section",
+        (-1.2 * half, -0.12 * above, 1.2 * half, 1.08 * above),
+        (
+            sheet.shape("line", [(-3 * half, 0), (3 * half, 0)], "faint"),
+            sheet.shape("text", [(-1.15 * half, 0)], "axis", "datum", below=True),
+            sheet.shape("line", np.column_stack([slope, ground]), "truth"),
+            *(sheet.shape("line", [centre, (0, mark)], "ray") for centre in centres),
+            sheet.shape("line", centres, "axis", number=sheet.Number(base, 0, "m")),
+            sheet.shape("dots", centres, "given"),
+            sheet.shape("dots", [(0, height)], "truth", "P"),
+            sheet.shape("dots", [(0, mark)], "bad", "mark"),
+        ),
+    )
+
+
+def pair(measured: FilmPoints, marks: FilmPoints, split: float) -> sheet.Canvas:
+    """Both photos about the point, one above the other, with the marks laid on the left image."""
+    x = 1000 * (marks[:, 0] - measured[:, 0] - (marks[0, 0] - measured[0, 0]))
+    reach = max(120.0, 1.3 * abs(split))
+    return sheet.Canvas(
+        "pair",
+        (-reach, -3, reach, 3),
+        (
+            sheet.shape("line", [(-2 * reach, 0), (2 * reach, 0)], "faint"),
+            sheet.shape("line", [(0, -3), (0, 3)], "axis"),
+            sheet.shape("dots", [(0, 1.5)], "given", "left"),
+            sheet.shape("crosses", [(0, 1.5)], "bad"),
+            sheet.shape("dots", [(0, -1.5)], "given", "right"),
+            sheet.shape("crosses", [(float(x[1]), -1.5)], "bad", "mark", below=True),
+        ),
+        "µm",
+        equal=False,
+    )
+
+
+def ask(rng: np.random.Generator) -> sheet.Asked:
+    """How well a height is known from the geometry of a pair."""
+    c, scale = float(rng.choice([152, 210, 305])), float(rng.choice([8000, 15000, 23000]))
+    sigma, overlap = float(rng.integers(4, 16)), float(rng.choice([55, 60, 65, 70]))
+    above, base = scale * c / 1000, (1 - overlap / 100) * 2 * HALF_MM * scale / 1000
+    values = {"c": c, "scale": scale, "sigma": sigma, "overlap": overlap}
+    return sheet.Asked(values, sigma_height(base, above, c, sigma))
+
+
+LESSON = sheet.Lesson(
+    "stereo",
+    "e",
+    (
+        sheet.Slider("mark", -50, 250, 0, 0.5, "m"),
+        sheet.Slider("B", 200, 3000, 900, 10, "m", "B"),
+        sheet.Slider("H", 600, 6000, 1800, 10, "m", "H"),
+        sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
+        sheet.NOISE,
+        sheet.SEED,
+    ),
+    view,
+    (
+        sheet.Equation(
+            "σ_Z",
+            sheet.row(sheet.over(sheet.power("H", "2"), sheet.row("B", "*", "c")), "*", "σ_p"),
+        ),
+    ),
+    (sheet.Question("sigma", "m", 0.03, ask, 2),),
+    hides_truth=True,
+)

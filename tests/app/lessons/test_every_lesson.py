@@ -1,0 +1,195 @@
+"""Every lesson over the whole range of its sliders, and its figures beside the engine's."""
+
+import numpy as np
+import pytest
+
+from app.lessons import sheet
+from app.lessons.photo import camera_with, photo_model, vertical_at
+from app.teaching import Teacher, find_lessons, plain, state_of
+from core.geometry.collinearity import film_from_object, refraction_constant
+from core.geometry.image_corrections import (
+    curvature_um,
+    image_motion_mm,
+    refraction_um,
+    relief_displacement_mm,
+)
+from ui.words.catalogue import LANGUAGES
+
+LESSONS = find_lessons()
+MOVES = [(name, slider.name) for name, lesson in LESSONS.items() for slider in lesson.sliders]
+
+
+def moved(lesson: sheet.Lesson, slider: sheet.Slider) -> list[float]:
+    """Both ends of a slider, and places between."""
+    steps = round((slider.high - slider.low) / slider.step)
+    return [slider.low + slider.step * round(steps * share) for share in (0, 0.4, 1)]
+
+
+@pytest.mark.parametrize(("name", "which"), MOVES)
+def test_a_moved_slider_leaves_every_figure_finite__law(name: str, which: str) -> None:
+    lesson = LESSONS[name]
+    slider = next(one for one in lesson.sliders if one.name == which)
+    seen = []
+    for value in moved(lesson, slider):
+        view = lesson.view(lesson.start | {which: float(value)})
+        numbers = [*view.figures.values(), *view.symbols.values()]
+        # Without redundancy nothing tells sigma nought.
+        free = "r" in view.symbols and view.symbols["r"].value == 0
+        unknown = [view.figures["sigma_nought"]] if free and name == "least_squares" else []
+        assert all(np.isfinite(one.value) or one in unknown for one in numbers), value
+        assert view.canvases
+        assert all(canvas.shapes for canvas in view.canvases)
+        seen.append(str(plain(view)))
+    # Two seeds draw the same only by accident, and what a slider moves is seen.
+    assert len(set(seen)) > 1, "nothing moves"
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_the_same_state_shows_the_same__law(name: str) -> None:
+    lesson = LESSONS[name]
+    assert plain(lesson.view(lesson.start)) == plain(lesson.view(lesson.start))
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_every_text_of_a_lesson_is_there__law(name: str) -> None:
+    lesson = LESSONS[name]
+    views = [lesson.view(lesson.start)]
+    views += [lesson.view(lesson.start | {one.name: float(one.high)}) for one in lesson.sliders]
+    keys = {"title", "idea", "try", "source"}
+    keys |= {f"slider.{slider.name}" for slider in lesson.sliders}
+    for question in lesson.questions:
+        keys |= {f"question.{question.name}", f"hint.{question.name}"}
+    for view in views:
+        keys |= {f"figure.{one}" for one in view.figures}
+        for canvas in view.canvases:
+            keys |= {f"canvas.{canvas.name}"}
+            keys |= {f"label.{shape.label}" for shape in canvas.shapes if shape.label}
+        if view.plot is not None:
+            keys |= {f"axis.{view.plot.x}", f"axis.{view.plot.y}"}
+            keys |= {f"curve.{one.name}" for one in view.plot.curves}
+    for language in LANGUAGES:
+        told = Teacher(LESSONS).listed(language)["words"]
+        assert {key for key in keys if f"lesson.{name}.{key}" not in told} == set()
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_a_question_takes_its_answer_and_no_other__law(name: str) -> None:
+    teacher = Teacher(LESSONS)
+    for which, question in enumerate(LESSONS[name].questions):
+        for seed in range(5):
+            truth = teacher.judge(name, which, seed, None)["answer"]
+            assert teacher.judge(name, which, seed, truth)["right"]
+            away = truth + 1.5 * question.tolerance
+            wrong = teacher.judge(name, which, seed, away)
+            assert not wrong["right"]
+            assert "answer" not in wrong
+
+
+def test_hidden_truth_is_not_sent__law() -> None:
+    teacher = Teacher(LESSONS)
+    hidden = teacher.view("stereo", {}, False)
+    assert "height" not in hidden["figures"]
+    assert not [s for c in hidden["canvases"] for s in c["shapes"] if s["look"] == "truth"]
+    shown = teacher.view("stereo", {}, True)
+    assert shown["figures"]["height"]["truth"] == pytest.approx(
+        shown["figures"]["height"]["value"], abs=4 * shown["figures"]["sigma_z"]["value"]
+    )
+
+
+def figure(name: str, key: str, **state: float) -> float:
+    return LESSONS[name].view(state_of(LESSONS[name], state)).figures[key].value
+
+
+def test_figures_are_those_of_the_engine__law() -> None:
+    one = np.array([1.0])
+    lean = relief_displacement_mm(90 * one, 150 * one, 1500)
+    assert figure("relief", "leans", r=90, h=150, H=1500) == lean[0]
+    air = refraction_um(130 * one, 152, refraction_constant(4500, 300))
+    assert figure("corrections", "refraction", r=130, c=152, H=4500, h=300) == air[0]
+    earth = curvature_um(130 * one, 152, 4200)
+    assert figure("corrections", "curvature", r=130, c=152, H=4500, h=300) == -earth[0]
+    blur = 1000 * image_motion_mm(180, 1 / 200, 152, 1520)
+    assert figure("motion", "moved", n=180, shutter=200, c=152, H=1520) == blur
+
+
+def test_the_tower_on_film_is_where_collinearity_puts_it__truth() -> None:
+    """The formula of relief displacement and the projection of foot and top are two ways."""
+    for r, h, above in ((20.0, 30.0, 900.0), (110.0, 280.0, 1100.0)):
+        away = figure("relief", "distance", r=r, h=h, H=above)
+        points = np.array([[away, 0.0, 0.0], [away, 0.0, h]])
+        film = film_from_object(points, vertical_at(0.0, above), camera_with(152.0))
+        lean = figure("relief", "leans", r=r, h=h, H=above)
+        assert film[1, 0] - film[0, 0] == pytest.approx(lean, rel=1e-12)
+
+
+def test_film_shape_is_found_as_it_was_put_in__truth() -> None:
+    state = {"model": 1.0, "noise": 0.0, "bend": 0.0}
+    view = LESSONS["interior"].view(LESSONS["interior"].start | state)
+    for name in ("shrink_x", "shrink_y"):
+        assert view.figures[name].value == pytest.approx(view.figures[name].truth, abs=1e-3)
+    # A shear turns both axes a little; its square is the difference.
+    assert view.figures["shear"].value == pytest.approx(view.figures["shear"].truth, abs=1e-3)
+    assert view.figures["rms"].value == pytest.approx(0, abs=1e-6)
+
+
+def test_least_squares_find_the_relative_orientation_that_was_hidden__truth() -> None:
+    lesson = LESSONS["relative"]
+    for seed in range(1, 6):
+        view = lesson.view(lesson.start | {"solve": 1, "noise": 0, "seed": seed})
+        assert view.figures["rms"].value < 1e-3
+        for name in ("by", "bz", "omega", "phi", "kappa"):
+            assert view.figures[name].value == pytest.approx(view.figures[name].truth, abs=1e-3)
+
+
+def test_by_hand_the_hidden_elements_leave_no_parallax__truth() -> None:
+    lesson = LESSONS["relative"]
+    found = lesson.view(lesson.start | {"solve": 1, "noise": 0}).figures
+    hand = {name: round(found[name].value, 2) for name in ("by", "bz", "omega", "phi", "kappa")}
+    assert lesson.view(lesson.start | hand | {"noise": 0}).figures["rms"].value < 0.1
+
+
+def test_the_resection_scatters_as_its_ellipse_says__truth() -> None:
+    """Three hundred photos measured anew: their scatter is the covariance, to a tenth."""
+    from app.lessons.resection import PLACES, TRUTH, covariance_of, resected
+    from core.geometry.resection import difference
+
+    model, rng, sigma = photo_model(152.0), np.random.default_rng(5), 0.5
+    points = np.column_stack([np.array(PLACES, float), [0.0, 40.0, -24.0, 16.0]])
+    exact = model.pixels(points, TRUTH)
+    draws = np.array(
+        [
+            difference(resected(model, points, exact + rng.normal(0, sigma, exact.shape)), TRUTH)
+            for _ in range(300)
+        ]
+    )
+    expected = np.sqrt(np.diag(covariance_of(model, points, sigma)))
+    # 300 draws tell a standard deviation to 4 %; three of those are allowed.
+    assert draws.std(axis=0) == pytest.approx(expected, rel=0.13)
+
+
+def test_three_points_on_the_dangerous_cylinder_fix_nothing__law() -> None:
+    """The camera's place in plan on the circle of three points at one height."""
+    start = LESSONS["resection"].start | {"fourth": 0, "relief": 0, "noise": 10}
+    turn = np.radians([80.0, 200.0, 300.0])
+    # A circle of 500 m radius about (500, 0) goes through the nadir.
+    circle = {
+        f"{axis}{i}": float(place)
+        for i, angle in enumerate(turn, 1)
+        for axis, place in zip("xy", (500 + 500 * np.cos(angle), 500 * np.sin(angle)), strict=True)
+    }
+    good = LESSONS["resection"].view(start).figures["sigma_x"].value
+    bad = LESSONS["resection"].view(start | circle).figures["sigma_x"].value
+    assert not np.isfinite(bad) or bad > 1000 * good
+
+
+def test_an_error_on_one_of_three_points_shows_nowhere__law() -> None:
+    """Three points leave no redundancy: the residual is nought, and the camera has moved."""
+    state = {"count": 3, "error": 30, "sigma": 0.05}
+    assert figure("least_squares", "residual", **state) < 0.05
+    assert figure("least_squares", "moved", **state) > 1.0
+
+
+def test_data_snooping_finds_the_error_that_was_put_in__truth() -> None:
+    state = {"count": 8, "which": 3, "error": 30, "sigma": 1, "snoop": 1}
+    assert figure("least_squares", "left_out", **state) == 1
+    assert figure("least_squares", "sigma_nought", **state) < 2

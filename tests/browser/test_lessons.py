@@ -1,0 +1,165 @@
+"""The lessons in a browser: each opened, moved, and its question answered wrong and right."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+
+from app.teaching import Teacher, find_lessons, open_teaching
+
+pytestmark = pytest.mark.browser
+READY = "#figures b"
+LESSONS = find_lessons()
+MEDIAN_MS = 1000
+"""From slider to picture, as the page itself measures it: ten times what a quiet machine needs,
+because other tests run beside this one."""
+
+
+@pytest.fixture(scope="module")
+def lessons():
+    with open_teaching(LESSONS, "127.0.0.1", 0) as opened:
+        yield opened
+
+
+@pytest.fixture
+def learn(sit_at, lessons):
+    """Open a lesson; what its scripts complain of is kept."""
+
+    def open_lesson(name, **how):
+        page = sit_at(f"{lessons.url}&lesson={name}", scene=False, ready=READY, **how)
+        wrong = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        return page, wrong
+
+    return open_lesson
+
+
+def settled(page):
+    """Wait until the page has shown the newest state."""
+    page.wait_for_function("!gruber.state.asking")
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_a_lesson_is_moved_and_answered_without_an_error__law(learn, name):
+    page, wrong = learn(name)
+    teacher, lesson = Teacher(LESSONS), LESSONS[name]
+    for slider in lesson.sliders:
+        if slider.moved_in or page.locator(f"#slider-{slider.name}").count() == 0:
+            continue
+        page.locator("#reset").click()
+        settled(page)
+        before = page.locator("#drawings").inner_html() + page.locator("#below").inner_html()
+        box = page.locator(f"#slider-{slider.name}")
+        value = slider.low if slider.start != slider.low else slider.high
+        if slider.is_switch:
+            box.click()
+        else:
+            box.fill(f"{value:g}")
+        settled(page)
+        state = page.evaluate("gruber.state.values")
+        shown = page.evaluate(
+            "[...document.querySelectorAll('[data-figure]')]"
+            ".map(e => [e.dataset.figure, e.dataset.value])"
+        )
+        expected = teacher.view(name, state, truth=False)["figures"]
+        for key, text in shown:
+            told = expected[key]["value"]
+            assert text == "null" if told is None else float(text) == pytest.approx(told)
+        after = page.locator("#drawings").inner_html() + page.locator("#below").inner_html()
+        assert before != after, slider.name
+    answer_wrong_and_right(page, teacher, name)
+    assert wrong == []
+
+
+def answer_wrong_and_right(page, teacher, name):
+    with page.expect_request(re.compile("/answer$")) as asked:
+        page.locator("#answer").fill("-987654")
+        page.locator("#check").click()
+    page.wait_for_selector("#said.wrong")
+    sent = asked.value.post_data_json
+    truth = teacher.judge(name, sent["which"], sent["seed"], None)["answer"]
+    page.locator("#answer").fill(f"{truth:.4f}")
+    page.locator("#check").click()
+    page.wait_for_selector("#said.right")
+    assert page.locator("#score").inner_text() == "1 of 1 right"
+
+
+def test_a_point_is_dragged_and_pushed_by_keys__law(learn):
+    page, wrong = learn("resection")
+    knob = page.locator(".handle[data-names='x1 y1']").bounding_box()
+    page.mouse.move(knob["x"] + knob["width"] / 2, knob["y"] + knob["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(knob["x"] + 90, knob["y"] + 70, steps=4)
+    page.mouse.up()
+    settled(page)
+    state = page.evaluate("gruber.state.values")
+    assert state["x1"] > -800
+    assert state["y1"] < 700
+    page.locator(".handle[data-names='x1 y1']").focus()
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    assert page.evaluate("gruber.state.values")["x1"] == state["x1"] + 10
+    assert wrong == []
+
+
+def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, lessons):
+    page, _ = learn("stereo")
+    assert page.locator("[data-figure=height]").count() == 0
+    page.locator("#truth").click()
+    page.locator("#slider-B").fill("1200")
+    page.wait_for_selector("[data-figure=height] em")
+    page.wait_for_function("location.search.includes('B=1200')")
+    page.goto(page.url)
+    page.wait_for_selector("[data-figure=height] em")
+    assert page.evaluate("gruber.state.values.B") == 1200
+
+
+def test_two_students_have_a_state_each__law(learn):
+    (one, _), (other, _) = learn("relief"), learn("relief", language="cs-CZ")
+    one.locator("#slider-h").fill("20")
+    settled(one)
+    assert other.evaluate("gruber.state.values.h") == 150
+    assert other.locator("#about h1").inner_text().startswith("Radiální posun")
+
+
+def test_answers_are_saved_as_a_table__law(learn):
+    page, _ = learn("relief")
+    answer_wrong_and_right(page, Teacher(LESSONS), "relief")
+    page.on("dialog", lambda dialog: dialog.accept('Anna "A"'))
+    with page.expect_download() as saved:
+        page.locator("#answers-save").click()
+    lines = saved.value.path().read_text(encoding="utf-8").splitlines()
+    assert lines[0] == "when,student,lesson,question,asked,answer,right,tries"
+    assert '"Anna ""A""","relief","height"' in lines[1]
+    assert lines[1].endswith('"true","2"')
+
+
+def test_the_picture_follows_the_slider__law(learn):
+    """Medians of each lesson, of twenty moves one after the other."""
+    medians = {}
+    for name, lesson in LESSONS.items():
+        page, _ = learn(name)
+        slider = next(s for s in lesson.sliders if not s.moved_in and not s.is_switch)
+        if page.locator(f"#slider-{slider.name}").count() == 0:
+            slider = lesson.sliders[1]
+        page.evaluate("gruber.state.waits.length = 0")
+        for step in range(20):
+            value = slider.low + (slider.high - slider.low) * (step + 0.5) / 20
+            page.locator(f"#slider-{slider.name}").fill(f"{value:.6g}")
+            settled(page)
+            time.sleep(0.01)
+        medians[name] = float(np.median(page.evaluate("gruber.state.waits")))
+    assert all(median < MEDIAN_MS for median in medians.values()), medians
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_a_lesson_can_be_used_by_everyone__law(learn, axe, theme):
+    from tests.browser.conftest import VIOLATIONS
+
+    page, _ = learn("resection")
+    if theme == "light":
+        page.locator("[data-act=theme]").click()
+    page.evaluate(axe)
+    assert page.evaluate(VIOLATIONS, {}) == []

@@ -1,0 +1,93 @@
+"""Addresses of the lessons: states are checked, guests may learn, errors are told."""
+
+import pytest
+
+from core.errors import ScanError
+from tests.ui.web.visits import visited
+from ui.web.lessons import MOST_SLIDERS, lesson_routes
+
+
+class Teacher:
+    """Remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[object] = []
+
+    def listed(self, language):
+        return {"lessons": [], "words": {"language": language}}
+
+    def view(self, name, values, truth):
+        if name == "alchemy":
+            raise ScanError(name, "is no lesson.", "Load the page again.")
+        self.asked.append((name, dict(values), truth))
+        return {"figures": {}}
+
+    def question(self, name, which, seed):
+        return {"name": name, "which": which, "seed": seed}
+
+    def judge(self, name, which, seed, answer):
+        self.asked.append((name, which, seed, answer))
+        return {"right": answer == 5}
+
+
+def answers(*requests: tuple[str, object], guest: bool = True):
+    """Status and answer of each request, and what the teacher was asked."""
+    teacher = Teacher()
+
+    async def visit(client):
+        found = []
+        for path, body in requests:
+            answer = await (client.get(path) if body is None else client.post(path, json=body))
+            json = answer.content_type == "application/json"
+            found.append((answer.status, await (answer.json() if json else answer.text())))
+        return found
+
+    return visited(lesson_routes(teacher), visit, guest), teacher.asked
+
+
+def test_a_state_reaches_the_lesson_and_guests_may_learn__law():
+    found, asked = answers(
+        ("/lessons/cs", None),
+        ("/lesson/relief", {"state": {"h": 3}, "truth": True}),
+        ("/lesson/relief", {"state": {"h": 3}}),
+        ("/lesson/relief/question", {"which": 0, "seed": 4}),
+        ("/lesson/relief/answer", {"which": 0, "seed": 4, "answer": 5}),
+        ("/lesson/relief/answer", {"which": 0, "seed": 4, "answer": None}),
+    )
+    assert [status for status, _ in found] == [200] * 6
+    assert found[0][1]["words"] == {"language": "cs"}
+    assert asked == [
+        ("relief", {"h": 3}, True),
+        ("relief", {"h": 3}, False),
+        ("relief", 0, 4, 5),
+        ("relief", 0, 4, None),
+    ]
+    assert [answer.get("right") for _, answer in found[4:]] == [True, False]
+
+
+def test_an_unknown_lesson_is_told_in_words__law():
+    found, _ = answers(("/lesson/alchemy", {"state": {}}))
+    assert found[0][0] == 409
+    assert found[0][1]["error"]["values"]["file"] == "alchemy"
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/lesson/relief", {}),
+        ("/lesson/relief", []),
+        ("/lesson/relief", {"state": [1]}),
+        ("/lesson/relief", {"state": {f"{i}": 1 for i in range(MOST_SLIDERS + 1)}}),
+        ("/lesson/relief/question", {"which": "0", "seed": 1}),
+        ("/lesson/relief/question", {"which": 0}),
+        ("/lesson/relief/answer", {"which": 0, "seed": 1, "answer": "five"}),
+    ],
+)
+def test_nonsense_is_refused__law(path, body):
+    found, asked = answers((path, body))
+    assert found[0][0] == 400
+    assert not asked
+
+
+def test_a_language_without_texts_is_not_there__law():
+    assert answers(("/lessons/tlh", None))[0][0][0] == 404

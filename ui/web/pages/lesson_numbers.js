@@ -1,0 +1,95 @@
+// Numbers and formulas of a lesson, as its language writes them.
+import { element, number } from "./words.js";
+
+const MATH = "http://www.w3.org/1998/Math/MathML";
+const GROUPED = 10_000; // design: shorter numbers are read without a gap
+const SIGNS = new Set(["+", "\u2212", "=", "(", ")", "\u00b1", "\u2248"]);
+
+/** A number with its unit. @param {LessonNumber} shown */
+export function told({ value, digits, unit }) {
+  const text = number(value, digits);
+  const whole = Math.abs(value ?? 0) >= GROUPED
+    ? text.replace(/\d+/, (run) => run.replace(/\B(?=(\d{3})+$)/g, "\u202f")) : text;
+  return unit && value !== null ? `${whole}\u2009${unit}` : whole;
+}
+
+/**
+ * A formula with symbols, and again with the present numbers.
+ * @param {Equation} equation
+ * @param {Record<string, LessonNumber & { hue?: number }>} symbols numbers of all symbols
+ */
+export function equationShown({ left, right }, symbols) {
+  const bare = { plain: true, symbols };
+  const lines = [
+    math("mrow", term(left, bare), sign("="), term(right, bare)),
+    math("mrow", sign("="), term(right, { plain: false, symbols }),
+      ...(symbols[left] ? [sign("="), term(left, { plain: false, symbols })] : [])),
+  ].slice(0, hasNumbers([left, right], symbols) ? 2 : 1).map((line) => math("math", line));
+  for (const line of lines) line.setAttribute("displaystyle", "true");
+  return element("div", { class: "equation" }, ...lines);
+}
+
+/**
+ * Formulas of matrices have no numbers to be shown.
+ * @param {LessonMath} part @param {Record<string, unknown>} symbols @returns {boolean}
+ */
+const hasNumbers = (part, symbols) => (typeof part === "string" ? part in symbols
+  : part.some((inside) => hasNumbers(inside, symbols)));
+
+/** @param {string} tag @param {(Node | string)[]} children */
+function math(tag, ...children) {
+  const made = document.createElementNS(MATH, tag);
+  made.append(...children);
+  return made;
+}
+
+function space() {
+  const made = math("mspace");
+  made.setAttribute("width", "0.16em");
+  return made;
+}
+
+/** @param {string} text */
+const sign = (text) => math("mo", text);
+
+/**
+ * @param {LessonMath} part
+ * @param {{ plain: boolean, symbols: Record<string, LessonNumber & { hue?: number }> }} how
+ * @returns {Element}
+ */
+function term(part, how) {
+  if (typeof part === "string") return leaf(part, how);
+  const [act, ...inside] = part;
+  const made = inside.map((one) => term(one, how));
+  if (act === "over") return math("mfrac", ...made);
+  if (act === "root") return math("msqrt", ...made);
+  if (act === "power") {
+    const base = how.plain || typeof inside[0] !== "string" ? made[0]
+      : math("mrow", sign("("), made[0], sign(")"));
+    return math("msup", base, made[1]);
+  }
+  if (act === "fence") return math("mrow", sign("("), ...made, sign(")"));
+  return math("mrow", ...made);
+}
+
+/** @param {string} text @param {Parameters<typeof term>[1]} how */
+function leaf(text, { plain, symbols }) {
+  if (text === "*") return plain ? space() : sign("\u00b7");
+  if (SIGNS.has(text)) return sign(text);
+  if (/^[\d.]+$/.test(text)) {
+    return math("mn", number(Number(text), text.split(".")[1]?.length ?? 0));
+  }
+  const known = symbols[text];
+  const made = plain || !known ? symbol(text) : math("mtext", told(known));
+  if (known?.hue !== undefined) made.setAttribute("class", `hue-${known.hue}`);
+  return made;
+}
+
+/** A symbol, its index set lower. @param {string} text */
+export function symbol(text) {
+  const [base, index] = text.split("_");
+  return index ? math("msub", math("mi", base), math("mi", index)) : math("mi", base);
+}
+
+/** A symbol by itself, as it stands beside a slider. @param {string} text */
+export const symbolShown = (text) => math("math", symbol(text));

@@ -1,0 +1,116 @@
+// The question of a lesson: new numbers each time, judged by the engine, kept for a table.
+import { byId, element, number, word } from "./words.js";
+import { post, tell } from "./run.js";
+import { told } from "./lesson_numbers.js";
+
+const KEPT = "gruber.lessons";
+const STUDENT = "gruber.student";
+const COLUMNS = ["when", "student", "lesson", "question", "asked", "answer", "right", "tries"];
+const state = {
+  which: 0,
+  seed: 0,
+  tries: 0,
+  asked: /** @type {{ name: string, values: Record<string, number>, unit: string }} */ (
+    { name: "", values: {}, unit: "" }),
+  done: false,
+};
+
+/** @returns {Record<string, unknown>[]} */
+const kept = () => JSON.parse(localStorage.getItem(KEPT) ?? "[]");
+
+/**
+ * @param {HTMLElement} room @param {Lesson} lesson
+ * @param {(key: string, values?: Record<string, unknown>) => string} text
+ */
+export async function showQuestion(room, lesson, text) {
+  Object.assign(state, { seed: Math.floor(Math.random() * 1e9), tries: 0, done: false,
+    which: state.which % lesson.questions.length });
+  const { which, seed } = state;
+  room.replaceChildren();
+  const asked = await post(`/lesson/${lesson.name}/question`, { which, seed });
+  if (!asked.ok) return tell(asked.error, true);
+  if (seed !== state.seed) return undefined;
+  state.asked = asked;
+  const field = element("input", { id: "answer", inputmode: "decimal", autocomplete: "off",
+    "aria-label": word("teach.answer") });
+  const said = element("p", { id: "said", role: "status" });
+  const judged = (/** @type {number | null} */ answer) => judge(lesson, answer, said, text);
+  const form = element("form", { class: "answering", onsubmit: (/** @type {Event} */ event) => {
+    event.preventDefault();
+    const answer = Number(field.value.trim().replace(",", ".").replace("\u2212", "-"));
+    if (!field.value.trim() || !Number.isFinite(answer)) said.textContent = word("teach.nonsense");
+    else judged(answer);
+  } }, field, element("span", { class: "unit" }, asked.unit),
+  element("button", { class: "on", type: "submit", id: "check" }, word("teach.check")));
+  const next = () => {
+    state.which += 1;
+    showQuestion(room, lesson, text);
+  };
+  const acts = element("div", { class: "acts" },
+    act("hint", () => { said.textContent = text(`hint.${asked.name}`); }),
+    act("give-up", () => judged(null)), act("next", next));
+  room.replaceChildren(element("h2", {}, word("teach.question")),
+    element("p", { class: "asked" }, text(`question.${asked.name}`, asked.values)), form, acts,
+    said);
+  return undefined;
+}
+
+/** @param {string} name @param {() => void} onclick */
+const act = (name, onclick) => element("button", { class: "small", id: name, onclick },
+  word(`teach.${name}`));
+
+/**
+ * @param {Lesson} lesson @param {number | null} answer null gives up
+ * @param {HTMLElement} said @param {(key: string) => string} text
+ */
+async function judge(lesson, answer, said, text) {
+  const { which, seed, asked } = state;
+  const judged = await post(`/lesson/${lesson.name}/answer`, { which, seed, answer });
+  if (!judged.ok) return tell(judged.error, true);
+  const { right, answer: truth, digits, tolerance } = judged;
+  state.tries += 1;
+  const { unit } = asked;
+  const shown = (/** @type {number} */ value, places = digits) =>
+    told({ value, digits: places, unit, truth: null });
+  said.className = right ? "right" : "wrong";
+  if (right) {
+    said.textContent = word("teach.right", { answer: shown(truth),
+      tolerance: number(tolerance, tolerance < 1 ? 2 : 1) });
+  } else {
+    said.textContent = answer === null ? word("teach.was", { answer: shown(truth) })
+      : `${word("teach.wrong")} ${state.tries > 1 ? text(`hint.${asked.name}`) : ""}`;
+  }
+  if (!state.done) keep(lesson.name, answer, right);
+  state.done ||= right || answer === null;
+  return showScore();
+}
+
+/** @param {string} lesson @param {number | null} answer @param {boolean} right */
+function keep(lesson, answer, right) {
+  const { asked, tries, seed } = state;
+  const values = Object.entries(asked.values).map(([name, value]) => `${name}=${value}`).join(" ");
+  const row = { when: new Date().toISOString(), student: "", lesson, question: asked.name,
+    asked: values, answer: answer ?? "", right, tries, seed };
+  const rows = kept().filter((one) => one.seed !== seed || one.lesson !== lesson);
+  localStorage.setItem(KEPT, JSON.stringify([...rows, row]));
+}
+
+export function showScore() {
+  const rows = kept();
+  const right = rows.filter((one) => one.right).length;
+  byId("score").textContent = rows.length ? word("teach.score", { right, count: rows.length }) : "";
+}
+
+/** All answers as a table. */
+export function saveAnswers() {
+  const student = prompt(word("teach.student"), localStorage.getItem(STUDENT) ?? "");
+  if (student === null) return;
+  localStorage.setItem(STUDENT, student);
+  const cell = (/** @type {unknown} */ value) => `"${String(value).replaceAll('"', '""')}"`;
+  const lines = kept().map((one) => COLUMNS.map((name) =>
+    cell(name === "student" ? student : one[name])).join(","));
+  const file = new Blob([`${[COLUMNS.join(","), ...lines].join("\n")}\n`], { type: "text/csv" });
+  const link = element("a", { href: URL.createObjectURL(file), download: "answers.csv" });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}

@@ -1,0 +1,265 @@
+// The page of lessons: a lesson is chosen, its sliders are moved, its question is answered.
+import { all, byId, element, fillWords, number, start, turn, word } from "./words.js";
+import { post, tell } from "./run.js";
+import { takeSeat } from "./wire.js";
+import { nextTheme, setUpTheme } from "./theme.js";
+import { afterPause } from "./view.js";
+import { drawingRooms } from "./lesson_drawing.js";
+import { drawPlot } from "./lesson_plot.js";
+import { equationShown, symbolShown, told } from "./lesson_numbers.js";
+import { saveAnswers, showQuestion, showScore } from "./lesson_question.js";
+
+const HUES = 6;
+const SIZES = [19, 17, 15, 13, 11]; // css pixels of a formula: the largest that fits
+const state = {
+  lessons: /** @type {Lesson[]} */ ([]),
+  lesson: /** @type {Lesson} */ (/** @type {unknown} */ (null)),
+  values: /** @type {Record<string, number>} */ ({}),
+  view: /** @type {LessonView | null} */ (null),
+  truth: false,
+  asking: false,
+  again: false,
+  show: /** @type {((canvases: LessonCanvas[]) => void) | null} */ (null),
+  /** What tests and measurements look at: milliseconds from slider to picture. */
+  waits: /** @type {number[]} */ ([]),
+};
+
+/** A text of the present lesson; the key itself where it has none. @param {string} key */
+function text(key, values = {}) {
+  const whole = `lesson.${state.lesson.name}.${key}`;
+  return whole in start.words ? word(whole, values) : key.replace(/^label\./, "");
+}
+
+async function load() {
+  await takeSeat();
+  const answer = await fetch(`/lessons/${start.language}`);
+  const listed = await answer.json();
+  Object.assign(start.words, listed.words);
+  state.lessons = listed.lessons;
+  fillWords();
+  setUpTheme();
+  showList();
+  const asked = new URLSearchParams(location.search);
+  const wanted = state.lessons.find(({ name }) => name === asked.get("lesson"));
+  if (asked.get("lesson") && !wanted) {
+    tell(word("teach.unknown", { name: asked.get("lesson") }), true);
+  }
+  choose(wanted ?? state.lessons[0], asked);
+}
+
+function showList() {
+  byId("list").replaceChildren(...state.lessons.map(({ name, letter }) => element("button",
+    { "data-lesson": name, onclick: () => choose(lessonOf(name), null) },
+    element("i", {}, letter), element("span", {}, word(`lesson.${name}.title`)))));
+}
+
+/** @param {string} name */
+const lessonOf = (name) => /** @type {Lesson} */ (state.lessons.find((one) => one.name === name));
+
+/** @param {Lesson} lesson @param {URLSearchParams | null} asked a link's values */
+function choose(lesson, asked) {
+  Object.assign(state, { lesson, view: null, show: null, truth: asked?.get("truth") === "1" });
+  state.values = Object.fromEntries(lesson.sliders.map(({ name, start: opening, low, high }) => {
+    const given = Number(asked?.get(name) ?? NaN);
+    return [name, given >= low && given <= high ? given : opening];
+  }));
+  for (const button of all("#list button")) {
+    button.setAttribute("aria-current", `${button.dataset.lesson === lesson.name}`);
+  }
+  document.title = `${text("title")} \u2013 Gruber`;
+  byId("about").replaceChildren(element("h1", {}, text("title")),
+    element("p", {}, text("idea")), element("p", { class: "try" }, text("try")));
+  byId("drawings").replaceChildren();
+  byId("figures").replaceChildren();
+  showSliders();
+  showQuestion(byId("question"), lesson, text);
+  refresh();
+}
+
+function showSliders() {
+  const { sliders, truth } = state.lesson;
+  const rows = sliders.filter(({ moved_in: within }) => !within).map(sliderRow);
+  const acts = [element("button", { class: "small", id: "reset", onclick: reset },
+    word("teach.reset"))];
+  if (truth) {
+    const button = element("button", { class: "small", id: "truth", onclick: () => {
+      state.truth = !state.truth;
+      turn(button, state.truth);
+      refresh();
+    } }, word("teach.truth"));
+    turn(button, state.truth);
+    acts.unshift(button);
+  }
+  byId("sliders").replaceChildren(element("h2", {}, word("teach.sliders")), ...rows,
+    element("div", { class: "acts" }, ...acts));
+}
+
+/** @param {LessonSlider} slider */
+function sliderRow(slider) {
+  const { name, low, high, step, unit, symbol, switch: onOff } = slider;
+  const title = text(`slider.${name}`);
+  if (onOff) {
+    const box = element("input", { type: "checkbox", id: `slider-${name}`, "data-name": name,
+      oninput: () => set(name, box.checked ? 1 : 0) });
+    box.checked = Boolean(state.values[name]);
+    return element("label", { class: "slider on-off" }, box, title);
+  }
+  if (`lesson.${state.lesson.name}.choice.${name}.${low}` in start.words) return choices(slider);
+  const range = element("input", { type: "range", id: `slider-${name}`, min: low, max: high, step,
+    "data-name": name, oninput: () => set(name, Number(range.value)) });
+  const typed = element("input", { type: "number", min: low, max: high, step: "any",
+    "data-typed": name, "aria-label": title, onchange: () => {
+      const given = Number(typed.value);
+      set(name, Number.isFinite(given) && typed.value ? Math.min(Math.max(given, low), high)
+        : state.values[name]);
+    } });
+  range.value = `${state.values[name]}`;
+  typed.value = range.value;
+  const hue = hueOf(slider);
+  return element("div", { class: `slider ${hue === undefined ? "" : `hue-${hue}`}` },
+    element("label", { for: `slider-${name}` }, title, symbol ? symbolShown(symbol) : null),
+    element("span", { class: "typed" }, typed, element("span", { class: "unit" }, unit)), range);
+}
+
+/** A slider whose few values have names. @param {LessonSlider} slider */
+function choices({ name, low, high, step }) {
+  const count = Math.round((high - low) / step) + 1;
+  const buttons = Array.from({ length: count }, (_, place) => {
+    const value = low + place * step;
+    const made = element("button", { type: "button", "data-choice": name, "data-value": value,
+      onclick: () => set(name, value) }, text(`choice.${name}.${value}`));
+    turn(made, state.values[name] === value);
+    return made;
+  });
+  return element("div", { class: "slider" }, element("span", {}, text(`slider.${name}`)),
+    element("div", { class: "segments choices" }, ...buttons));
+}
+
+/** Sliders of a formula have a colour that their numbers share. @param {LessonSlider} slider */
+function hueOf({ name, symbol }) {
+  const place = state.lesson.sliders.filter((one) => one.symbol)
+    .findIndex((one) => one.name === name);
+  return symbol ? place % HUES : undefined;
+}
+
+/** @param {string} name @param {number} value */
+function set(name, value) {
+  state.values[name] = value;
+  const range = /** @type {HTMLInputElement | null} */ (document.getElementById(`slider-${name}`));
+  const typed = /** @type {HTMLInputElement | null} */ (
+    document.querySelector(`[data-typed="${name}"]`));
+  if (range?.type === "checkbox") range.checked = Boolean(value);
+  else if (range) range.value = `${value}`;
+  if (typed) typed.value = `${value}`;
+  for (const button of all(`[data-choice="${name}"]`)) {
+    turn(button, Number(button.dataset.value) === value);
+  }
+  refresh();
+}
+
+function reset() {
+  for (const { name, start: opening } of state.lesson.sliders) set(name, opening);
+}
+
+/** Moves two sliders by a handle. @param {[string, string]} names @param {Pair} to */
+function move(names, to, nudge = false) {
+  names.forEach((name, axis) => {
+    const slider = state.lesson.sliders.find((one) => one.name === name);
+    if (!slider) return;
+    const { low, high, step } = slider;
+    const wanted = nudge ? state.values[name] + step * to[axis] : to[axis];
+    const rounded = low + Math.round((wanted - low) / step) * step;
+    set(name, Number(Math.min(Math.max(rounded, low), high).toFixed(6)));
+  });
+}
+
+/** One question to the engine at a time; while it computes only the newest state waits. */
+async function refresh() {
+  state.again = true;
+  keepLink();
+  if (state.asking) return;
+  state.asking = true;
+  try {
+    await askNewest();
+  } finally {
+    state.asking = false;
+  }
+}
+
+async function askNewest() {
+  while (state.again) {
+    state.again = false;
+    const [began, { lesson }] = [performance.now(), state];
+    const answer = await post(`/lesson/${lesson.name}`,
+      { state: state.values, truth: state.truth }).catch(() => ({ error: "teach.lost" }));
+    if (answer.error) {
+      return tell(answer.error === "teach.lost" ? word("teach.lost") : answer.error, true);
+    }
+    if (lesson === state.lesson) {
+      state.view = answer;
+      show();
+      state.waits.push(performance.now() - began);
+    }
+  }
+  return undefined;
+}
+
+function show() {
+  const { view, lesson } = state;
+  if (!view) return;
+  state.show ??= drawingRooms(byId("drawings"), view.canvases.length, {
+    text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
+  });
+  showFormulas(view, lesson);
+  showFigures(view);
+  state.show(view.canvases);
+  drawPlot(byId("plot"), view.plot, text);
+}
+
+/** @param {LessonView} view @param {Lesson} lesson */
+function showFormulas({ symbols }, { sliders, equations }) {
+  const known = { ...symbols };
+  for (const slider of sliders) {
+    if (!slider.symbol) continue;
+    const digits = (`${slider.step}`.split(".")[1] ?? "").length;
+    const { unit, name } = slider;
+    known[slider.symbol] = /** @type {any} */ (
+      { value: state.values[name], digits, unit, hue: hueOf(slider) });
+  }
+  byId("formulas").replaceChildren(...equations.map((one) => equationShown(one, known)),
+    element("p", { class: "source" }, `${word("teach.source")}: ${text("source")}`));
+  const room = byId("formulas");
+  SIZES.some((size) => {
+    room.style.setProperty("--size", `${size}px`);
+    return room.scrollHeight <= room.clientHeight;
+  });
+}
+
+/** @param {LessonView} view */
+function showFigures({ figures }) {
+  const rows = Object.entries(figures).map(([name, shown]) => element("div",
+    { class: "figure", "data-figure": name, "data-value": `${shown.value}` },
+    element("span", {}, text(`figure.${name}`)), element("b", {}, told(shown)),
+    shown.truth === null ? null
+      : element("em", {}, `${word("teach.truth.is")} ${told({ ...shown, value: shown.truth })}`)));
+  byId("figures").replaceChildren(element("h2", {}, word("teach.figures")), ...rows);
+}
+
+/** The address holds lesson and sliders, so that it can be handed on. */
+const keepLink = afterPause(() => {
+  const kept = new URLSearchParams({ lesson: state.lesson.name });
+  for (const { name, start: opening } of state.lesson.sliders) {
+    if (state.values[name] !== opening) kept.set(name, `${state.values[name]}`);
+  }
+  if (state.truth) kept.set("truth", "1");
+  history.replaceState(null, "", `/?${kept}`);
+});
+
+document.addEventListener("click", (event) => {
+  const act = /** @type {HTMLElement} */ (event.target).closest("[data-act=theme]");
+  if (act) nextTheme();
+});
+byId("answers-save").addEventListener("click", saveAnswers);
+addEventListener("resize", show);
+window.gruber = { state, number };
+load().then(showScore, (error) => tell(String(error), true));
