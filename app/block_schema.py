@@ -172,7 +172,11 @@ ADJUSTMENT = (
     Key("gross_errors", "choice", "w", choices=("w", "tau", "none")),
     Key("risk", "number", DEFAULT.risk, unit=RISK),
 )  # fmt: skip
-ORTHO = (Key("gsd_m", "number", unit=METRES, asked="more"), Key("sheets", "file"))
+ORTHO = (
+    Key("gsd_m", "number", unit=METRES, asked="more"),
+    Key("sheets", "file"),
+    Key("balance", "flag", True),
+)
 SURFACE = (Key("gsd_m", "number", unit=METRES),)
 TABLES: Mapping[str, tuple[Key, ...]] = {
     "block": BLOCK,

@@ -139,6 +139,8 @@ class OrthoSection:
     """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
     sheets: Path | None = None
     """Polygons of the map sheets to cut, with the attribute `name`."""
+    balance: bool = True
+    """Whether the tones of the photos are balanced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -407,7 +409,8 @@ def _ortho(document: Document) -> OrthoSection:
     sheets = table.file("sheets")
     if sheets is not None:
         _check_attribute(table, "sheets", sheets, "sheets", "name")
-    return OrthoSection(table.number("gsd_m") if table.has("gsd_m") else None, sheets)
+    gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
+    return OrthoSection(gsd_m, sheets, table.flag("balance"))
 
 
 def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribute: str) -> None:

@@ -12,6 +12,7 @@ import shapely
 from app.bring_points import brought_points
 from app.change import make_change
 from app.height_checks import doubts_after
+from app.mosaic import make_mosaic
 from app.project import Project, described
 from app.report.model import ReportContent, Written
 from app.report.page import write_report
@@ -32,7 +33,7 @@ from core.errors import Cancelled
 from core.formats.qgis_project import result_layers, write_qgis_project
 from core.localisation.stage import Localised
 from core.matching.reference import level_of, open_heights
-from core.mosaic.composition import MosaicProduct, compose_mosaic, mosaic_grid
+from core.mosaic.composition import MosaicProduct
 from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
@@ -286,9 +287,12 @@ class Run:
         """The mosaic and its seams."""
         anew = self.anew("mosaic")
         first, second = Part(progress, 0.0, 0.7), Part(progress, 0.7, 1.0)
-        mosaic = make_mosaic(self.session, list(made(self.results.orthos)), first, anew)
+        orthos = made(self.results.orthos)
+        mosaic = make_mosaic(self.session, self.project, orthos, first, anew)
         change = make_change(self.session, self.project, mosaic, second, anew=anew)
         self.results = replace(self.results, mosaic=mosaic, change=change)
+        for note in mosaic.notes:
+            self.voice.say(note)
         return str(self.session.results / "mosaic.tif")
 
     def stand_in(
@@ -418,25 +422,6 @@ def default_gsd_m(block: Block) -> float:
     sizes = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
     mean = sum(sizes) / len(sizes)
     return next((step for step in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if step >= mean), 10.0)
-
-
-def make_mosaic(
-    session: Session, orthos: list[OrthoProduct], progress: Progress, anew: bool = False
-) -> MosaicProduct:
-    """The mosaic of the orthos, unless it is fresh."""
-    digest_of = session.products.digest_of
-    inputs = digest_of("mosaic", 3, orthos)
-    target, seams = session.results / "mosaic.tif", session.results / "seams.gpkg"
-    kept = None if anew else session.products.load_value("mosaic", digest_of(inputs, target))
-    if kept is not None and seams.is_file():
-        return kept
-    with whole_file(seams) as seams_part, whole_file(target) as mosaic_part:
-        product = compose_mosaic(
-            orthos, mosaic_grid(orthos), mosaic_part, seams_part, progress=progress
-        )
-    product = replace(product, path=target)
-    session.products.save_value("mosaic", digest_of(inputs, target), product)
-    return product
 
 
 def write_all(session: Session, content: ReportContent, dem: Dem) -> None:

@@ -52,7 +52,7 @@ from core.georeference.stage import Georeferenced
 from core.localisation.initial_orientation import WeakControl
 from core.localisation.stage import Localised
 from core.mosaic.composition import MosaicProduct
-from core.mosaic.radiometry import Balance
+from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.quality.check_plan import CheckPlace
@@ -115,6 +115,7 @@ REGISTERED: tuple[type, ...] = (
     ScanOrientation,
     ScanSet,
     Balance,
+    FilmPlane,
     Seam,
     SharedParameter,
     SurfaceFiles,

@@ -15,9 +15,10 @@ from app.desk.exporting import export_routes
 from app.desk.filling import Filling
 from app.desk.measuring import Errors, PhotoToPhoto
 from app.desk.mosaic import MosaicFile, mosaic_on_disk
+from app.mosaic import make_mosaic
 from app.placing import Placeable, standing_block
 from app.project import Project, described
-from app.run import Run, RunOptions, make_change, make_mosaic, make_orthos, terrain_of, write_all
+from app.run import Run, RunOptions, make_change, make_orthos, terrain_of, write_all
 from app.running import Running
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -400,7 +401,7 @@ class OrthoMaker:
                 Part(progress, 0.0, orthos_end),
                 only=frozenset(photo_ids),
             )
-            mosaic = make_mosaic(session, orthos, Part(progress, orthos_end, 0.92))
+            mosaic = make_mosaic(session, self.project, orthos, Part(progress, orthos_end, 0.92))
             change = make_change(session, self.project, mosaic, Part(progress, 0.92, 0.97))
             progress.report(0.97, 1.0, "results")
             walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))

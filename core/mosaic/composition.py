@@ -1,30 +1,32 @@
-"""Many orthos composed into one: seams, radiometric balance, feathering, Cloud Optimized GeoTIFF.
+"""Many orthos composed into one: seams, tones, feathering, Cloud Optimized GeoTIFF.
 
-Tile by tile, so memory does not grow with the number of photos.
+Tile by tile, so memory does not grow with the number of photos. A tile is named by a digest of all
+that it is composed from, so that the next mosaic takes it over where nothing of it has changed.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import cv2
 import numpy as np
 import rasterio
-import rasterio.features
 import rasterio.shutil
-from affine import Affine
 from jaxtyping import Float32, Int32
 from shapely import STRtree
 from shapely.geometry import box
 
-from core.mosaic.overview import Overview, read_overview
-from core.mosaic.radiometry import Balance, balance_orthos
-from core.mosaic.seams import KEEP_INSIDE_M, PhotoArea, Seam, area_of, draw_seams, write_seams
+from core.mosaic.burning import burn
+from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
+from core.mosaic.edited_seams import EditedSeams
+from core.mosaic.radiometry import Balance, FilmPlane
+from core.mosaic.seam_cut import SeamGuides
+from core.mosaic.seams import Seam, write_seams
 from core.orthos.rectification import OrthoProduct
-from core.progress import SILENT, Progress
+from core.progress import SILENT, Part, Progress
 from core.raster.grid import (
     BLOCK_PX,
     NODATA,
@@ -34,21 +36,19 @@ from core.raster.grid import (
     refuse_incomplete,
     tell_full_disk,
     tiled_profile,
-    tiles_of,
     window_of,
     write_tiles,
 )
 from core.raster.holes import Hole, find_holes
 
-# design: METHODS 8 gives 2 to 10; it hides a step of gray and is narrower than a road
-FEATHER_PX = 8
-"""Width over which one photo fades into the next, pixels."""
-# design: a few metres, less than a seam keeps from the edge of a photo
-PIXELS_PER_CELL = 8
-"""Ortho pixels a side per cell of the overviews that seams are drawn from."""
-# design: ten thousand cells for two unknowns of a photo, and grain is averaged away
-BALANCE_CELLS = 128
-"""Cells along the longest side of an ortho from which the balance is estimated."""
+# design: about what they take
+READ, LAID = 0.2, 0.4
+"""Shares of the work after which orthos are read small, and seams laid."""
+# design: in no direction that an edge between corners of cells has
+ASIDE_PX = (1.37e-3, 0.71e-3)
+"""Seams are burnt that far aside: an edge through middles of pixels falls alike in all tiles."""
+# design: a change of what is composed from the same inputs
+TILE_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,19 @@ class MosaicOptions:
     threads: int = 2
     """Tiles composed side by side."""
     balance: bool = True
-    """Correct gain and offset of the photos."""
+    """Correct the tones of the photos."""
+    seams_by_nadir: bool = False
+    """Lay seams midway between nadirs, to compare with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormerMosaic:
+    """A mosaic that is there, from which tiles may be taken over."""
+
+    path: Path
+    """Its file, as it was written."""
+    tiles: Mapping[str, str]
+    """Digest of each of its tiles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,72 +93,14 @@ class MosaicProduct:
     """Share of its pixels that show the ground, 0 to 1."""
     holes: tuple[Hole, ...] = ()
     """Ground inside it that no photo shows, largest first."""
+    tiles: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Digest of all that each tile was composed from; empty where orthos have no stamps."""
+    composed: int = 0
+    """How many of its tiles were composed now; the rest was taken over."""
+    notes: tuple[str, ...] = ()
+    """What was done to edited seams."""
 
 
-def mosaic_grid(orthos: Sequence[OrthoProduct]) -> Grid:
-    """Grid over all orthos, which share one ground sample distance."""
-    bounds = np.array([ortho.grid.bounds for ortho in orthos])
-    west, south = bounds[:, :2].min(axis=0)
-    east, north = bounds[:, 2:].max(axis=0)
-    gsd = orthos[0].grid.ground_sample_distance_m
-    return Grid.over((float(west), float(south), float(east), float(north)), gsd)
-
-
-def compose_mosaic(
-    orthos: Sequence[OrthoProduct],
-    grid: Grid,
-    path: Path,
-    seams_path: Path,
-    *,
-    seams: Sequence[Seam] | None = None,
-    dates: Mapping[str, str] | None = None,
-    options: MosaicOptions | None = None,
-    progress: Progress = SILENT,
-) -> MosaicProduct:
-    """Compose orthos into one Cloud Optimized GeoTIFF and write the seams beside it.
-
-    Args:
-        orthos: At least one; all on multiples of the grid's pixels.
-        grid: Grid of the mosaic.
-        path: Mosaic to write; hand over a temporary name and rename it.
-        seams_path: GeoPackage to write the seams to; likewise.
-        seams: Seams to use instead of nearest nadir, such as edited ones.
-        dates: Date of each photo, for the seams.
-        options: Tiles, and whether to balance.
-        progress: Told after every ortho and tile.
-
-    Returns:
-        The mosaic.
-    """
-    assert orthos
-    options = options or MosaicOptions()
-    work = _prepare(orthos, grid, seams, dates, options, progress)
-    with rasterio.open(orthos[0].path) as first:
-        crs = first.crs.to_string()
-    write_seams(work.seams, seams_path, crs)
-    tiles_path = path.with_name(f".{path.name}.tiles.tif")
-    try:
-        covered = write_tiles(
-            tiles_path,
-            tiled_profile(grid, crs, work.dtype.name),
-            {},
-            partial(_compose, work),
-            tiles=list(tiles_of(grid, options.tile_px)),
-            threads=options.threads,
-            progress=progress,
-            what="mosaic",
-        )
-        with tell_full_disk(path):
-            rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)
-        refuse_incomplete(path, -(-grid.columns // BLOCK_PX) * -(-grid.rows // BLOCK_PX))
-    finally:
-        tiles_path.unlink(missing_ok=True)
-    share = covered / (grid.columns * grid.rows)
-    return MosaicProduct(path, grid, work.seams, work.balances, share, find_holes(path))
-
-
-RASTERIZING = Lock()
-"""rasterio silences a warning of its own while it rasterizes, which is one thread's business."""
 COG = {
     "blocksize": BLOCK_PX,
     "compress": "deflate",
@@ -169,56 +123,147 @@ class _Work:
     dtype: np.dtype[Any]
     seam_tree: STRtree
     ortho_tree: STRtree
+    former: FormerMosaic | None
+    stamps: Mapping[str, str]
+    digests: dict[str, str]
+    composed: list[str]
+
+
+def mosaic_grid(orthos: Sequence[OrthoProduct]) -> Grid:
+    """Grid over all orthos, which share one ground sample distance."""
+    bounds = np.array([ortho.grid.bounds for ortho in orthos])
+    west, south = bounds[:, :2].min(axis=0)
+    east, north = bounds[:, 2:].max(axis=0)
+    gsd = orthos[0].grid.ground_sample_distance_m
+    return Grid.over((float(west), float(south), float(east), float(north)), gsd)
+
+
+def compose_mosaic(
+    orthos: Sequence[OrthoProduct],
+    grid: Grid,
+    path: Path,
+    seams_path: Path | None,
+    *,
+    seams: Sequence[Seam] | EditedSeams | None = None,
+    dates: Mapping[str, str] | None = None,
+    guides: SeamGuides | None = None,
+    planes: Mapping[str, FilmPlane] | None = None,
+    former: FormerMosaic | None = None,
+    stamps: Mapping[str, str] | None = None,
+    options: MosaicOptions | None = None,
+    progress: Progress = SILENT,
+) -> MosaicProduct:
+    """Compose orthos into one Cloud Optimized GeoTIFF and write the seams beside it.
+
+    Args:
+        orthos: At least one; all on multiples of the pixels of the mosaic's grid.
+        grid: That grid.
+        path: Mosaic to write; hand over a temporary name and rename it.
+        seams_path: GeoPackage to write the seams to; likewise. None leaves them unwritten.
+        seams: Seams to use instead of drawing them; what edited ones leave open is filled.
+        dates: Date of each photo, for the seams.
+        guides: Buildings and roads, for the seams.
+        planes: Where the ground lies on the film, for vignetting.
+        former: Mosaic whose tiles are taken over where nothing has changed; needs stamps.
+        stamps: What names the content of each ortho's file.
+        options: Tiles, and whether to balance.
+        progress: Told after every ortho and tile.
+
+    Returns:
+        The mosaic.
+    """
+    assert orthos
+    options, notes = options or MosaicOptions(), ()
+    with rasterio.open(orthos[0].path) as first:
+        crs, dtype = first.crs.to_string(), np.dtype(first.dtypes[0])
+    scale = float(np.iinfo(dtype).max)
+    overviews = read_overviews(orthos, grid, Part(progress, 0.0, READ))
+    balances = balanced(orthos, overviews, planes, scale, untouched=not options.balance)
+    if seams is None or isinstance(seams, EditedSeams):
+        seams, notes = lay_seams(
+            overviews,
+            balances,
+            scale,
+            edited=seams,
+            dates=dates,
+            guides=guides,
+            by_nadir=options.seams_by_nadir,
+            progress=Part(progress, READ, LAID),
+        )
+    overviews.clear()
+    work = _prepare(orthos, grid, seams, balances, dtype, former, stamps)
+    if seams_path is not None:
+        write_seams(work.seams, seams_path, crs)
+    covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))
+    share, tiles = covered / (grid.columns * grid.rows), dict(sorted(work.digests.items()))
+    holes, composed = find_holes(path), len(work.composed)
+    return MosaicProduct(path, grid, work.seams, balances, share, holes, tiles, composed, notes)
+
+
+def _write(work: _Work, path: Path, crs: str, options: MosaicOptions, progress: Progress) -> int:
+    """Compose all tiles and write the mosaic; the number of pixels that show the ground."""
+    grid = work.grid
+    tiles_path = path.with_name(f".{path.name}.tiles.tif")
+    try:
+        covered = write_tiles(
+            tiles_path,
+            tiled_profile(grid, crs, work.dtype.name),
+            {},
+            partial(_compose, work),
+            tiles=list(_tiles_on_multiples(grid, options.tile_px)),
+            threads=options.threads,
+            progress=progress,
+            what="mosaic",
+        )
+        with tell_full_disk(path):
+            rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)
+        refuse_incomplete(path, -(-grid.columns // BLOCK_PX) * -(-grid.rows // BLOCK_PX))
+    finally:
+        tiles_path.unlink(missing_ok=True)
+    return covered
 
 
 def _prepare(
     orthos: Sequence[OrthoProduct],
     grid: Grid,
-    seams: Sequence[Seam] | None,
-    dates: Mapping[str, str] | None,
-    options: MosaicOptions,
-    progress: Progress,
+    seams: Sequence[Seam],
+    balances: Mapping[str, Balance],
+    dtype: np.dtype[Any],
+    former: FormerMosaic | None,
+    stamps: Mapping[str, str] | None,
 ) -> _Work:
-    """Seams and balance from the orthos in small."""
-    areas: list[PhotoArea] = []
-    overviews: list[Overview] = []
-    room_m = FEATHER_PX * grid.ground_sample_distance_m
-    keep_m = max(KEEP_INSIDE_M, room_m)
-    longest = max(max(ortho.grid.columns, ortho.grid.rows) for ortho in orthos)
-    coarsening = max(1, longest // PIXELS_PER_CELL // BALANCE_CELLS)
-    for done, ortho in enumerate(orthos):
-        _assert_aligned(ortho.grid, grid)
-        overview = read_overview(ortho, PIXELS_PER_CELL)
-        areas.append(area_of(overview, keep_m))
-        overviews.append(overview.coarser(coarsening))
-        progress.report(float(done), float(len(orthos)), "seams and balance")
-    with rasterio.open(orthos[0].path) as file:
-        dtype = np.dtype(file.dtypes[0])
-    balances: Mapping[str, Balance] = {ortho.photo_id: Balance() for ortho in orthos}
-    if options.balance:
-        scale = float(np.iinfo(dtype).max)
-        balances = balance_orthos(overviews, scale)
-    drawn = draw_seams(areas, dates, keep_m) if seams is None else tuple(seams)
+    """What the tiles need, with trees to find it by place."""
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
-    drawn = tuple(seam for seam in drawn if seam.photo_id in index)
+    known = tuple(seam for seam in seams if seam.photo_id in index)
     return _Work(
         tuple(orthos),
         grid,
-        drawn,
-        tuple(index[seam.photo_id] for seam in drawn),
+        known,
+        tuple(index[seam.photo_id] for seam in known),
         balances,
         dtype,
-        STRtree([seam.area for seam in drawn]),
+        STRtree([seam.area for seam in known]),
         STRtree([box(*ortho.grid.bounds) for ortho in orthos]),
+        former,
+        stamps or {},
+        {},
+        [],
     )
 
 
-def _assert_aligned(part: Grid, whole: Grid) -> None:
-    # design: rounding of metres
-    assert abs(part.ground_sample_distance_m - whole.ground_sample_distance_m) < 1e-9
-    corner = whole.grid_from_object(np.array([[part.west, part.north]]))
-    # design: a thousandth of a pixel is not seen
-    assert np.abs(corner - np.rint(corner)).max() < 1e-3, "orthos must share the mosaic's pixels"
+def _tiles_on_multiples(grid: Grid, tile_px: int) -> Iterator[Tile]:
+    """The tiles of a grid, cut where pixels counted from (0, 0) of the CRS are multiples.
+
+    They stay the same when the grid grows.
+    """
+    corner = grid.on_multiples or (0, 0)
+    edges: list[list[int]] = []
+    for start, size in zip(corner, (grid.columns, grid.rows), strict=True):
+        first = tile_px - start % tile_px
+        edges.append([0, *range(first, size, tile_px), size])
+    for row, below in zip(edges[1], edges[1][1:], strict=False):
+        for column, right in zip(edges[0], edges[0][1:], strict=False):
+            yield column, row, right - column, below - row
 
 
 def _compose(work: _Work, tile: Tile) -> Pixels | None:
@@ -226,8 +271,14 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     halo = FEATHER_PX // 2 + 1
     column, row, columns, rows = tile
     part = work.grid.window(column - halo, row - halo, columns + 2 * halo, rows + 2 * halo)
+    labels, seams = _burnt(work, part)
+    name, digest = _digest(work, tile, part, labels)
+    work.digests[name] = digest
+    if work.former is not None and digest and work.former.tiles.get(name) == digest:
+        return _taken_over(work.former.path, work.grid, tile)
+    work.composed.append(name)
     layers = _Layers(work, part)
-    labels = _label(work, part, layers)
+    _show(work, part, layers, labels, seams)
     inner = np.s_[halo : halo + rows, halo : halo + columns]
     present = np.unique(labels[labels >= 0]).tolist()
     if not present or not (labels[inner] >= 0).any():
@@ -240,6 +291,41 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     whole = np.clip(np.rint(values), 1, largest).astype(work.dtype)
     whole[labels < 0] = NODATA
     return np.ascontiguousarray(whole[inner])
+
+
+def _digest(
+    work: _Work, tile: Tile, part: Grid, labels: Int32[np.ndarray, "rows columns"]
+) -> tuple[str, str]:
+    """Name of a tile by its place, and the digest of all that it is composed from."""
+    corner = work.grid.on_multiples
+    if corner is None or not work.stamps:
+        return str(tile), ""
+    column, row, columns, rows = tile
+    name = f"{corner[0] + column} {corner[1] + row} {columns} {rows}"
+    total = hashlib.sha256(repr((TILE_VERSION, name, work.dtype.name, FEATHER_PX)).encode())
+    # Numbers of orthos change when a photo is added; their order does not.
+    ranks = np.full(len(work.orthos) + 1, -1, np.int16)
+    near = sorted(
+        (int(k) for k in work.ortho_tree.query(box(*part.bounds))),
+        key=lambda k: work.orthos[k].photo_id,
+    )
+    for rank, k in enumerate(near):
+        ortho, ranks[k] = work.orthos[k], rank
+        said = (ortho.photo_id, work.stamps[ortho.photo_id], ortho.nadir, ortho.grid)
+        total.update(repr((*said, work.balances[ortho.photo_id])).encode())
+    total.update(ranks[labels].tobytes())
+    return name, total.hexdigest()
+
+
+def _taken_over(path: Path, grid: Grid, tile: Tile) -> Pixels | None:
+    """A tile of a mosaic that was made before; None where it shows nothing."""
+    column, row, columns, rows = tile
+    with rasterio.open(path) as file:
+        gsd = grid.ground_sample_distance_m
+        west = round((grid.west - file.transform.c) / gsd) + column
+        north = round((file.transform.f - grid.north) / gsd) + row
+        values = file.read(1, window=window_of((west, north, columns, rows)))
+    return values if values.any() else None
 
 
 class _Layers:
@@ -256,12 +342,9 @@ class _Layers:
         return self._read[index]
 
     def balanced(self, index: int) -> Float32[np.ndarray, "rows columns"]:
-        """Gray values after gain and offset."""
+        """Gray values after the correction of the photo."""
         balance = self.work.balances[self.work.orthos[index].photo_id]
-        values = self.pixels(index).astype(np.float32)
-        values *= np.float32(balance.gain)
-        values += np.float32(balance.offset)
-        return values
+        return balance.corrected(self.pixels(index).astype(np.float32), self.part)
 
 
 def _read_part(ortho: OrthoProduct, part: Grid) -> Pixels:
@@ -279,25 +362,29 @@ def _read_part(ortho: OrthoProduct, part: Grid) -> Pixels:
     return values
 
 
-def _label(work: _Work, part: Grid, layers: _Layers) -> Int32[np.ndarray, "rows columns"]:
-    """Index of the ortho that shows each pixel, -1 for none: the seams, else the nearest nadir."""
-    frame = box(*part.bounds)
-    chosen = [int(k) for k in work.seam_tree.query(frame, predicate="intersects")]
-    labels = np.full((part.rows, part.columns), -1, dtype=np.int32)
-    if chosen:
-        shapes = [(work.seams[k].area, work.seam_orthos[k]) for k in sorted(chosen)]
-        transform = Affine.from_gdal(*part.geotransform)
-        with RASTERIZING:
-            burnt = rasterio.features.rasterize(
-                shapes, labels.shape, -1, transform=transform, dtype="int32"
-            )
-        labels = np.asarray(burnt)
+def _burnt(work: _Work, part: Grid) -> tuple[Int32[np.ndarray, "rows columns"], list[int]]:
+    """Index of the ortho that the seams give each pixel, -1 for none; the seams that are there."""
+    near = work.seam_tree.query(box(*part.bounds), predicate="intersects")
+    chosen = sorted(int(k) for k in near)
+    shapes = [(work.seams[k].area, work.seam_orthos[k]) for k in chosen]
+    gsd = part.ground_sample_distance_m
+    moved = replace(part, west=part.west + ASIDE_PX[0] * gsd, north=part.north + ASIDE_PX[1] * gsd)
+    return burn(shapes, moved, empty=-1), chosen
+
+
+def _show(
+    work: _Work,
+    part: Grid,
+    layers: _Layers,
+    labels: Int32[np.ndarray, "rows columns"],
+    chosen: list[int],
+) -> None:
+    """Where the seams give a photo that does not show the place, take the nearest nadir."""
     for k in chosen:
         index = work.seam_orthos[k]
         labels[(labels == index) & (layers.pixels(index) == NODATA)] = -1
     if (labels < 0).any():
         _fill(work, part, layers, labels)
-    return labels
 
 
 def _fill(
@@ -324,9 +411,12 @@ def _blend(
     weights = np.zeros(labels.shape, dtype=np.float32)
     for index in present:
         own = (labels == index).astype(np.float32)
-        weight = cv2.blur(own, (side, side), borderType=cv2.BORDER_REPLICATE)
+        # Sums of ones are whole numbers: the same in whatever tile a pixel lies.
+        weight = cv2.boxFilter(
+            own, -1, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE
+        )
         weight = np.where(layers.pixels(index) != NODATA, np.asarray(weight), np.float32(0))
         total += weight * layers.balanced(index)
         weights += weight
-    # design: no division by nought
-    return total / np.maximum(weights, np.float32(1e-6))
+    # Where nothing has weight nothing is shown: 0 by 1.
+    return total / np.maximum(weights, np.float32(1))

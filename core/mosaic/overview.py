@@ -6,7 +6,7 @@ import numpy as np
 import rasterio
 from jaxtyping import Float32, Float64
 
-from core.arrays import Mask, locked
+from core.arrays import Mask, Scalars, locked
 from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid, window_of
 
@@ -85,21 +85,34 @@ def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
     return Overview(ortho.photo_id, ortho.nadir, grid, values, counts / pixels_per_cell**2)
 
 
-def common_cells(
-    first: Overview, second: Overview
-) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class CommonCells:
+    """What two photos show of the same cells, as parallel arrays."""
+
+    first: Scalars
+    """Means of the first."""
+    second: Scalars
+    """Means of the second."""
+    places: Float64[np.ndarray, "n 2"]
+    """Easting and northing of the middles of the cells, metres."""
+
+
+def common_cells(first: Overview, second: Overview) -> CommonCells:
     """Values of both overviews in the cells that are full in both."""
     west = max(first.grid.bounds[0], second.grid.bounds[0])
     south = max(first.grid.bounds[1], second.grid.bounds[1])
     east = min(first.grid.bounds[2], second.grid.bounds[2])
     north = min(first.grid.bounds[3], second.grid.bounds[3])
     if west >= east or south >= north:
-        return np.zeros(0), np.zeros(0)
+        return CommonCells(np.zeros(0), np.zeros(0), np.zeros((0, 2)))
     parts: list[tuple[slice, slice]] = []
     for overview in (first, second):
         corners = overview.grid.grid_from_object(np.array([[west, north], [east, south]]))
         (column, row), (end_column, end_row) = np.rint(corners).astype(int)
         parts.append((slice(row, end_row), slice(column, end_column)))
     both = first.full[parts[0]] & second.full[parts[1]]
+    eastings, northings = first.grid.centres()
+    rows, columns = np.nonzero(both)
+    places = np.column_stack([eastings[parts[0][1]][columns], northings[parts[0][0]][rows]])
     values = (first.values[parts[0]][both], second.values[parts[1]][both])
-    return values[0].astype(np.float64), values[1].astype(np.float64)
+    return CommonCells(values[0].astype(np.float64), values[1].astype(np.float64), places)

@@ -1,7 +1,10 @@
-"""Gain and offset of every photo, so that neighbours agree where they overlap.
+"""Tone of every photo, so that neighbours agree where they overlap.
 
-One least-squares problem for the block (METHODS 8) over cells that two photos share:
-gain_i * gray_i + offset_i = gain_j * gray_j + offset_j, with gain 1 and offset 0 as priors.
+One least-squares problem for the block (METHODS 8) over cells that two photos share. A corrected
+gray value is gain * V * gray + offset + tilt * place, with V = 1 + v1 (r^2 - m1) + v2 (r^4 - m2)
+for all photos of a camera, r the distance to the principal point in half diagonals of the frame
+and m the means over a square frame. Priors hold gain 1 and all else 0, which are also the means
+over the block.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,135 +12,317 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from core.arrays import Indices, Scalars
-from core.geometry.robust import huber_weights, solve_robustly
+from core.arrays import Scalars
+from core.block import Photo
+from core.frames import HALF_PIXEL
+from core.geometry.camera import Camera
+from core.geometry.robust import cauchy_weights, solve_robustly
 from core.mosaic.overview import Overview, common_cells
+from core.raster.grid import Grid
 
 Unknowns = Float64[np.ndarray, "unknowns"]
-"""Gain and offset of each photo in turn."""
+"""Gain, offset, tilt to the east and to the north of each photo; then v1 and v2 of each camera."""
+Gray = Float32[np.ndarray, "rows columns"]
+# design: so many unknowns
+OF_PHOTO, OF_CAMERA = 4, 2
 # source: Holland and Welsch 1977: 95 % efficiency at the normal distribution
-HUBER = 1.345
+CAUCHY = 2.385
 # design: a quarter of a gray value of 8 bits, which are rounded to one
 SMALLEST_SCALE = 1e-3
 # design: loose: nearly half a stop of exposure; overlaps decide
 SIGMA_GAIN = 0.3
 """Prior standard deviation of a gain about 1."""
-# design: loose: veil and vignetting of a seventh of the range; overlaps decide
+# design: loose: a veil of a seventh of the range; overlaps decide
 SIGMA_OFFSET_SHARE = 0.15
 """Prior standard deviation of an offset about 0, as a share of the full scale."""
+# design: half as loose; tilts growing along a block imitate vignetting, which is to be preferred
+SIGMA_TILT_SHARE = 0.075
+"""Prior standard deviation of a tilt over half a photo about 0, as a share of the full scale."""
+# design: loose: corners a third darker than the middle
+SIGMA_FALLOFF = 0.3
+"""Prior standard deviation of a coefficient of vignetting about 0."""
+# source: means of r^2 and r^4 over a square whose half diagonal is 1
+MEANS = (1 / 3, 7 / 45)
 # design: the mean of so many is known to a fortieth of the noise of one
 SAMPLES_PER_PAIR = 2000
 """Cells of one overlap that are used at most."""
 # design: a limit of time
-ITERATIONS = 15
+ITERATIONS = 20
 """Reweighted solutions."""
+# design: a quarter of a gray value of 8 bits; a photo that moved a little does not move others
+STEPS = (1 / 512, 0.25 / 255)
+"""Gain and falloff, and shares of the full scale are rounded to multiples of these."""
+# design: within so few pixels vignetting changes by less than a tenth of a gray value
+FALLOFF_CELL_PX = 4
+"""Side of the cells over which vignetting is taken as constant, pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmPlane:
+    """Where level ground lies on a photo's film."""
+
+    camera: str
+    """Name of the camera."""
+    nadir: tuple[float, float]
+    """Easting and northing that coordinates count from, metres."""
+    film_from_ground: tuple[tuple[float, ...], ...]
+    """Homography (3 by 3): metres from the nadir to half diagonals from the principal point."""
+
+    def radii(
+        self, eastings: Float64[np.ndarray, "..."], northings: Float64[np.ndarray, "..."]
+    ) -> Float64[np.ndarray, "..."]:
+        """Squared distance of places on the ground to the principal point, half diagonals."""
+        east, north = eastings - self.nadir[0], northings - self.nadir[1]
+        x, y, depth = (a * east + b * north + c for a, b, c in self.film_from_ground)
+        return (x**2 + y**2) / depth**2
 
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """Radiometric correction of one photo: gain * gray + offset."""
+    """Radiometric correction of one photo: gain * V * gray + offset + tilt * place."""
 
     gain: float = 1.0
     """Factor."""
     offset: float = 0.0
     """Summand, gray values of the scan's type."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """Growth of the summand to the east and to the north, gray values per metre."""
+    middle: tuple[float, float] = (0.0, 0.0)
+    """Easting and northing at which the tilt is nought, metres."""
+    falloff: tuple[float, float] = (0.0, 0.0)
+    """v1 and v2 of the camera."""
+    plane: FilmPlane | None = None
+    """Where the ground lies on the film; None where the camera's vignetting is unknown."""
+
+    def corrected(self, gray: Gray, part: Grid) -> Gray:
+        """Gray values of a part of an ortho after the correction."""
+        factor = np.float32(self.gain)
+        values = gray * (self._falloff(part) * factor if any(self.falloff) else factor)
+        # Counted from (0, 0), a pixel's place is the same to the last digit in whatever part.
+        gsd = part.ground_sample_distance_m
+        columns = round(part.west / gsd) + np.arange(part.columns)
+        rows = round(-part.north / gsd) + np.arange(part.rows)
+        east = self.offset + self.tilt[0] * ((columns + HALF_PIXEL) * gsd - self.middle[0])
+        north = -self.tilt[1] * ((rows + HALF_PIXEL) * gsd + self.middle[1])
+        values += east.astype(np.float32)[None, :] + north.astype(np.float32)[:, None]
+        return values
+
+    def _falloff(self, part: Grid) -> Gray:
+        """V of each pixel, constant over small cells that lie alike whatever part is asked for."""
+        assert self.plane is not None
+        gsd, side = part.ground_sample_distance_m, FALLOFF_CELL_PX
+        columns = (round(part.west / gsd) + np.arange(part.columns)) // side
+        rows = (round(-part.north / gsd) + np.arange(part.rows)) // side
+        east = (np.arange(columns[0], columns[-1] + 1) + HALF_PIXEL) * (gsd * side)
+        north = -(np.arange(rows[0], rows[-1] + 1) + HALF_PIXEL) * (gsd * side)
+        squared = self.plane.radii(east[None, :], north[:, None])
+        cells = 1 + (_powers(squared) * np.array(self.falloff)).sum(axis=-1)
+        return cells.astype(np.float32)[(rows - rows[0])[:, None], (columns - columns[0])[None, :]]
+
+
+def film_plane(photo: Photo, camera: Camera) -> FilmPlane:
+    """Where the ground at its mean height lies on the film of an oriented photo."""
+    image_from_object = photo.exterior.object_from_image.T
+    down = photo.ground_height_m - photo.exterior.centre[2]
+    columns = image_from_object @ np.array([[1, 0, 0], [0, 1, 0], [0, 0, down]], dtype=np.float64)
+    half = float(np.hypot(*camera.frame_mm)) / 2
+    columns[:2] *= -camera.principal_distance_mm / half
+    rows = tuple(tuple(float(value) for value in row) for row in columns)
+    nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
+    return FilmPlane(photo.camera, nadir, rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Samples:
-    """Gray values of pairs of photos at common cells, as parallel arrays."""
+    """Gray values of pairs of photos at common cells, as parallel arrays; two rows, one a photo."""
 
-    first: Indices
-    second: Indices
-    gray_first: Scalars
-    gray_second: Scalars
+    photo: np.ndarray
+    """Number of the photo."""
+    gray: np.ndarray
+    """Gray values, shares of the full scale."""
+    place: np.ndarray
+    """Easting and northing from the middle of the photo, in half its width (two, samples, 2)."""
+    camera: np.ndarray
+    """Number of the camera, -1 where it is unknown."""
+    powers: np.ndarray
+    """r^2 and r^4 less their means (two, samples, 2)."""
 
 
 def balance_orthos(
-    overviews: Sequence[Overview], full_scale: float = 255.0
+    overviews: Sequence[Overview],
+    full_scale: float = 255.0,
+    planes: Mapping[str, FilmPlane] | None = None,
 ) -> Mapping[str, Balance]:
-    """Gain and offset by photo; over the block they are 1 and 0 in the mean.
+    """Tone of every photo; over the block gain 1, offset 0 and tilt 0 in the mean.
 
     Args:
         overviews: The orthos in small, as means over cells: grain is gone there.
         full_scale: Largest gray value.
+        planes: Where the ground lies on the film, of photos whose camera is to be corrected.
 
     Returns:
-        The balance of every photo; gain 1 and offset 0 for one without neighbours.
+        The balance of every photo; that of nothing for one without neighbours.
     """
-    samples = _collect(overviews, full_scale)
-    unknowns = _adjust(samples, len(overviews))
-    return {
-        view.photo_id: Balance(float(gain), float(offset) * full_scale)
-        for view, (gain, offset) in zip(overviews, unknowns.reshape(-1, 2), strict=True)
-    }
+    planes = planes or {}
+    cameras = sorted({plane.camera for plane in planes.values()})
+    samples = _collect(overviews, full_scale, planes, cameras)
+    photos = len(overviews)
+    unknowns = _rounded(_adjust(samples, photos, len(cameras)), photos)
+    falloffs = unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA).tolist()
+    found: dict[str, Balance] = {}
+    for view, (gain, offset, *tilt) in zip(
+        overviews, unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO).tolist(), strict=True
+    ):
+        plane, middle = planes.get(view.photo_id), _middle(view)
+        falloff = (0.0, 0.0) if plane is None else tuple(falloffs[cameras.index(plane.camera)])
+        east, north = (full_scale * one / _half_m(view) for one in tilt)
+        found[view.photo_id] = Balance(
+            gain, offset * full_scale, (east, north), middle, falloff, plane
+        )
+    return found
 
 
-def _collect(overviews: Sequence[Overview], full_scale: float) -> _Samples:
-    first: list[np.ndarray] = []
-    second: list[np.ndarray] = []
-    grays: list[tuple[np.ndarray, np.ndarray]] = []
+def _rounded(unknowns: Unknowns, photos: int) -> Unknowns:
+    """Gains and falloffs, offsets and tilts in whole steps."""
+    steps = np.full(unknowns.shape, STEPS[0])
+    for kind in range(1, OF_PHOTO):
+        steps[kind : OF_PHOTO * photos : OF_PHOTO] = STEPS[1]
+    return np.rint(unknowns / steps) * steps
+
+
+def _middle(view: Overview) -> tuple[float, float]:
+    west, south, east, north = view.grid.bounds
+    return (west + east) / 2, (south + north) / 2
+
+
+def _half_m(view: Overview) -> float:
+    """Half the longest side of an ortho, metres."""
+    return max(view.grid.columns, view.grid.rows) * view.grid.ground_sample_distance_m / 2
+
+
+def _powers(squared: Float64[np.ndarray, "..."]) -> Float64[np.ndarray, "... 2"]:
+    return np.stack([squared - MEANS[0], squared**2 - MEANS[1]], axis=-1)
+
+
+def _collect(
+    overviews: Sequence[Overview],
+    full_scale: float,
+    planes: Mapping[str, FilmPlane],
+    cameras: Sequence[str],
+) -> _Samples:
+    """What pairs of photos show of the same cells."""
+    parts: list[tuple[np.ndarray, ...]] = []
     for i, one in enumerate(overviews):
         for j in range(i + 1, len(overviews)):
-            here, there = common_cells(one, overviews[j])
-            step = max(1, len(here) // SAMPLES_PER_PAIR)
-            grays.append((here[::step] / full_scale, there[::step] / full_scale))
-            first.append(np.full(len(grays[-1][0]), i))
-            second.append(np.full(len(grays[-1][0]), j))
-    if not grays:
-        nothing, nobody = np.zeros(0), np.zeros(0, dtype=np.int64)
-        return _Samples(nobody, nobody, nothing, nothing)
-    return _Samples(
-        np.concatenate(first),
-        np.concatenate(second),
-        np.concatenate([pair[0] for pair in grays]),
-        np.concatenate([pair[1] for pair in grays]),
-    )
+            common = common_cells(one, overviews[j])
+            step = max(1, len(common.first) // SAMPLES_PER_PAIR)
+            places = common.places[::step]
+            grays = np.stack([common.first[::step], common.second[::step]]) / full_scale
+            if not len(places):
+                continue
+            views = [(i, one), (j, overviews[j])]
+            sides = [_seen(view, places, planes.get(view.photo_id)) for _, view in views]
+            names = [planes.get(view.photo_id) for _, view in views]
+            numbers = [-1 if plane is None else cameras.index(plane.camera) for plane in names]
+            parts.append(
+                (
+                    np.repeat([[i], [j]], len(places), axis=1),
+                    grays,
+                    np.stack([side[0] for side in sides]),
+                    np.repeat([[numbers[0]], [numbers[1]]], len(places), axis=1),
+                    np.stack([side[1] for side in sides]),
+                )
+            )
+    if not parts:
+        none, flat = np.zeros((2, 0, 2)), np.zeros((2, 0))
+        return _Samples(flat.astype(np.int64), flat, none, flat.astype(np.int64), none)
+    return _Samples(*(np.concatenate(one, axis=1) for one in zip(*parts, strict=True)))
 
 
-def _adjust(samples: _Samples, photos: int) -> Unknowns:
-    """Gain and offset (share of full scale) of all photos, alternating, by reweighting."""
-    unknowns = np.tile([1.0, 0.0], photos)
-    design = _design(samples, photos)
-    prior = sparse.diags_array(np.tile([SIGMA_GAIN**-2, SIGMA_OFFSET_SHARE**-2], photos))
-    # The mean over the block is held: else noise would pull every gain down a little.
-    mean = np.zeros((2, 2 * photos))
-    mean[0, ::2] = mean[1, 1::2] = 1.0
-    # design: so much heavier than all samples that the mean stays to the last digits told
-    hold = sparse.csc_array(mean.T @ mean) * 1e13
-    right = (prior + hold) @ unknowns
+def _seen(
+    view: Overview, places: np.ndarray, plane: FilmPlane | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places in a photo from its middle, in half its width, and powers of their radius."""
+    about = (places - np.array(_middle(view))) / _half_m(view)
+    if plane is None:
+        return about, np.zeros_like(about)
+    return about, _powers(plane.radii(places[:, 0], places[:, 1]))
+
+
+def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
+    """All unknowns (shares of the full scale), by reweighted Gauss-Newton steps."""
+    given = np.concatenate([np.tile([1.0, 0.0, 0.0, 0.0], photos), np.zeros(OF_CAMERA * cameras)])
+    sigmas = [SIGMA_GAIN, SIGMA_OFFSET_SHARE, SIGMA_TILT_SHARE, SIGMA_TILT_SHARE]
+    every = np.concatenate([np.tile(sigmas, photos), np.full(OF_CAMERA * cameras, SIGMA_FALLOFF)])
+    held = sparse.diags_array(every**-2.0) + _hold_means(photos, len(given))
+    unknowns = given.copy()
 
     def solve(weights: Scalars) -> tuple[Unknowns, Scalars]:
         nonlocal unknowns
+        apart, design = _differences(samples, unknowns, photos)
         # A large gain enlarges its own noise.
         scaled = weights / _noise_gains(samples, unknowns) ** 2
-        normal = design.T @ sparse.diags_array(scaled) @ design + prior + hold
-        unknowns = np.array(spsolve(sparse.csc_array(normal), right), dtype=np.float64).ravel()
+        normal = design.T @ sparse.diags_array(scaled) @ design + held
+        right = design.T @ (scaled * apart) + held @ (unknowns - given)
+        step = np.array(spsolve(sparse.csc_array(normal), right), dtype=np.float64).ravel()
+        unknowns = unknowns - step
         return unknowns, lengths()
 
     def lengths() -> Scalars:
-        return np.abs(design @ unknowns) / _noise_gains(samples, unknowns)
+        apart, _ = _differences(samples, unknowns, photos)
+        return np.abs(apart) / _noise_gains(samples, unknowns)
 
-    weigh = partial(huber_weights, limit=HUBER)
+    # Ground that changed between two photos is no noise: it loses all its weight.
+    weigh = partial(cauchy_weights, limit=CAUCHY)
     return solve_robustly(solve, lengths(), weigh, passes=ITERATIONS, least_scale=SMALLEST_SCALE)
 
 
-def _design(samples: _Samples, photos: int) -> sparse.csr_array:
-    count = len(samples.first)
-    rows = np.repeat(np.arange(count), 4)
-    columns = np.column_stack(
-        [2 * samples.first, 2 * samples.first + 1, 2 * samples.second, 2 * samples.second + 1]
-    )
-    ones = np.ones(count)
-    values = np.column_stack([samples.gray_first, ones, -samples.gray_second, -ones])
-    return sparse.csr_array((values.ravel(), (rows, columns.ravel())), shape=(count, 2 * photos))
+def _hold_means(photos: int, unknowns: int) -> sparse.csc_array:
+    """The means over the block are held: else noise would pull every gain down a little."""
+    mean = np.zeros((OF_PHOTO, unknowns))
+    for kind in range(OF_PHOTO):
+        mean[kind, kind : OF_PHOTO * photos : OF_PHOTO] = 1.0
+    rows = sparse.csc_array(mean)
+    # design: so much heavier than all samples that the mean stays to the last digits told
+    return sparse.csc_array(rows.T @ rows) * 1e13
+
+
+def _differences(
+    samples: _Samples, unknowns: Unknowns, photos: int
+) -> tuple[Scalars, sparse.csr_array]:
+    """Corrected gray of the first photo less that of the second, and its derivatives."""
+    count = samples.gray.shape[1]
+    own = unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO)
+    falloff = np.vstack([unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA), np.zeros((1, 2))])
+    apart = np.zeros(count)
+    rows, columns, values = [], [], []
+    for side, sign in enumerate((1.0, -1.0)):
+        photo, camera = samples.photo[side], samples.camera[side]
+        gray, place, powers = samples.gray[side], samples.place[side], samples.powers[side]
+        shading = 1 + (falloff[camera] * powers).sum(axis=1)
+        gain = own[photo, 0]
+        apart += sign * (gain * shading * gray + own[photo, 1] + (own[photo, 2:] * place).sum(1))
+        by_falloff = np.where(camera[:, None] < 0, 0.0, (gain * gray)[:, None] * powers)
+        first = OF_PHOTO * photos + OF_CAMERA * np.maximum(camera, 0)
+        terms = [shading * gray, np.ones(count), place[:, 0], place[:, 1]]
+        for kind, term in enumerate(terms):
+            rows.append(np.arange(count))
+            columns.append(OF_PHOTO * photo + kind)
+            values.append(sign * term)
+        for kind in range(OF_CAMERA if len(unknowns) > OF_PHOTO * photos else 0):
+            rows.append(np.arange(count))
+            columns.append(first + kind)
+            values.append(sign * by_falloff[:, kind])
+    placed = (np.concatenate(rows), np.concatenate(columns))
+    design = sparse.csr_array((np.concatenate(values), placed), shape=(count, len(unknowns)))
+    return apart, design
 
 
 def _noise_gains(samples: _Samples, unknowns: Unknowns) -> Scalars:
     """What gains make of a sample's noise, 1 where both are 1."""
-    gains = unknowns[::2]
-    return np.hypot(gains[samples.first], gains[samples.second]) / np.sqrt(2)
+    gains = unknowns[OF_PHOTO * samples.photo]
+    return np.hypot(gains[0], gains[1]) / np.sqrt(2)

@@ -5,10 +5,9 @@ import pytest
 import rasterio
 import shapely
 
-from core.mosaic.composition import MosaicOptions, compose_mosaic, mosaic_grid
-from core.mosaic.overview import read_overview
-from core.mosaic.radiometry import Balance
-from core.mosaic.seams import area_of, draw_seams
+from core.mosaic.composition import FormerMosaic, MosaicOptions, compose_mosaic, mosaic_grid
+from core.mosaic.edited_seams import EditedSeams
+from core.mosaic.seams import Seam
 from core.raster.grid import Grid
 from tests.core.mosaic.conftest import write_ortho
 
@@ -64,14 +63,13 @@ def test_balanced_mosaic_is_the_ground__truth(block, ground, tmp_path):
 
 def test_single_ortho_stays_as_it_is__law(block, tmp_path):
     product = compose(block[:1], tmp_path)
-    assert product.balances["a"] == Balance(1.0, 0.0)
+    balance = product.balances["a"]
+    assert (balance.gain, balance.offset, balance.tilt) == (1.0, 0.0, (0.0, 0.0))
     assert np.array_equal(read(product.path), read(block[0].path))
 
 
 def test_edited_seams_are_obeyed__truth(block, tmp_path):
-    drawn = draw_seams([area_of(read_overview(ortho, 8)) for ortho in block])
-    whole = shapely.union_all([seam.area for seam in drawn])
-    only = [type(drawn[0])("d", "", whole)]
+    only = [Seam("d", "", shapely.box(*mosaic_grid(block).bounds))]
     product = compose(block, tmp_path, seams=only, options=MosaicOptions(balance=False))
     mosaic, ortho = read(product.path), read(block[3].path)
     column, row = product.grid.grid_from_object(
@@ -100,3 +98,54 @@ def test_mosaic_is_a_cloud_optimized_geotiff__oracle(block, tmp_path):
         assert file.nodata == 0
         assert file.crs.to_epsg() == 32633
     assert sorted(p.name for p in tmp_path.iterdir()) == ["m.tif", "seams.gpkg"]
+
+
+def test_only_tiles_that_a_changed_ortho_touches_are_composed_again__law(block, tmp_path):
+    stamps = {ortho.photo_id: "before" for ortho in block}
+    options = MosaicOptions(tile_px=128, balance=False)
+    first = compose(block, tmp_path, stamps=stamps, options=options)
+    assert first.composed == len(first.tiles)
+    former = FormerMosaic(first.path.rename(tmp_path / "former.tif"), first.tiles)
+    again = compose(block, tmp_path, stamps=stamps, former=former, options=options)
+    assert again.composed == 0
+    assert again.path.read_bytes() == former.path.read_bytes()
+
+    halo = shapely.box(*block[0].grid.bounds).buffer(5, join_style="mitre")
+    touched = [name for name in first.tiles if shapely.intersects(_tile_box(name), halo)]
+    stamps["a"] = "after"
+    changed = compose(block, tmp_path, stamps=stamps, former=former, options=options)
+    assert changed.composed == len(touched) < len(first.tiles)
+    whole = compose(block, tmp_path, stamps=stamps, options=options)
+    assert whole.path.read_bytes() == changed.path.read_bytes()
+
+
+def _tile_box(name):
+    """The ground of a tile by its name: column, row, columns, rows at 1 m from (0, 0)."""
+    column, row, columns, rows = (int(word) for word in name.split())
+    return shapely.box(column, -row - rows, column + columns, -row)
+
+
+def test_only_tiles_that_a_changed_seam_touches_are_composed_again__law(block, tmp_path):
+    stamps = {ortho.photo_id: "same" for ortho in block}
+    options = MosaicOptions(tile_px=128)
+    first = compose(block, tmp_path, stamps=stamps, options=options)
+    former = FormerMosaic(first.path.rename(tmp_path / "former.tif"), first.tiles)
+    west, south, east, north = mosaic_grid(block).bounds
+    patch = shapely.box((west + east) / 2, (south + north) / 2, (west + east) / 2 + 60, north - 300)
+    seams = [Seam(s.photo_id, s.date, s.area.difference(patch)) for s in first.seams]
+    seams.append(Seam("a", "", patch))
+    found = compose(block, tmp_path, seams=seams, stamps=stamps, former=former, options=options)
+    reached = patch.buffer(5, join_style="mitre")
+    assert 0 < found.composed <= sum(shapely.intersects(_tile_box(t), reached) for t in found.tiles)
+    whole = compose(block, tmp_path, seams=seams, stamps=stamps, options=options)
+    assert whole.path.read_bytes() == found.path.read_bytes()
+
+
+def test_what_edited_seams_leave_open_is_shown_all_the_same__law(block, tmp_path):
+    west, south, east, north = mosaic_grid(block).bounds
+    edited = EditedSeams((Seam("d", "", shapely.box(west, south, east, north - 500)),), ())
+    product = compose(block, tmp_path, seams=edited)
+    assert len(product.seams) > 1
+    assert "open" in product.notes[0]
+    shown = compose(block, tmp_path).covered_share
+    assert product.covered_share == shown

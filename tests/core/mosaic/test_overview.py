@@ -7,9 +7,11 @@ from core.mosaic.overview import common_cells, read_overview
 
 def test_overview_cells_coincide__law(block):
     views = [read_overview(ortho, 8) for ortho in block]
-    here, there = common_cells(views[0], views[2])
-    assert len(here) > 200
-    assert np.std(here * 1.1 - 20 - there) < 3.0
+    common = common_cells(views[0], views[2])
+    assert len(common.first) > 200
+    assert np.std(common.first * 1.1 - 20 - common.second) < 3.0
+    cell = views[0].grid.grid_from_object(common.places).astype(int)
+    assert np.array_equal(views[0].values[cell[:, 1], cell[:, 0]], common.first.astype("float32"))
 
 
 def test_coarser_overview_is_the_overview_of_larger_cells__law(block):

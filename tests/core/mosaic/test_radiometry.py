@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.mosaic.overview import read_overview
-from core.mosaic.radiometry import balance_orthos
+from core.mosaic.radiometry import Balance, FilmPlane, balance_orthos, film_plane
 from core.raster.grid import Grid
 from tests.core.mosaic.conftest import write_ortho
 
@@ -33,3 +33,89 @@ def test_changed_fields_do_not_bend_the_balance__truth(tmp_path):
     ]
     found = balance_orthos(views)
     assert found["b"].gain * 0.7 == pytest.approx(found["a"].gain, rel=0.02)
+
+
+def test_vignetting_gain_and_tilt_are_found_again__truth(tmp_path):
+    """Six photos in two strips; corrected, all show the ground but for one tone of the block."""
+    rng = np.random.default_rng(6)
+    side = 480
+    fields = np.kron(rng.uniform(60, 170, (80, 100)), np.ones((12, 12)))
+    put_in = [
+        (1.0, 0, 6, -4),
+        (0.9, 10, -8, 3),
+        (1.1, -8, 3, 7),
+        (0.95, 4, 5, 5),
+        (1.05, -5, -6, -6),
+        (1.0, 2, 0, -5),
+    ]
+    orthos, planes = [], {}
+    for number, (gain, offset, tilt_east, tilt_north) in enumerate(put_in):
+        row, column = divmod(number, 3)
+        top, left = 300 * row, 200 * column
+        grid = Grid(1000.0 + left, 5000.0 - top, 1.0, side, side)
+        eastings, northings = grid.centres()
+        x, y = (
+            (eastings - eastings.mean())[None, :] / 240,
+            (northings - northings.mean())[:, None] / 240,
+        )
+        squared = (x**2 + y**2) / 2
+        shade = 1 - 0.25 * squared - 0.1 * squared**2
+        truth = fields[top : top + side, left : left + side]
+        gray = (gain * truth + offset + tilt_east * x + tilt_north * y) * shade
+        gray += rng.normal(0, 3, gray.shape)
+        name, nadir = f"p{number}", (float(eastings.mean()), float(northings.mean()))
+        written = np.clip(np.rint(gray), 1, 255).astype(np.uint8)
+        orthos.append(write_ortho(tmp_path / f"{name}.tif", name, grid, written, nadir))
+        # Level ground below a camera that looks straight down: half a diagonal is 240 * sqrt(2) m.
+        scale = 1 / (240 * np.sqrt(2))
+        planes[name] = FilmPlane(
+            "wide", nadir, ((scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, 1.0))
+        )
+    views = [read_overview(ortho, 4) for ortho in orthos]
+
+    def misfit(balances):
+        shown, truths = [], []
+        for number, view in enumerate(views):
+            row, column = divmod(number, 3)
+            top, left = 75 * row, 50 * column
+            small = fields.reshape(240, 4, 300, 4).mean(axis=(1, 3))
+            truths.append(small[top : top + 120, left : left + 120].ravel())
+            shown.append(balances[view.photo_id].corrected(view.values, view.grid).ravel())
+        shown, truths = np.concatenate(shown), np.concatenate(truths)
+        slope, constant = np.polyfit(truths, shown, 1)
+        return float(np.sqrt(np.mean(((shown - constant) / slope - truths) ** 2)))
+
+    found = balance_orthos(views, planes=planes)
+    untouched = {view.photo_id: Balance() for view in views}
+    assert misfit(untouched) > 10
+    assert misfit(found) < 2
+    # Without the camera the corners stay dark.
+    assert misfit(balance_orthos(views)) > 2 * misfit(found)
+
+
+def test_ground_meets_the_film_where_rays_do__truth(scene):
+    photo = scene.photo("t", 40.0, -30.0, kappa=0.4)
+    plane, camera = film_plane(photo, scene.camera), scene.camera
+    rng = np.random.default_rng(3)
+    centre = photo.exterior.centre
+    places = np.column_stack([centre[:2] + rng.uniform(-250, 250, (20, 2)), np.full(20, 300.0)])
+    film = photo.interior.film_from_pixel(photo.pixel_from_object(places, camera))
+    away = film - np.array(camera.principal_point_mm)
+    expected = (away**2).sum(axis=1) / (np.hypot(*camera.frame_mm) / 2) ** 2
+    # Lens distortion and earth's curvature, which tones need not know.
+    assert np.allclose(plane.radii(places[:, 0], places[:, 1]), expected, rtol=0.01)
+
+
+def test_a_correction_is_the_same_in_every_part__law():
+    balance = Balance(
+        1.1,
+        -3.0,
+        (0.01, -0.02),
+        (1200.0, 3100.0),
+        (0.2, 0.1),
+        FilmPlane("wide", (1200.0, 3100.0), ((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (1e-6, 0.0, 1.0))),
+    )
+    whole = Grid(1000.0, 3300.0, 0.5, 90, 70)
+    gray = np.random.default_rng(1).uniform(1, 255, (70, 90)).astype(np.float32)
+    part = balance.corrected(gray[13:60, 7:81], whole.window(7, 13, 74, 47))
+    assert np.array_equal(part, balance.corrected(gray, whole)[13:60, 7:81])

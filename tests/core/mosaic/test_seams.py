@@ -1,46 +1,118 @@
-"""Seams divide what the photos show by nearest nadir."""
+"""Seams divide exactly what the photos show, where the photos agree and away from buildings."""
+
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import shapely
 
-from core.mosaic.overview import read_overview
-from core.mosaic.seams import area_of, draw_seams, read_seams, write_seams
+from core.mosaic.seam_cut import SeamGuides, label_ground
+from core.mosaic.seam_views import SeamView
+from core.mosaic.seams import outline_seams, read_seams, write_seams
+from core.raster.grid import Grid
 from tests.core.mosaic.conftest import CRS
 
-
-def test_seams_are_a_partition_by_nearest_nadir__truth(block):
-    views = [read_overview(ortho, 8) for ortho in block]
-    seams = draw_seams([area_of(view) for view in views], {"a": "1938-07-09"})
-    assert seams[0].date == "1938-07-09"
-    areas = [seam.area for seam in seams]
-    whole = shapely.union_all(areas)
-    assert sum(area.area for area in areas) == pytest.approx(whole.area, rel=1e-9)
-    rng = np.random.default_rng(3)
-    west, south, east, north = whole.bounds
-    nadirs = np.array([ortho.nadir for ortho in block])
-    for place in rng.uniform((west, south), (east, north), (300, 2)):
-        point = shapely.Point(place)
-        inside = [k for k, view in enumerate(views) if _well_inside(view, place, 20.0)]
-        if not inside:
-            continue
-        nearest = inside[int(np.argmin(np.linalg.norm(nadirs[inside] - place, axis=1)))]
-        others = np.linalg.norm(nadirs - place, axis=1)
-        if len(inside) == 4 or np.argmin(others) == nearest:
-            assert areas[nearest].distance(point) < 1e-6
+CELL, SIDE = 2.0, 160
 
 
-def _well_inside(view, place, distance):
-    ring = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)]
-    cells = view.grid.grid_from_object(place + distance * np.array(ring, dtype=float)).astype(int)
-    if (cells < 0).any() or (cells >= [view.grid.columns, view.grid.rows]).any():
-        return False
-    return bool(view.full[cells[:, 1], cells[:, 0]].all())
+@pytest.fixture
+def views():
+    """Three photos in a row over the same detail, each with grain of its own."""
+    rng = np.random.default_rng(4)
+    ground = np.kron(rng.uniform(60, 190, (20, 50)), np.ones((8, 8)))
+    made = []
+    for number in range(3):
+        across = 60 * number
+        gray = ground[:SIDE, across : across + SIDE] + rng.normal(0, 2, (SIDE, SIDE))
+        shown, inner = np.ones((2, SIDE, SIDE), dtype=bool)
+        inner[:] = False
+        inner[5:-5, 5:-5] = True
+        grid = Grid(1000 + CELL * across, 3000.0, CELL, SIDE, SIDE)
+        nadir = (1000 + CELL * (across + SIDE / 2), 3000 - CELL * SIDE / 2)
+        made.append(
+            SeamView(f"p{number}", nadir, grid, gray.astype(np.float16), shown, shown, inner)
+        )
+    return made
 
 
-def test_seams_are_read_back__law(block, tmp_path):
-    seams = draw_seams([area_of(read_overview(ortho, 8)) for ortho in block], {"b": "1938"})
+def outlined(views, **more):
+    return outline_seams(label_ground(views, **more), [view.photo_id for view in views])
+
+
+def borders(seams):
+    return shapely.union_all(
+        [a.area.intersection(b.area) for k, a in enumerate(seams) for b in seams[:k]]
+    )
+
+
+def test_seams_are_an_exact_partition_of_what_is_shown__law(views):
+    seams = outlined(views)
+    whole = shapely.union_all([seam.area for seam in seams])
+    assert sum(seam.area.area for seam in seams) == pytest.approx(whole.area, rel=1e-12)
+    assert shapely.coverage_is_valid([seam.area for seam in seams])
+    shown = shapely.union_all([shapely.box(*view.grid.bounds) for view in views])
+    assert shown.difference(whole).area == 0
+    # Grown by a cell all round, no more.
+    assert whole.difference(shown.buffer(CELL, join_style="mitre")).area < 1e-6
+
+
+def test_seams_by_nadir_lie_midway__truth(views):
+    seams = outlined(views, by_nadir=True)
+    lines = borders(seams)
+    eastings = {line.centroid.x for line in shapely.get_parts(lines)}
+    middles = [(a.nadir[0] + b.nadir[0]) / 2 for a, b in pairwise(views)]
+    assert all(min(abs(east - middle) for middle in middles) <= CELL for east in eastings)
+
+
+def test_a_seam_goes_round_what_one_photo_shows_otherwise__truth(views):
+    changed = views[1].gray.copy()
+    changed[40:110, 35:65] += 90
+    views[1] = replace(views[1], gray=changed)
+    west, north = views[1].grid.west, views[1].grid.north
+    place = shapely.box(west + 37 * CELL, north - 108 * CELL, west + 63 * CELL, north - 42 * CELL)
+    through = [
+        borders(outlined(views, by_nadir=flag)).intersection(place).length for flag in (True, False)
+    ]
+    assert through[0] > 60 * CELL
+    assert through[1] == 0
+
+
+def test_seams_keep_five_metres_from_buildings__truth(views):
+    rng = np.random.default_rng(8)
+    places = rng.uniform((1000, 2690), (1560, 2990), (60, 2))
+    houses = tuple(shapely.box(e, n, e + 12, n + 9) for e, n in places)
+    near = shapely.union_all(shapely.buffer(np.array(houses, dtype=object), 5.0))
+    by_nadir = borders(outlined(views, by_nadir=True))
+    seams = borders(outlined(views, guides=SeamGuides(buildings=houses)))
+    assert by_nadir.intersection(near).length > 30
+    assert seams.intersection(near).length == 0
+
+
+def test_a_seam_follows_a_road_near_its_way__truth(views):
+    plain = [
+        SeamView(
+            v.photo_id, v.nadir, v.grid, v.gray * 0 + np.float16(100), v.full, v.touched, v.inner
+        )
+        for v in views[:2]
+    ]
+    middle = (plain[0].nadir[0] + plain[1].nadir[0]) / 2
+    road = shapely.LineString([(middle + 14, 3000), (middle + 14, 2680)])
+    seams = borders(outlined(plain, guides=SeamGuides(roads=(road,))))
+    along = seams.intersection(road.buffer(5)).length
+    assert along > 0.7 * seams.length
+    assert borders(outlined(plain)).intersection(road.buffer(5)).length < 0.1 * seams.length
+
+
+def test_seams_are_the_same_at_every_run__law(views):
+    first, again = outlined(views), outlined(views)
+    assert all(a.area.equals_exact(b.area) for a, b in zip(first, again, strict=True))
+
+
+def test_seams_are_read_back__law(views, tmp_path):
+    dates = {"p1": "1938-07-09"}
+    seams = outline_seams(label_ground(views), [view.photo_id for view in views], dates)
     write_seams(seams, tmp_path / "seams.gpkg", CRS)
     again = read_seams(tmp_path / "seams.gpkg")
-    assert [(s.photo_id, s.date) for s in again] == [(s.photo_id, s.date) for s in seams]
+    assert [(s.photo_id, s.date) for s in again] == [("p0", ""), ("p1", "1938-07-09"), ("p2", "")]
     assert all(a.area.equals(b.area) for a, b in zip(again, seams, strict=True))

@@ -1,0 +1,169 @@
+"""The mosaic in a block's results: edited seams are kept, tiles that are still right taken over."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import shapely
+from pyogrio.errors import DataLayerError, DataSourceError
+from pyproj import CRS
+from shapely.geometry.base import BaseGeometry
+
+from app.project import Project
+from core.block import Photo
+from core.formats.vectors import read_layers
+from core.geometry.camera import Camera
+from core.geometry.crs import Bounds, parse_crs
+from core.mosaic.composition import (
+    FormerMosaic,
+    MosaicOptions,
+    MosaicProduct,
+    compose_mosaic,
+    mosaic_grid,
+)
+from core.mosaic.edited_seams import read_edited
+from core.mosaic.radiometry import FilmPlane, film_plane
+from core.mosaic.seam_cut import SeamGuides
+from core.mosaic.seams import read_seams
+from core.orthos.rectification import OrthoProduct
+from core.progress import Progress
+from sessions.atomic_write import whole_file
+from sessions.session import Session
+
+FILE, SEAMS = "mosaic.tif", "seams.gpkg"
+TILES = "mosaic-tiles"
+"""Product that keeps the digests of the tiles of the file that is there."""
+DRAWN = "mosaic-seams"
+"""Product that keeps the digest of the seams that the program drew last."""
+
+
+def make_mosaic(
+    session: Session,
+    project: Project,
+    orthos: Sequence[OrthoProduct],
+    progress: Progress,
+    anew: bool = False,
+) -> MosaicProduct:
+    """The mosaic of the orthos, unless it is fresh.
+
+    Seams that were edited in `seams.gpkg` hold and are not written over; without the file they are
+    drawn. Only tiles are composed of which an ortho, its tone or a seam has changed.
+
+    Args:
+        session: Where results are kept.
+        project: For buildings, roads, dates and tones.
+        orthos: All orthos of the block.
+        progress: Told per photo and tile; may raise `Cancelled`.
+        anew: Compose every tile again.
+
+    Raises:
+        ReferenceDataError: Seams were edited so that they cannot be used, or a layer is damaged.
+    """
+    products = session.products
+    target, seams = session.results / FILE, session.results / SEAMS
+    options = MosaicOptions(balance=project.ortho.balance)
+    edited = _edited(session, seams)
+    reference = project.reference
+    layers = (reference.buildings, reference.roads)
+    wanted = (list(orthos), layers, sorted(project.taken.items()), options, edited)
+    inputs = products.digest_of("mosaic", 4, *wanted)
+    kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
+    if kept is not None and seams.is_file():
+        return kept
+    grid = mosaic_grid(orthos)
+    names = [ortho.photo_id for ortho in orthos]
+    mine = None if edited is None else read_edited(seams, project.block.crs, names)
+    tiles = None if anew else products.load_value(TILES, products.digest_of(target))
+    drawing = whole_file(seams) if mine is None else nullcontext(None)
+    with drawing as seams_part, whole_file(target) as mosaic_part:
+        product = compose_mosaic(
+            orthos,
+            grid,
+            mosaic_part,
+            seams_part,
+            seams=mine,
+            dates=project.taken,
+            guides=seam_guides(project, grid.bounds),
+            planes=film_planes(session, names),
+            former=None if tiles is None else FormerMosaic(target, tiles),
+            stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
+            options=options,
+            progress=progress,
+        )
+        if seams_part is not None:
+            _remember_drawn(session, seams_part)
+    product = replace(product, path=target)
+    products.save_value(TILES, products.digest_of(target), product.tiles)
+    products.save_value("mosaic", products.digest_of(inputs, target), product)
+    return product
+
+
+def seam_guides(project: Project, bounds: Bounds) -> SeamGuides:
+    """Buildings and roads of a block within bounds.
+
+    Raises:
+        ReferenceDataError: A layer cannot be read.
+    """
+    crs, reference = parse_crs(project.block.crs, project.file), project.reference
+    buildings = () if reference.buildings is None else (reference.buildings,)
+    return SeamGuides(_shapes(buildings, crs, bounds, 2), _shapes(reference.roads, crs, bounds, 1))
+
+
+def _shapes(
+    files: Sequence[Path], crs: CRS, bounds: Bounds, dimension: int
+) -> tuple[BaseGeometry, ...]:
+    """Polygons (of dimension 2) or lines (1) of some layers."""
+    found: list[BaseGeometry] = []
+    for file in files:
+        for layer in read_layers(file, crs, bounds, attributes=False):
+            parts = shapely.get_parts(layer.geometries)
+            found.extend(parts[shapely.get_dimensions(parts) == dimension])
+    return tuple(found)
+
+
+def film_planes(session: Session, photo_ids: Sequence[str]) -> Mapping[str, FilmPlane]:
+    """Where the ground lies on the film each ortho was made from."""
+    made: dict[str, FilmPlane] = {}
+    for name in photo_ids:
+        kept = cast(
+            "tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}")
+        )
+        if kept is not None:
+            made[name] = film_plane(*kept)
+    return made
+
+
+def _edited(session: Session, seams: Path) -> str | None:
+    """Digest of what the file of seams holds where the program did not draw it."""
+    if not seams.is_file():
+        return None
+    content = _content(session, seams)
+    return None if content in _drawn(session) else content
+
+
+def _drawn(session: Session) -> tuple[str, ...]:
+    """Digests of the seams that the program drew last and before."""
+    products = session.products
+    kept: tuple[str, ...] | None = products.load_value(DRAWN, products.digest_of(DRAWN))
+    if kept is not None:
+        return kept
+    # Earlier versions kept only what they composed, and composed what they drew.
+    former = cast("MosaicProduct | None", products.latest_value("mosaic"))
+    return () if former is None else (products.digest_of(DRAWN, list(former.seams)),)
+
+
+def _remember_drawn(session: Session, seams: Path) -> None:
+    """Keep what was drawn, before its file takes the place of the last: either may be there."""
+    products = session.products
+    both = (_content(session, seams), *_drawn(session)[:1])
+    products.save_value(DRAWN, products.digest_of(DRAWN), both)
+
+
+def _content(session: Session, seams: Path) -> str:
+    """Digest of the seams in a file, whatever a GIS that only opened it wrote around them."""
+    try:
+        return session.products.digest_of(DRAWN, list(read_seams(seams)))
+    except (DataSourceError, DataLayerError, KeyError):
+        return session.products.digest_of(DRAWN, seams)

@@ -1,0 +1,167 @@
+"""The mosaic of a block: edited seams hold, and what is still right is taken over."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pyogrio.raw
+import pytest
+import shapely
+
+from app.mosaic import make_mosaic, seam_guides
+from app.project import BlockSection, ListedScan, Project, ReferenceSection, ScansSection
+from core.errors import ReferenceDataError
+from core.formats.vectors import write_polygons
+from core.mosaic.seams import read_seams, write_seams
+from core.progress import SILENT
+from core.raster.grid import Grid
+from sessions.session import Session
+from tests.core.mosaic.conftest import CRS, write_ortho
+
+WEST, NORTH, SIDE = 500_000.0, 4_101_000.0, 400
+
+
+@pytest.fixture
+def block(tmp_path):
+    """A project, its session and the orthos of two photos that overlap by half."""
+    rng = np.random.default_rng(9)
+    ground = np.kron(rng.integers(60, 190, (20, 40)), np.ones((20, 20))).astype(np.uint8)
+    orthos = []
+    for number, name in enumerate(("a", "b")):
+        left = 200 * number
+        grid = Grid(WEST + left, NORTH, 1.0, SIDE, SIDE)
+        nadir = (WEST + left + SIDE / 2, NORTH - SIDE / 2)
+        values = ground[:, left : left + SIDE]
+        orthos.append(write_ortho(tmp_path / f"{name}.tif", name, grid, values, nadir))
+    listed = tuple(ListedScan(n, tmp_path / f"{n}.tif", "wide", 15.0, "1938-05-16") for n in "ab")
+    project = Project(
+        tmp_path / "block.toml",
+        BlockSection("pair", CRS),
+        {},
+        ScansSection(listed),
+        ReferenceSection(),
+    )
+    with Session.open(tmp_path, "tester") as session:
+        yield project, session, orthos
+
+
+def made(block, **more):
+    project, session, orthos = block
+    return make_mosaic(session, project, orthos, SILENT, **more)
+
+
+def edited(path):
+    """The seams written again by hand, with the border moved 30 m to the east."""
+    a, b = read_seams(path)
+    strip = shapely.box(WEST, NORTH - SIDE, b.area.bounds[0] + 30, NORTH).intersection(b.area)
+    moved = replace(a, area=a.area.union(strip)), replace(b, area=b.area.difference(strip))
+    path.unlink()
+    write_seams(moved, path, CRS)
+    return [seam.area.area for seam in moved]
+
+
+def test_seams_carry_the_date_of_their_photo__truth(block):
+    made(block)
+    seams = read_seams(block[1].results / "seams.gpkg")
+    assert {seam.photo_id: seam.date for seam in seams} == dict.fromkeys("ab", "1938-05-16")
+
+
+def test_nothing_is_made_twice__law(block):
+    made(block)
+    stamp = (block[1].results / "mosaic.tif").stat().st_mtime_ns
+    made(block)
+    assert (block[1].results / "mosaic.tif").stat().st_mtime_ns == stamp
+
+
+def test_edited_seams_hold_and_are_not_written_over__law(block):
+    made(block)
+    path = block[1].results / "seams.gpkg"
+    areas, content = edited(path), path.read_bytes()
+    found = made(block)
+    assert [seam.area.area for seam in found.seams] == pytest.approx(areas)
+    assert path.read_bytes() == content
+    # Not even where all is made again, and after another ortho has changed.
+    project, session, orthos = block
+    orthos[0].path.touch()
+    again = make_mosaic(session, project, orthos, SILENT)
+    assert [seam.area.area for seam in again.seams] == pytest.approx(areas)
+    made(block, anew=True)
+    assert path.read_bytes() == content
+    path.unlink()
+    drawn = made(block)
+    assert [seam.area.area for seam in drawn.seams] != pytest.approx(areas)
+    assert read_seams(path)[0].area.equals(drawn.seams[0].area)
+
+
+def test_a_file_that_a_gis_only_opened_counts_as_drawn__law(block):
+    made(block)
+    path = block[1].results / "seams.gpkg"
+    seams = read_seams(path)
+    path.unlink()
+    write_seams(seams, path, CRS)
+    pyogrio.raw.write(
+        path,
+        geometry=shapely.to_wkb(np.array([shapely.Point(0, 0)], dtype=object)),
+        field_data=[],
+        fields=[],
+        geometry_type="Point",
+        crs=CRS,
+        driver="GPKG",
+        layer="layer_styles",
+        append=True,
+    )
+    project, session, orthos = block
+    buildings = project.folder / "houses.gpkg"
+    east = seams[0].area.bounds[2]
+    house = shapely.box(east - 10, NORTH - 210, east, NORTH - 190)
+    write_polygons(buildings, "houses", [house], {}, crs=CRS)
+    with_houses = replace(project, reference=ReferenceSection(buildings=buildings))
+    found = make_mosaic(session, with_houses, orthos, SILENT)
+    border = found.seams[0].area.intersection(found.seams[1].area)
+    assert border.distance(house) >= 5.0
+    assert read_seams(path)[0].area.equals(found.seams[0].area)
+
+
+def test_an_edit_composes_only_what_it_touches_to_the_same_bytes__law(block):
+    made(block)
+    path = block[1].results / "seams.gpkg"
+    edited(path)
+    made(block)
+    target = block[1].results / "mosaic.tif"
+    part = target.read_bytes()
+    made(block, anew=True)
+    assert target.read_bytes() == part
+
+
+def test_seams_of_an_earlier_version_are_drawn_again__law(block):
+    first = made(block)
+    shutil.rmtree(block[1].products.folder / "mosaic-seams")
+    block[2][0].path.touch()
+    again = made(block)
+    assert [seam.photo_id for seam in again.seams] == [seam.photo_id for seam in first.seams]
+    assert (block[1].products.folder / "mosaic-seams").is_dir()
+
+
+def test_edited_seams_of_nothing_are_refused_and_leave_the_mosaic__truth(block):
+    made(block)
+    target, path = (block[1].results / name for name in ("mosaic.tif", "seams.gpkg"))
+    before = target.read_bytes()
+    path.write_bytes(b"no geopackage")
+    with pytest.raises(ReferenceDataError, match=r"seams\.gpkg"):
+        made(block)
+    assert target.read_bytes() == before
+    assert path.read_bytes() == b"no geopackage"
+
+
+def test_guides_are_the_polygons_and_lines_of_the_reference__truth(block):
+    project = block[0]
+    house, far = (
+        shapely.box(WEST + 10, NORTH - 20, WEST + 20, NORTH - 10),
+        shapely.box(WEST, NORTH - 900, WEST + 9, NORTH - 890),
+    )
+    path = project.folder / "houses.gpkg"
+    write_polygons(path, "houses", [house, far], {}, crs=CRS)
+    given = replace(project, reference=ReferenceSection(buildings=path))
+    guides = seam_guides(given, (WEST, NORTH - 100, WEST + 100, NORTH))
+    assert [shape.equals(house) for shape in guides.buildings] == [True]
+    assert guides.roads == ()
