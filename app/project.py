@@ -25,7 +25,7 @@ from core.formats.point_list import read_control_points
 from core.formats.stac import time_span
 from core.geometry.camera import Camera
 from core.geometry.collinearity import CORRECTIONS
-from core.geometry.crs import check_range, parse_crs, read_crs
+from core.geometry.crs import bounds_of, check_range, parse_crs, read_crs
 from core.georeference import archive
 from core.literature.baselines import operator_named
 from core.literature.dense_descriptors import has_akaze
@@ -474,8 +474,7 @@ def _reference_files(
     control = [point for point in listed if point.role != "check"]
     known = [point.height for point in control if point.role != "plan"]
     plan = np.array([(p.easting, p.northing) for p in control if p.role != "height"]).reshape(-1, 2)
-    low, high = plan.min(axis=0, initial=np.inf), plan.max(axis=0, initial=-np.inf)
-    area = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    area = bounds_of(plan)
     return ReferenceFiles(
         crs=crs,
         ortho=reference.ortho,

@@ -124,7 +124,7 @@ def _photos(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
     for photo_id, known in block.photos.items():
         photo = report.block.photos.get(photo_id, known)
         exterior, sigmas = photo.exterior, report.exterior_sigmas.get(photo_id)
-        angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa])
+        angles = np.degrees(exterior.angles)
         centre_sigmas = _NOWHERE if sigmas is None else sigmas.centre_m
         angle_sigmas = _NOWHERE if sigmas is None else np.degrees(sigmas.angles)
         orientation = (*exterior.centre, *angles, *centre_sigmas, *angle_sigmas)

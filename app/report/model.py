@@ -323,7 +323,7 @@ def _exterior_figures(report: AdjustmentReport, before: Block | None) -> list[di
                 "scan": name,
                 "oriented": photo.oriented,
                 "centre_m": exterior.centre.tolist(),
-                "angles_deg": np.degrees([exterior.omega, exterior.phi, exterior.kappa]).tolist(),
+                "angles_deg": np.degrees(exterior.angles).tolist(),
                 "ground_pixel_m": photo.ground_pixel_m(report.block.camera_of(name)),
                 "sigma_centre_m": None if sigmas is None else sigmas.centre_m.tolist(),
                 "sigma_angles_deg": None if sigmas is None else np.degrees(sigmas.angles).tolist(),

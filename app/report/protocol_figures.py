@@ -323,7 +323,7 @@ def _exterior(report: AdjustmentReport) -> dict[str, Any]:
             {
                 "scan": name,
                 "centre_m": exterior.centre.tolist(),
-                "angles_deg": np.degrees([exterior.omega, exterior.phi, exterior.kappa]).tolist(),
+                "angles_deg": np.degrees(exterior.angles).tolist(),
                 "sigma_centre_m": sigmas.centre_m.tolist(),
                 "sigma_angles_deg": np.degrees(sigmas.angles).tolist(),
             }

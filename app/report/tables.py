@@ -138,7 +138,7 @@ def exterior_rows(report: AdjustmentReport) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
     for photo_id, photo in report.block.photos.items():
         exterior, sigmas = photo.exterior, report.exterior_sigmas.get(photo_id)
-        angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa])
+        angles = np.degrees(exterior.angles)
         rows.append(
             [
                 photo_id,

@@ -61,11 +61,14 @@ class _Judged:
     columns: Float64[np.ndarray, "unknowns rows"]
     """Q A^T."""
 
+    def _inverse(self, number: int) -> Float64[np.ndarray, "own own"]:
+        """M_ii^-1 of a unit."""
+        own = self.rows[number]
+        return np.linalg.pinv(self.remaining[own, own], rcond=SINGULAR, hermitian=True)
+
     def deleted(self, number: int) -> Scalars:
         """What a unit says against all others, in standard deviations by coordinate."""
-        own = self.rows[number]
-        inverse = np.linalg.pinv(self.remaining[own, own], rcond=SINGULAR, hermitian=True)
-        return inverse @ self.residuals[own]
+        return self._inverse(number) @ self.residuals[self.rows[number]]
 
     def test(self, number: int) -> float:
         """Its length in standard deviations."""
@@ -74,8 +77,7 @@ class _Judged:
 
     def leave_out(self, number: int) -> None:
         """Judge the rest without a unit from now on."""
-        own = self.rows[number]
-        inverse = np.linalg.pinv(self.remaining[own, own], rcond=SINGULAR, hermitian=True)
+        own, inverse = self.rows[number], self._inverse(number)
         share = inverse @ self.remaining[own]
         self.residuals = self.residuals - self.remaining[:, own] @ inverse @ self.residuals[own]
         self.columns = self.columns - self.columns[:, own] @ share

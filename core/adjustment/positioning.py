@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float64, Int
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import Photo
 from core.geometry.camera import Camera
+from core.geometry.crs import PlanePoints
 from core.geometry.robust import TINY
 
 # design: no archive knows a centre to ten metres, every receiver in flight does.
@@ -135,7 +136,7 @@ def strips_of(photos: Sequence[Photo], sides_m: Sequence[float]) -> Int[np.ndarr
         photos: Photos with their orientations.
         sides_m: Side of the ground each photo shows, metres.
     """
-    centres = np.array([photo.exterior.centre[:2] for photo in photos]).reshape(-1, 2)
+    centres = _plan_centres(photos)
     kappas = np.array([photo.exterior.kappa for photo in photos])
     sides = np.asarray(sides_m, dtype=np.float64)
     numbers = np.full(len(photos), -1, dtype=np.int64)
@@ -193,11 +194,16 @@ def _grow(
             waiting.append(other)
 
 
+def _plan_centres(photos: Sequence[Photo]) -> PlanePoints:
+    """Easting and northing of the perspective centres."""
+    return np.array([photo.exterior.centre[:2] for photo in photos]).reshape(-1, 2)
+
+
 def places_along(
     photos: Sequence[Photo], strips: Int[np.ndarray, "photos"]
 ) -> Float64[np.ndarray, "photos"]:
     """Place of each photo along its strip, -1 at the first to +1 at the last; 0 when alone."""
-    centres = np.array([photo.exterior.centre[:2] for photo in photos]).reshape(-1, 2)
+    centres = _plan_centres(photos)
     places = np.zeros(len(photos))
     for number in np.unique(strips).tolist():
         members = np.flatnonzero(strips == number)

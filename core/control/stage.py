@@ -256,15 +256,10 @@ def movement(before: Block, report: AdjustmentReport) -> float:
         if then is None or not then.oriented:
             return float("inf")
         centre = now.exterior.centre - then.exterior.centre
-        angles = _angles(now) - _angles(then)
+        angles = now.exterior.angles - then.exterior.angles
         turned = np.arctan2(np.sin(angles), np.cos(angles))
         moved.append(np.concatenate([centre / sigmas.centre_m, turned / sigmas.angles]))
     return float(np.sqrt(np.mean(np.square(moved)))) if moved else float("inf")
-
-
-def _angles(photo: Photo) -> np.ndarray:
-    """omega, phi, kappa of a photo, radians."""
-    return np.array([photo.exterior.omega, photo.exterior.phi, photo.exterior.kappa])
 
 
 def with_true_worth(

@@ -48,7 +48,7 @@ def write_arcgis(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         distance = principal_distance_mm(block, name)
         seen.setdefault(camera.name, distance)
         turned = photo.exterior
-        angles = np.degrees([turned.omega, turned.phi, turned.kappa])
+        angles = np.degrees(turned.angles)
         film = _film_from_pixel(photo.pixel_from_image, distance, camera.principal_point_mm)
         numbers = [*turned.centre.tolist(), *angles.tolist(), *film]
         rows.append([len(rows) + 1, photo.file, camera.name, *numbers, block.crs])

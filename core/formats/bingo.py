@@ -29,11 +29,11 @@ from core.formats.film_rays import (
     refuse_twice,
     refuse_unknown,
     untested,
+    without_sigmas,
 )
 from core.formats.records import Record, one_word, read_records, write_lines
 from core.formats.rotations import FULL_TURN, RADIANS, angles_of, rotation_of
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
-from core.said import say
 
 IMAGE, GEO, CAMERAS = "image.dat", "geoin.dat", "cameras.txt"
 """Files of the folder; the last one is ours."""
@@ -60,10 +60,8 @@ def write_bingo(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         if camera in block.cameras and block.photos[name].pixel_from_image is not None
     ]
     write_lines(path / CAMERAS, cameras)
-    lost = [*not_oriented(block.photos.values())]
-    if any(photo.sigma_centre_m for photo in block.photos.values()):
-        lost.append(say("Standard deviations of orientations are left out."))
-    return (*notes, *lost, untested())
+    photos = block.photos.values()
+    return (*notes, *not_oriented(photos), *without_sigmas(photos), untested())
 
 
 def _image_lines(block: ExchangeBlock, rays: Sequence[FilmRay]) -> Iterator[str]:

@@ -255,6 +255,13 @@ def photo_groups(path: Path, comment: str = "") -> list[tuple[Record, list[Recor
     return groups
 
 
+def without_sigmas(photos: Iterable[ExchangePhoto]) -> tuple[str, ...]:
+    """A sentence on standard deviations of orientations that a format cannot hold."""
+    if any(photo.sigma_centre_m for photo in photos):
+        return (say("Standard deviations of orientations are left out."),)
+    return ()
+
+
 def not_oriented(photos: Iterable[ExchangePhoto]) -> tuple[str, ...]:
     """A word on photos that go out without, where there are any."""
     missing = sum(photo.exterior is None for photo in photos)

@@ -120,7 +120,7 @@ def _photo_feature(photo: ExchangePhoto, ring: list[list[float]] | None) -> dict
     if photo.exterior is not None:
         turned = photo.exterior
         fields |= dict(zip(("X", "Y", "Z"), turned.centre.tolist(), strict=True))
-        angles = np.degrees([turned.omega, turned.phi, turned.kappa]).tolist()
+        angles = np.degrees(turned.angles).tolist()
         fields |= dict(zip(("omega_deg", "phi_deg", "kappa_deg"), angles, strict=True))
         sigmas = (photo.sigma_centre_m, photo.sigma_angles)
         fields["sigma_m"] = None if sigmas[0] is None else list(sigmas[0])

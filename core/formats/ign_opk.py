@@ -306,7 +306,7 @@ def write_opk(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     for name, photo in oriented.items():
         assert photo.exterior is not None
         turned = photo.exterior
-        angles = np.degrees([turned.omega, turned.phi, turned.kappa])
+        angles = np.degrees(turned.angles)
         numbers = [repr(float(value)) for value in (*turned.centre, *angles)]
         lines.append("\t".join([one_word(name), *numbers, one_word(photo.camera or "-")]))
     write_lines(path / "block.OPK", lines)

@@ -30,11 +30,11 @@ from core.formats.film_rays import (
     refuse_twice,
     untested,
     with_interiors,
+    without_sigmas,
 )
 from core.formats.records import Record, one_word, read_records, write_lines
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
-from core.said import say
 
 ROUND = 1e-6  # design: twelve digits of a matrix leave far less.
 """How far a matrix may be from a rotation."""
@@ -66,10 +66,7 @@ def write_inpho(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         lines.append(" ".join(["  " + one_word(point.point_id), *cells]))
     lines += ["$END_POINTS"]
     write_lines(path, lines)
-    lost: list[str] = []
-    if any(photo.sigma_centre_m for photo in block.photos.values()):
-        lost.append(say("Standard deviations of orientations are left out."))
-    return (*notes, *lost, untested())
+    return (*notes, *without_sigmas(block.photos.values()), untested())
 
 
 def _camera_lines(block: ExchangeBlock, photo: ExchangePhoto) -> Iterator[str]:

@@ -227,7 +227,7 @@ def _write_opk(path: Path, block: ExchangeBlock, frames: Mapping[str, FrameCamer
     for name, frame in frames.items():
         _, _, exterior = from_frame_camera(frame)
         if exterior is not None:
-            angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa])
+            angles = np.degrees(exterior.angles)
             matrix = exterior.object_from_image.T.ravel()
             values = [*exterior.centre, *angles, *matrix]
             cells = [block.photos[name].file, *(digits([value]) for value in values)]

@@ -15,6 +15,7 @@ from core.errors import ExchangeError
 from core.formats.exchange import FLIP, Pair, Triple
 from core.formats.micmac_lens import MicmacLens
 from core.formats.micmac_points import UNSAID, said_sigma
+from core.formats.rotations import is_rotation
 from core.formats.xml_files import (
     AGAIN,
     Element,
@@ -23,6 +24,7 @@ from core.formats.xml_files import (
     digits,
     number_of,
     numbers_of,
+    own_number,
     read_xml,
     text_of,
     trimmed,
@@ -123,8 +125,7 @@ def _rotation(place: Element, convention: str, path: Path) -> Rotation:
     matrix = place.find("ParamRotation/CodageMatr")
     if matrix is not None and convention in (FORWARDS, BACKWARDS):
         rows = np.array([numbers_of(matrix, f"L{n}", 3, path) for n in (1, 2, 3)])
-        # design: digits that a file keeps; what is farther off is no rotation.
-        if not np.allclose(rows @ rows.T, np.eye(3), atol=1e-6) or np.linalg.det(rows) < 0:
+        if not is_rotation(rows):
             raise ExchangeError(path, "L1, L2, L3 are no rotation.", AGAIN)
         return rows @ FLIP
     if place.find("ParamRotation/CodageAngulaire") is not None and convention in ANGLES:
@@ -219,22 +220,12 @@ def _lens(one: Element, focal: float, backwards: bool, path: Path) -> tuple[Micm
         return None, named or " + ".join(each.tag for each in models)
     part = model if model.tag == "ModRad" else child(model, "RadialePart", path)
     centre = _pair(part, "CDist", path)
-    radial = tuple(
-        number_of(holder, "CoeffDist", path)
-        for holder in (_holding(each) for each in part.findall("CoeffDist"))
-    )
+    radial = tuple(own_number(each, path) for each in part.findall("CoeffDist"))
     p1, p2, b1, b2 = (
         number_of(model, tag, path) if model.find(tag) is not None else 0.0
         for tag in ("P1", "P2", "b1", "b2")
     )
     return MicmacLens(focal, pp, centre, radial, (p1, p2), (b1, b2), backwards), model.tag
-
-
-def _holding(element: Element) -> Element:
-    """A parent of this element alone."""
-    parent = ElementTree.Element("of")
-    parent.append(element)
-    return parent
 
 
 def _pair(element: Element, tag: str, path: Path) -> Pair:

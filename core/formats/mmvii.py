@@ -33,6 +33,7 @@ from core.formats.micmac import SAME_PX, camera_of
 from core.formats.micmac_lens import MicmacLens, lens_of_frame
 from core.formats.micmac_orientation import SAME, Calibration
 from core.formats.micmac_points import by_name, one_set, refuse_again
+from core.formats.rotations import is_rotation
 from core.formats.xml_files import (
     AGAIN,
     Element,
@@ -41,6 +42,7 @@ from core.formats.xml_files import (
     digits,
     number_of,
     numbers_of,
+    own_number,
     read_xml,
     text_of,
     trimmed,
@@ -126,8 +128,7 @@ def _photo(path: Path, pose: Element, camera: str, affine: Affine2 | None) -> Ex
     file = text_of(pose, "NameImage", path)
     axes = child(pose, "RotMatrix", path)
     rotation = np.array([numbers_of(axes, f"Axe{n}", 3, path) for n in "IJK"]).T
-    # design: digits that a file keeps; what is farther off is no rotation.
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
+    if not is_rotation(rotation):
         raise ExchangeError(path, "AxeI, AxeJ, AxeK are no rotation.", AGAIN)
     centre = np.array(numbers_of(pose, "Center", 3, path))
     exterior = ExteriorOrientation(centre, *angles_from_rotation(rotation @ FLIP))
@@ -152,7 +153,9 @@ def _calibration(orientation: Path, named: str) -> Calibration:
         raise ExchangeError(path, "F and NbPix must be above nought.", AGAIN)
     x, y = numbers_of(ideal, "PP", 2, path)
     terms = {
-        term.tag.lower(): _term(term, path) for part in one.findall("Distorsion/*") for term in part
+        term.tag.lower(): own_number(term, path)
+        for part in one.findall("Distorsion/*")
+        for term in part
     }
     projection = trimmed(one.find("Projection")) or "Stenope"
     unknown = [name for name, value in terms.items() if value and not TERMS.fullmatch(name)]
@@ -167,13 +170,6 @@ def _calibration(orientation: Path, named: str) -> Calibration:
     model = projection if projection != "Stenope" else ", ".join(unknown)
     size = (width, height)
     return Calibration(path, name, (float(width), float(height)), False, size, lens, model)
-
-
-def _term(element: Element, path: Path) -> float:
-    """The number of a term."""
-    holder = ElementTree.Element("Distorsion")
-    holder.append(element)
-    return number_of(holder, element.tag, path)
 
 
 def _points_and_measures(

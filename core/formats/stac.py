@@ -177,7 +177,7 @@ def _orientation(block: ExchangeBlock, photo: ExchangePhoto) -> dict[str, Any]:
     if photo.pixel_from_image is not None and photo.camera in block.cameras:
         _, _, upright = from_frame_camera(frame_camera(photo, block.camera_of(photo.photo_id)))
         exterior = upright or exterior
-    angles = np.degrees([exterior.omega, exterior.phi, exterior.kappa]).tolist()
+    angles = np.degrees(exterior.angles).tolist()
     code = block.crs.partition(":")[2]
     named = block.crs.upper().startswith("EPSG:") and code.isdecimal()
     fields = {

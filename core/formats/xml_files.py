@@ -125,6 +125,11 @@ def number_of(element: Element, tag: str, path: Path) -> float:
     return numbers_of(element, tag, 1, path)[0]
 
 
+def own_number(element: Element, path: Path) -> float:
+    """The one number of an element itself."""
+    return numbers_in(element.text or "", 1, element.tag, path)[0]
+
+
 def numbers_in(text: str, count: int, tag: str, path: Path) -> tuple[float, ...]:
     """Finite numbers of a text.
 

@@ -90,10 +90,17 @@ def parse_crs(text: str, where: str | Path) -> CRS:
     return crs
 
 
+def bounds_of(points: Num[np.ndarray, "n 2"]) -> Bounds:
+    """The bounds of points; west lies beyond east where there are none."""
+    west, south = points.min(axis=0, initial=np.inf).tolist()
+    east, north = points.max(axis=0, initial=-np.inf).tolist()
+    return west, south, east, north
+
+
 def shared_bounds(one: Bounds, other: Bounds) -> Bounds:
     """What two bounds share; west lies beyond east, or south beyond north, where nothing."""
-    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    (west, south), (east, north) = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return float(west), float(south), float(east), float(north)
 
 
 def distance_m(one: Bounds, other: Bounds) -> float:
@@ -235,8 +242,7 @@ def _degrees_around(source: str, points: Num[np.ndarray, "n 2"]) -> Bounds:
         places = places[np.isfinite(places).all(axis=1)]
     if not len(places):
         return -180.0, -90.0, 180.0, 90.0
-    low, high = places.min(axis=0), places.max(axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    return bounds_of(places)
 
 
 def same_coordinates(one: str, other: str, points: Num[np.ndarray, "n 2"]) -> bool:

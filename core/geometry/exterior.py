@@ -30,6 +30,11 @@ class ExteriorOrientation:
         object.__setattr__(self, "centre", locked(self.centre))
 
     @property
+    def angles(self) -> Position:
+        """omega, phi, kappa, radians."""
+        return np.array([self.omega, self.phi, self.kappa])
+
+    @property
     def object_from_image(self) -> Rotation:
         """R = R_omega R_phi R_kappa: turns image space into object space."""
         return rotation_from_angles(self.omega, self.phi, self.kappa)

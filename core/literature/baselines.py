@@ -19,7 +19,9 @@ from core.matching.operators import (
     drawn_field,
     road_content,
     road_scores,
+    smoothed_gradient,
     squared_length,
+    without_means,
 )
 from core.matching.peaks import ScoreMap
 from core.matching.template_search import (
@@ -57,7 +59,7 @@ class NccOperator:
 
     def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
         """Grey values less their means."""
-        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+        return without_means(shown, patch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +183,7 @@ def oriented_channels(image: Image) -> Description:
 
 def smoothed_derivatives(image: Image) -> list[Image]:
     """Nine absolute directional derivatives, smoothed in place and over neighbouring directions."""
-    smooth = cv2.GaussianBlur(image, (0, 0), CFOG_SIGMA_PX)
-    right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
-    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+    right, down = smoothed_gradient(image, CFOG_SIGMA_PX)
     sharp: list[np.ndarray] = []
     for angle in np.arange(CHANNELS) * (np.pi / CHANNELS):
         along = cv2.addWeighted(right, np.cos(angle), down, np.sin(angle), 0)

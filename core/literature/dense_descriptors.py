@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
+from core.matching.operators import without_means
 from core.matching.peaks import ScoreMap
 from core.matching.template_search import Description, Field, Image, Template, TemplateField
 
@@ -111,7 +112,7 @@ class OrbOperator:
 
     def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
         """Grey values less their means: shares of bits are no sums of products."""
-        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+        return without_means(shown, patch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +140,7 @@ class AkazeOperator:
 
     def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
         """Grey values less their means: shares of bits are no sums of products."""
-        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+        return without_means(shown, patch)
 
 
 def smoothed_gradients(image: Image) -> Field:

@@ -33,6 +33,7 @@ from core.matching.global_search import (
     angle_field,
     apart,
     distinct,
+    square_about,
     steps_of,
 )
 from core.matching.patches import OpenPhoto, filled
@@ -341,9 +342,8 @@ def laid_block(
     mapper: Callable[..., Iterable[Any]] = map,
 ) -> Laid:
     """All photos on one grid; every place shows the photo whose nadir is nearest."""
-    side = 2 * int(np.ceil(reach_m / gsd_m)) + 1
-    west, north = float(about[0]) - side * gsd_m / 2, float(about[1]) + side * gsd_m / 2
-    whole = Grid(west, north, gsd_m, side, side)
+    whole = square_about(about, reach_m, gsd_m)
+    side = whole.columns
     field = np.zeros((side, side), np.complex64)
     nearest = np.full((side, side), np.inf, np.float32)
     names = sorted(photos)

@@ -91,6 +91,13 @@ class Laid:
         return max(self.grid.columns, self.grid.rows) * self.grid.ground_sample_distance_m / 2
 
 
+def square_about(about: PlanPosition, reach_m: float, gsd_m: float) -> Grid:
+    """The square about a place, to so many metres on every side; the place is a pixel's centre."""
+    side = 2 * int(np.ceil(reach_m / gsd_m)) + 1
+    west, north = float(about[0]) - side * gsd_m / 2, float(about[1]) + side * gsd_m / 2
+    return Grid(west, north, gsd_m, side, side)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Backdrop:
     """The reference about a picture, read once for all searches."""
@@ -105,10 +112,9 @@ class Backdrop:
     @staticmethod
     def read(ortho: Ortho, about: PlanPosition, reach_m: float, gsd_m: float) -> "Backdrop":
         """The square about a place, to so many metres on every side."""
-        side = 2 * int(np.ceil(reach_m / gsd_m)) + 1
-        west, north = float(about[0]) - side * gsd_m / 2, float(about[1]) + side * gsd_m / 2
-        patch = ortho.read(Grid(west, north, gsd_m, side, side))
-        return Backdrop(Grid(west, north, gsd_m, side, side), patch.values, patch.mask)
+        grid = square_about(about, reach_m, gsd_m)
+        patch = ortho.read(grid)
+        return Backdrop(grid, patch.values, patch.mask)
 
     def coarser(self, factor: int) -> "Backdrop":
         """Means of so many pixels a side; known where most of them are."""

@@ -131,7 +131,7 @@ class HighPassOperator:
 
     def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
         """Grey values less their means."""
-        return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+        return without_means(shown, patch)
 
 
 USUAL = (FusedOperator(), HighPassOperator())
@@ -140,15 +140,25 @@ GREY = ("ncc", "ncc-high-pass")
 """Operators that compare grey values: crowns and shadows move all of them together."""
 
 
+def without_means(shown: Description, patch: Description) -> tuple[Description, Description]:
+    """Grey values less their means: the layers whose products a correlation sums."""
+    return (shown[0] - shown[0].mean(),), (patch[0] - patch[0].mean(),)
+
+
+def smoothed_gradient(image: Image, sigma_px: float) -> tuple[Image, Image]:
+    """Derivatives to the right and downwards of smoothed grey values."""
+    smooth = cv2.GaussianBlur(image, (0, 0), sigma_px)
+    right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
+    return right, cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+
+
 def doubled_angle_field(image: Image) -> Field:
     """Gradient direction doubled, weighted from 0 (flat) to 1: z = g^2 / (|g|^2 + tau^2).
 
     Returns:
         Real and imaginary part of z; tau is the 60th percentile of |g|.
     """
-    smooth = cv2.GaussianBlur(image, (0, 0), GRADIENT_SIGMA_PX)
-    right = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
-    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+    right, down = smoothed_gradient(image, GRADIENT_SIGMA_PX)
     across, along = right * right, down * down
     squared = across + along
     # design: the flatter 60 % of the ground count for less than a half each (METHODS 4.1).

@@ -25,7 +25,7 @@ from core.arrays import Affine2, locked
 from core.doubts import Doubt
 from core.errors import ReferenceDataError
 from core.frames import HALF_PIXEL
-from core.geometry.crs import Bounds, Operation, operation_between, short_name
+from core.geometry.crs import Bounds, Operation, bounds_of, operation_between, short_name
 from core.raster.files import TILES, gray_from_colour
 from core.raster.grid import ROUNDING_PX, Grid
 from core.raster.sheets import Sheet, SheetKind, block_outline, open_sheet, sheet_file
@@ -148,10 +148,8 @@ def open_sheets(paths: Sequence[str | Path], crs: CRS, what: SheetKind) -> Sheet
     sheets = _with_operations(sheets, crs)
     lattices = sorted(_lattices(sheets), key=lambda g: g.ground_sample_distance_m)
     corners = np.vstack([block_outline(sheet) for sheet in sheets])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
     notes = (*_notes(sheets, crs, what), *_half_pixel_notes(lattices, what))
-    return SheetSet(crs.to_wkt(), tuple(lattices), bounds, notes)
+    return SheetSet(crs.to_wkt(), tuple(lattices), bounds_of(corners), notes)
 
 
 def _with_operations(sheets: Sequence[Sheet], crs: CRS) -> list[Sheet]:

@@ -273,7 +273,7 @@ def _write_exterior(path: Path, flight: Flight, options: SyntheticOptions) -> No
         rng = seeded(options.seed, "exterior", exposure.photo_id)
         true = exposure.exterior
         centre = true.centre + rng.normal(0.0, metres, 3)
-        angles = np.degrees([true.omega, true.phi, true.kappa]) + rng.normal(0.0, degrees, 3)
+        angles = np.degrees(true.angles) + rng.normal(0.0, degrees, 3)
         values = [*(f"{v:.3f}" for v in centre), *(f"{v:.5f}" for v in angles)]
         known = [f"{metres:g}"] * 3 + [f"{degrees:g}"] * 3
         lines.append(",".join([exposure.photo_id, *values, *known]))

@@ -19,7 +19,7 @@ from jaxtyping import Float32, Float64, UInt8
 from core.arrays import Raster
 from core.frames import HALF_PIXEL
 from core.raster.grid import Grid
-from ui.review.compare import DrawnPhoto, HeightSource
+from ui.review.compare import DrawnPhoto, HeightSource, pixel_from_ground
 
 TILE = 256
 """Width and height of a tile, pixels."""
@@ -250,10 +250,7 @@ def scan_map(
     down = np.linspace(0, grid.rows, NODES)
     node_columns, node_rows = np.meshgrid(across, down)
     plane = grid.object_from_grid(np.column_stack([node_columns.ravel(), node_rows.ravel()]))
-    heights = dem.heights(plane)
-    heights = np.where(np.isfinite(heights), heights, drawn.photo.ground_height_m)
-    nodes = drawn.photo.pixel_from_object(np.column_stack([plane, heights]), drawn.camera)
-    nodes = nodes.reshape(NODES, NODES, 2)
+    nodes = pixel_from_ground(plane, drawn, dem).reshape(NODES, NODES, 2)
     by_row, by_column = _between(grid.rows, down), _between(grid.columns, across)
     return np.einsum("rn,nmc,km->rkc", by_row, nodes, by_column, optimize=True)
 
