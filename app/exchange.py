@@ -13,7 +13,7 @@ from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import HAND_SIGMA_PX, Block
 from core.errors import CrsError, ProjectError
-from core.exchange import exchanged, upright_frame
+from core.exchange import fit_to_format, upright_frame
 from core.formats.eo_format import read_eo_block, write_eo_block
 from core.formats.exchange import (
     ExchangeBlock,
@@ -114,7 +114,7 @@ def export_block(
     form = format_named(name, reads=False)
     assert form.write is not None
     target = out or session.results / EXPORTS / (form.default_name or name)
-    left = exchanged(block, report, replace(form, curved=True) if tangent else form)
+    left = fit_to_format(block, report, replace(form, curved=True) if tangent else form)
     if taken:
         days = {k: replace(p, taken=taken.get(k, "")) for k, p in left.photos.items()}
         left = replace(left, photos=days)
@@ -167,7 +167,7 @@ def _known(session: Session) -> ExchangeBlock | None:
     block = known_block(session)
     if block is None:
         return None
-    known = exchanged(block, None, FORMATS[PLAIN_EO])
+    known = fit_to_format(block, None, FORMATS[PLAIN_EO])
     photos = {n: replace(p, exterior=block.photos[n].exterior) for n, p in known.photos.items()}
     return replace(known, photos=photos)
 
@@ -197,14 +197,14 @@ class TakenOver:
 def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
     """Take over from a foreign file what this block can use; raises as `taken_over`."""
     known = _known(session) if name == PLAIN_EO else None
-    taken = taken_over(project, name, path, known)
+    taken = usable_part(project, name, path, known)
     taken.write()
     if taken.decisions:
         session.record_all(taken.decisions)
     return taken.brought
 
 
-def taken_over(
+def usable_part(
     project: Project, name: str, path: Path, known: ExchangeBlock | None = None
 ) -> TakenOver:
     """What of a foreign file a block can use; `known` judges how a list of orientations counts.
@@ -249,7 +249,7 @@ def taken_over(
     return TakenOver(decisions, write, brought)
 
 
-def guessed_format(names: Sequence[str], data: bytes) -> str:
+def guess_format(names: Sequence[str], data: bytes) -> str:
     """The likeliest format of files by their names; empty where they may be a table of points."""
     plain = [name.lower() for name in names]
     if "gcp_list.txt" in plain:

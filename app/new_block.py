@@ -147,10 +147,10 @@ def recognise(folder: Path) -> Recognition:
     folder = folder.resolve()
     if not folder.is_dir():
         raise ProjectError(folder, "is no folder.", "Name the folder that holds the scans.")
-    return recognised(folder, find(folder))
+    return recognise_files(folder, find(folder))
 
 
-def recognised(folder: Path, findings: Findings) -> Recognition:
+def recognise_files(folder: Path, findings: Findings) -> Recognition:
     """What the files of a folder are."""
     scans, orthos, dems = (_of_kind(findings, kind) for kind in ("scan", "ortho", "dem"))
     crs = _crs_of(orthos, dems, findings.layers)

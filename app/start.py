@@ -20,7 +20,7 @@ from app.folder_scan import (
     look_at,
 )
 from app.margin import margin_reader, read_scan
-from app.new_block import Recognition, recognised
+from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
 from app.project import Project, read_project
 from app.running import Running
@@ -140,7 +140,7 @@ class Starting:
         """What the folder holds and lacks, the form, scans, outlines, and blocks in it."""
         with self._lock:
             found = find(self.folder)
-            recognition = recognised(self.folder, found)
+            recognition = recognise_files(self.folder, found)
             form = self.form.read(recognition)
             every = with_named(found, form.files)
             scans = [self._scan(path) for path in self._scan_paths(every, form.scans)]
@@ -303,7 +303,7 @@ class Starting:
         return {"photo": photo, "fields": read.part()}
 
     def _recognition(self) -> Recognition:
-        return recognised(self.folder, find(self.folder))
+        return recognise_files(self.folder, find(self.folder))
 
     def _scan_paths(self, found: Findings, named: Sequence[Path]) -> list[Path]:
         """The scans that `block.toml` names, else what looks like scans."""

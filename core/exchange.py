@@ -63,7 +63,9 @@ def upright_frame(photo: Photo, camera: Camera) -> UprightFrame | None:
     return UprightFrame((columns, rows), size, (-width / 2, height / 2))
 
 
-def exchanged(block: Block, report: AdjustmentReport | None, form: ExchangeFormat) -> ExchangeBlock:
+def fit_to_format(
+    block: Block, report: AdjustmentReport | None, form: ExchangeFormat
+) -> ExchangeBlock:
     """A block as a format can hold it.
 
     Args:

@@ -19,7 +19,7 @@ from core.progress import Work
 from core.reference.stage import ReferenceFeatures, find_reference_points
 from core.results import BlockInput, StageResults
 from core.scans.stage import ScanSet, orient_scans
-from core.ties.stage import Tied, taken_over, tie_photos
+from core.ties.stage import Tied, tie_photos, ties_of_list
 
 T = TypeVar("T")
 
@@ -85,7 +85,7 @@ def _localisation(given: BlockInput, results: StageResults, work: Work) -> Local
             made(results.localisation), adjusted, scans, features, given.reference, work
         )
     placed = made(results.georeference)
-    ties = taken_over(given.ties, placed.block)
+    ties = ties_of_list(given.ties, placed.block)
     return localise_photos(
         placed, scans, features, given.reference, given.localisation, work, ties=ties
     )
@@ -95,7 +95,7 @@ def _ties(given: BlockInput, results: StageResults, work: Work) -> Tied:
     localised = made(results.localisation)
     if results.ties is not None and results.ties.still_hold(localised.block):
         return results.ties
-    ties = taken_over(given.ties, localised.block)
+    ties = ties_of_list(given.ties, localised.block)
     if ties is not None:
         places = {name: photo.exterior for name, photo in localised.block.photos.items()}
         return Tied(ties, (), places)

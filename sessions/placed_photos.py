@@ -36,11 +36,11 @@ def with_placed(block: Block, decisions: Sequence[Recorded]) -> Block:
     """The block with every photo that was placed by clicks where those put it."""
     for photo_id, pairs in clicked_pairs(decisions).items():
         if photo_id in block.photos:
-            block = placed_anew(block, photo_id, pairs)
+            block = place_photo_again(block, photo_id, pairs)
     return block
 
 
-def placed_anew(block: Block, photo_id: str, pairs: Pairs) -> Block:
+def place_photo_again(block: Block, photo_id: str, pairs: Pairs) -> Block:
     """The block with one photo where its clicks put it.
 
     A photo that the run began from these very clicks, and found its place, is left as it is.

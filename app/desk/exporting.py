@@ -33,7 +33,7 @@ def standing_export(project: Project, name: str, pictures: bool = False) -> Expo
         )  # fmt: skip
 
 
-def zipped(folder: Path) -> Path:
+def zip_folder(folder: Path) -> Path:
     """A folder as one file beside it."""
     target = folder.with_name(f"{folder.name}.zip")
     with whole_file(target) as temporary:
@@ -59,7 +59,7 @@ def export_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
         with turn:
             project = read_project(project_file)
             done = standing_export(project, name, pictures)
-            file = done.path if done.path.is_file() else zipped(done.path)
+            file = done.path if done.path.is_file() else zip_folder(done.path)
         inside = file.relative_to(project.folder / RESULTS).as_posix()
         return {"file": inside, "notes": done.notes}
 

@@ -9,7 +9,7 @@ from typing import Any, cast, get_args, get_type_hints
 
 from app.bring_points import POINT_TABLE, surroundings
 from app.desk.messages import Measured
-from app.exchange import Brought, format_names, guessed_format, taken_over
+from app.exchange import Brought, format_names, guess_format, usable_part
 from app.project import read_project
 from core.block import UNKNOWN_M, Block, footprint
 from core.errors import PhotogrammetryError
@@ -54,7 +54,7 @@ class DeskPoints:
         """
         if form := _format_of(name, data, reading):
             with _laid_out(name, data, reading) as path:
-                return self._told(form, taken_over(read_project(self._folder), form, path).brought)
+                return self._told(form, usable_part(read_project(self._folder), form, path).brought)
         block = self._now()
         return {"format": "", **_page_of(_read(name, data, reading, block), block)}
 
@@ -81,7 +81,7 @@ class DeskPoints:
     ) -> dict[str, Any]:
         """Hand in what another program's file brings; orientations count from the next run on."""
         with _laid_out(name, data, reading) as path:
-            taken = taken_over(read_project(self._folder), form, path)
+            taken = usable_part(read_project(self._folder), form, path)
             taken.write()
         count = sum(taken.brought.counts.values())
         notice = Notice("notice.brought.foreign", {"name": _plain(name), "count": f"{count}"})
@@ -155,7 +155,7 @@ def _format_of(name: str, data: bytes, reading: Mapping[str, Any]) -> str:
     """The format of other programs that was chosen or is likeliest; empty for a table."""
     chosen = reading.get("format")
     if chosen is None:
-        return guessed_format([one for one, _ in _files(name, data, reading)], data)
+        return guess_format([one for one, _ in _files(name, data, reading)], data)
     return str(chosen) if chosen in import_titles() else ""
 
 

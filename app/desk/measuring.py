@@ -17,7 +17,7 @@ from core.scans.corrected_marks import Example, snap_mark
 from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
 from sessions.readings import SAME_PLACE_PX
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
-from ui.review.drafts import with_drafted
+from ui.review.drafts import apply_draft
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
 from ui.review.new_points import ORTHO, next_name
 from ui.review.snapshot import DeskSnapshot
@@ -106,7 +106,7 @@ class MeasuringTool:
         """Where photos show a point in which nobody has measured it yet."""
         state, name = desk.state, wanted.point_id
         photos = {photo for point, photo in state.to_measure.waiting if point == name}
-        measured = measured_of(state, name)
+        measured = measurements_of(state, name)
         found: Iterable[Measurement] = ()
         # A new point has no coordinates by which the ortho could show it.
         known = bool(measured) or state.block.surveyed[name].role != "new"
@@ -132,11 +132,11 @@ class MeasuringTool:
         state = desk.state
         draft = desk.seats[seat_id].draft_of(key) if seat_id in desk.seats else None
         measured = state.measurement_of(key)
-        drafted = with_drafted(state, draft).measurement_of(key) if draft else None
+        drafted = apply_draft(state, draft).measurement_of(key) if draft else None
         start = drafted or measured
         assert start is not None, "only what has a row is refined"
         assert measured is not None, "only what has a row is refined"
-        others = [item for item in measured_of(state, key[0]) if item.photo_id != key[1]]
+        others = [item for item in measurements_of(state, key[0]) if item.photo_id != key[1]]
         by_photos = bool(others) and key in state.to_measure.predictions
         text = "notice.refined.photos" if by_photos else "notice.refined"
         place = self._by_photos(state, start, others) if by_photos else self._by_ortho(state, start)
@@ -183,7 +183,7 @@ def _errors(state: DeskState) -> Errors:
     return Errors(state.report.exterior_sigmas, state.evidence.joint)
 
 
-def measured_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:
+def measurements_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:
     """Where a point is measured and in use."""
     every = state.block.measurements.values()
     return tuple(item for item in every if item.point_id == point_id and item.used)
@@ -204,7 +204,7 @@ class Proposer:
             if seat.current is None or not state.is_waiting(seat.current):
                 continue
             name = seat.current[0]
-            measured = measured_of(state, name)
+            measured = measurements_of(state, name)
             if self._wanted.get(name) != measured:
                 self._wanted[name] = measured
                 yield ProposalsWanted(seat.seat_id, name)

@@ -87,7 +87,7 @@ def common_shift(block: Block, options: AdjustmentOptions) -> CommonShift | None
     return CommonShift(off.mean(axis=0), sigma, points)
 
 
-def weighed(block: Block, shift: CommonShift) -> tuple[Block, tuple[Doubt, ...]]:
+def weigh_salient_points(block: Block, shift: CommonShift) -> tuple[Block, tuple[Doubt, ...]]:
     """The block with its salient points given what they are worth together, and what to tell.
 
     An error that n points share makes their mean no better than one point: each gets the variance

@@ -90,7 +90,7 @@ def lay_on_reference(
     ballots = [found for found in mapper(cast, photos) if found is not None]
     if not ballots:
         return Failure("no reference point could be searched in any photo")
-    consensus = joined(ballots, prior(block, photos, shift_m))
+    consensus = join_ballots(ballots, prior(block, photos, shift_m))
     steps = consensus.hypotheses(rng)
     _, step, chosen = min((consensus.refined(step) for step in steps), key=lambda found: found[0])
     residual = consensus.offset - consensus.design @ step
@@ -160,7 +160,7 @@ def ballot(
     return Ballot(candidates, offset, derivatives[candidates.point])
 
 
-def joined(ballots: list[Ballot], prior_covariance: np.ndarray) -> Consensus:
+def join_ballots(ballots: list[Ballot], prior_covariance: np.ndarray) -> Consensus:
     """All ballots as one vote; a point in two photos has two voices."""
     first = np.cumsum([0, *(int(one.candidates.point.max()) + 1 for one in ballots[:-1])])
 

@@ -84,7 +84,7 @@ class ByUnknowns:
     """Covariance that pointing and a known height bring, square metres."""
 
 
-def located(
+def locate_point(
     around: Surroundings, measured: Sequence[Measurement], point: SurveyedPoint | None
 ) -> Located | Failure:
     """Where the rays of a point meet; where a single one meets the ground.

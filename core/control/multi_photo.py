@@ -26,7 +26,7 @@ from core.control.search import (
     Chance,
     Search,
     decoys_outside,
-    planned,
+    plan_search,
     sigma_on_ground_m,
 )
 from core.errors import PhotogrammetryError
@@ -162,7 +162,7 @@ def joint_searches(
             points.setdefault(sight.search.point_id, []).append((row, sight))
 
     def together(point_id: str) -> list[Search]:
-        return seen_together([sight for _, sight in points[point_id]], kept)
+        return judge_jointly([sight for _, sight in points[point_id]], kept)
 
     found = list(searches)
     for point_id, results in zip(points, mapper(together, points), strict=True):
@@ -186,7 +186,7 @@ def sights_in(
         positions=site.points.positions[chosen],
         sigma_m=site.points.sigma_m[chosen],
     )
-    plan = planned(opened, site.reference, points, orientation)
+    plan = plan_search(opened, site.reference, points, orientation)
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
     moves = moves_of(opened, points.positions)
     return [
@@ -218,7 +218,7 @@ def moves_of(
     return np.stack(columns, axis=-1)
 
 
-def seen_together(sights: Sequence[Sight], kept: KeptSurfaces) -> list[Search]:
+def judge_jointly(sights: Sequence[Sight], kept: KeptSurfaces) -> list[Search]:
     """The searches of one point in all its photos."""
     heights = [heights_of(sight, kept) for sight in sights]
     return [in_photo(own, sights, heights) for own in range(len(sights))]
@@ -241,7 +241,7 @@ def in_photo(own: int, sights: Sequence[Sight], heights: Sequence[Heights]) -> S
         return sight.search
     near = np.s_[row - rim : row + rim + 1, column - rim : column + rim + 1]
     others = [
-        (number, resampled(sights[number], height, sight, shape))
+        (number, resample_surface(sights[number], height, sight, shape))
         for number, height in enumerate(heights)
         if number != own
     ]
@@ -254,7 +254,7 @@ def in_photo(own: int, sights: Sequence[Sight], heights: Sequence[Heights]) -> S
     chance = chance_in(joint, known, sight)
     peaks = detect_peaks(np.ascontiguousarray(joint[near]), CANDIDATES, APART_PX)
     places = [(peak.column + column - rim, peak.row + row - rim) for peak in peaks]
-    return told_by(sight, heights[own], peaks, places, chance, 1 + len(others))
+    return search_with_joint_candidates(sight, heights[own], peaks, places, chance, 1 + len(others))
 
 
 def expected_in(sight: Sight, shape: tuple[int, ...]) -> tuple[float, float]:
@@ -263,7 +263,9 @@ def expected_in(sight: Sight, shape: tuple[int, ...]) -> tuple[float, float]:
     return float(away[0]) + shape[1] // 2, float(away[1]) + shape[0] // 2
 
 
-def resampled(other: Sight, heights: Elsewhere, own: Sight, shape: tuple[int, ...]) -> Covered:
+def resample_surface(
+    other: Sight, heights: Elsewhere, own: Sight, shape: tuple[int, ...]
+) -> Covered:
     """Another photo's surface in the frame of a photo's own.
 
     A place of the own frame and one of the other are the same where they are as far from the
@@ -305,7 +307,7 @@ def chance_in(joint: ScoreMap, outside: Mask, sight: Sight) -> Chance:
     return Chance(decoys, float(outside.sum()) * pixel_m2, middle, spread, inner * pixel_m2)
 
 
-def told_by(
+def search_with_joint_candidates(
     sight: Sight,
     heights: ScoreMap,
     peaks: Sequence[ScorePeak],

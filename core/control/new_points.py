@@ -11,7 +11,7 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, SurveyedPoint
-from core.control.located import ABOVE_GROUND_M, Located, Space, Surroundings, located
+from core.control.located import ABOVE_GROUND_M, Located, Space, Surroundings, locate_point
 from core.control.prediction import LEAST_UNIT, Covariances
 from core.raster.dem import HeightSource
 
@@ -63,7 +63,7 @@ def _located(around: Surroundings, point: SurveyedPoint) -> Located:
         for (name, photo_id), item in around.block.measurements.items()
         if name == point.point_id and item.used and photos[photo_id].oriented
     ]
-    where = located(around, measured, None) if measured else None
+    where = locate_point(around, measured, None) if measured else None
     if isinstance(where, Located):
         return where
     return Located(point.position, np.eye(3) * ABOVE_GROUND_M**2, np.zeros(2))

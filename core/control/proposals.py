@@ -37,7 +37,7 @@ PROPOSED = "-ref"
 """Ends the name of a proposal whose own the user gave to a point; the order of names stays."""
 
 
-def judged(
+def judge_searches(
     searches: Sequence[Search], sources: Mapping[str, Source]
 ) -> tuple[tuple[Measurement, ...], Mapping[Kind, Calibration | None]]:
     """One measurement of every search that found anything, with the probability that it is right.
@@ -59,7 +59,7 @@ def judged(
     for kind in sorted(set(kinds)):
         rows = [row for row, other in enumerate(kinds) if other == kind]
         chosen = [searches[row] for row in rows]
-        together = pooled(chosen)
+        together = pool_searches(chosen)
         right, found = probabilities(together, mapped=kind[0] == "junction")
         resting[kind] = found
         aside = np.zeros(len(right)) if found is None else displaced(together, found)
@@ -92,11 +92,11 @@ def borne_out(
         ]
         if found is not None:
             window_m2 = float(np.median([search.chance.inner_m2 for search in chosen]))
-            every.append(sightings(pooled(chosen), found, window_m2))
+            every.append(sightings(pool_searches(chosen), found, window_m2))
     return diagram(every)
 
 
-def pooled(searches: Sequence[Search]) -> Searches:
+def pool_searches(searches: Sequence[Search]) -> Searches:
     """Searches of one kind as parallel arrays."""
     return Searches(
         np.repeat(np.arange(len(searches)), [len(search.peaks) for search in searches]),

@@ -143,7 +143,7 @@ def search_points(
         before: What was found in this photo before the block moved last.
         keep: Told every surface; whatever is searched then is searched far around.
     """
-    plan = planned(opened, reference, points, orientation)
+    plan = plan_search(opened, reference, points, orientation)
     prediction = predict_pixels(opened, np.zeros((6, 6)), points.positions, points.sigma_m)
     known = {search.point_id: search for search in before}
     away_px = farthest(points, prediction.pixels, known) / plan.matching.reduction
@@ -159,7 +159,7 @@ def search_points(
     return tuple(sorted(found, key=lambda search: search.point_id))
 
 
-def planned(
+def plan_search(
     opened: OpenPhoto,
     reference: Reference,
     points: ReferencePoints,

@@ -15,7 +15,7 @@ from core.block import UNKNOWN_M, Measurement
 from core.control.located import (
     Located,
     Surroundings,
-    located,
+    locate_point,
     pointing_px,
     slope_at,
     usable,
@@ -58,7 +58,7 @@ def transfer_example(
         return Failure("its coordinates are not known, so nobody can say where to look")
     if not usable(around, example.photo_id):
         return Failure("the photo of the example is not oriented")
-    there = located(around, [example], other)
+    there = locate_point(around, [example], other)
     if isinstance(there, Failure):
         return there
     slope = slope_at(around, point.position)

@@ -16,10 +16,10 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.weights import Terrain
 from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
-from core.control.common_shift import common_shift, weighed
+from core.control.common_shift import common_shift, weigh_salient_points
 from core.control.datum import lay_on_reference
 from core.control.multi_photo import KeptSurfaces, joint_searches, keeping_surfaces
-from core.control.proposals import borne_out, judged, with_proposals
+from core.control.proposals import borne_out, judge_searches, with_proposals
 from core.control.search import Search, on_photograph, search_points
 from core.doubts import Doubt, Failure
 from core.localisation.initial_orientation import Site, join_photos
@@ -138,11 +138,11 @@ def _found(
         # Nothing stands, so nothing moves.
         moved = 0.0
     if passes >= MOST_PASSES and moved >= SETTLED:
-        doubts = (*doubts, unsettled(moved))
+        doubts = (*doubts, doubt_unsettled(moved))
     return ControlFound(report, doubts, reliability, passes, moved)
 
 
-def unsettled(moved: float) -> Doubt:
+def doubt_unsettled(moved: float) -> Doubt:
     """The doubt about a block whose photos still move after the last pass."""
     return Doubt(
         "unsettled",
@@ -197,7 +197,7 @@ def propose_and_adjust(
             if agrees or done > 0:
                 seen = joint_searches(block, site, options.orientation, searches, kept, work.mapper)
             believed = on_photograph(seen, site.scans)
-            proposed, resting = judged(believed, site.sources)
+            proposed, resting = judge_searches(believed, site.sources)
             before = with_proposals(block, site.points, site.sources, proposed)
             report = adjusted_without_gross(before, options.adjustment)
             moved, block = movement(before, report), report.block
@@ -269,7 +269,7 @@ def with_true_worth(
     shift = common_shift(report.block, options)
     if shift is None or not shift.shared_m.any():
         return report, ()
-    block, told = weighed(report.block, shift)
+    block, told = weigh_salient_points(report.block, shift)
     return adjusted_without_gross(block, options), told
 
 

@@ -21,7 +21,7 @@ from core.control.located import (
     Plane,
     Surroundings,
     expected_spread,
-    located,
+    locate_point,
     pointing_px,
     slope_at,
     usable,
@@ -121,7 +121,7 @@ def transfer_point(
     sources = [item for item in measured if usable(around, item.photo_id)]
     if not sources:
         return Failure("the point is measured in no oriented photo")
-    where = located(around, sources, around.block.surveyed.get(point_id))
+    where = locate_point(around, sources, around.block.surveyed.get(point_id))
     if isinstance(where, Failure):
         return where
     votes = [shown(around, where, item) for item in sources]
@@ -174,7 +174,7 @@ def refine_place(
     sources = [m for m in measured if m.photo_id != place.photo_id and usable(around, m.photo_id)]
     if not sources or not usable(around, place.photo_id):
         return Failure("the point is measured in no other oriented photo")
-    where = located(around, sources, around.block.surveyed.get(place.point_id))
+    where = locate_point(around, sources, around.block.surveyed.get(place.point_id))
     if isinstance(where, Failure):
         return where
     target = Shown.of(around.opened(place.photo_id), where.position, where.slope).at(place.pixel)

@@ -30,8 +30,8 @@ from core.formats.frame_interiors import (
     exchange_camera,
     exchange_photo,
     frame_photos,
+    frames_with_origin,
     named_photos,
-    oriented_frames,
     trimmed_radial,
     where_any,
     without_orientation,
@@ -59,7 +59,7 @@ def write_bundler(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         ExchangeError: No photo is oriented.
     """
     photos = frame_photos(block)
-    oriented, origin = oriented_frames(photos, folder)
+    oriented, origin = frames_with_origin(photos, folder)
     lines: list[str] = []
     for frame in oriented.values():
         rotation, centre = frame.with_rotation_and_centre()

@@ -37,8 +37,8 @@ from core.formats.frame_interiors import (
     exchange_camera,
     exchange_photo,
     frame_photos,
+    frames_with_origin,
     named_photos,
-    oriented_frames,
     size_of,
     where_any,
     without_orientation,
@@ -66,7 +66,7 @@ def write_colmap(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         ExchangeError: No photo has an orientation.
     """
     photos = frame_photos(block)
-    oriented, origin = oriented_frames(photos, folder)
+    oriented, origin = frames_with_origin(photos, folder)
     numbers = {name: number for number, name in enumerate(photos.interiors, 1)}
     points, seen = _tracks(block.ties, tuple(oriented), origin)
     images: dict[int, Image] = {}

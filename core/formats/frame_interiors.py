@@ -65,7 +65,9 @@ def frame_photos(block: ExchangeBlock) -> FramePhotos:
     return FramePhotos(interiors, camera, frames, tuple(lost))
 
 
-def oriented_frames(photos: FramePhotos, folder: Path) -> tuple[dict[str, FrameCamera], Position]:
+def frames_with_origin(
+    photos: FramePhotos, folder: Path
+) -> tuple[dict[str, FrameCamera], Position]:
     """Photos with an orientation, and a round place near their middle.
 
     Raises:

@@ -20,7 +20,7 @@ from core.formats.exchange import (
     Pair,
 )
 from core.formats.frame_interiors import without_orientation
-from core.formats.micmac_lens import DOWN, held_lens, lens_of
+from core.formats.micmac_lens import DOWN, fit_held_lens, lens_of
 from core.formats.micmac_measures import PREFIX as MEASURES_OF_IMAGE
 from core.formats.micmac_measures import (
     corner_of,
@@ -185,7 +185,7 @@ def camera_of(
         return empty, None, told
     linear = pixel_from_file[:, :2] @ calibration.scan_from_unit[:, :2]
     shift = pixel_from_file[:, :2] @ calibration.scan_from_unit[:, 2] + pixel_from_file[:, 2]
-    held = held_lens(lens, calibration.size)
+    held = fit_held_lens(lens, calibration.size)
     off = held.off * float(np.sqrt(abs(np.linalg.det(linear))))
     if off > HELD_PX:
         told = say(

@@ -103,7 +103,7 @@ class HeldLens:
     """How far it is off the file's own, at most, in the file's unit; nought where it is exact."""
 
 
-def held_lens(lens: MicmacLens, size: Pair) -> HeldLens:
+def fit_held_lens(lens: MicmacLens, size: Pair) -> HeldLens:
     """A lens as the exchanged block holds it: exactly where that can be, else fitted.
 
     Args:

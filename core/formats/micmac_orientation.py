@@ -14,7 +14,7 @@ from core.arrays import Affine2, Position, Rotation
 from core.errors import ExchangeError
 from core.formats.exchange import FLIP, Pair, Triple
 from core.formats.micmac_lens import MicmacLens
-from core.formats.micmac_points import UNSAID, said_sigma
+from core.formats.micmac_points import UNSAID, sigma_or_none
 from core.formats.rotations import is_rotation
 from core.formats.xml_files import (
     AGAIN,
@@ -104,7 +104,7 @@ def read_orientation(path: Path) -> OrientedImage:
     calibration = _calibration_file(path, one) if inside is None else inside
     sigma = None
     if place.find("IncCentre") is not None:
-        sigma = said_sigma(numbers_of(place, "IncCentre", 3, path))
+        sigma = sigma_or_none(numbers_of(place, "IncCentre", 3, path))
     name = path.name.removeprefix(PREFIX).removesuffix(SUFFIX)
     exterior = ExteriorOrientation(centre, *angles_from_rotation(rotation))
     return OrientedImage(path, name, calibration, affine, exterior, sigma)

@@ -48,7 +48,7 @@ def read_points_xml(path: Path) -> dict[str, ExchangePoint]:
     for one in read_xml(path, POINTS, "Global").iter("OneAppuisDAF"):
         sigma = None
         if one.find("Incertitude") is not None:
-            sigma = said_sigma(numbers_of(one, "Incertitude", 3, path))
+            sigma = sigma_or_none(numbers_of(one, "Incertitude", 3, path))
         x, y, z = numbers_of(one, "Pt", 3, path)
         found.append(ExchangePoint(text_of(one, "NamePt", path), (x, y, z), sigma, _role(path)))
     return by_name(path, found)
@@ -93,7 +93,7 @@ def _rows(path: Path, lines: list[str], columns: list[str]) -> Iterator[Exchange
         sigma = None
         if set(SPREAD) <= set(cells):
             written = " ".join(cells[name] for name in SPREAD)
-            sigma = said_sigma(numbers_in(written, 3, "Ix Iy Iz", Path(where)))
+            sigma = sigma_or_none(numbers_in(written, 3, "Ix Iy Iz", Path(where)))
         yield ExchangePoint(cells["N"], (x, y, z), sigma, _role(path))
 
 
@@ -102,7 +102,7 @@ def _role(path: Path) -> Literal["control", "check"]:
     return "check" if "check" in path.stem.lower() else "control"
 
 
-def said_sigma(values: tuple[float, ...]) -> Triple | None:
+def sigma_or_none(values: tuple[float, ...]) -> Triple | None:
     """Three standard deviations; None where they are MicMac's stopgap."""
     x, y, z = values
     return None if (x, y, z) == UNSAID else (x, y, z)

@@ -30,8 +30,8 @@ from core.formats.frame_interiors import (
     exchange_camera,
     exchange_photo,
     frame_photos,
+    frames_with_origin,
     named_photos,
-    oriented_frames,
     size_of,
     without_orientation,
 )
@@ -73,7 +73,7 @@ def write_opensfm(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         ExchangeError: No photo is oriented.
     """
     photos = frame_photos(block)
-    oriented, middle = oriented_frames(photos, folder)
+    oriented, middle = frames_with_origin(photos, folder)
     plane, datum = map_crs(block.crs, folder), CRS.from_epsg(WGS84)
     longitude, latitude, _ = origin_of(plane, datum, middle)
     space = map_in_space(plane, datum, (longitude, latitude, 0.0))

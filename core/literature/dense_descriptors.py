@@ -289,15 +289,15 @@ def orb_pairs() -> Pairs:
     line = np.arange(-2 * REACH_PX, 2 * REACH_PX + 1)
     right, down = np.meshgrid(line, line)
     edge = ORB_SMOOTHED_SIDE_PX // 2
-    columns, upright = told_along(right, edge)
-    rows, level = told_along(down, edge)
-    sums, _ = told_along(right + down, 2 * edge)
+    columns, upright = compared_pairs(right, edge)
+    rows, level = compared_pairs(down, edge)
+    sums, _ = compared_pairs(right + down, 2 * edge)
     columns = np.where(upright[:, None], sums - rows, columns)
     rows = np.where(level[:, None], sums - columns, rows)
     return np.stack([columns, rows], axis=2)
 
 
-def told_along(
+def compared_pairs(
     places: Int[np.ndarray, "rows columns"], edge: int
 ) -> tuple[Int[np.ndarray, "256 2"], np.ndarray]:
     """Where both pixels of each comparison lie along a line, and which of them are level.
@@ -344,8 +344,8 @@ def described_scores(
         for row in range(rows)
         for column in range(columns)
     ]
-    wanted = described(extractor, patch, [(float(inner), float(inner))], size, scale)
-    offered = described(extractor, around, places, size, scale)
+    wanted = describe_places(extractor, patch, [(float(inner), float(inner))], size, scale)
+    offered = describe_places(extractor, around, places, size, scale)
     scores = np.full(rows * columns, FAR, np.float32)
     if wanted and offered:
         template = next(iter(wanted.values()))
@@ -358,7 +358,7 @@ def described_scores(
     return -scores.reshape(rows, columns)
 
 
-def described(
+def describe_places(
     extractor: Any, image: Image, places: list[tuple[float, float]], size: float, scale: float
 ) -> dict[int, np.ndarray]:
     """Descriptors by index of the place; places that could not be described are missing."""

@@ -197,14 +197,14 @@ def triangulate_models(
         models: Its models.
         sights: The count of their points.
     """
-    bodies = joined(models)
+    bodies = join_models(models)
     if len({name for model in models for name in model.photo_ids}) < len(block.photos):
         return Failure("some photos make no model with any other")
     if bodies is None:
         return Failure("the models do not hang together")
     known = known_places(block, sights)
     whole = onto_ground(models, bodies, known, block, sights)
-    bodies = [composed(whole, body) for body in bodies]
+    bodies = [compose(whole, body) for body in bodies]
     holds = [*known.items(), *_soft_centres(block, sights)]
     residual = np.zeros((0, 3))
     for _ in range(PASSES):
@@ -238,7 +238,7 @@ def _soft_centres(block: Block, sights: Sights) -> list[Hold]:
     ]
 
 
-def joined(models: Sequence[StereoModel]) -> list[Similarity] | None:
+def join_models(models: Sequence[StereoModel]) -> list[Similarity] | None:
     """Each model laid on those before it, the best connected first; None when that fails."""
     bodies: dict[int, Similarity] = {0: Similarity(1.0, np.eye(3), np.zeros(3))}
     placed: Placed = dict(zip(models[0].numbers.tolist(), models[0].positions, strict=True))
@@ -246,7 +246,7 @@ def joined(models: Sequence[StereoModel]) -> list[Similarity] | None:
         have = np.array(list(placed))
         waiting = [i for i in range(len(models)) if i not in bodies]
         best = max(waiting, key=lambda i: int(models[i].shared(have).sum()))
-        body = laid_upon(models[best], placed)
+        body = fit_model(models[best], placed)
         if body is None:
             return None
         bodies[best] = body
@@ -256,7 +256,7 @@ def joined(models: Sequence[StereoModel]) -> list[Similarity] | None:
     return [bodies[i] for i in range(len(models))]
 
 
-def laid_upon(model: StereoModel, placed: Mapping[int, Position]) -> Similarity | None:
+def fit_model(model: StereoModel, placed: Mapping[int, Position]) -> Similarity | None:
     """A model moved onto points that are placed; None with fewer than three."""
     common = model.shared(np.array(list(placed), int))
     if common.sum() < 3:
@@ -285,7 +285,7 @@ def onto_ground(
     return fit_similarity(source, np.array(list(targets.values())), np.ones(len(targets)))
 
 
-def composed(outer: Similarity, inner: Similarity) -> Similarity:
+def compose(outer: Similarity, inner: Similarity) -> Similarity:
     """One similarity after another."""
     return Similarity(
         outer.scale * inner.scale,
@@ -325,7 +325,7 @@ def _adjusted(
     steps = solution[:first].reshape(-1, UNKNOWNS)
     left = (design @ solution - target)[: 3 * sum(len(model.numbers) for model in models)]
     turned = [
-        composed(_as_similarity(SimilarityInSpace(about, step)), body)
+        compose(_as_similarity(SimilarityInSpace(about, step)), body)
         for about, step, body in zip(abouts, steps, bodies, strict=True)
     ]
     return turned, left.reshape(-1, 3), float(np.abs(steps[:, :3]).max())

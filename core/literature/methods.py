@@ -31,9 +31,9 @@ from core.literature.independent_models import (
     Sights,
     StereoModel,
     Triangulated,
-    composed,
+    compose,
     form_models,
-    joined,
+    join_models,
     known_places,
     triangulate_models,
 )
@@ -154,14 +154,14 @@ def triangulate_strips(
                 f"the strip from {strip.photo_ids[0]} to {strip.photo_ids[-1]} has fewer than "
                 "three points that are known"
             )
-        places, turn, residual = bent(strip, known)
+        places, turn, residual = bend_strip(strip, known)
         left.append(residual)
         placed = dict(zip(strip.numbers.tolist(), places, strict=True))
         for name in strip.photo_ids:
             start = ExteriorOrientation(
                 placed[sights.centres[name]], *angles_from_rotation(turn @ strip.rotations[name])
             )
-            photos[name] = resected(block, sights, photos[name], start, placed)
+            photos[name] = resect_on_strip(block, sights, photos[name], start, placed)
         known = placed | known
     residual = np.concatenate(left)
     return Triangulated(block.with_photos(photos), np.sqrt(np.mean(residual**2, axis=0)))
@@ -190,7 +190,7 @@ def joined_strip(names: Sequence[str], models: Sequence[StereoModel]) -> _Strip 
     if missing is not None:
         return Failure(f"{' and '.join(sorted(missing))} make no model")
     own = [by_pair[pair] for pair in pairs]
-    bodies = joined(own)
+    bodies = join_models(own)
     if bodies is None:
         return Failure(f"the models from {names[0]} to {names[-1]} do not hang together")
     places: Known = {}
@@ -208,12 +208,12 @@ def _shared(strip: _Strip, known: Known) -> int:
     return int(np.isin(strip.numbers, list(known)).sum())
 
 
-def bent(strip: _Strip, known: Known) -> tuple[ObjectPoints, Rotation, Left]:
+def bend_strip(strip: _Strip, known: Known) -> tuple[ObjectPoints, Rotation, Left]:
     """A strip on known points: its points, the turn that brought it there, what is left over."""
     which = np.isin(strip.numbers, list(known))
     target = np.array([known[number] for number in strip.numbers[which].tolist()])
     body = fit_similarity(strip.positions[which], target, np.ones(len(target)))
-    level = composed(Similarity(1.0, np.eye(3), -target.mean(axis=0)), body)
+    level = compose(Similarity(1.0, np.eye(3), -target.mean(axis=0)), body)
     places = level.moved(strip.positions)
     size = float(np.abs(places[:, :2]).max())
     off = target - target.mean(axis=0) - places[which]
@@ -245,7 +245,7 @@ def _height_terms(x: np.ndarray, y: np.ndarray, curve: bool) -> np.ndarray:
     return np.column_stack(terms[: 5 if curve else 3])
 
 
-def resected(
+def resect_on_strip(
     block: Block, sights: Sights, photo: Photo, start: ExteriorOrientation, placed: Known
 ) -> Photo:
     """A photo oriented by least squares on the strip's points that it shows."""

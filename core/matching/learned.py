@@ -52,11 +52,11 @@ class LearnedOperator:
 
     def of_scan(self, scan: Image, template_half_px: int) -> Description:
         """Channels in groups of three, and the squared length of each pixel's."""
-        return described(self.network, scan)
+        return describe_image(self.network, scan)
 
     def of_reference(self, reference: Image, roads: Image, template_half_px: int) -> Description:
         """The same of the ortho."""
-        return described(self.network, reference)
+        return describe_image(self.network, reference)
 
     def scores(self, around: Description, patch: Description) -> ScoreMap:
         """Correlation of all channels."""
@@ -76,7 +76,7 @@ def check_network(file: Path) -> None:
     features_of(read_network(file), np.zeros((STEP_PX, 2 * STEP_PX), np.float32), file)
 
 
-def described(file: Path, image: Image) -> Description:
+def describe_image(file: Path, image: Image) -> Description:
     """Features of an image in groups of three channels, and the squared length of each pixel's.
 
     Raises:

@@ -124,7 +124,7 @@ def probabilities(searches: Searches, mapped: bool = False) -> tuple[Scalars, Ca
     found = with_ratio(first, log_chance)
     for _ in range(ROUNDS):
         right, aside = posterior(searches, found), displaced(searches, found)
-        found = with_ratio(maximised(searches, right, aside, usual), log_chance)
+        found = with_ratio(maximise_likelihood(searches, right, aside, usual), log_chance)
     return posterior(searches, found), found
 
 
@@ -207,7 +207,9 @@ def displaced(searches: Searches, found: Calibration) -> Scalars:
     return aside / np.maximum(in_place + aside, 1e-30)
 
 
-def maximised(searches: Searches, right: Scalars, aside: Scalars, usual: float) -> Calibration:
+def maximise_likelihood(
+    searches: Searches, right: Scalars, aside: Scalars, usual: float
+) -> Calibration:
     """The parameters under which these probabilities are likeliest; `with_ratio` adds the ratio."""
     prior = PRIOR_COUNT * PRIOR_SHARE
     weight = float(right.sum())

@@ -171,7 +171,7 @@ def all_candidates(
     return result
 
 
-def held_at(
+def candidates_at(
     place: tuple[float, float], found: Candidates, windows: Sequence[SearchWindow]
 ) -> Candidates:
     """The candidates where one mark is known to be: nothing else is one in its window."""

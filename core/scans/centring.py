@@ -136,7 +136,7 @@ def match_mark(
         template: The drawn mark; its middle is the middle of its middle pixel.
         judged: Whether its sigma is wanted.
     """
-    template, weights = softened(template), disc_in(template)
+    template, weights = blur_as_scanned(template), disc_in(template)
     slope_c, slope_r = np.gradient(template, axis=1), np.gradient(template, axis=0)
 
     def step(place: Shift, far: bool) -> Step | Failure:
@@ -218,7 +218,7 @@ def _approached(
     return place, *taken[1:]
 
 
-def softened(field: np.ndarray) -> Weights:
+def blur_as_scanned(field: np.ndarray) -> Weights:
     """A drawn mark, or a window, under the blur with which scans are sampled."""
     return cv2.GaussianBlur(
         field, (2 * SOFT_TAPS + 1, 2 * SOFT_TAPS + 1), SOFT_PX, borderType=cv2.BORDER_REPLICATE

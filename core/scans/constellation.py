@@ -24,7 +24,7 @@ from core.scans.candidates import (
     Candidates,
     SearchWindow,
     all_candidates,
-    held_at,
+    candidates_at,
     open_windows,
 )
 from core.scans.centring import LEAST_RADIUS_PX, Centre, centre_by_symmetry, disc
@@ -198,7 +198,7 @@ def find_constellation(
         windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
     )  # fmt: skip
     if sure is not None:
-        kinds = [held_at(sure, kind, windows) for kind in kinds]
+        kinds = [candidates_at(sure, kind, windows) for kind in kinds]
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
     sets = [
         _best_set(search, kind, owners[k], layout, way)

@@ -22,7 +22,7 @@ LEARNT_ROUNDS = 2  # design: the second begins where the picture beside the mark
 """How often the mean of the copies is taken anew."""
 
 
-def shown_in(
+def mark_shown_at(
     scan: ScanFile, area: FilmArea, place: tuple[float, float], pixel_mm: float
 ) -> ShownMark:
     """The mark at a place of a scan, with how it lies there.

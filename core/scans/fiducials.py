@@ -50,7 +50,7 @@ from core.scans.measuring import (
     measure_spot,
     open_spot,
     open_spots,
-    sought,
+    search_mark,
 )
 from core.scans.naming import Way, certified_layouts, guessed_layouts, lying, name_marks, small_turn
 
@@ -89,7 +89,7 @@ def measure_fiducials(
     if not measured.marks:
         return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
     named = renamed(measured, camera, area=area)
-    again = looked_again(scan, camera, named, scan_pixel_mm)
+    again = measure_missing_marks(scan, camera, named, scan_pixel_mm)
     return named if again is named else renamed(again, camera, area=area)
 
 
@@ -193,7 +193,7 @@ def _measured(
         else:
             # Nobody saw these marks from afar: they are sought where and as the others tell.
             fit = fitted[0]
-            spots = {name: sought(spot, fit, pixel_mm) for name, spot in spots.items()}
+            spots = {name: search_mark(spot, fit, pixel_mm) for name, spot in spots.items()}
         results = both_ways(spots, one, fit, pixel_mm)
         if not fit.mark.symmetric:
             # A notch drawn turned by a little is found beside its place.
@@ -283,7 +283,7 @@ def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:
     return replace(doubt, message=message, evidence={**doubt.evidence, "fiducial": new})
 
 
-def looked_again(
+def measure_missing_marks(
     scan: ScanFile,
     camera: Camera,
     named: FiducialSet,
@@ -423,7 +423,7 @@ def found_after_all(
         for fit in fits:
             if not fit.mark.symmetric:
                 continue
-            result = measure_spot(sought(spots[name], fit, pixel_mm), fit, pixel_mm)
+            result = measure_spot(search_mark(spots[name], fit, pixel_mm), fit, pixel_mm)
             if isinstance(result, Failure) or result.correlation < SURELY_MARK:
                 continue
             if np.hypot(result.column - place[0], result.row - place[1]) * pixel_mm < AFTER_ALL_MM:

@@ -16,7 +16,7 @@ from core.matching.peaks import ScoreMap, ScorePeak, level_and_spread, measure_p
 from core.matching.precision import place_covariance, sharpness_of
 from core.matching.template_search import correlation_scores, cosine_scores
 from core.scans.candidates import without_border
-from core.scans.centring import Centre, Gray, Weights, softened
+from core.scans.centring import Centre, Gray, Weights, blur_as_scanned
 
 
 def centre_by_likeness(
@@ -86,7 +86,7 @@ def _without_border(gray: np.ndarray, along: int | None, side: int) -> Gray:
 
 def _directions(gray: np.ndarray) -> Float32[np.ndarray, "rows columns 2"]:
     """Gradients (right, down), strong ones weighing little more than weak ones."""
-    soft = softened(gray.astype(np.float32))
+    soft = blur_as_scanned(gray.astype(np.float32))
     both = np.stack([np.gradient(soft, axis=1), np.gradient(soft, axis=0)], axis=-1)
     length = np.linalg.norm(both, axis=-1, keepdims=True)
     return (both / np.sqrt(length * length.mean() + TINY)).astype(np.float32)

@@ -131,7 +131,7 @@ def library() -> tuple[Mark, ...]:
     return (*marks, *(Mark(shape, notch, 0.0) for shape in wedges))
 
 
-def resized(mark: Mark, radius_factor: float, stroke_factor: float, blur_px: float) -> Mark:
+def resize_mark(mark: Mark, radius_factor: float, stroke_factor: float, blur_px: float) -> Mark:
     """The same kind of mark with other measures and another blur."""
     return replace(
         mark,

@@ -17,18 +17,18 @@ from core.scans.centring import (
     Centre,
     Gray,
     Weights,
+    blur_as_scanned,
     centre_by_symmetry,
     correlation,
     disc,
     disc_in,
     match_mark,
     sample_about,
-    softened,
     square_about,
 )
 from core.scans.constellation import SEARCH_PIXEL_MM, SHORTEST_REACH, Constellation
 from core.scans.likeness import centre_by_likeness
-from core.scans.marks import SURROUND, Lie, Mark, draw_mark, resized
+from core.scans.marks import SURROUND, Lie, Mark, draw_mark, resize_mark
 from core.scans.naming import within_eighth
 from core.scans.outlines import centre_by_edges, centre_by_sides
 
@@ -221,8 +221,8 @@ def _sized(
             factors = ((1 + step, 1.0), (1 / (1 + step), 1.0), (1.0, 1 + 2 * step),
                        (1.0, 1 / (1 + 2 * step)))  # fmt: skip
             near = [b for b in BLURS_PX if b != blur] if step == SIZE_STEPS[1] else []
-            marks = [resized(best.mark, *pair, blur) for pair in factors]
-            marks += [resized(best.mark, 1.0, 1.0, other) for other in near]
+            marks = [resize_mark(best.mark, *pair, blur) for pair in factors]
+            marks += [resize_mark(best.mark, 1.0, 1.0, other) for other in near]
             trials = [replace(best, mark=mark) for mark in marks]
             found = [compare(small, trial, cell_mm) for trial in trials]
             winner = int(np.argmax([value for value, _ in found]))
@@ -247,7 +247,7 @@ def _ringed(spots: Sequence[Spot], dot: FittedMark, cell_mm: float) -> FittedMar
     trials = [dot, *(replace(dot, mark=ring) for ring in rings)]
     values: list[float] = []
     for trial in trials:
-        template = softened(trial.drawn((0.0, 1.0), cell_mm, radii[-1]))
+        template = blur_as_scanned(trial.drawn((0.0, 1.0), cell_mm, radii[-1]))
         sign = 1 if dot.bright else -1
         patches = [sample_about(s.gray, np.array(s.start), template.shape[0]) for s in spots]
         values.append(
@@ -266,7 +266,7 @@ def _kind(spots: Sequence[Spot], trials: Sequence[FittedMark], cell_mm: float) -
     return trials[int(np.argmax(values))]
 
 
-def sought(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
+def search_mark(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
     """The spot with its start where the window is most like a mark that was fitted elsewhere."""
     template = fitted.drawn(spot.outward, pixel_mm).astype(np.float32)
     side = template.shape[0]
@@ -451,7 +451,8 @@ def _likeness(
             spot = replace(spot, start=(match.column, match.row))
         patch = sample_about(spot.gray, np.array(spot.start), template.shape[0])
         values.append(
-            correlation(patch, softened(template), disc_in(template)) * (1 if fitted.bright else -1)
+            correlation(patch, blur_as_scanned(template), disc_in(template))
+            * (1 if fitted.bright else -1)
         )
         placed.append(spot)
     # The drawn mark's own size is its window: likeness of a larger one is worth more.

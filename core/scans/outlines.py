@@ -31,9 +31,9 @@ from core.scans.centring import (
     Gray,
     Left,
     Weights,
+    blur_as_scanned,
     correlation,
     disc_in,
-    softened,
     square_about,
 )
 
@@ -114,7 +114,7 @@ def centre_by_edges(
         notch: All edges meet in one point: nothing is said of growth, and the place of half the
             step is taken instead of its steepest part.
     """
-    window, template = softened(window).astype(np.float32), softened(template)
+    window, template = blur_as_scanned(window).astype(np.float32), blur_as_scanned(template)
     points, normals = _outline(template, notch)
     if notch:
         # About the tip itself both edges run into each other.

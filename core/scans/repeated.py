@@ -19,7 +19,7 @@ from core.raster.scan_file import ScanFile, read_window
 from core.scans.candidates import SearchWindow, border_axis, fill_window, without_border
 from core.scans.centring import sample_about
 from core.scans.constellation import AGREE_MM, SEARCH_PIXEL_MM, expected_places
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.example import ShownMark
 from core.scans.film_area import FilmArea
 from core.scans.judging import FiducialSet
@@ -129,7 +129,7 @@ def repeated_marks(
         at = replace(one, column=int(column), row=int(row))
         place = windows[one.window].place(column, row)
         if at not in offered and _lies_in(scan, place, FIGURE_MM / pixel_mm):
-            yield shown_in(scan, area, place, pixel_mm)
+            yield mark_shown_at(scan, area, place, pixel_mm)
         offered.add(at)
 
 

@@ -9,7 +9,7 @@ from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
 from core.progress import Work
 from core.scans.camera_group import settle_family
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.interior_orientation import ScanOrientation, orient_scan
 from core.scans.judging import FiducialSet
 from core.scans.scan_pairs import same_photo
@@ -125,7 +125,7 @@ def find_like(
         ScanError: A scan cannot be read.
     """
     own = films[photo_id]
-    mark = shown_in(own.scan, own.area, place, pixels_mm[photo_id])
+    mark = mark_shown_at(own.scan, own.area, place, pixels_mm[photo_id])
     names = sorted(films)
 
     def copies(name: str) -> FiducialSet:

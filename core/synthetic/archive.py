@@ -20,7 +20,7 @@ from core.synthetic.landscape import Landscape, make_landscape
 from core.synthetic.options import CRS, Scale, SyntheticOptions, seeded
 from core.synthetic.painting import Ground, Picture, paint
 from core.synthetic.reference import (
-    softened,
+    blur_ground,
     write_dem,
     write_layer,
     write_roads,
@@ -55,7 +55,7 @@ def make_block(
     ground = paint(landscape.scene(True, grid), grid)
     write_truth_ortho(folder / "truth" / "archival_ortho.tif", ground, scale.ortho_m[0])
     write_terrain(folder / "truth" / "terrain.tif", flight.terrain, flight.bounds)
-    softened(ground, max(0.3, 0.42 * scale.scan_ground_m / scale.texture_m))
+    blur_ground(ground, max(0.3, 0.42 * scale.scan_ground_m / scale.texture_m))
     _write_scans(folder, flight, ground, options, progress)
     write_approximations(folder, flight, options)
     (folder / "block.toml").write_text(_block_toml(flight, options), encoding="utf-8")

@@ -235,7 +235,7 @@ def _drawn(
     for number, (start, end) in enumerate(pairs):
         line = _curve(nodes[start], nodes[end], tangents[(number, 0)], tangents[(number, 1)])
         length = float(np.linalg.norm(nodes[end] - nodes[start]))
-        line = swayed(line, min(3.5, 0.012 * length), rng)
+        line = sway_line(line, min(3.5, 0.012 * length), rng)
         within = bool(inner[start] and inner[end])
         kind: RoadKind = "main" if routes[number] >= 0 else "street" if within else "track"
         route = int(routes[number]) if routes[number] >= 0 else 1000 + number
@@ -291,7 +291,7 @@ def _curve(
     )
 
 
-def swayed(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> PlanPoints:
+def sway_line(line: PlanPoints, amplitude_m: float, rng: np.random.Generator) -> PlanPoints:
     """The line moved sideways by smooth chance, its ends kept."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -313,7 +313,7 @@ def _in_two_epochs(roads: list[Road], nodes: PlanPoints, rng: np.random.Generato
         replace(
             road,
             then=locked(
-                swayed(
+                sway_line(
                     _end_moved(road.now, shifts[road.start], shifts[road.end]), sway[road.kind], rng
                 )
             ),

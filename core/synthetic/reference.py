@@ -19,7 +19,7 @@ from core.raster.grid import Grid
 from core.synthetic.flight import SHEET
 from core.synthetic.land_cover import Tract
 from core.synthetic.landscape import COARSE, Scene
-from core.synthetic.network import Network, Road, swayed
+from core.synthetic.network import Network, Road, sway_line
 from core.synthetic.options import CRS, seeded
 from core.synthetic.painting import Ground, fixed_pixels
 from core.synthetic.random_surfaces import Bounds, Field, PlanPoints, Terrain, fractal, smooth_step
@@ -72,7 +72,7 @@ def write_sheets(
         with _created(path, grid, 3, "uint8", options=options) as sheet:
             for row in range(0, grid.rows, BAND):
                 part = grid.window(0, row, grid.columns, min(BAND, grid.rows - row))
-                gray = gain * sampled(ground, part, (shift[0], shift[1]))
+                gray = gain * sample_ground(ground, part, (shift[0], shift[1]))
                 colour = gray[:, :, None] * _tint_on(tint, tint_grid, part)
                 bands = np.moveaxis(np.clip(colour, 0, 255).astype(np.uint8), 2, 0)
                 sheet.write(bands, window=((row, row + part.rows), (0, part.columns)))
@@ -84,7 +84,7 @@ def write_truth_ortho(path: Path, ground: Ground, gsd_m: float) -> None:
     with _created(path, grid, 1, "uint8", options={"compress": "deflate", "zlevel": 1}) as raster:
         for row in range(0, grid.rows, BAND):
             part = grid.window(0, row, grid.columns, min(BAND, grid.rows - row))
-            gray = np.clip(np.round(sampled(ground, part, None)), 0, 255).astype(np.uint8)
+            gray = np.clip(np.round(sample_ground(ground, part, None)), 0, 255).astype(np.uint8)
             raster.write(gray, 1, window=((row, row + part.rows), (0, part.columns)))
 
 
@@ -142,7 +142,7 @@ def _mapped(road: Road, shifts: PlanPoints, rng: np.random.Generator) -> PlanPoi
     """The line as digitised: displaced ends, slow deviation, few vertices."""
     share = np.linspace(0.0, 1.0, len(road.now))[:, None]
     line = road.now + (1 - share) * shifts[road.start] + share * shifts[road.end]
-    line = swayed(line, LINE_SIGMA_M, rng)
+    line = sway_line(line, LINE_SIGMA_M, rng)
     if rng.random() < 0.06:
         line[-1] += rng.uniform(-0.3, 0.3, 2)
     simple = shapely.simplify(LineString(line), 0.25)
@@ -232,7 +232,7 @@ def write_layer(
         set_gdal_config_options({"OGR_CURRENT_DATE": None})
 
 
-def softened(ground: Ground, sigma_px: float) -> None:
+def blur_ground(ground: Ground, sigma_px: float) -> None:
     """Blur the painted ground in place, so that a coarser raster may be taken from it."""
     reach = int(4 * sigma_px) + 2
     before = ground.gray[:0]
@@ -245,7 +245,7 @@ def softened(ground: Ground, sigma_px: float) -> None:
         ground.gray[row : row + BAND] = fresh
 
 
-def sampled(ground: Ground, part: Grid, shift: tuple[Field, Field] | None) -> Field:
+def sample_ground(ground: Ground, part: Grid, shift: tuple[Field, Field] | None) -> Field:
     """The painted ground on a grid of another size, antialiased, displaced in metres if asked."""
     ratio = part.ground_sample_distance_m / ground.grid.ground_sample_distance_m
     column, row = ground.grid.grid_from_object(np.array([[part.west, part.north]]))[0]

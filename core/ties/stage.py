@@ -65,7 +65,7 @@ class Tied:
         return True
 
 
-def taken_over(lists: Sequence[Path], block: Block) -> TiePoints | None:
+def ties_of_list(lists: Sequence[Path], block: Block) -> TiePoints | None:
     """Tie points of another program's list; None where there is no list."""
     if not lists:
         return None

@@ -34,7 +34,7 @@ from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.pipeline import made as made_by
 from core.scans.fiducials import fiducials_by_hand
 from core.scans.judging import interior_of
-from core.ties.stage import taken_over
+from core.ties.stage import ties_of_list
 from sessions.decisions import BringPoints, Place
 from sessions.session import Session
 
@@ -82,7 +82,7 @@ def test_a_flat_earth_without_air_stays_one__truth(tmp_path: Path) -> None:
         walk = Run(project, session, JsonLines(), RunOptions(last="georeference"))
         walk.walk()
         standing = made_by(walk.results.georeference).block
-    read = taken_over(walk.given.ties, standing)
+    read = ties_of_list(walk.given.ties, standing)
     assert read is not None
     assert read.count == 9
     for number, name in enumerate(read.photo_ids):

@@ -19,7 +19,7 @@ import numpy as np
 
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import orient_scan
 from tests.core.scans import film_maker
@@ -76,7 +76,7 @@ def measured(path: Path, film: Film, how: str) -> tuple[int, int, float, int]:
         area = detect_film_area(scan, camera, film.pixel_mm)
         matrix = film_from_pixel(film, scan.size_px[0])
         column, row = np.linalg.solve(matrix[:, :2], np.array(MARKS["1"]) - matrix[:, 2]).tolist()
-        shown = shown_in(scan, area, (column, row), film.pixel_mm)
+        shown = mark_shown_at(scan, area, (column, row), film.pixel_mm)
         marks = len(measure_like(scan, camera, film.pixel_mm, area, shown).marks)
         columns = scan.size_px[0]
     else:

@@ -26,7 +26,7 @@ import numpy as np
 from core.geometry.camera import Camera
 from core.raster.scan_file import ScanFile, open_scan
 from core.scans.constellation import LIBRARY
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.fiducials import measure_unknown_fiducials
 from core.scans.film_area import FilmArea, detect_film_area
 from core.scans.judging import FiducialSet
@@ -136,7 +136,7 @@ def of_family(
             found = with_repeated(scan.file, CAMERA, PIXEL_MM, scan.area, found)
             alone.add(judged(found, scan, group))
             example = min(places, key=lambda place: insets[place].mark.sure_px)
-            like = shown_in(scan.file, scan.area, scan.truth[example], PIXEL_MM)
+            like = mark_shown_at(scan.file, scan.area, scan.truth[example], PIXEL_MM)
             copies = measure_like(scan.file, CAMERA, PIXEL_MM, scan.area, like)
             shown.add(judged(copies, scan, group, example))
             seconds += process_time() - began

@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.control.proposals import judged
+from core.control.proposals import judge_searches
 from core.control.search import search_points
 from core.control.stage import ControlStageOptions
 from core.localisation.block_placement import Placement, prior_covariance
@@ -67,7 +67,7 @@ def believed(ground: Case, photos: list[OpenPhoto]) -> tuple[int, int]:
             opened, ground.reference, ground.site.points, options.orientation
         )
     ]
-    found, _ = judged(searches, ground.site.sources)
+    found, _ = judge_searches(searches, ground.site.sources)
     return sum(value.used for value in found), len(found)
 
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import orient_scan
 from core.scans.judging import FiducialSet
@@ -152,7 +152,7 @@ def judge(number: int, seed: int, folder: Path, made: Path) -> tuple[Pasted, Tal
     area = detect_film_area(opened, camera, scan.film.pixel_mm)
     example = min(scan.truth, key=lambda name: scan.sure_mm[name])
     began = process_time()
-    like = shown_in(opened, area, scan.truth[example], scan.film.pixel_mm)
+    like = mark_shown_at(opened, area, scan.truth[example], scan.film.pixel_mm)
     copies = measure_like(opened, camera, scan.film.pixel_mm, area, like)
     shown = judged(scan, copies, process_time() - began, example)
     path.unlink()

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from core.doubts import Doubt
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.interior_orientation import orient_scan
 from core.scans.judging import FiducialMeasurement
 from core.scans.naming import CORNERS, SIDES
@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
             alone.count(own.fiducials, own.doubts, seen)
             for name, mark in seen.items():
                 place, pixel_mm = (mark.column, mark.row), pixel_um / 1000
-                example = shown_in(own.scan, own.area, place, pixel_mm)
+                example = mark_shown_at(own.scan, own.area, place, pixel_mm)
                 copies = measure_like(own.scan, camera, pixel_mm, own.area, example)
                 others = {other: eye for other, eye in seen.items() if other != name}
                 shown.count(copies.marks, copies.doubts, others)

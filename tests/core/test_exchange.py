@@ -7,7 +7,7 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.exchange import exchanged, upright_frame
+from core.exchange import fit_to_format, upright_frame
 from core.formats.exchange import Conventions, ExchangeFormat, frame_camera, pixels_of
 from core.geometry.camera import additional_set
 from core.geometry.collinearity import Atmosphere, film_from_object
@@ -38,7 +38,7 @@ def test_what_goes_out_reprojects_as_it_does_here__law(name: str) -> None:
     of hardly different refraction may cost (a tenth of that where each has its own)."""
     report = replace(REPORT, block=decentred(REPORT.block))
     block = report.block
-    out = exchanged(block, report, FORMS[name])
+    out = fit_to_format(block, report, FORMS[name])
     assert len(out.ties.point) > 300
     for number, photo_id in enumerate(out.ties.photo_ids):
         rays = out.ties.photo == number
@@ -68,7 +68,7 @@ def test_an_upright_frame_holds_its_photo__law() -> None:
 
 
 def test_upright_pixels_need_neither_affinity_nor_turn__law() -> None:
-    out = exchanged(REPORT.block, REPORT, FORMS["upright"])
+    out = fit_to_format(REPORT.block, REPORT, FORMS["upright"])
     for name, photo in out.photos.items():
         frame = frame_camera(photo, out.camera_of(name))
         assert abs(frame.affinity_px) < 1e-6
@@ -76,7 +76,7 @@ def test_upright_pixels_need_neither_affinity_nor_turn__law() -> None:
 
 
 def test_standard_deviations_go_with_the_photos__law() -> None:
-    out = exchanged(REPORT.block, REPORT, FORMS["film"])
+    out = fit_to_format(REPORT.block, REPORT, FORMS["film"])
     for name, sigmas in REPORT.exterior_sigmas.items():
         assert out.photos[name].sigma_centre_m == tuple(sigmas.centre_m)
         assert out.photos[name].sigma_angles == tuple(sigmas.angles)
@@ -84,13 +84,13 @@ def test_standard_deviations_go_with_the_photos__law() -> None:
 
 def test_photos_that_flew_equally_high_share_their_camera__law() -> None:
     """Refraction of one block hardly differs; film is held with one certificate."""
-    assert set(exchanged(REPORT.block, REPORT, FORMS["film"]).cameras) == {"wide"}
+    assert set(fit_to_format(REPORT.block, REPORT, FORMS["film"]).cameras) == {"wide"}
 
 
 def test_refraction_goes_into_a_camera_exactly__law(monkeypatch: pytest.MonkeyPatch) -> None:
     """K (1 + r^2 / c^2) is a scale and a radial term; nothing is left with a camera a photo."""
     monkeypatch.setattr("core.exchange.SAME_REFRACTION", 0.0)
-    out = exchanged(REPORT.block, REPORT, replace(FORMS["film"], curved=True))
+    out = fit_to_format(REPORT.block, REPORT, replace(FORMS["film"], curved=True))
     assert len(out.cameras) == len(REPORT.block.photos)
     for name, photo in REPORT.block.photos.items():
         camera = REPORT.block.camera_of(name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.raster.scan_file import open_scan
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.film_area import detect_film_area
 from tests.benchmarks.marks_by_eye import read_seen
 from tests.benchmarks.prove_canberra import PIXEL_UM, camera_of
@@ -27,7 +27,7 @@ def test_one_shown_mark_finds_the_others__real(shared_data: Path, frame: str, sh
     camera, pixel_mm = camera_of(frame), PIXEL_UM.get(frame[:4], 25400 / 200) / 1000
     area = detect_film_area(scan, camera, pixel_mm)
     place = seen[shown].column, seen[shown].row
-    found = measure_like(scan, camera, pixel_mm, area, shown_in(scan, area, place, pixel_mm))
+    found = measure_like(scan, camera, pixel_mm, area, mark_shown_at(scan, area, place, pixel_mm))
     assert {mark.name for mark in found.marks} == set(seen)
     for mark in found.marks:
         eye = seen[mark.name]

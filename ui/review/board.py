@@ -19,7 +19,7 @@ from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial, Recorded
 from sessions.marks import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
-from ui.review.looks import short, shortened
+from ui.review.looks import round_all, short
 from ui.review.state import DeskState, InitialState
 
 Part = dict[str, Any]
@@ -125,9 +125,9 @@ class _Row:
         cell: Part = {
             "name": name,
             "state": state,
-            "place": shortened(place, 2),
+            "place": round_all(place, 2),
             "expected": self._expected(name),
-            "residual": shortened(residual, 1),
+            "residual": round_all(residual, 1),
             "score": short(measured.correlation, 2) if measured else None,
             "apart": short(measured.disagreement_px, 2) if measured else None,
             "sigma": short(measured.sigma_px, 2) if measured else None,
@@ -167,7 +167,7 @@ class _Row:
         certified = self.camera.fiducials_mm.get(name)
         if certified is None:
             return None
-        return shortened(self.photo.interior.pixel_from_film(np.array([certified]))[0], 2)
+        return round_all(self.photo.interior.pixel_from_film(np.array([certified]))[0], 2)
 
     def _residual(
         self, name: str, place: tuple[float, float] | None, used: bool

@@ -13,7 +13,7 @@ ASKING_SIGMA = 3.0
 good measurement in eight thousand lies so far off in both directions together."""
 
 
-def with_drafted(state: DeskState, draft: Draft) -> DeskState:
+def apply_draft(state: DeskState, draft: Draft) -> DeskState:
     """The desk as it would be with a draft kept, before the block is adjusted to it."""
     block = replay(state.block, (Recorded(0, "", "", draft.decision),)).block
     return replace(state, block=block)
@@ -22,10 +22,10 @@ def with_drafted(state: DeskState, draft: Draft) -> DeskState:
 def draft_ratio(state: DeskState, draft: Draft) -> float:
     """How far a draft lies from where the block expects its point, in standard deviations."""
     expected = state.to_measure.predictions.get(draft.key)
-    placed = with_drafted(state, draft).measurement_of(draft.key)
+    placed = apply_draft(state, draft).measurement_of(draft.key)
     if expected is not None and placed is not None and state.is_waiting(draft.key):
         return expected.sigmas_away(placed.column, placed.row, placed.sigma_px)
-    misfit = misfits(with_drafted(state, draft), (draft.key,)).get(draft.key)
+    misfit = misfits(apply_draft(state, draft), (draft.key,)).get(draft.key)
     return misfit.ratio if misfit else 0.0
 
 

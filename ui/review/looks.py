@@ -120,6 +120,6 @@ def short(value: float | None, digits: int) -> float | None:
     return round(float(value), digits)
 
 
-def shortened(values: Any, digits: int) -> list[float | None] | None:
+def round_all(values: Any, digits: int) -> list[float | None] | None:
     """The same of several."""
     return None if values is None else [short(float(value), digits) for value in values]

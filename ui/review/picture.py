@@ -11,8 +11,8 @@ from core.block import Measurement
 from core.quality.check_points import STANDARD_LEAST, independent_checks, kept_out
 from sessions.decisions import NOT_VISIBLE
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, overlay_of
-from ui.review.drafts import by_hand, with_drafted
-from ui.review.looks import short, shortened
+from ui.review.drafts import apply_draft, by_hand
+from ui.review.looks import round_all, short
 from ui.review.misfit import Misfit, misfits
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
@@ -170,7 +170,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
     measurement = state.measurement_of(key)
     assert measurement is not None, "there is no overlay without one"
     oriented, draft = state.oriented, seat.draft_of(key)
-    shown = with_drafted(state, draft) if draft else state
+    shown = apply_draft(state, draft) if draft else state
     return {
         "key": list(key),
         "role": row.role,
@@ -205,8 +205,8 @@ def _draft(overlay: Overlay | None) -> dict[str, Any]:
     """Where a draft lies: on the ground, and in the raw scan."""
     assert overlay is not None, "a draft is about a measurement that is shown"
     return {
-        "place": shortened(overlay.measured[0], 4),
-        "raw": shortened(overlay.measured_px[0], 3),
+        "place": round_all(overlay.measured[0], 4),
+        "raw": round_all(overlay.measured_px[0], 3),
     }
 
 
@@ -230,10 +230,10 @@ def _trial(state: DeskState, trial: Trial | None) -> Part:
 def _marks(overlay: Overlay) -> Part:
     """Places on the ground, metres east and north."""
     return {
-        "surveyed": shortened(overlay.surveyed[0], 4),
-        "predicted": shortened(overlay.predicted[0], 4),
-        "measured": shortened(overlay.measured[0], 4),
-        "peaks": [shortened(place, 4) for place in overlay.peaks],
+        "surveyed": round_all(overlay.surveyed[0], 4),
+        "predicted": round_all(overlay.predicted[0], 4),
+        "measured": round_all(overlay.measured[0], 4),
+        "peaks": [round_all(place, 4) for place in overlay.peaks],
     }
 
 
@@ -249,9 +249,9 @@ def _ellipse(state: DeskState, key: Key) -> Part:
 def _raw(overlay: Overlay) -> Part:
     """The same places in pixels of the raw scan, and how ground maps into it nearby."""
     return {
-        "predicted": shortened(overlay.predicted_px[0], 3),
-        "measured": shortened(overlay.measured_px[0], 3),
-        "peaks": [shortened(place, 3) for place in overlay.peaks_px],
+        "predicted": round_all(overlay.predicted_px[0], 3),
+        "measured": round_all(overlay.measured_px[0], 3),
+        "peaks": [round_all(place, 3) for place in overlay.peaks_px],
         "matrix": [[short(value, 6) for value in line] for line in overlay.pixel_from_ground],
     }
 
@@ -273,11 +273,11 @@ def _figures(state: DeskState, shown: DeskState, row: Row) -> Part:
     before = state.report if drafted else state.before
     old = misfits(state, (row.key,), before).get(row.key) if before else None
     return {
-        "misfit": shortened(now.pixels if now else None, 2),
-        "misfit_before": shortened(old.pixels if old else None, 2),
-        "ground": shortened(now.metres if now else None, 2),
+        "misfit": round_all(now.pixels if now else None, 2),
+        "misfit_before": round_all(old.pixels if old else None, 2),
+        "ground": round_all(now.metres if now else None, 2),
         "ratio": short(now.ratio if now else None, 1),
-        "residual": shortened(state.residual_px(row.key), 2) if row.state in IN_USE else None,
+        "residual": round_all(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": short(measurement.sigma_px, 2),
         "score": None if by_hand(measurement) else short(row.score, 2),
         "hand": by_hand(measurement),
@@ -329,7 +329,7 @@ def _place_in(state: DeskState, drawn: Drawn, dem: HeightSource, key: Key) -> Pa
         return None
     height_m = float(point.position[2])
     place = ground_from_pixel(measurement.pixel, drawn[key[1]], dem, height_m)[0, :2]
-    return shortened(place, 2) if np.isfinite(place).all() else None
+    return round_all(place, 2) if np.isfinite(place).all() else None
 
 
 def is_hidden(measurement: Measurement | None) -> bool:

@@ -185,7 +185,7 @@ def ground_level_m(block: Block) -> float:
     return float(np.median(heights)) if heights else 0.0
 
 
-def raised(points: Points, level_m: float, relief: float) -> Points:
+def exaggerate_heights(points: Points, level_m: float, relief: float) -> Points:
     """Places on the ground with heights about a level so many times as large."""
     higher = points.copy()
     higher[..., 2] = level_m + relief * (points[..., 2] - level_m)

@@ -14,7 +14,13 @@ from core.geometry.camera import Camera
 from core.quality.residuals import photo_fit
 from ui.review.compare import HeightSource
 from ui.review.looks import short
-from ui.review.scene import FRUSTUM_SHARE, WORST, frustum_depth_m, ground_level_m, raised
+from ui.review.scene import (
+    FRUSTUM_SHARE,
+    WORST,
+    exaggerate_heights,
+    frustum_depth_m,
+    ground_level_m,
+)
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import SceneOptions
 
@@ -70,7 +76,7 @@ def pick(origin: Place, direction: Place, block: Block, scene: SceneOptions) -> 
     point, beyond = None, np.inf
     if "points" not in hidden:
         places = np.array([one.position for one in block.surveyed.values()]).reshape(-1, 3)
-        drawn = raised(places, ground_level_m(block), scene.seen_relief)
+        drawn = exaggerate_heights(places, ground_level_m(block), scene.seen_relief)
         point, beyond = _nearest(list(block.surveyed), drawn, eye, towards)
     photos = [] if "photos" in hidden else list(block.photos)
     pyramids = _pyramids(block, photos)

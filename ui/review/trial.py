@@ -12,7 +12,7 @@ from sessions.marks import with_changes
 from sessions.replay import judged
 from ui.review.compare import shift_px
 from ui.review.doubtful import verdict_on
-from ui.review.drafts import with_drafted
+from ui.review.drafts import apply_draft
 from ui.review.misfit import misfits
 from ui.review.state import DeskState, Draft, Key
 
@@ -75,7 +75,7 @@ def turn_measurement(state: DeskState, subject: Key | Draft) -> Block | None:
     if point is None or point.role == "check":
         return None
     if isinstance(subject, Draft):
-        return with_drafted(state, subject).block
+        return apply_draft(state, subject).block
     unplaced = state.is_waiting(key) and key not in state.to_measure.proposals
     if measurement is None or unplaced:
         return None

@@ -19,7 +19,7 @@ from ui.review.scene import (
     Segments,
     area_lines,
     ellipse_lines,
-    raised,
+    exaggerate_heights,
 )
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
@@ -353,7 +353,10 @@ class BlockView:
 
     def _on_ground(self, places: Points | Segments, lift: float = 1.0) -> np.ndarray:
         """Places on the ground with heights as they are drawn, a little above the drape."""
-        return raised(places, self._picture.level_m, self._options.seen_relief) + lift * self._lift
+        return (
+            exaggerate_heights(places, self._picture.level_m, self._options.seen_relief)
+            + lift * self._lift
+        )
 
     def _show_lines(self, name: str, segments: Segments, visible: bool) -> None:
         handle = self._lines[name]

@@ -74,10 +74,10 @@ def told(work: Callable[[], Any]) -> web.Response:
     try:
         return fresh_json(work())
     except PhotogrammetryError as error:
-        return refused(error)
+        return error_message(error)
 
 
-def refused(error: PhotogrammetryError) -> web.Response:
+def error_message(error: PhotogrammetryError) -> web.Response:
     """The words of an error; each language tells them in its own."""
     return web.json_response({"error": error.told}, status=409, dumps=as_json)
 

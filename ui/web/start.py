@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from aiohttp import ClientPayloadError, web
 
 from core.errors import PhotogrammetryError
-from ui.web.running import Runner, fresh_json, json_of, operators_only, refused, run_routes
+from ui.web.running import Runner, error_message, fresh_json, json_of, operators_only, run_routes
 
 CHUNK_BYTES = 1 << 20
 """An upload goes to the disk in pieces of this size."""
@@ -118,7 +118,7 @@ async def _aside(work: Callable[[], dict[str, Any]]) -> web.Response:
     try:
         return fresh_json(await asyncio.to_thread(work))
     except PhotogrammetryError as error:
-        return refused(error)
+        return error_message(error)
 
 
 async def _received(
@@ -137,7 +137,7 @@ async def _received(
             # What ends the context waits for the disk.
             await asyncio.to_thread(stack.pop_all().close)
     except PhotogrammetryError as error:
-        return refused(error)
+        return error_message(error)
     except (ClientPayloadError, web.RequestPayloadError, ConnectionError) as error:
         raise web.HTTPBadRequest(text=f"{name} broke off.") from error
     return fresh_json({"name": name, "bytes": size})

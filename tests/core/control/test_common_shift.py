@@ -7,7 +7,7 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.control.common_shift import common_shift, weighed
+from core.control.common_shift import common_shift, weigh_salient_points
 from core.quality.displacement import displacement
 from tests.flights import FlightPlan, fly
 
@@ -53,7 +53,7 @@ def test_what_leans_weighs_less_and_the_block_stands_better__truth():
     for seed in range(4):
         block, truth = leaning(seed, (0.5, -1.2))
         shift = common_shift(block, PLAIN)
-        lesser, told = weighed(block, shift)
+        lesser, told = weigh_salient_points(block, shift)
         worse.append(error_m(adjust_block(block, PLAIN), truth))
         better.append(error_m(adjust_block(lesser, PLAIN), truth))
         assert [doubt.kind for doubt in told] == ["common-shift"]
@@ -65,7 +65,7 @@ def test_points_that_do_not_lean_keep_their_weight__truth():
     for seed in range(8):
         block, _ = leaning(seed, (0.0, 0.0))
         shift = common_shift(block, PLAIN)
-        told += len(weighed(block, shift)[1])
+        told += len(weigh_salient_points(block, shift)[1])
         assert np.all(shift.shared_m < 2 * shift.sigma_m)
     assert told <= 1
 

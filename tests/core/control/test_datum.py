@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.block import Block
-from core.control.datum import SHIFT_M, ballot, joined, lay_on_reference, prior
+from core.control.datum import SHIFT_M, ballot, join_ballots, lay_on_reference, prior
 from core.doubts import Failure
 from core.geometry.exterior import SimilarityInSpace
 from core.localisation.photo_orientation import OrientationOptions
@@ -145,6 +145,6 @@ def test_a_point_in_two_photos_has_two_voices__law(tiny, points):
     ]
     seen = [set(one.candidates.point.tolist()) for one in ballots]
     assert seen[0] & seen[1]
-    vote = joined(ballots, np.eye(7))
+    vote = join_ballots(ballots, np.eye(7))
     assert len(vote.first) == len(seen[0]) + len(seen[1])
     assert (np.diff(vote.candidates.point) >= 0).all()

@@ -10,7 +10,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import Measurement, SurveyedPoint
-from core.control.located import Located, Surroundings, expected_spread, located
+from core.control.located import Located, Surroundings, expected_spread, locate_point
 from core.control.prediction import JointErrors
 from tests.flights import FlightPlan, fly
 
@@ -47,7 +47,7 @@ def misses(seed: int, rays: int, joint: bool) -> np.ndarray:
             Measurement("P", n, *(pixels[n] + rng.normal(0, POINTING_PX, 2)).tolist(), POINTING_PX)
             for n in seen[:rays]
         ]
-        where = located(around, measured, point)
+        where = locate_point(around, measured, point)
         assert isinstance(where, Located)
         target = photos[seen[-1]]
         found = target.pixel_from_object(

@@ -10,10 +10,10 @@ from core.control.multi_photo import (
     APART_PX,
     Sight,
     joint_searches,
+    judge_jointly,
     keeping_surfaces,
     moves_of,
-    resampled,
-    seen_together,
+    resample_surface,
 )
 from core.control.search import Chance, Search, decoys_outside
 from core.control.stage import ControlStageOptions, search_photos
@@ -67,7 +67,7 @@ def judged_together(surfaces):
     with keeping_surfaces() as kept:
         for one, surface in surfaces:
             kept.keep("A", one.search.photo_id, surface)
-        return seen_together([one for one, _ in surfaces], kept)
+        return judge_jointly([one for one, _ in surfaces], kept)
 
 
 def place_on_ground(one, peak):
@@ -79,7 +79,7 @@ def test_a_surface_is_resampled_through_the_ground__truth():
     """Two photos turned by 130 degrees, of other pixels, searched from beside where it is now."""
     own, other = sight("1", 20.0, 1, (2.4, -1.3)), sight("2", 150.0, 2, (-3.0, 5.0))
     shape = (2 * HALF + 1, 2 * HALF + 1)
-    surface, known = resampled(other, bump(other, 3.1, -2.2), own, shape)
+    surface, known = resample_surface(other, bump(other, 3.1, -2.2), own, shape)
     assert known[HALF - 20 : HALF + 20, HALF - 20 : HALF + 20].all()
     assert not known.all()
     assert np.abs(surface - bump(own, 3.1, -2.2))[known].max() < 0.6

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from core.block import Block, Measurement, Peak, Source, SurveyedPoint
-from core.control.proposals import ACCEPT, judged, measurement_of, surveyed_of, with_proposals
+from core.control.proposals import (
+    ACCEPT,
+    judge_searches,
+    measurement_of,
+    surveyed_of,
+    with_proposals,
+)
 from core.control.search import Chance, Search
 from core.reference.stage import ReferencePoints
 
@@ -78,7 +84,7 @@ def test_a_junction_aside_is_believed_and_a_salient_point_there_is_not__truth():
         for i in range(10)
     ]
     aside = [search((2.3, 5.5), point_id="J30"), search((2.3, 5.5), point_id="S9")]
-    measured, _ = judged((*usual, *aside), SOURCES)
+    measured, _ = judge_searches((*usual, *aside), SOURCES)
     found = {value.point_id: value for value in measured[-2:]}
     assert found["J30"].used
     assert not found["S9"].used
@@ -93,7 +99,7 @@ def test_clear_points_are_believed_and_stray_ones_are_not__truth():
         for i in range(40)
     ]
     stray = [search((float(rng.uniform(3, 6)), 1.3), point_id=f"S{i}") for i in range(10)]
-    measured, resting = judged((*right, *stray), SOURCES)
+    measured, resting = judge_searches((*right, *stray), SOURCES)
     used = {value.point_id for value in measured if value.used}
     assert len(used & {one.point_id for one in right}) >= 38
     assert not used & {one.point_id for one in stray}
@@ -102,8 +108,8 @@ def test_clear_points_are_believed_and_stray_ones_are_not__truth():
 
 
 def test_a_search_without_any_candidate_is_no_measurement__law():
-    assert judged((search(),), SOURCES)[0] == ()
-    assert judged((), SOURCES)[0] == ()
+    assert judge_searches((search(),), SOURCES)[0] == ()
+    assert judge_searches((), SOURCES)[0] == ()
 
 
 def surveyed(name, source="junction") -> SurveyedPoint:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.control.proposals import judged
+from core.control.proposals import judge_searches
 from core.control.search import (
     SEARCH_M,
     decoys_of,
-    planned,
+    plan_search,
     search_points,
 )
 from core.localisation.photo_orientation import OrientationOptions
@@ -45,7 +45,7 @@ def test_at_the_truth_unchanged_ground_is_used_and_right__truth(tiny):
         tiny.opened(name), tiny.archival(), points, OrientationOptions(template_half_px=30)
     )
     assert [one.point_id for one in searches] == sorted(points.ids)
-    found, _ = judged(searches, {})
+    found, _ = judge_searches(searches, {})
     used = [value for value in found if value.used]
     assert len(used) >= 22
     away = [np.hypot(*(value.pixel[0] - pixels[int(value.point_id[1:])])) for value in used]
@@ -69,7 +69,7 @@ def test_on_ground_of_another_place_hardly_anything_is_used__truth(tiny):
     )
     orientation = OrientationOptions(template_half_px=30)
     searches = search_points(opened, tiny.reference, points, orientation)
-    found, _ = judged(searches, {})
+    found, _ = judge_searches(searches, {})
     assert len(found) >= 20
     assert sum(value.used for value in found) <= 1
 
@@ -131,6 +131,6 @@ def test_a_block_that_moved_far_is_searched_from_anew__truth(tiny):
 def test_a_later_search_is_as_wide_as_a_right_candidate_can_be_off__law(tiny):
     points, _ = spread_points(tiny, 2)
     opened = tiny.opened(tiny.names[0])
-    plan = planned(opened, tiny.reference, points, SMALL)
+    plan = plan_search(opened, tiny.reference, points, SMALL)
     assert plan.inner * plan.pixel_m >= SEARCH_M
     assert plan.inner < plan.narrow < plan.wide

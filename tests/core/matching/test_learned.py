@@ -9,7 +9,7 @@ from core.matching.learned import (
     MOST_CHANNELS,
     LearnedOperator,
     check_network,
-    described,
+    describe_image,
     features_of,
 )
 from core.matching.operators import Operator
@@ -37,7 +37,7 @@ def by_hand(image):
 def test_features_are_those_of_numpy__oracle(sobel):
     """In more than one band of rows, with sides that are no multiples of anything."""
     image = ground(1, 301)[:, :77]
-    *groups, energy = described(sobel, image)
+    *groups, energy = describe_image(sobel, image)
     assert [group.shape for group in groups] == [(301, 77, 3), (301, 77, 1)]
     own = np.concatenate(groups, axis=2).transpose(2, 0, 1)
     np.testing.assert_allclose(own, by_hand(image), atol=2e-4)

@@ -10,7 +10,7 @@ import pytest
 
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan
-from core.scans.copies import measure_like, shown_in
+from core.scans.copies import mark_shown_at, measure_like
 from core.scans.film_area import FilmArea, detect_film_area
 from core.scans.judging import FiducialSet
 from core.scans.repeated import repeated_marks, with_repeated
@@ -50,7 +50,7 @@ def copies(
     scan = open_scan(path)
     area: FilmArea = detect_film_area(scan, camera, PIXEL_MM)
     first = next(iter(truth.values()))
-    shown = shown_in(scan, area, (first[0] + off[0], first[1] + off[1]), PIXEL_MM)
+    shown = mark_shown_at(scan, area, (first[0] + off[0], first[1] + off[1]), PIXEL_MM)
     return measure_like(scan, camera, PIXEL_MM, area, shown)
 
 

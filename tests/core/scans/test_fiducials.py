@@ -9,7 +9,7 @@ import pytest
 
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan, read_overview
-from core.scans.fiducials import looked_again, measure_fiducials
+from core.scans.fiducials import measure_fiducials, measure_missing_marks
 from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import ScanOrientation, orient_scan
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
@@ -142,6 +142,6 @@ def test_a_lost_mark_is_found_where_the_others_put_it__truth(tmp_path: Path) -> 
     found = measure_fiducials(scan, NOTCHED, pixel_mm, area)
     assert len(found.marks) == 4
     lost = replace(found, marks=tuple(mark for mark in found.marks if mark.name != "7"))
-    again = looked_again(scan, NOTCHED, lost, pixel_mm)
+    again = measure_missing_marks(scan, NOTCHED, lost, pixel_mm)
     mark = next(mark for mark in again.marks if mark.name == "7")
     assert np.hypot(mark.column - truth["7"][0], mark.row - truth["7"][1]) < 0.15

@@ -7,7 +7,7 @@ import pytest
 
 from sessions.decisions import ChoosePeak, Place
 from tests.ui.desk_block import tiny_block, tiny_snapshot
-from ui.review.drafts import ASKING_SIGMA, by_hand, draft_ratio, is_to_be_asked, with_drafted
+from ui.review.drafts import ASKING_SIGMA, apply_draft, by_hand, draft_ratio, is_to_be_asked
 from ui.review.state import DeskState, Draft, Seat
 
 
@@ -35,7 +35,7 @@ def test_a_place_by_hand_has_no_score_but_a_peak_and_a_refined_one_have__truth(s
     refined = Draft(key, Place(*key, measured.column + 0.1, measured.row, measured.sigma_px))
     peak = Draft(key, ChoosePeak(*key, 1))
     drafted = {
-        draft: with_drafted(state, draft).block.measurements[key] for draft in (hand, refined, peak)
+        draft: apply_draft(state, draft).block.measurements[key] for draft in (hand, refined, peak)
     }
     assert [by_hand(one) for one in drafted.values()] == [True, False, False]
     assert drafted[refined].sigma_px == measured.sigma_px

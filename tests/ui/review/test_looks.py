@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ui.review.looks import LOOKS, page_palette, rgb, short, shortened
+from ui.review.looks import LOOKS, page_palette, rgb, round_all, short
 
 
 def test_states_differ_in_shape_as_well_as_colour__law():
@@ -25,5 +25,5 @@ def test_the_pages_know_every_state__law():
 def test_what_is_no_number_is_none__law():
     assert [short(value, 1) for value in (None, float("nan"), float("inf"))] == [None] * 3
     assert short(1.26, 1) == 1.3
-    assert shortened(None, 1) is None
-    assert shortened(np.array([1.26, np.nan]), 1) == [1.3, None]
+    assert round_all(None, 1) is None
+    assert round_all(np.array([1.26, np.nan]), 1) == [1.3, None]

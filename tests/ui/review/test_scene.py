@@ -11,9 +11,9 @@ from ui.review.misfit import misfits
 from ui.review.scene import (
     area_lines,
     ellipse_lines,
+    exaggerate_heights,
     misfit_vectors,
     point_states,
-    raised,
     ramp_top_m,
     readable_scale,
     scene_picture,
@@ -90,9 +90,9 @@ def test_photos_are_named_without_what_all_share__truth():
 
 def test_heights_are_exaggerated_about_the_level_of_the_ground__law():
     places = np.array([[1.0, 2.0, 300.0], [3.0, 4.0, 250.0]])
-    higher = raised(places, 280.0, 5.0)
+    higher = exaggerate_heights(places, 280.0, 5.0)
     assert higher.tolist() == [[1.0, 2.0, 380.0], [3.0, 4.0, 130.0]]
-    assert raised(places[None], 280.0, 1.0)[0] == pytest.approx(places)
+    assert exaggerate_heights(places[None], 280.0, 1.0)[0] == pytest.approx(places)
 
 
 def test_ellipses_have_the_standard_deviations_as_half_axes__truth(state):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.ui.desk_block import tiny_block, tiny_snapshot
-from ui.review.scene import frustum_depth_m, ground_level_m, raised
+from ui.review.scene import exaggerate_heights, frustum_depth_m, ground_level_m
 from ui.review.sight import Picked, frustum_corners, ground_under, photos_over, pick
 from ui.review.state import DeskState, SceneOptions
 
@@ -60,7 +60,7 @@ def test_points_are_hit_where_exaggerated_heights_draw_them__truth(state):
     steep = replace(ALL, relief=5.0)
     name = max(block.surveyed, key=lambda name: block.surveyed[name].position[2])
     target = block.surveyed[name].position - block.origin
-    drawn = raised(target[None], ground_level_m(block), 5.0)[0]
+    drawn = exaggerate_heights(target[None], ground_level_m(block), 5.0)[0]
     assert drawn[2] > target[2] + 20
     eye = drawn + np.array([300.0, -900.0, 1000.0])
     assert pick(tuple(eye), tuple(drawn - eye), block, steep) == Picked("point", name)
@@ -84,7 +84,7 @@ def test_a_ray_meets_the_ground_where_it_is_drawn__oracle(state, relief):
     for east, north in ((-400.0, 300.0), (100.0, -250.0), (350.0, 150.0)):
         place = block.origin + np.array([east, north, 0.0])
         place[2] = DEM.heights(place[None, :2])[0]
-        target = raised((place - block.origin)[None], level, relief)[0]
+        target = exaggerate_heights((place - block.origin)[None], level, relief)[0]
         eye = target + np.array([200.0, -1500.0, 4000.0])
         found = ground_under(tuple(eye), tuple(target - eye), block, DEM, scene)
         assert found == pytest.approx(place, abs=0.5)
