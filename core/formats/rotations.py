@@ -58,7 +58,8 @@ def triple_of(values: Iterable[float]) -> Triple:
 def is_rotation(matrix: Rotation) -> bool:
     """Whether a matrix of a file is a rotation, as far as its digits tell."""
     # design: digits that a file keeps; a matrix farther off is no rotation.
-    return np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) and np.linalg.det(matrix) > 0
+    orthogonal = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
+    return orthogonal and float(np.linalg.det(matrix)) > 0
 
 
 def rotation_of(order: AngleOrder, angles: Triple) -> Rotation:
