@@ -102,9 +102,13 @@ def plan_checks(
             "Check its coordinates, or ask for other --cells.",
         )
     plan = new_plan(
-        drawn.places, drawn.cells, wish.seed if not source else 0, source,
-        beforehand=beforehand, decisions=session.decisions(),
-    )  # fmt: skip
+        drawn.places,
+        drawn.cells,
+        wish.seed if not source else 0,
+        source,
+        beforehand=beforehand,
+        decisions=session.decisions(),
+    )
     remarks += _remarks(drawn, beforehand)
     return MadePlan(session.record(plan), plan, drawn.enough, tuple(remarks))
 
@@ -212,6 +216,7 @@ def told_lines(made: MadePlan) -> Sequence[str]:
     plan = made.plan
     first = say(
         "{count:# place|# places} to be checked, digest {digest}.",
-        count=len(plan.places), digest=plan.digest,
-    )  # fmt: skip
+        count=len(plan.places),
+        digest=plan.digest,
+    )
     return (first, *made.remarks, "Read them at the desk, under Checks.")

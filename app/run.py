@@ -3,8 +3,6 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any, cast
 
 import shapely
@@ -14,7 +12,7 @@ from app.change import make_change
 from app.height_checks import doubts_after
 from app.mosaic import make_mosaic
 from app.project import Project, described
-from app.report.model import ReportContent, Written
+from app.report.model import ReportContent, written_now
 from app.report.page import write_report
 from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results
@@ -43,6 +41,7 @@ from core.results import BlockInput, StageResults
 from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
+from sessions.checks import version_on_disk
 from sessions.drawn_masks import standing_masks
 from sessions.marks import Films, judged_scans, said_of_scans
 from sessions.placed_photos import with_clicks
@@ -351,8 +350,9 @@ class Run:
             holes=mosaic.holes,
             change=made(self.results.change),
             timings_s=self.seconds,
-            written=Written(now_utc(), self.session.operator, version("gruber")),
+            written=written_now(self.session.operator),
             decisions=self.session.decisions(),
+            mosaic_version=version_on_disk(self.session.products),
             language=self.language,
             provenance={
                 say("digest of {stage}", stage=name): text[:16]
@@ -440,11 +440,6 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     with whole_file(session.results / QGIS_PROJECT) as temporary:
         layers = result_layers(f"../{SESSION_FILE}")
         write_qgis_project(temporary, content.name, block.crs, layers, (west, south, east, north))
-
-
-def now_utc() -> str:
-    """Date and time to the minute."""
-    return datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def terrain_of(dem: Dem) -> Terrain:

@@ -1,6 +1,7 @@
 """What each verb does, from its parsed arguments to the sentences for the operator."""
 
 import argparse
+import json
 import os
 import shutil
 import time
@@ -52,6 +53,7 @@ from sessions.disk import explain_disk_errors
 from sessions.products import digest_of
 from sessions.session import Session
 from ui.web.front import Opened
+from ui.words.catalogue import Teller
 
 STAMP = ".demo"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
@@ -202,6 +204,21 @@ def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first."""
     walk = run_block(given.block, voice, run_options(given))
     voice.say(str(walk.session.results / "report.html"))
+    for line in signed_lines(walk.session.results / "report.json", voice.tell):
+        voice.say(line)
+
+
+def signed_lines(figures: Path, tell: Teller) -> Iterator[str]:
+    """Who has signed the block of a report, and what has changed since."""
+    if not figures.is_file():
+        return
+    written = json.loads(figures.read_text(encoding="utf-8"))
+    for one in written["checked"]["signatures"]:
+        verdict = tell(f"accepted.{one['verdict']}")
+        values = {"verdict": verdict, "who": one["who"], "when": one["when"]}
+        values["changed"] = ", ".join(tell(f"signed.part.{name}") for name in one["changed"])
+        key = "signed.line.outdated" if one["changed"] else "signed.line"
+        yield tell(key, **values, digest=one["digest"])
 
 
 def export(given: argparse.Namespace, voice: Voice) -> None:

@@ -273,6 +273,23 @@ class ReadCheck:
     """Why nothing could be read."""
 
 
+Acceptance = Literal["accept", "accept-with-remarks", "reject"]
+"""What a reviewer says of a whole block."""
+ACCEPTANCES: tuple[Acceptance, ...] = get_args(Acceptance)
+
+
+@dataclass(frozen=True, slots=True)
+class SignBlock:
+    """A reviewer's verdict on the block and its mosaic, under the name it is recorded with."""
+
+    verdict: Acceptance
+    """What is said."""
+    remark: str
+    """In the reviewer's words; empty where nothing is added."""
+    judged: Mapping[str, str]
+    """Digest of each part that was judged."""
+
+
 @dataclass(frozen=True, slots=True)
 class Withdraw:
     """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
@@ -289,7 +306,7 @@ PointsDecision = SetRole | AddPoint | BringPoints
 """A decision about surveyed points themselves."""
 ScanDecision = DrawMask | PlacePhoto
 """A decision about a whole scan: its mask, or where it lies."""
-JudgingDecision = PlanChecks | ReadCheck
+JudgingDecision = PlanChecks | ReadCheck | SignBlock
 """A decision that judges the block and changes nothing of it."""
 Decision = (
     PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | ScanDecision
@@ -331,7 +348,7 @@ def standing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
 
 
 def changing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
-    """Records that say something of the block itself: no plan, no reading, nor their undoing."""
+    """Records that say something of the block itself: nothing that judges, nor its undoing."""
     judging: set[int] = set()
     kept: list[Recorded] = []
     for item in decisions:

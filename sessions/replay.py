@@ -45,6 +45,7 @@ from sessions.decisions import (
     Reject,
     ScanDecision,
     SetRole,
+    SignBlock,
     Withdraw,
     standing,
 )
@@ -107,6 +108,7 @@ def replay(
                 | PlacePhoto()
                 | PlanChecks()
                 | ReadCheck()
+                | SignBlock()
             ) as decision:
                 matched = _is_known(block, decision)
             case decision:

@@ -49,6 +49,7 @@ from core.results import BlockInput
 from core.said import say
 from core.scans.photo_mask import with_drawn
 from core.scans.stage import ScanSet, find_like
+from sessions.checks import version_on_disk
 from sessions.session import HIDDEN, Session
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
 from ui.review.snapshot import DeskSnapshot
@@ -166,6 +167,10 @@ class DeskInputs:
     running: Running | None = None
     """Runs the block from the desk."""
 
+    def mosaic_version(self) -> str:
+        """What the mosaic on disk was made of; empty where there is none."""
+        return version_on_disk(self.session.products)
+
 
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
@@ -187,6 +192,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         desk.initial,
         desk.doubts,
         height_sigma_m=desk.reference_sigma_m[2],
+        mosaic_version=desk.mosaic_version(),
     )
 
 

@@ -41,6 +41,7 @@ from sessions.decisions import (
     PlaceFiducial,
     Recorded,
     Withdraw,
+    changing,
     standing,
 )
 from ui.review.compare import stale_photos, with_made
@@ -148,7 +149,9 @@ class ReviewLoop:
 
     def _catch_up(self, event: Event) -> None:
         """After every event: new decisions over the block, the picture, then the background."""
-        if self._replay_due:
+        if self._replay_due and self._only_judged():
+            self._take_judgements()
+        elif self._replay_due:
             self._replay()
             self._change_state(adjusting=True)
             self._adjust_due = True
@@ -169,6 +172,19 @@ class ReviewLoop:
         self._try_out([subject for subject in looked_at if subject])
         for wanted in self._proposer.wanted(self._now.state, seats):
             self._measurer.measure(wanted, self._now)
+
+    def _only_judged(self) -> bool:
+        """Whether nothing was said of the block itself: a reading moves no photo."""
+        before = [item.decision_id for item in changing(self._now.recorded)]
+        return before == self._session.changing()
+
+    def _take_judgements(self) -> None:
+        """Show plans, readings and signatures as they stand now."""
+        self._replay_due = False
+        recorded = self._session.decisions()
+        plain = [item for item in standing(recorded) if not isinstance(item.decision, Withdraw)]
+        self._now = replace(self._now, recorded=recorded)
+        self._change_state(decided=len(plain))
 
     def _replay(self) -> None:
         """Lay all decisions that stand over the block as the engine left it."""
@@ -396,7 +412,8 @@ class ReviewLoop:
             state = replace(made, written_of=ended.made_with, mosaic=self._inputs.mosaic())
             notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
         stale = stale_photos(state, self._inputs.stale_m)
-        self._now = replace(self._now, state=state, stale=stale)
+        version = self._inputs.mosaic_version()
+        self._now = replace(self._now, state=state, stale=stale, mosaic_version=version)
         self._screen.tell("", notice)
 
     def _change_state(self, **changes: Any) -> None:

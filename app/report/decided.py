@@ -25,6 +25,7 @@ KINDS = {
     "FillMarks": "fiducials",
     "PlanChecks": "checks planned",
     "ReadCheck": "checks read",
+    "SignBlock": "signatures",
 }
 """What each kind of decision is counted as."""
 

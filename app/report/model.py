@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from app.report.accuracy import check_accuracy, comparison_accuracy
+from app.report.checked import Checked, checked_by_hand, checked_part
 from app.report.decided import decision_figures
 from app.report.pointing import pointing_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
@@ -27,7 +30,7 @@ from core.mosaic.comparison import MosaicAccuracy
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
 from core.quality.displacement import displacement
-from core.quality.rules import Finding, check_release, judge_block
+from core.quality.rules import Finding, Release, check_release, judge_block
 from core.raster.holes import Hole
 from sessions.decisions import Recorded
 from ui.words.catalogue import LANGUAGES
@@ -48,6 +51,11 @@ class Written:
     """Who had it written."""
     version: str
     """Of Gruber."""
+
+
+def written_now(operator: str) -> Written:
+    """Written at this minute by this version."""
+    return Written(datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), operator, version("gruber"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +102,8 @@ class ReportContent:
     """Date, operator and version."""
     decisions: Sequence[Recorded] = ()
     """Every decision of the session."""
+    mosaic_version: str = ""
+    """What the mosaic was made of, as readings of it say; empty where there is none."""
     language: str = LANGUAGES[0]
     """Of the page; the JSON is for programs and knows one language."""
 
@@ -107,7 +117,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         for name, photo in block.photos.items()
     }
     standing = {name: footprints[name] for name, photo in block.photos.items() if photo.oriented}
-    findings = judge_block(assess_block(report, standing), report, content.holes)
+    findings, release, checked = _judged(content, standing)
     figures = {
         "verdict": [
             {"kind": one.kind, "grave": one.grave, "sentence": one.sentence, **one.values}
@@ -119,6 +129,9 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report),
         "checks": check_accuracy(report),
+        "checked": checked_part(
+            report, content.decisions, content.mosaic_version, checked, findings
+        ),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": {**_control_figures(report), **control_in_use(report, content.influence)},
         "residuals": residual_figures(report),
@@ -126,7 +139,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "reliability": _reliability(content),
         "coverage": _coverage(report),
         "control_spread": spread_figures(report, content.influence),
-        "certificate": _release(content, findings),
+        "certificate": None if release is None else _release_figures(release),
         "ties": _tie_figures(report),
         "overlaps": _overlaps(block, footprints),
         "exterior": _exterior_figures(report, content.before),
@@ -154,12 +167,39 @@ def gather(content: ReportContent) -> dict[str, Any]:
     return json_value(figures)
 
 
-def _release(content: ReportContent, findings: Sequence[Finding]) -> dict[str, Any] | None:
+def _judged(
+    content: ReportContent, standing: Mapping[str, Polygon]
+) -> tuple[tuple[Finding, ...], Release | None, Checked | None]:
+    """Every finding, whether the block may be given out, and what readings say of its mosaic."""
+    report = content.report
+    findings = judge_block(assess_block(report, standing), report, content.holes)
+    release = _release(content, findings)
+    checked = checked_by_hand(
+        report,
+        content.decisions,
+        content.mosaic_version,
+        None if release is None else release.relative_m,
+        _ortho_sigma_m(content),
+    )
+    if checked is not None:
+        findings = tuple(sorted((*checked.findings, *findings), key=lambda one: -one.grave))
+        release = None if release is None else release.with_findings(checked.findings)
+    return findings, release, checked
+
+
+def _ortho_sigma_m(content: ReportContent) -> float:
+    """Standard deviation of the reference per axis, metres; 0 without one."""
+    return content.reference_sigma_m[0] if content.reference_sigma_m else 0.0
+
+
+def _release(content: ReportContent, findings: Sequence[Finding]) -> Release | None:
     """Whether the block may be given out; None where that was not asked."""
     if content.influence is None and content.report.exterior_sigmas:
         return None
-    ortho_sigma_m = content.reference_sigma_m[0] if content.reference_sigma_m else 0.0
-    found = check_release(content.report, content.influence, ortho_sigma_m, findings)
+    return check_release(content.report, content.influence, _ortho_sigma_m(content), findings)
+
+
+def _release_figures(found: Release) -> dict[str, Any]:
     return {
         "relative_m": found.relative_m,
         "predicted_m": found.predicted_m,

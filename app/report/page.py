@@ -13,6 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from PIL import Image
 from rasterio.enums import Resampling
 
+from app.report.checked import readings_told
 from app.report.drawing import (
     draw_bars,
     draw_coverage,
@@ -47,11 +48,12 @@ THUMBNAIL_PX = 1400
 LONGEST_TABLE = 300
 """Rows of a table on the page; the rest is in the JSON, and the page says so."""
 CHAPTERS = (
-    "verdict", "doubts", "block", "accuracy", "residuals", "control", "distribution", "ties",
+    "verdict", "doubts", "block", "accuracy", "readings", "residuals", "control", "distribution",
+    "ties",
     "exterior", "georeference", "interior", "cameras", "mosaic", "scans", "decisions",
     "provenance",
 )  # fmt: skip
-"""In the order of the page; that of the mosaic only where there is one."""
+"""In the order of the page; those of readings and of the mosaic only where there are any."""
 
 
 def write_report(folder: Path, content: ReportContent) -> tuple[Path, Path]:
@@ -118,6 +120,7 @@ def render(
     block_map, enlarged = draw_map(figures["map"], tell)
     caption = "report.map.caption.plain" if enlarged is None else "report.map.caption"
     mosaic, films = figures["mosaic"], figures["residuals"]["films"]
+    shown = {"mosaic": bool(mosaic), "readings": bool(figures["checked"]["plans"])}
     return _page(tell).render(
         f=figures,
         found=findings(figures, tell),
@@ -125,7 +128,8 @@ def render(
         tell=tell,
         again=again,
         requirements=requirements(figures, tell),
-        chapters=[name for name in CHAPTERS if mosaic or name != "mosaic"],
+        chapters=[name for name in CHAPTERS if shown.get(name, True)],
+        **readings_told(figures["checked"], tell),
         short=short_names([row["scan"] for row in figures["exterior"]]),
         block_map=block_map,
         small_map=draw_map_again(figures["map"], tell),

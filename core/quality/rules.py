@@ -6,7 +6,7 @@ amount and spacing of control follow the Czech instruction for the renewal of ca
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -71,6 +71,7 @@ GRAVITY = (0.0, 0.5, 0.9)  # design: a doubt is open to the operator; a poor blo
 """Gravity of a doubt by how grave the finding is."""
 HOLDING_BACK = (
     "diverged", "sigma-far", "loose", "control-few", "contradicted-far", "checks-over",
+    "read-over",
 )  # fmt: skip
 """Findings with which no prediction can be believed: the block is not released."""
 
@@ -158,6 +159,11 @@ class Release:
     checks: CheckFigures
     """The independent check points."""
 
+    def with_findings(self, findings: Sequence[Finding]) -> "Release":
+        """The same with what holds it back among further findings."""
+        more = [finding for finding in findings if finding.kind in HOLDING_BACK]
+        return replace(self, reasons=(*self.reasons, *more))
+
     @property
     def certified(self) -> bool:
         """Whether the block is released, and independent check points bear the prediction out."""
@@ -191,7 +197,7 @@ def check_release(
     # The reference is off alike in both axes, whatever the block does.
     reference = np.sqrt(2) * ortho_sigma_m
     worst_m = float(np.hypot(np.sqrt(places[worst].max()), reference)) if worst else float("nan")
-    limit = _limit_m(report.block)
+    limit = release_limit_m(report.block)
     predicted = float(np.hypot(relative, reference))
     reasons = [finding for finding in findings if finding.kind in HOLDING_BACK]
     if not predicted <= limit:
@@ -209,7 +215,7 @@ def human_findings(report: AdjustmentReport) -> list[Finding]:
     Args:
         report: The adjustment.
     """
-    against, limit = report.contradictions, _limit_m(report.block)
+    against, limit = report.contradictions, release_limit_m(report.block)
     if not against:
         items = report.block.measurements.values()
         accepted = sum(item.status == "accepted" for item in items)
@@ -224,7 +230,7 @@ def human_findings(report: AdjustmentReport) -> list[Finding]:
     return findings
 
 
-def _limit_m(block: Block) -> float:
+def release_limit_m(block: Block) -> float:
     """Position error on the ground up to which this block is released, metres."""
     pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
     return max(LIMIT_M, LIMIT_PX * float(np.median(pixels))) if pixels else LIMIT_M
@@ -281,7 +287,7 @@ def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Fin
 def _check_findings(report: AdjustmentReport) -> list[Finding]:
     """What independent check points say, few nothing of the block; then the proposals kept out."""
     own, proposals = independent_checks(report), kept_out(report)
-    kind, told = own.judged(_limit_m(report.block))
+    kind, told = own.judged(release_limit_m(report.block))
     graves = {"checks": SOUND, "checks-better": SOUND, "checks-over": POOR}
     findings = [Finding(kind, graves.get(kind, DOUBTFUL), told)]
     if proposals.count:

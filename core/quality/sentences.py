@@ -85,6 +85,28 @@ SENTENCES = {
     "no-holes": "The mosaic has no holes inside it.",
     "holes": "Holes inside the mosaic: {count}, {area} m² together; the largest ({largest} m²) is "
     "about E {east} N {north}. No photo shows the ground there.",
+    "read": "Places of the plan that were read: {read} of {planned} (not identifiable: "
+    "{unreadable}).",
+    "read-few": "Places of the plan that were read: {read} of {planned} (not identifiable: "
+    "{unreadable}); the standard asks for {least}.",
+    "read-within": "Readings of the mosaic: m_p {value} m ({low} to {high} m), within {limit} m.",
+    "read-over": "Readings of the mosaic: m_p {value} m ({low} to {high} m), more than {limit} m.",
+    "read-shifted": "The mosaic is shifted against the reference by {east} m east and {north} m "
+    "north on average, more than chance explains.",
+    "read-unshifted": "No shift of the mosaic against the reference: {east} m east and {north} m "
+    "north on average, as chance explains.",
+    "second": "Places read by a second observer: {doubled} of {read}. One reading is good to "
+    "{value} m: {share} % of the mean square difference is the observers'.",
+    "second-few": "Places read by a second observer: {doubled} of {read}, {least} are the rule. "
+    "One reading is good to {value} m: {share} % of the mean square difference is the observers'.",
+    "second-none": "No place was read by a second observer, {least} are the rule: how much of the "
+    "differences is the observer's is not known.",
+    "read-as-predicted": "The readings bear the prediction out: {ratio} times the predicted "
+    "{predicted} m (by chance {low} to {high}).",
+    "read-worse": "The readings differ by {ratio} times the predicted {predicted} m, more than "
+    "chance explains ({low} to {high}): the prediction cannot be trusted.",
+    "read-better": "The readings differ by {ratio} times the predicted {predicted} m, less than "
+    "chance explains ({low} to {high}): standard deviations are stated too large.",
     "predicted": "Position is predicted to {relative} m relative to the reference ortho, and to "
     "{value} m on the ground with the reference's own error: more than {limit} m.",
 }

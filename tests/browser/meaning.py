@@ -73,6 +73,7 @@ WRITES: dict[str, Names] = {
     "use": frozenset({"JudgeFiducial"}), "put": frozenset({"PlaceFiducial"}),
     "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask"}),
     "drop": frozenset({"Withdraw"}), "stand": frozenset({"PlacePhoto"}),
+    "read": frozenset({"ReadCheck"}), "sign": frozenset({"SignBlock"}),
 }  # fmt: skip
 """Decisions that a meaning may leave in the file."""
 STANDS = {"accept": "accept", "reject": "reject", "dubious": "dubious", "invisible": "reject"}
@@ -174,6 +175,7 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
         "reason": Meaning("reason", must=seen["asked"] == "why"),
         "magnified": Meaning("put", seen["mark"], must=True),
         "placing-save": Meaning("stand"),
+        "sign": Meaning("sign"),
         "pane": drawing.get(dialog),
     }.get(on)
 
@@ -215,10 +217,15 @@ def _placed_means(seen: dict[str, Any]) -> Meaning | None:
     return Meaning("stand") if seen["key"] == "s" else None
 
 
+def _checks_means(seen: dict[str, Any]) -> Meaning | None:
+    return Meaning("read") if seen["key"].lower() in "y1234" else None
+
+
 SHEETS: dict[str, Callable[[dict[str, Any]], Meaning | None]] = {
     "board": _board_means,
     "mask": _mask_means,
     "placed": _placed_means,
+    "checks": _checks_means,
 }
 """What keys mean in an open sheet; in any other they decide nothing."""
 SAID = {

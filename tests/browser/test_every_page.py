@@ -138,10 +138,10 @@ AWAY = {
 }  # fmt: skip
 """Write settings, begin a run or leave the page: tests of the start page go that way."""
 DECIDING_ELSEWHERE = {f"board={name}" for name in (*ON_BOARD, "undo", "fill")}
-DECIDING_ELSEWHERE |= {"act=undo", "act=redo"}
+DECIDING_ELSEWHERE |= {"act=undo", "act=redo", "sign"}
 SHEETS = {
     "": "", "help": "h", "quality": "b", "board": "i", "mask": "Shift+I", "placement": "g",
-    "mosaic": "Shift+O",
+    "mosaic": "Shift+O", "checks": "Shift+B",
     "results": "#results-open", "points": "#points-open", "naming": "#who", "placed": "Shift+G",
 }  # fmt: skip
 """Everything that opens at the desk: by a key or a button."""

@@ -67,6 +67,8 @@ def test_plans_and_readings_change_nothing_of_the_block__law(tmp_path: Path, blo
 
 
 def test_records_that_judge_are_told_from_those_that_change__law() -> None:
-    said = [Recorded(1, "t", "ada", Accept("P1", "A")),
-            Recorded(2, "t", "ada", ReadCheck("1-01", None, None, "m", "blurred"))]  # fmt: skip
+    said = [
+        Recorded(1, "t", "ada", Accept("P1", "A")),
+        Recorded(2, "t", "ada", ReadCheck("1-01", None, None, "m", "blurred")),
+    ]
     assert [item.decision_id for item in changing(said)] == [1]

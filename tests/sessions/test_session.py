@@ -36,6 +36,7 @@ from sessions.decisions import (
     ReadCheck,
     Reject,
     SetRole,
+    SignBlock,
     Withdraw,
     standing,
 )
@@ -71,6 +72,7 @@ EVERY: tuple[Decision, ...] = (
     PlaceFiducial("A", "3", 10.25, 2 / 3),
     PlanChecks((CheckPlace("1-01", 1.5, 2 / 3, 0.04),), (6, 5), 1, "", True, "abc"),
     ReadCheck("1-01", (1.5, 2 / 3), (1.25, 0.5), "abc"),
+    SignBlock("accept-with-remarks", "roh", {"mosaic": "abc"}),
     Withdraw(3),
 )
 

@@ -4,6 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast, get_args
 
+from ui.review.check_gestures import (
+    BlockSigned,
+    CheckRead,
+    reading_from_message,
+    signature_from_message,
+)
 from ui.review.drawing import MaskDrawn, mask_from_message
 from ui.review.mosaic import MosaicPicked, NearAsked, near_from_message, picked_from_message
 from ui.review.state import (
@@ -318,7 +324,7 @@ Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
     | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched | Undone | Redone
     | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | Freed
-    | MarkPlaced | MarkJudged | MaskDrawn
+    | MarkPlaced | MarkJudged | MaskDrawn | CheckRead | BlockSigned
 )  # fmt: skip
 LOOKING: tuple[type, ...] = get_args(Looking)
 """What a guest may do: look at everything, change nothing that others see."""
@@ -475,6 +481,8 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "draw": mask_from_message,
     "pick": picked_from_message,
     "near": near_from_message,
+    "check-read": reading_from_message,
+    "sign": signature_from_message,
     "mark-use": lambda seat, message: MarkJudged(
         seat, str(message["photo"]), str(message["name"]), bool(message["use"])
     ),

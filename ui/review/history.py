@@ -25,6 +25,7 @@ from sessions.decisions import (
     Recorded,
     Reject,
     SetRole,
+    SignBlock,
     Withdraw,
     standing,
 )
@@ -80,7 +81,7 @@ def _explained(recorded: Sequence[Recorded]) -> set[int]:
 def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
     """True when a decision is about a measurement, or about its whole point."""
     match decision:
-        case Withdraw() | DrawMask() | FillMarks() | PlanChecks() | ReadCheck():
+        case Withdraw() | DrawMask() | FillMarks() | PlanChecks() | ReadCheck() | SignBlock():
             return False
         case PlacePhoto(photo_id=photo_id):
             return photo_id == key[1]
@@ -106,6 +107,7 @@ def key_of(decision: Decision, extra: Extra) -> Key | None:
             | FillMarks()
             | PlanChecks()
             | ReadCheck()
+            | SignBlock()
         ):
             return None
         case AddPoint(point_id=point_id, measured=measured):
@@ -129,7 +131,7 @@ def subject_of(decision: Decision) -> str:
         case BringPoints(points=points):
             rest = f" + {len(points) - 1}" if len(points) > 1 else ""
             return points[0].point_id + rest if points else ""
-        case ReadCheck(place_id=name) | PlanChecks(digest=name):
+        case ReadCheck(place_id=name) | PlanChecks(digest=name) | SignBlock(verdict=name):
             return name
         case _:
             return getattr(decision, "point_id", "")

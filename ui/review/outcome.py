@@ -17,6 +17,8 @@ from sessions.decisions import (
     Reject,
     SetRole,
 )
+from ui.review.check_gestures import BlockSigned, CheckRead
+from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
 from ui.review.drafts import is_to_be_asked
@@ -137,12 +139,22 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             | AnswerAsked()
         ):
             return _act(gesture, seat, desk)
-        case TakenBack(decision_id=decision_id):
-            return Outcome(seat, taken_back(decision_id, desk.recorded))
+        case TakenBack() | CheckRead() | BlockSigned():
+            return _record(gesture, seat, desk)
         case Aimed() | MosaicPicked():
             return _aim(gesture, seat, desk)
         case _:
             return Outcome(_moved(gesture, seat, desk))
+
+
+def _record(
+    gesture: TakenBack | CheckRead | BlockSigned, seat: Seat, desk: DeskSnapshot
+) -> Outcome:
+    """A decision turned round, or one that judges the block and changes nothing of it."""
+    if isinstance(gesture, TakenBack):
+        return Outcome(seat, taken_back(gesture.decision_id, desk.recorded))
+    decided, notice = decided_judgement(gesture, desk)
+    return Outcome(seat, decided, notice=notice)
 
 
 def _act(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 from ui.review.board import board_part
+from ui.review.checking import read_figures, seat_checks, signatures_part
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
 from ui.review.mosaic import mosaic_part
@@ -110,8 +111,17 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
         yield (
             "quality",
             (
-                (*adjusted, state.free, state.holes, desk.outlines, desk.adjustments, seat.pair),
-                lambda: quality_part(state, desk.outlines, desk.adjustments, seat.pair),
+                (
+                    *adjusted,
+                    state.free,
+                    state.holes,
+                    desk.outlines,
+                    desk.adjustments,
+                    seat.pair,
+                    desk.recorded,
+                    desk.mosaic_version,
+                ),
+                lambda: seat_quality(seat, desk),
             ),
         )
     yield from _sheet_parts(seat, desk, adjusted)
@@ -141,8 +151,19 @@ def _sheet_parts(
     if seat.sheet == "mosaic":
         sources = (state.mosaic, desk.stale, desk.outlines, state.report)
         yield "mosaic", (sources, lambda: mosaic_part(desk))
+    if seat.sheet == "checks":
+        sources = (desk.recorded, seat.operator, desk.mosaic_version, state.mosaic, state.block)
+        yield "checks", (sources, lambda: seat_checks(seat.operator, desk))
     if seat.sheet == "placement":
         yield "placement", (adjusted, lambda: placement_part(state, desk.initial, desk.doubts))
+
+
+def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
+    """The block's quality, what readings say of it, and who has signed it."""
+    read = read_figures(desk.recorded, desk.mosaic_version)
+    told = quality_part(desk.state, desk.outlines, desk.adjustments, seat.pair, read)
+    assert isinstance(told, dict), "there is always something to say of a block"
+    return {**told, "signatures": signatures_part(desk)}
 
 
 def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:

@@ -6,7 +6,10 @@ import numpy as np
 import shapely
 
 from core.quality.assessment import BlockQuality, assess_block
-from core.quality.rules import judge_block
+from core.quality.reading_rules import reading_findings
+from core.quality.readings import ReadingFigures
+from core.quality.rules import judge_block, release_limit_m
+from ui.review.checking import figures_told, rules_part
 from ui.review.history import AdjustmentRecord, record_line, shifts_m
 from ui.review.picture import Part, checks_told, position_error_m
 from ui.review.scene import EDGE_PARTS, Segments
@@ -22,15 +25,21 @@ def quality_part(
     outlines: Segments,
     adjustments: tuple[AdjustmentRecord, ...],
     pair: tuple[int, int] | None = None,
+    read: ReadingFigures | None = None,
 ) -> Part:
     """Everything the view shows; outlines are the footprints in the local frame."""
     report = state.report
     polygons = footprint_polygons(state, outlines)
     found = assess_block(report, polygons)
     findings = judge_block(found, report, state.holes)
+    if read is not None:
+        more = reading_findings(read, release_limit_m(report.block))
+        findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
     return {
         "verdict": max((f.grave for f in findings), default=0),
         "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],
+        "rules": rules_part(findings),
+        "read": None if read is None else figures_told(read),
         "sigma": _number(report.sigma_nought, 3),
         "mp": _number(position_error_m(report), 3),
         "checks": checks_told(report),

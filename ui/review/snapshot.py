@@ -50,6 +50,8 @@ class DeskSnapshot:
     """Every decision."""
     height_sigma_m: float = 0.5
     """Standard deviation of the heights of the ground, metres."""
+    mosaic_version: str = ""
+    """What the mosaic on disk was made of; empty where there is none."""
     adjustments: tuple[AdjustmentRecord, ...] = ()
     """Adjustments of this sitting."""
     seats: Mapping[str, Seat] = field(default_factory=dict[str, Seat])

@@ -32,9 +32,9 @@ StateFilter = Literal[
 STATE_FILTERS: tuple[StateFilter, ...] = (
     "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
 )  # fmt: skip
-Sheet = Literal["", "board", "placement", "mask", "mosaic"]
+Sheet = Literal["", "board", "placement", "mask", "mosaic", "checks"]
 """A view laid over the desk, beside that of the block's quality."""
-SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask", "mosaic")
+SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask", "mosaic", "checks")
 LAYERS: tuple[str, ...] = (
     "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
     "checks", "ties", "tie_vectors", "labels",

@@ -193,6 +193,10 @@ interface Quality {
     ties: [x: number, y: number, sigma: number | null][];
   };
   milestones: Milestone[];
+  read: ReadFigures | null;
+  rules: [rule: string, grave: number, word: string, values: Record<string, string>,
+    source: string][];
+  signatures: Signature[];
   compared: { pair: [number, number]; shifts: [photo: string, metres: number][] } | null;
 }
 
@@ -348,12 +352,51 @@ interface Parts {
   mask?: Masks;
   mosaic?: Mosaic;
   picked?: PickedPlace;
+  checks?: CheckSheet;
   scene?: SceneSwitches;
   card?: Card;
   sight?: Sight;
 }
 /** Only what changed; the table in pieces `rows/0`, `rows/1` and so on, `rows/count` long. */
 type Message = Parts & { notices?: Notice[]; "rows/count"?: number };
+
+/** One planned place as one observer sees it; no place of anybody else is told. */
+interface CheckedPlace {
+  place: string;
+  at: Pair;
+  surveyed: boolean;
+  /** Middles of the views of mosaic and reference. */
+  views: Pair[];
+  width: number;
+  others: number;
+  state: "open" | "read" | "unreadable" | "outdated";
+  marks?: Pair[];
+  reason?: string;
+  decision?: number;
+}
+interface PlanLine {
+  when: string; who: string; count: number; cells: number[]; source: string; digest: string;
+  beforehand: boolean; unchanged: boolean;
+}
+interface CheckSheet {
+  plan: PlanLine | null;
+  mosaic: Mosaic | null;
+  places: CheckedPlace[];
+}
+interface ReadRow {
+  count: number; mean: (number | null)[]; shifted: boolean[]; rms: (number | null)[];
+  mp: number | null; interval: (number | null)[]; extreme: (number | null)[];
+}
+interface ReadFigures {
+  planned: number; read: number; unreadable: number; doubled: number; together: ReadRow;
+  observers: [who: string, row: ReadRow][];
+  pairs: [first: string, second: string, row: ReadRow][];
+  observer: number | null; share: number | null;
+}
+interface Signature {
+  id: number; who: string; when: string; verdict: string; remark: string; digest: string;
+  changed: string[];
+}
 
 /** A scan with what was drawn on it: polygons as rings of places, the outer one first. */
 interface MaskedScan {
@@ -519,6 +562,7 @@ interface ReadList {
 interface Ids {
   board: HTMLDialogElement;
   mask: HTMLDialogElement;
+  checks: HTMLDialogElement;
   placed: HTMLDialogElement;
   contrast: HTMLInputElement;
   help: HTMLDialogElement;

@@ -26,7 +26,7 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
     ("R", "raw"), ("L", "likeness"), ("O", "edges"), ("T", "flicker"),
-    ("Z", "together"), ("P", "act.add"), ("B", "quality"),
+    ("Z", "together"), ("P", "act.add"), ("B", "quality"), ("Shift+B", "checks"),
     ("I", "board"), ("Shift+I", "mask"), ("G", "placement"), ("Shift+G", "placing"),
     ("Shift+O", "mosaic"), ("X", "grow"),
     (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),

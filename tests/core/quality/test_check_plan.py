@@ -53,8 +53,10 @@ def test_places_lie_on_stronger_corners_than_chance_finds__truth(ortho: Ortho) -
 
     def at(plan: np.ndarray) -> np.ndarray:
         columns, rows = np.floor(grid.grid_from_object(plan)).astype(int).T
-        near = [strength[max(r - 4, 0) : r + 5, max(c - 4, 0) : c + 5].max()
-                for c, r in zip(columns, rows, strict=True)]  # fmt: skip
+        near = [
+            strength[max(r - 4, 0) : r + 5, max(c - 4, 0) : c + 5].max()
+            for c, r in zip(columns, rows, strict=True)
+        ]
         return np.array(near)
 
     thrown = np.random.default_rng(0).uniform(area.bounds[:2], area.bounds[2:], (300, 2))

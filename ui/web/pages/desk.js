@@ -21,6 +21,7 @@ import { maskKey, maskState, openMask, setUpMask, showMask } from "./mask.js";
 import {
   mosaicKey, mosaicState, openMosaic, setUpMosaic, showMosaic, showPicked, tellMosaic,
 } from "./mosaic.js";
+import { checksKey, checksState, openChecks, setUpChecks, showChecks } from "./checks.js";
 import { openPlaced, setUpPlaced } from "./placed.js";
 import { setUpPoints } from "./points.js";
 import { setUpResults } from "./results.js";
@@ -136,6 +137,7 @@ const ACTS = {
   placement: () => openPlacement(state.parts.placement),
   mask: () => openMask(state.parts.mask, state.parts.point?.key[1]),
   mosaic: openMosaic,
+  checks: () => openChecks(state.parts.checks),
   placing,
   theme: nextTheme,
   tour: startTour,
@@ -156,12 +158,14 @@ const TEXTS = {
   "fit-current": "fit.current", details: "details", edges: "edges",
   flicker: "flicker", together: "together", mask: "mask", placing: "placing",
   mosaic: "mosaic",
+  checks: "checks",
 };
 /** @type {Record<string, State>} */
 const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };
 /** What a key does with Shift. @type {Record<string, string>} */
 const SHIFTED = {
   undo: "redo", accept: "accept-all", board: "mask", placement: "placing", edges: "mosaic",
+  quality: "checks",
 };
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
@@ -192,6 +196,7 @@ function sheetKey(event, /** @type {HTMLDialogElement} */ sheet) {
   if (sheet.id === "placement") return placementKey(event, letter);
   if (sheet.id === "mask") return maskKey(event, letter);
   if (sheet.id === "mosaic") return mosaicKey(event, letter);
+  if (sheet.id === "checks") return checksKey(event, letter);
   const closes = event.key === "Escape" || letter === CLOSED_BY[sheet.id];
   if (closes && event.type === "keydown") sheet.close();
   return event.key === "Escape" || event.key.length === 1;
@@ -322,6 +327,7 @@ function receive(message) {
   if (fresh.mask) showMask(fresh.mask);
   if (fresh.mosaic) showMosaic(fresh.mosaic);
   if (fresh.picked) showPicked(fresh.picked);
+  if (fresh.checks) showChecks(fresh.checks);
   if (fresh.scene) showScene(fresh.scene);
   if (fresh.card) showCard(fresh.card);
   if (fresh.sight) showSight(fresh.sight);
@@ -394,6 +400,7 @@ async function open() {
   setUpPlacement();
   setUpMask();
   setUpMosaic();
+  setUpChecks();
   setUpPlaced();
   setUpPoints();
   setUpResults();
@@ -407,6 +414,7 @@ async function open() {
   openScene();
   window.gruber = {
     parts: state.parts, compareState, boardState, placementState, maskState, mosaicState,
+    checksState,
   };
   if (tourIsNew()) startTour();
 }

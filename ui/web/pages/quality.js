@@ -2,8 +2,10 @@
 import {
   all, byId, element, first, number, renew, shortName, start, svg, tip, word,
 } from "./words.js";
+import { openChecks } from "./checks.js";
 import { mosaicButton } from "./mosaic.js";
 import { fewer, keptOut } from "./status.js";
+import { readings, ruled, signing } from "./sign.js";
 import { send } from "./wire.js";
 
 const MOST_SHIFTS = 12; // design: the photos that moved furthest; the rest says nothing more
@@ -39,7 +41,10 @@ export function showQuality(found) {
   if (!sheet.open || state.shown === shape) return;
   state.shown = shape;
   const kept = sheet.querySelector(".sheet")?.scrollTop ?? 0;
-  const parts = [verdict, maps, flight, photos, overlaps, adjustments].map((make) => make(found));
+  const makes = [
+    verdict, readings, signing, maps, ruled, flight, photos, overlaps, adjustments,
+  ];
+  const parts = makes.map((make) => make(found));
   renew(sheet, head(found), element("div", { class: "sheet" }, ...parts));
   first(".sheet", sheet).scrollTop = kept;
 }
@@ -69,6 +74,10 @@ function head({ sigma, mp, checks }) {
   return element("header", {}, element("h2", {}, `${word("quality")} \u00b7 ${start.name}`),
     element("span", { class: "muted" }, words), element("span", { class: "stretch" }),
     mosaicButton("quality"),
+    element("button", { id: "quality-checks", title: word("checks.tip"), onclick: () => {
+      byId("quality").close();
+      openChecks(undefined);
+    } }, word("checks")),
     element("button", { onclick: () => window.print() }, word("quality.print")),
     element("button", { id: "quality-close", onclick: close }, word("act.close")));
 }

@@ -1,0 +1,239 @@
+"""What was checked by hand: plans, readings with their figures, rules and signatures; JSON-able."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from core.adjustment.adjusted import AdjustmentReport
+from core.quality.job_rules import judge_rules
+from core.quality.reading_rules import reading_findings
+from core.quality.readings import (
+    Foretold,
+    PlanFigures,
+    ReadingFigures,
+    compare_with_prediction,
+)
+from core.quality.rules import Finding, release_limit_m
+from sessions.checks import (
+    StandingPlan,
+    checked_figures,
+    difference_m,
+    outdated_readings,
+    readings_of,
+    standing_plans,
+)
+from sessions.decisions import Recorded
+from sessions.signatures import judged_parts, standing_signatures
+from ui.words.catalogue import Teller
+
+Figures = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checked:
+    """Readings of the plan that is read now, and what they come to."""
+
+    figures: ReadingFigures
+    """The figures."""
+    foretold: Foretold
+    """What was predicted of them."""
+    findings: tuple[Finding, ...]
+    """What follows."""
+
+
+def checked_by_hand(
+    report: AdjustmentReport,
+    decisions: Sequence[Recorded],
+    version: str,
+    relative_m: float | None,
+    ortho_sigma_m: float,
+) -> Checked | None:
+    """What readings say of a mosaic; None without a plan.
+
+    Args:
+        report: The adjustment.
+        decisions: Everything recorded.
+        version: Of the mosaic; empty where there is none.
+        relative_m: RMS in plan of the block relative to the reference, metres; None: not known.
+        ortho_sigma_m: Standard deviation of the reference per axis, metres.
+    """
+    plans = standing_plans(decisions)
+    if not plans:
+        return None
+    figures = checked_figures(decisions, plans[-1], version)
+    relative = float("nan") if relative_m is None else relative_m
+    foretold = compare_with_prediction(figures, relative, float(2**0.5) * ortho_sigma_m)
+    limit = release_limit_m(report.block)
+    return Checked(figures, foretold, tuple(reading_findings(figures, limit, foretold)))
+
+
+def checked_part(
+    report: AdjustmentReport,
+    decisions: Sequence[Recorded],
+    version: str,
+    checked: Checked | None,
+    findings: Sequence[Finding],
+) -> Figures:
+    """Everything about checks that the report tells.
+
+    Args:
+        report: The adjustment.
+        decisions: Everything recorded.
+        version: Of the mosaic.
+        checked: What readings say; None without a plan.
+        findings: Every finding about the block, those of readings among them.
+    """
+    plans = standing_plans(decisions)
+    return {
+        "plans": [_plan(one, decisions, version) for one in plans],
+        "figures": None if checked is None else _figures(checked.figures),
+        "prediction": None if checked is None else _prediction(checked.foretold),
+        "readings": _readings(plans, decisions, version),
+        "rules": [
+            {
+                "rule": one.rule.name,
+                "grave": one.finding.grave,
+                "kind": one.finding.kind,
+                "sentence": one.finding.sentence,
+                "more": one.more,
+                "source": one.rule.source,
+            }
+            for one in judge_rules(findings)
+        ],
+        "signatures": signature_figures(decisions, judged_parts(decisions, report, version)),
+    }
+
+
+def signature_figures(decisions: Sequence[Recorded], now: Mapping[str, str]) -> list[Figures]:
+    """Signatures that stand, the newest first."""
+    return [
+        {
+            "who": one.recorded.who,
+            "when": one.recorded.when[:16].replace("T", " "),
+            "verdict": one.said.verdict,
+            "remark": one.said.remark,
+            "digest": one.digest,
+            "holds": one.holds,
+            "changed": list(one.changed),
+        }
+        for one in standing_signatures(decisions, now)
+    ]
+
+
+def observer_rows(figures: Figures | None) -> list[tuple[str, Figures]]:
+    """Rows of the table of observers: each alone, then the differences of every two."""
+    if figures is None:
+        return []
+    return [(one["who"], one) for one in (*figures["observers"], *figures["pairs"])]
+
+
+def readings_told(checked: Figures, tell: Teller) -> Figures:
+    """Title and table of observers of the chapter of readings."""
+    return {
+        "readings_title": readings_title(checked, tell),
+        "by_observer": observer_rows(checked["figures"]),
+    }
+
+
+def readings_title(checked: Figures, tell: Teller) -> str:
+    """What readings say, in one sentence."""
+    found = checked["figures"]
+    if found is None or not found["read"]:
+        return tell("report.readings.none")
+    together = found["together"]
+    low, high = together["m_p_interval"]
+    return tell(
+        "report.readings", count=found["read"], m_p=together["rmse_plan_m"], low=low, high=high
+    )
+
+
+def _plan(one: StandingPlan, decisions: Sequence[Recorded], version: str) -> Figures:
+    """A plan, with m_p of its readings where there are some."""
+    found = checked_figures(decisions, one, version)
+    return {
+        "when": one.recorded.when[:16].replace("T", " "),
+        "who": one.recorded.who,
+        "places": len(one.plan.places),
+        "cells": list(one.plan.cells),
+        "seed": one.plan.seed,
+        "source": one.plan.source,
+        "digest": one.plan.digest,
+        "unchanged": one.unchanged,
+        "before_control": one.plan.beforehand,
+        "read": found.read,
+        "outdated": outdated_readings(decisions, one, version),
+        "m_p": found.together.m_p,
+    }
+
+
+def _figures(found: ReadingFigures) -> Figures:
+    return {
+        "planned": found.planned,
+        "read": found.read,
+        "unreadable": found.unreadable,
+        "doubled": found.doubled,
+        "enough": found.enough,
+        "together": plan_row(found.together),
+        "observers": [{"who": who, **plan_row(one)} for who, one in found.by_observer.items()],
+        "pairs": [
+            {
+                "who": f"{one.first} / {one.second}",
+                **plan_row(one.figures),
+                "observer_m": one.observer_m,
+            }
+            for one in found.pairs
+        ],
+        "observer_m": found.observer_m,
+        "observer_share": found.observer_share,
+    }
+
+
+def plan_row(one: PlanFigures) -> Figures:
+    """Figures in the order of tables 5 and 6 of the report on the Czech orthophoto, and more."""
+    return {
+        "count": one.count,
+        "c": list(one.mean_m),
+        "chance": list(one.chance),
+        "shifted": list(one.shifted),
+        "s": list(one.deviation_m),
+        "m": list(one.rms_m),
+        "m_interval": [list(pair) for pair in one.rms_interval_m],
+        "m_p": one.m_p,
+        "m_p_interval": list(one.m_p_interval),
+        "extreme": list(one.extreme_m),
+        "nmad": list(one.nmad_m),
+        "circular_error_90": one.circular_error_90,
+        "survey_m": one.survey_m,
+        "rmse_plan_m": one.product_m,
+        "thesis_mean_m": one.thesis_mean_m,
+    }
+
+
+def _prediction(one: Foretold) -> Figures:
+    return {
+        "predicted_m": one.predicted_m,
+        "ratio": one.ratio,
+        "interval": list(one.interval),
+        "said": one.said,
+    }
+
+
+def _readings(
+    plans: Sequence[StandingPlan], decisions: Sequence[Recorded], version: str
+) -> list[Figures]:
+    """Every standing reading of every plan, place by place."""
+    names = [place.place_id for one in plans for place in one.plan.places]
+    read = readings_of(decisions)
+    return [
+        {
+            "place": one.place_id,
+            "who": who,
+            "when": item.when[:16].replace("T", " "),
+            "reference": None if one.reference is None else list(one.reference),
+            "difference_m": None if one.mosaic is None else list(difference_m(one)),
+            "reason": one.reason,
+            "of_this_mosaic": one.version == version,
+        }
+        for (_, who), (item, one) in sorted(read.items())
+        if one.place_id in names
+    ]

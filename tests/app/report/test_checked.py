@@ -1,0 +1,94 @@
+"""Readings, rules and signatures in the report and its JSON."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.report.model import ReportContent, gather
+from app.report.page import write_report
+from app.verbs import signed_lines
+from core.quality.check_plan import CheckPlace
+from sessions.checks import new_plan
+from sessions.decisions import Decision, ReadCheck, Recorded, SignBlock
+from sessions.signatures import judged_parts
+from ui.words.catalogue import Teller
+
+BIAS, SCATTER, OBSERVER = np.array([0.2, -0.1]), 0.3, 0.1
+VERSION = "m1"
+
+
+@pytest.fixture(scope="module")
+def checked(content: ReportContent) -> ReportContent:
+    """The report of a block read at thirty places, ten of them twice, and signed."""
+    rng = np.random.default_rng(5)
+    places = [CheckPlace(f"{n:02d}", 1000.0 + 10 * n, 500.0) for n in range(30)]
+    plan = new_plan(places, (6, 5), 1, "", beforehand=True, decisions=())
+    said: list[tuple[str, Decision]] = [("ada", plan)]
+    for number, place in enumerate(plan.places):
+        error = BIAS + rng.normal(0, SCATTER, 2)
+        for who in ("ada", "bob")[: 1 + (number < 10)]:
+            east, north = np.array([place.east, place.north]) + error + rng.normal(0, OBSERVER, 2)
+            mosaic, reference = (float(east), float(north)), (place.east, place.north)
+            said.append((who, ReadCheck(place.place_id, mosaic, reference, VERSION)))
+    said.append(("bob", ReadCheck("1-29", None, None, "m0", "changed")))
+    records = [Recorded(100 + n, f"2026-01-02T10:{n:02d}:00", *one) for n, one in enumerate(said)]
+    decided = [*content.decisions, *records]
+    parts = judged_parts(decided, content.report, VERSION)
+    signed = SignBlock("accept-with-remarks", "the <b>south</b>", parts)
+    decided.append(Recorded(999, "2026-01-02T12:00:00", "eva", signed))
+    return replace(content, decisions=decided, mosaic_version=VERSION)
+
+
+def test_figures_of_readings_are_those_put_in__truth(checked: ReportContent) -> None:
+    found = gather(checked)["checked"]
+    figures = found["figures"]
+    assert (figures["read"], figures["doubled"]) == (30, 10)
+    true = np.sqrt(np.sum(BIAS**2) + 2 * SCATTER**2 + 2 * OBSERVER**2)
+    low, high = figures["together"]["m_p_interval"]
+    assert low < true < high
+    assert figures["together"]["c"] == pytest.approx(BIAS, abs=0.2)
+    assert figures["pairs"][0]["who"] == "ada / bob"
+    assert figures["observer_m"] == pytest.approx(np.sqrt(2) * OBSERVER, rel=0.4)
+    assert found["plans"][0]["outdated"] == 1
+    assert len(found["readings"]) == 41
+
+
+def test_the_page_shows_readings_rules_and_the_signature__truth(
+    checked: ReportContent, tmp_path
+) -> None:
+    for language, words in (("en", "Accepted with remarks"), ("cs", "Přijato s výhradami")):
+        html, told = write_report(tmp_path, replace(checked, language=language))
+        page = html.read_text(encoding="utf-8")
+        assert words in page
+        assert 'id="readings"' in page
+        assert "the &lt;b&gt;south&lt;/b&gt;" in page
+    figures = json.loads(told.read_text(encoding="utf-8"))
+    (signature,) = figures["checked"]["signatures"]
+    assert signature["holds"]
+    assert signature["digest"] in page
+    assert {row["rule"] for row in figures["checked"]["rules"]} >= {"read", "position", "second"}
+
+
+def test_a_change_after_the_signature_shows_it_as_outdated__law(
+    checked: ReportContent, tmp_path
+) -> None:
+    later = replace(checked, mosaic_version="m2")
+    (signature,) = gather(later)["checked"]["signatures"]
+    assert signature["changed"] == ["mosaic"]
+    html, _ = write_report(tmp_path, later)
+    assert "Outdated; changed since" in html.read_text(encoding="utf-8")
+    (line,) = signed_lines(tmp_path / "report.json", Teller())
+    assert "Accepted with remarks, eva" in line
+    assert line.endswith("Outdated; changed since: mosaic")
+
+
+def test_a_block_without_a_plan_has_no_chapter_of_readings__law(
+    content: ReportContent, tmp_path
+) -> None:
+    html, told = write_report(tmp_path, content)
+    assert 'id="readings"' not in html.read_text(encoding="utf-8")
+    found = json.loads(told.read_text(encoding="utf-8"))["checked"]
+    assert found["figures"] is None
+    assert found["signatures"] == []

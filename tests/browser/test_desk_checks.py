@@ -1,0 +1,126 @@
+"""Places read in the browser by two observers, and a block signed there."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.check_plan import PlanWish, plan_checks
+from app.project import read_project
+from sessions.checks import checked_figures, standing_plans, version_on_disk
+from sessions.decisions import Place, ReadCheck, SignBlock
+from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS, RealDesk
+from tests.browser.hands import settled
+
+pytestmark = pytest.mark.browser
+Sit = Callable[..., Any]
+BIAS_M = np.array([1.2, -0.8])
+PLACES = 4
+CURRENT = """() => { const { current, found } = gruber.checksState();
+  return found.places.find(one => one.place === current); }"""
+
+
+@pytest.fixture
+def planned(run_folder: Any) -> None:
+    """A plan drawn before the desk is opened."""
+    with Session.open(run_folder, "ada") as session:
+        plan_checks(read_project(run_folder), session, PlanWish())
+
+
+def open_checks(page: Any) -> None:
+    page.keyboard.press("Shift+B")
+    page.wait_for_selector("#checks[open] .check-room >> nth=1", timeout=PATIENCE_MS)
+    page.wait_for_function("gruber.checksState().toScreen(0, [0, 0]) !== undefined")
+
+
+def read_place(page: Any, off: np.ndarray) -> str:
+    """Mark the current place with a difference, and keep it."""
+    state = page.evaluate(CURRENT)
+    name, at = state["place"], np.array(state["at"])
+    for side, ground in enumerate((at + off, at)):
+        box = page.locator("#checks .check-room").nth(side).bounding_box()
+        x, y = page.evaluate(
+            "([side, ground]) => gruber.checksState().toScreen(side, ground)",
+            [side, ground.tolist()],
+        )
+        page.mouse.click(box["x"] + x, box["y"] + y)
+    page.keyboard.press("y")
+    page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
+    return name
+
+
+def test_two_observers_read_blind_and_the_bias_is_recovered__truth(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    read: list[str] = []
+    for who in ("ada", "bob"):
+        page = sit_at(real_desk.desk.url, scene=False)
+        settled(page)
+        page.click("#who")
+        page.fill("#name-field", who)
+        page.keyboard.press("Enter")
+        page.wait_for_function(
+            "name => document.getElementById('who').dataset.name === name", arg=who
+        )
+        open_checks(page)
+        shown = page.evaluate("JSON.stringify(gruber.checksState().found.places)")
+        # Nothing of the other's marks: a place that only others read is as good as new.
+        assert '"marks"' not in shown
+        wanted = set(read)
+        while len(read) < PLACES or wanted:
+            current = page.evaluate("gruber.checksState().current")
+            if who == "bob" and current not in wanted:
+                page.keyboard.press("j")
+                page.wait_for_function("name => gruber.checksState().current !== name", arg=current)
+                continue
+            name = read_place(page, BIAS_M)
+            wanted.discard(name)
+            if who == "ada":
+                read.append(name)
+        page.close()
+    session = real_desk.session
+    said = session.decisions()
+    by_whom = {
+        (item.decision.place_id, item.who) for item in said if isinstance(item.decision, ReadCheck)
+    }
+    assert by_whom == {(name, who) for name in read for who in ("ada", "bob")}
+    plan = standing_plans(said)[-1]
+    found = checked_figures(said, plan, version_on_disk(session.products))
+    assert found.doubled == PLACES
+    # A click is good to a pixel of the screen: a fifth of a metre in so small a block.
+    assert np.allclose(found.together.mean_m, BIAS_M, atol=0.3)
+
+
+def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
+    real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    page.keyboard.press("b")
+    page.wait_for_selector("#sign", timeout=PATIENCE_MS)
+    page.select_option("#sign-verdict", "reject")
+    page.fill("#sign-remark", "shifted in the north")
+    page.click("#sign")
+    page.wait_for_selector(".signature")
+    signed = real_desk.session.decisions()[-1].decision
+    assert isinstance(signed, SignBlock)
+    assert "shifted in the north" in page.inner_text(".signature")
+    assert not page.query_selector(".signature .outdated")
+    page.click("#quality-close")
+    before = len([one for one in real_desk.session.decisions() if isinstance(one.decision, Place)])
+    page.keyboard.press("y")
+    settled(page)
+    page.keyboard.press("b")
+    page.wait_for_selector(".signature .outdated", timeout=PATIENCE_MS)
+    page.click("#quality-close")
+    page.keyboard.press("u")
+    settled(page)
+    page.keyboard.press("b")
+    page.wait_for_function(
+        "document.querySelector('.signature') && !document.querySelector('.signature .outdated')",
+        timeout=PATIENCE_MS,
+    )
+    places = [one for one in real_desk.session.decisions() if isinstance(one.decision, Place)]
+    assert len(places) == before

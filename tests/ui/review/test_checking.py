@@ -1,0 +1,139 @@
+"""Readings and signatures at the desk: what is decided, and what an observer does not see."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.quality.assessment import assess_block
+from core.quality.check_plan import CheckPlace
+from core.quality.rules import judge_block
+from sessions.checks import new_plan
+from sessions.decisions import Decision, PlanChecks, ReadCheck, Recorded, SignBlock
+from tests.ui.desk_block import tiny_snapshot
+from ui.review.check_gestures import BlockSigned, CheckRead
+from ui.review.checking import (
+    checks_part,
+    decided_judgement,
+    decided_reading,
+    read_figures,
+    rules_part,
+    signatures_part,
+)
+from ui.review.snapshot import DeskSnapshot
+
+PLACES = tuple(CheckPlace(f"{n:02d}", 100.0 * n, 50.0 * n, 0.04 * (n == 3)) for n in range(1, 9))
+VERSION = "m1"
+
+
+def recorded(*more: tuple[str, Decision]) -> list[Recorded]:
+    plan = new_plan(PLACES, (4, 2), 1, "", beforehand=True, decisions=())
+    said: list[tuple[str, Decision]] = [("ada", plan), *more]
+    return [Recorded(n, f"2026-01-01T10:00:0{n}", *one) for n, one in enumerate(said, 1)]
+
+
+def read(place: str, east: float, version: str = VERSION) -> ReadCheck:
+    return ReadCheck(place, (east, 0.0), (0.0, 0.0), version)
+
+
+def test_a_reading_is_of_a_planned_place_in_the_mosaic_on_disk__law() -> None:
+    seen = CheckRead("s", "1-01", (1.0, 2.0), (1.5, 2.0), "")
+    assert decided_reading(seen, recorded(), VERSION) == (
+        ReadCheck("1-01", (1.0, 2.0), (1.5, 2.0), VERSION),
+    )
+    assert decided_reading(replace(seen, place_id="9-01"), recorded(), VERSION) == ()
+    assert decided_reading(seen, recorded(), "") == ()
+    assert decided_reading(seen, [], VERSION) == ()
+
+
+def test_a_surveyed_point_stays_where_it_was_surveyed__law() -> None:
+    seen = CheckRead("s", "1-03", (301.0, 151.0), (999.0, 999.0), "")
+    (decided,) = decided_reading(seen, recorded(), VERSION)
+    assert decided.reference == (300.0, 150.0)
+
+
+def test_no_observer_is_told_where_another_read__law() -> None:
+    """The places of others stand nowhere in what the page gets, only how many there are."""
+    said = recorded(("bob", read("1-01", 123.456)), ("ada", read("1-02", 7.0)))
+    shown = checks_part(said, "ada", VERSION, 0.5)
+    assert "123.456" not in json.dumps(shown)
+    by_name = {one["place"]: one for one in shown["places"]}
+    assert (by_name["1-01"]["state"], by_name["1-01"]["others"]) == ("open", 1)
+    assert by_name["1-02"]["marks"] == [[7.0, 0.0], [0.0, 0.0]]
+    assert "bob" not in json.dumps(shown["places"])
+
+
+def test_order_and_views_differ_between_observers_and_last__law() -> None:
+    ada, bob, again = (checks_part(recorded(), who, VERSION, 0.5) for who in ("ada", "bob", "ada"))
+    orders = [[one["place"] for one in part["places"]] for part in (ada, bob)]
+    assert orders[0] != orders[1]
+    assert sorted(orders[0]) == sorted(orders[1])
+    assert ada == again
+    views = {one["place"]: one["views"] for one in ada["places"]}
+    others = {one["place"]: one["views"] for one in bob["places"]}
+    assert all(views[name] != others[name] for name in views)
+    for one in ada["places"]:
+        off = np.abs(np.array(one["views"]) - one["at"])
+        assert off.max() <= 0.2 * one["width"]
+        # Neither view lies like the other: their middles say nothing of the misfit.
+        assert one["views"][0] != one["views"][1]
+
+
+def test_a_reading_of_an_earlier_mosaic_is_open_again_and_counts_for_nothing__law() -> None:
+    said = recorded(("ada", read("1-01", 1.0, "m0")))
+    shown = {one["place"]: one for one in checks_part(said, "ada", VERSION, 0.5)["places"]}
+    assert shown["1-01"]["state"] == "outdated"
+    assert "marks" not in shown["1-01"]
+    figures = read_figures(said, VERSION)
+    assert figures is not None
+    assert (figures.read, figures.planned) == (0, 8)
+    assert read_figures([], VERSION) is None
+
+
+@pytest.fixture(scope="module")
+def desk() -> DeskSnapshot:
+    return replace(tiny_snapshot(), mosaic_version=VERSION, stale=())
+
+
+def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
+    desk: DeskSnapshot,
+) -> None:
+    (signed,), notice = decided_judgement(BlockSigned("s", "accept", ""), desk)
+    assert isinstance(signed, SignBlock)
+    assert notice is not None
+    kept = replace(desk, recorded=[Recorded(1, "2026-01-01T10:00", "ada", signed)])
+    (line,) = signatures_part(kept)
+    assert (line["who"], line["changed"]) == ("ada", [])
+    (line,) = signatures_part(replace(kept, mosaic_version="m2"))
+    assert line["changed"] == ["mosaic"]
+    plan = PlanChecks(PLACES, (1, 1), 1, "", True, "x")
+    more = [*kept.recorded, Recorded(2, "2026-01-01T10:01", "bob", plan)]
+    (line,) = signatures_part(replace(kept, recorded=more))
+    assert line["changed"] == ["readings"]
+
+
+def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
+    busy = replace(desk, state=replace(desk.state, adjusting=True))
+    stale = replace(desk, stale=("A",))
+    for gesture, at in (
+        (BlockSigned("s", "accept", ""), busy),
+        (BlockSigned("s", "accept", ""), stale),
+        (BlockSigned("s", "accept", ""), replace(desk, mosaic_version="")),
+        (BlockSigned("s", "reject", ""), desk),
+        (BlockSigned("s", "accept-with-remarks", ""), desk),
+    ):
+        decided, notice = decided_judgement(gesture, at)
+        assert decided == ()
+        assert notice is not None
+    decided, _ = decided_judgement(BlockSigned("s", "reject", "a shifted corner"), stale)
+    assert decided
+
+
+def test_rules_are_told_with_their_source__truth(desk: DeskSnapshot) -> None:
+    report = desk.state.report
+    rules = rules_part(judge_block(assess_block(report), report))
+    assert {line[0] for line in rules} >= {"sigma", "oriented", "checks"}
+    assert all(
+        line[4] in ("asprs", "instruction", "survey", "orthophoto", "gruber") for line in rules
+    )

@@ -1,0 +1,249 @@
+"""Reading a mosaic at planned places: what a gesture comes to, and what an observer is shown.
+
+An observer sees neither what the program thinks nor what others read. Every observer has an order
+of places and views of their own, so that no two are led by the same hand.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from core.quality.check_plan import CheckPlace
+from core.quality.job_rules import judge_rules
+from core.quality.readings import PlanFigures, ReadingFigures
+from core.quality.rules import Finding
+from sessions.checks import StandingPlan, checked_figures, readings_of, standing_plans
+from sessions.decisions import (
+    Decision,
+    ReadCheck,
+    Recorded,
+    SignBlock,
+)
+from sessions.products import digest_of
+from sessions.signatures import judged_parts, standing_signatures
+from ui.review.check_gestures import BlockSigned, CheckRead
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Notice
+
+Part = dict[str, Any]
+SHOWN_M = 60.0
+"""Width of ground that a view opens on, at a pixel of half a metre; wider for coarser pixels."""
+USUAL_PIXEL_M = 0.5
+ASIDE = 0.2
+"""The middle of a view lies up to this share of its width beside the place: nobody reads the
+difference of two middles."""
+
+
+def decided_judgement(
+    gesture: CheckRead | BlockSigned, desk: DeskSnapshot
+) -> tuple[tuple[Decision, ...], Notice | None]:
+    """The decision of a gesture, or what stands against it."""
+    if isinstance(gesture, CheckRead):
+        return decided_reading(gesture, desk.recorded, desk.mosaic_version), None
+    if desk.state.adjusting:
+        return (), Notice("notice.sign-wait")
+    if gesture.verdict != "reject" and (desk.stale or not desk.mosaic_version):
+        return (), Notice("notice.sign-stale", grave=True)
+    if gesture.verdict != "accept" and not gesture.remark:
+        return (), Notice("notice.sign-remark")
+    judged = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+    return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
+
+
+def decided_reading(
+    gesture: CheckRead, recorded: Sequence[Recorded], version: str
+) -> tuple[ReadCheck, ...]:
+    """The decision of a gesture; none about a place that the plan does not have.
+
+    A surveyed point lies where it was surveyed, wherever a hand put its mark.
+
+    Args:
+        gesture: What was read.
+        recorded: Everything decided.
+        version: Of the mosaic that is shown; empty where there is none.
+    """
+    plans = standing_plans(recorded)
+    places = {place.place_id: place for place in plans[-1].plan.places} if plans else {}
+    place = places.get(gesture.place_id)
+    if place is None or not version:
+        return ()
+    if gesture.reason:
+        return (ReadCheck(place.place_id, None, None, version, gesture.reason),)
+    surveyed = place.sigma_m > 0
+    reference = (place.east, place.north) if surveyed else gesture.reference
+    return (ReadCheck(place.place_id, gesture.mosaic, reference, version),)
+
+
+def seat_checks(operator: str, desk: DeskSnapshot) -> Part:
+    """What an observer at the desk is shown."""
+    block = desk.state.oriented
+    pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
+    pixel = float(np.median(pixels)) if pixels else USUAL_PIXEL_M
+    shown = desk.state.mosaic
+    mosaic = None
+    if shown is not None and desk.mosaic_version:
+        bounds = [round(value, 2) for value in shown.product.grid.bounds]
+        mosaic = {"version": shown.version, "stale": [], "bounds": bounds}
+    return {
+        **checks_part(desk.recorded, operator, desk.mosaic_version, pixel),
+        "mosaic": mosaic,
+    }
+
+
+def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel_m: float) -> Part:
+    """What an observer is shown: the places in an order of their own, with their own readings.
+
+    Args:
+        recorded: Everything decided.
+        operator: The observer.
+        version: Of the mosaic on disk; empty where there is none.
+        pixel_m: Pixel of the scans, metres.
+    """
+    plans = standing_plans(recorded)
+    if not plans:
+        return {"plan": None, "places": []}
+    newest, read = plans[-1], readings_of(recorded)
+    shown = SHOWN_M * max(1.0, pixel_m / USUAL_PIXEL_M)
+    others = {
+        place.place_id: sum(
+            one.version == version and one.place_id == place.place_id and who != operator
+            for (_, who), (_, one) in read.items()
+        )
+        for place in newest.plan.places
+    }
+    return {
+        "plan": plan_line(newest),
+        "places": [
+            {
+                **_shown(place, operator, newest.plan.digest, shown),
+                "others": others[place.place_id],
+                **_own(read.get((place.place_id, operator)), version),
+            }
+            for place in own_order(newest.plan.places, operator, newest.plan.digest)
+        ],
+    }
+
+
+def plan_line(one: StandingPlan) -> Part:
+    """A plan in one line."""
+    plan = one.plan
+    return {
+        "when": one.recorded.when[:16].replace("T", " "),
+        "who": one.recorded.who,
+        "count": len(plan.places),
+        "cells": list(plan.cells),
+        "source": plan.source,
+        "digest": plan.digest,
+        "beforehand": plan.beforehand,
+        "unchanged": one.unchanged,
+    }
+
+
+def own_order(places: Sequence[CheckPlace], operator: str, digest: str) -> tuple[CheckPlace, ...]:
+    """The places in the order in which one observer reads them."""
+    return tuple(
+        places[number] for number in _chance(operator, digest, "order").permutation(len(places))
+    )
+
+
+def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Part:
+    """A place and where the observer's two views begin."""
+    aside = ASIDE * shown_m * _chance(operator, digest, place.place_id).uniform(-1, 1, (2, 2))
+    middles = np.round(aside + np.array([place.east, place.north]), 2)
+    return {
+        "place": place.place_id,
+        "at": [place.east, place.north],
+        "surveyed": place.sigma_m > 0,
+        "views": middles.tolist(),
+        "width": round(shown_m, 2),
+    }
+
+
+def _own(known: tuple[Recorded, ReadCheck] | None, version: str) -> Part:
+    """What the observer read; of another mosaic it has to be read again."""
+    if known is None:
+        return {"state": "open"}
+    item, said = known
+    if said.version != version:
+        return {"state": "outdated", "decision": item.decision_id}
+    if said.mosaic is None or said.reference is None:
+        return {"state": "unreadable", "reason": said.reason, "decision": item.decision_id}
+    return {
+        "state": "read",
+        "marks": [list(said.mosaic), list(said.reference)],
+        "decision": item.decision_id,
+    }
+
+
+def _chance(*names: str) -> np.random.Generator:
+    """Random numbers that are the same for the same names."""
+    return np.random.default_rng(int(digest_of(*names)[:16], 16))
+
+
+def read_figures(recorded: Sequence[Recorded], version: str) -> ReadingFigures | None:
+    """Figures of the readings of the newest plan; None without a plan."""
+    plans = standing_plans(recorded)
+    return checked_figures(recorded, plans[-1], version) if plans else None
+
+
+def signatures_part(desk: DeskSnapshot) -> list[Part]:
+    """Who has vouched for the block, and what has changed since."""
+    now = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+    return [
+        {
+            "id": one.recorded.decision_id,
+            "who": one.recorded.who,
+            "when": one.recorded.when[:16].replace("T", " "),
+            "verdict": one.said.verdict,
+            "remark": one.said.remark,
+            "digest": one.digest,
+            "changed": list(one.changed),
+        }
+        for one in standing_signatures(desk.recorded, now)
+    ]
+
+
+def rules_part(findings: Sequence[Finding]) -> list[list[object]]:
+    """Every rule: its name, how grave, the sentence with its values, who asks it."""
+    return [
+        [
+            one.rule.name,
+            one.finding.grave,
+            f"verdict.{one.finding.kind}",
+            dict(one.finding.values),
+            one.rule.source,
+        ]
+        for one in judge_rules(findings)
+    ]
+
+
+def figures_told(found: ReadingFigures) -> Part:
+    """Figures of readings as the page prints them."""
+    return {
+        "planned": found.planned,
+        "read": found.read,
+        "unreadable": found.unreadable,
+        "doubled": found.doubled,
+        "together": _told(found.together),
+        "observers": [[who, _told(one)] for who, one in found.by_observer.items()],
+        "pairs": [[one.first, one.second, _told(one.figures)] for one in found.pairs],
+        "observer": _number(found.observer_m),
+        "share": _number(100 * found.observer_share, 0),
+    }
+
+
+def _told(one: PlanFigures) -> Part:
+    return {
+        "count": one.count,
+        "mean": [_number(value) for value in one.mean_m],
+        "shifted": list(one.shifted),
+        "rms": [_number(value) for value in one.rms_m],
+        "mp": _number(one.m_p),
+        "interval": [_number(value) for value in one.m_p_interval],
+        "extreme": [_number(value) for value in one.extreme_m],
+    }
+
+
+def _number(value: float, digits: int = 3) -> float | None:
+    return round(float(value), digits) if np.isfinite(value) else None

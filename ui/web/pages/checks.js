@@ -1,0 +1,267 @@
+// Checks: the same detail marked in mosaic and reference, without the program's opinion.
+import { byId, element, first, number, renew, start, word } from "./words.js";
+import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
+import {
+  drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
+} from "./tiles.js";
+import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
+import { send } from "./wire.js";
+
+const SIDES = ["mosaic", "reference"];
+const COLOUR = "#56b4e9";
+const RING_PX = 26; // design: round a detail, clear of it
+const NUDGE = 0.1; // design: of the finest pixel, as at the desk; with Shift ten times that
+const REASONS = ["changed", "hidden", "blurred", "other"];
+const state = {
+  found: /** @type {CheckSheet | null} */ (null),
+  current: "",
+  /** Ground marked in mosaic and reference, metres. */
+  marks: /** @type {(Pair | null)[]} */ ([null, null]),
+  /** What an arrow moves. */
+  last: 0,
+  cursor: /** @type {{ side: number, at: Pair } | null} */ (null),
+  panes: /** @type {Pane[]} */ ([]),
+  // design: from the whole block to 60 pixels of the screen for a metre.
+  views: [new View(0.02, 60), new View(0.02, 60)],
+  scale: 0,
+  asking: false,
+};
+const redraw = oncePerFrame(draw);
+
+/** @param {Pane} pane */
+const sideOf = (pane) => state.panes.indexOf(pane);
+
+/** @type {import("./view.js").Hand} */
+const HAND = {
+  redraw,
+  ready: () => Boolean(now()),
+  point: (pane, screen) => {
+    state.cursor = screen && { side: sideOf(pane), at: pane.layerFromScreen(screen) };
+    redraw();
+  },
+  click: (pane, screen) => put(sideOf(pane), groundFromLayer(pane.layerFromScreen(screen))),
+};
+
+export function setUpChecks() {
+  onTile(redraw);
+  byId("checks").addEventListener("close", () => {
+    Object.assign(state, { panes: [], found: null, current: "" });
+    send({ kind: "sheet", sheet: "checks", shown: false });
+  });
+}
+
+/** @param {CheckSheet | undefined} known */
+export function openChecks(known) {
+  const sheet = byId("checks");
+  if (sheet.open) return sheet.close();
+  renew(first(".view-body", sheet), element("p", { class: "muted" }, word("wait")));
+  sheet.showModal();
+  if (known) showChecks(known);
+  send({ kind: "sheet", sheet: "checks", shown: true });
+}
+
+const now = () => state.found?.places.find(({ place }) => place === state.current);
+const isDone = (/** @type {CheckedPlace} */ { state: known }) =>
+  known === "read" || known === "unreadable";
+
+/** @param {CheckSheet} found */
+export function showChecks(found) {
+  const sheet = byId("checks");
+  if (!sheet.open) return;
+  state.found = found;
+  const why = !found.plan ? "checks.none" : !found.mosaic ? "checks.no-mosaic"
+    : !start.ortho ? "checks.no-ortho" : "";
+  if (why) {
+    const close = element("button", { id: "checks-close", onclick: () => sheet.close() },
+      word("act.close"));
+    renew(first(".view-body", sheet), element("header", {}, element("h2", {}, word("checks")),
+      element("span", { class: "stretch" }), close), element("p", {}, word(why)));
+    return;
+  }
+  if (!state.panes.length) {
+    state.panes = state.views.map((view) => new Pane(paneElement("check-room"), view, HAND));
+  }
+  const rooms = element("div", { class: "two-panes" }, ...state.panes.map((pane, side) =>
+    element("figure", { "data-side": SIDES[side] }, caption(side), pane.room)));
+  const place = now() ?? found.places.find((one) => !isDone(one)) ?? found.places[0];
+  renew(first(".view-body", sheet), head(found, place), rooms);
+  if (place.place !== state.current) choose(place);
+  redraw();
+}
+
+/** @param {number} side */
+function caption(side) {
+  const surveyed = side === 1 && now()?.surveyed;
+  return element("figcaption", {}, word(surveyed ? "checks.surveyed" : `checks.${SIDES[side]}`));
+}
+
+/** @param {string} name @param {string} key @param {() => void} does @param {boolean} [off] */
+const button = (name, key, does, off = false) => element("button", {
+  "data-check": name, disabled: start.guest || off, onclick: does,
+}, word(`checks.${name}`), element("kbd", {}, key));
+
+/** @param {CheckSheet} found @param {CheckedPlace} place */
+function head({ places }, place) {
+  const done = places.filter(isDone).length;
+  const at = places.indexOf(place) + 1;
+  const said = place.state === "unreadable" ? word(`unreadable.${place.reason}`)
+    : word(`checks.state.${place.state}`);
+  const back = place.decision
+    ? [element("button", { "data-check": "back", disabled: start.guest,
+      onclick: () => send({ kind: "back", decision: place.decision }) },
+    word("history.back"))] : [];
+  const reasons = state.asking ? REASONS.map((reason, index) => element("button", {
+    "data-reason": reason, onclick: () => unreadable(reason),
+  }, word(`unreadable.${reason}`), element("kbd", {}, `${index + 1}`))) : [];
+  return element("header", {}, element("h2", {}, word("checks")),
+    element("b", { id: "checks-place" }, place.place),
+    element("span", { class: "muted" }, word("checks.at", { at, count: places.length })),
+    element("span", { id: "checks-state" }, said),
+    element("span", { class: "muted", id: "checks-done" }, word("checks.done", { done })),
+    element("span", { class: "stretch" }),
+    button("keep", "Y", keep, !state.marks.every(Boolean)),
+    button("not", "N", ask), ...reasons, ...back,
+    element("span", { class: "segments" }, element("button", { onclick: () => step(-1) },
+      word("act.previous"), element("kbd", {}, "K")),
+    element("button", { onclick: () => step(1) }, word("act.next"), element("kbd", {}, "J"))),
+    element("button", { id: "checks-close", onclick: () => byId("checks").close() },
+      word("act.close")));
+}
+
+function refresh() {
+  if (state.found) showChecks(state.found);
+}
+
+/** @param {CheckedPlace} place */
+function choose(place) {
+  const own = place.marks ?? [null, place.surveyed ? place.at : null];
+  Object.assign(state, { current: place.place, marks: [...own], last: 0, asking: false });
+  const [width] = state.panes[0].size;
+  state.scale = (width || 700) / place.width;
+  state.views.forEach((view, side) =>
+    view.show(layerFromGround(place.views[side]), state.scale));
+  refresh();
+}
+
+/** @param {number} side @param {Pair} ground */
+function put(side, ground) {
+  if (start.guest || (side === 1 && now()?.surveyed)) return;
+  state.marks[side] = ground;
+  state.last = side;
+  refresh();
+}
+
+function keep() {
+  const [mosaic, reference] = state.marks;
+  const place = now();
+  if (start.guest || !place || !mosaic || !reference) return;
+  const round = (/** @type {Pair} */ pair) => pair.map((value) => Math.round(value * 1000) / 1000);
+  send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
+    reference: round(reference) });
+  goOn();
+}
+
+function ask() {
+  state.asking = !state.asking;
+  refresh();
+}
+
+/** @param {string} reason */
+function unreadable(reason) {
+  send({ kind: "check-read", place: state.current, reason });
+  goOn();
+}
+
+/** To the next place that is not done; what was just decided is. */
+function goOn() {
+  const places = state.found?.places ?? [];
+  const at = places.findIndex(({ place }) => place === state.current);
+  const coming = [...places.slice(at + 1), ...places.slice(0, at)];
+  const next = coming.find((one) => !isDone(one)) ?? coming[0];
+  if (next) choose(next);
+}
+
+/** @param {number} by */
+function step(by) {
+  const places = state.found?.places ?? [];
+  const at = places.findIndex(({ place }) => place === state.current) + by;
+  const next = places[(at + places.length) % places.length];
+  if (next) choose(next);
+}
+
+/** @param {Pair} way @param {number} times */
+function nudge([right, down], times) {
+  const mark = state.marks[state.last];
+  if (!mark || start.guest || (state.last === 1 && now()?.surveyed)) return;
+  const metres = NUDGE * times * start.lattice.pixel;
+  state.marks[state.last] = [mark[0] + right * metres, mark[1] - down * metres];
+  redraw();
+}
+
+/** Both pictures at the scale of the one that was zoomed. */
+function zoomTogether() {
+  const { views } = state;
+  const fresh = views.find(({ scale }) => scale !== state.scale) ?? views[0];
+  state.scale = fresh.scale;
+  for (const view of views) view.scale = fresh.scale;
+}
+
+function draw() {
+  const place = now();
+  const mosaic = state.found?.mosaic;
+  if (!place || !mosaic || !state.panes.length) return;
+  zoomTogether();
+  state.panes.forEach((pane, side) => {
+    const [context, width, height] = cleared(pane.picture);
+    const size = /** @type {Pair} */ ([width, height]);
+    const layer = side ? orthoLayer(false) : mosaicLayer(mosaic, false);
+    drawLayer(context, layer, pane.view.frame(size), size);
+    const [over] = cleared(pane.marks);
+    const onScreen = (/** @type {Pair} */ ground) => pane.screenFromLayer(layerFromGround(ground));
+    // The plan is made on the reference: there it shows which detail is meant.
+    if (side) expectedMark(over, onScreen(place.at), COLOUR, RING_PX);
+    const mark = state.marks[side];
+    if (mark) measuredMark(over, onScreen(mark), COLOUR);
+    const { cursor } = state;
+    if (cursor?.side === side) crosshair(over, pane.screenFromLayer(cursor.at), width, height);
+    pane.where.textContent = cursor?.side === side
+      ? groundFromLayer(cursor.at).map((value) => number(value, 1)).join("  ") : "";
+  });
+}
+
+/** @type {Record<string, (event: KeyboardEvent) => void>} */
+const ACTS = { KeyY: keep, KeyN: ask, KeyJ: () => step(1), KeyK: () => step(-1) };
+const LOOKS = ["KeyJ", "KeyK"];
+
+/** True when the key is ours. @param {KeyboardEvent} event @param {string} letter */
+export function checksKey(event, letter) {
+  const down = event.type === "keydown";
+  if (event.key === "Escape") {
+    if (down && state.asking) ask();
+    else if (down) byId("checks").close();
+    return true;
+  }
+  if (ARROWS[event.key]) {
+    if (down) nudge(ARROWS[event.key], event.shiftKey ? 10 : 1);
+    return true;
+  }
+  if (ZOOMS[event.key]) {
+    if (down) {
+      state.views.forEach((view) => view.zoom(ZOOMS[event.key]));
+      redraw();
+    }
+    return true;
+  }
+  const reason = state.asking ? REASONS[Number(event.key) - 1] : undefined;
+  if (reason && down && !event.repeat) unreadable(reason);
+  const act = ACTS[letter];
+  if (act && down && !event.repeat && !(start.guest && !LOOKS.includes(letter))) act(event);
+  return event.key.length === 1;
+}
+
+export const checksState = () => {
+  const { found, current, marks, panes } = state;
+  const toScreen = (/** @type {number} */ side, /** @type {Pair} */ ground) =>
+    panes[side]?.screenFromLayer(layerFromGround(ground));
+  return { found, current, marks, toScreen };
+};

@@ -1,0 +1,83 @@
+// Under Block quality: what readings say, the rules of the job, and who vouches for the block.
+import { between, element, number, start, word } from "./words.js";
+import { send } from "./wire.js";
+
+const VERDICTS = ["accept", "accept-with-remarks", "reject"];
+const state = { verdict: VERDICTS[0], remark: "" };
+
+/** @param {string} name @param {(Node | string)[]} children */
+const part = (name, ...children) => element("section",
+  { class: "quality-part", "data-part": name }, element("h3", {}, word(name)), ...children);
+
+/** @param {string | Node} content */
+const cell = (content, kind = "") => element("td", { class: kind }, content);
+
+/** @param {Quality} found */
+export function signing({ signatures }) {
+  const lines = signatures.map((one) => element("p", {
+    class: `decided signature${one.changed.length ? " doubted" : ""}`, "data-who": one.who,
+  }, element("b", {}, word(`accepted.${one.verdict}`)),
+  ` \u00b7 ${one.who} \u00b7 ${one.when} UTC \u00b7 `, element("code", {}, one.digest),
+  one.remark ? ` \u00b7 ${one.remark}` : "",
+  one.changed.length ? element("span", { class: "outdated" }, " ", word("signed.outdated"), " ",
+    one.changed.map((name) => word(`signed.part.${name}`)).join(between())) : "", " ",
+  element("button", { class: "small", disabled: start.guest,
+    onclick: () => send({ kind: "back", decision: one.id }) }, word("history.back"))));
+  const select = element("select", { id: "sign-verdict", "aria-label": word("sign.verdict"),
+    disabled: start.guest, onchange: (/** @type {Event} */ event) => {
+      state.verdict = /** @type {HTMLSelectElement} */ (event.target).value;
+    } }, ...VERDICTS.map((verdict) => element("option",
+    { value: verdict, selected: verdict === state.verdict },
+    word(`accepted.${verdict}`))));
+  const remark = element("input", { id: "sign-remark", value: state.remark, maxlength: 2000,
+    disabled: start.guest, placeholder: word("sign.remark"), "aria-label": word("sign.remark"),
+    oninput: (/** @type {Event} */ event) => {
+      state.remark = /** @type {HTMLInputElement} */ (event.target).value;
+    } });
+  const sign = element("button", { id: "sign", disabled: start.guest,
+    onclick: () => send({ kind: "sign", verdict: state.verdict, remark: state.remark }) },
+  word("sign"));
+  return part("sign.title", ...(lines.length ? lines
+    : [element("p", { class: "muted" }, word("sign.none"))]),
+  element("p", { class: "signing" }, select, remark, sign),
+  element("p", { class: "muted" }, word("sign.hint")));
+}
+
+/** @param {Quality} found */
+export function ruled({ rules }) {
+  const heads = ["rule", "result", "found", "source"].map((name) =>
+    element("th", {}, word(`rules.${name}`)));
+  const lines = rules.map(([rule, grave, name, values, source]) => element("tr",
+    { "data-rule": rule }, cell(word(`rule.${rule}`)),
+    cell(element("b", { class: `grave${grave}` }, word(`grave.${grave}`))),
+    cell(word(name, values), "why"), cell(word(`rules.source.${source}`))));
+  return part("rules", element("table", { class: "rules" }, element("tr", {}, ...heads), ...lines));
+}
+
+/** @param {string} name @param {ReadRow} row */
+function readRow(name, { count, mean, shifted, rms, mp, interval, extreme }) {
+  const figures = [
+    ...mean.map((value, axis) => cell(number(value, 3), shifted[axis] ? "warned" : "")),
+    ...rms.map((value) => cell(number(value, 3))), cell(number(mp, 3)),
+    cell(interval.map((value) => number(value, 2)).join("\u2013")),
+    ...extreme.map((value) => cell(number(value, 2))),
+  ];
+  return element("tr", { "data-observer": name }, cell(name), cell(`${count}`), ...figures);
+}
+
+/** @param {Quality} found */
+export function readings({ read }) {
+  if (!read) return part("checks", element("p", { class: "muted" }, word("checks.none")));
+  const said = word("checks.figures", { read: read.read, planned: read.planned,
+    doubled: read.doubled, unreadable: read.unreadable });
+  if (!read.read) return part("checks", element("p", {}, said));
+  const heads = [word("head.observer"), "n", "c_X", "c_Y", "m_X", "m_Y", "m_p", "95 %",
+    "\u0394X max", "\u0394Y max"].map((name) => element("th", {}, name));
+  const lines = [
+    readRow(word("head.all-places"), read.together),
+    ...read.observers.map(([who, row]) => readRow(who, row)),
+    ...read.pairs.map(([one, other, row]) => readRow(`${one} / ${other}`, row)),
+  ];
+  return part("checks", element("p", {}, said),
+    element("table", { class: "read" }, element("tr", {}, ...heads), ...lines));
+}
