@@ -196,7 +196,7 @@ def _error_of_camera(document: Document, name: str) -> dict[str, str]:
 
 def _tables(values: Mapping[str, Any]) -> Iterator[str]:
     """Tables of the form, a camera's by its name."""
-    for name in ("block", "camera", "scans", "reference", "control", "ortho"):
+    for name in ("block", "camera", "scans", "reference", "control", "ortho", "sheets"):
         if name != "camera":
             yield name
             continue

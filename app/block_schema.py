@@ -12,13 +12,15 @@ from core.literature.baselines import OPERATORS
 from core.literature.published_chains import Preset
 from core.matching.learned import LEARNED
 from core.matching.operators import USUAL
+from core.sheets.cutting import SUFFIXES
+from core.sheets.stage import LOSSY_PERCENT
 
 Kind = Literal[
     "text", "number", "numbers", "measures", "choice", "choices", "flag", "count", "file", "files",
-    "rasters", "marks", "pairs", "tables",
+    "rasters", "marks", "pairs", "tables", "words",
 ]  # fmt: skip
 """How a value is written: `measures` are numbers of a unit, `marks` a table of places by name,
-`choices` a list of words, `rasters` files of which globs keep rasters."""
+`choices` a list of known words, `words` one of any, `rasters` files of which globs keep rasters."""
 Asked = Literal["first", "more", "file"]
 """Where the form has a key: in sight, folded away, or not at all."""
 
@@ -62,6 +64,12 @@ SMALL_UM = Unit("micrometres", 0.1, 10_000, (("millimetres", 1000),))
 """Priors of distortion."""
 DEM_M = Unit("metres", 0.0, 1000)
 """Nought leaves the terrain out."""
+RIM_M = Unit("metres", 0.0, 10_000, (("kilometres", 1000),))
+"""Rims of map sheets, and how far beyond a border they show something."""
+PERCENT = Unit("hundredths", 0.5, 100)
+"""Sizes beside the uncompressed one."""
+YEARS = Unit("years", 1858, 2100)
+"""Of photographs from the air."""
 RISK = Unit("a probability", 1e-6, 0.1)
 """Of rejecting what is good."""
 
@@ -174,10 +182,22 @@ ADJUSTMENT = (
 )  # fmt: skip
 ORTHO = (
     Key("gsd_m", "number", unit=METRES, asked="more"),
-    Key("sheets", "file"),
+    Key("sheets", "file", asked="more"),
     Key("balance", "flag", True),
 )
 SURFACE = (Key("gsd_m", "number", unit=METRES),)
+SHEETS = (
+    Key("rule", "choice", "", choices=("", "sm5"), asked="more"),
+    Key("sm50", "marks", {}),
+    Key("formats", "choices", ["geotiff"], choices=tuple(SUFFIXES)),
+    Key("lossy_percent", "number", LOSSY_PERCENT, unit=PERCENT),
+    Key("crs", "words", []),
+    Key("overlap_m", "number", 0.0, unit=RIM_M),
+    Key("border", "file"),
+    Key("border_m", "number", 100.0, unit=RIM_M),
+    Key("product", "text", "", asked="more"),
+    Key("year", "number", unit=YEARS),
+)
 TABLES: Mapping[str, tuple[Key, ...]] = {
     "block": BLOCK,
     "camera": CAMERA,
@@ -188,6 +208,7 @@ TABLES: Mapping[str, tuple[Key, ...]] = {
     "adjustment": ADJUSTMENT,
     "surface": SURFACE,
     "ortho": ORTHO,
+    "sheets": SHEETS,
 }
 """Keys by table; `camera` stands for every `[camera.NAME]`."""
 SECTIONS = tuple(name for name in TABLES if "." not in name)

@@ -1,13 +1,17 @@
-"""`[camera.NAME]`, `[adjustment]` and `[surface]` of `block.toml`."""
+"""`[camera.NAME]`, `[adjustment]` and `[surface]` of `block.toml`, and attributes of its files."""
 
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
+import pyogrio
+from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.block_toml import Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.formats.micmac_measures import read_camera_measures
+from core.formats.vectors import LAYER_MARK
 from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_table
 from core.georeference.camera_types import camera_types
 from core.georeference.principal_distance import proposed_distances, types_named
@@ -194,3 +198,19 @@ def _sets(table: Table) -> tuple[str, ...]:
         )
         raise table.error(key, cause, remedy)
     return found
+
+
+def check_attribute(table: Table, file_key: str, path: Path, key: str, attribute: str) -> None:
+    """Make sure that a vector file can be opened and has an attribute."""
+    try:
+        file, _, layer = str(path).partition(LAYER_MARK)
+        present = list(pyogrio.read_info(file, layer or None)["fields"])
+    except (DataSourceError, DataLayerError) as error:
+        remedy = "Give a vector file that GDAL can open, such as a GeoPackage."
+        cause = say("{name} cannot be opened: GDAL does not know what it is.", name=path.name)
+        raise table.error(file_key, cause, remedy) from error
+    if attribute not in present:
+        cause = say('{name} has no attribute "{attribute}".', name=path.name, attribute=attribute)
+        raise table.error(
+            key, cause, say("It has {names}.", names=", ".join(present) or "none at all")
+        )

@@ -206,6 +206,22 @@ class Table:
             )
         return value
 
+    def words(self, key: str) -> tuple[str, ...]:
+        """A list of words, each once; of those of the key, where it has some."""
+        value, choices = self._value(key), self.keys[key].choices
+        words = [value] if isinstance(value, str) else value
+        if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+            raise self.error(
+                key,
+                say("must be a list of words, not {value!r}.", value=value),
+                'Write each in double quotes: ["one", "other"].',
+            )
+        for word in cast("list[str]", words):
+            if choices and word not in choices:
+                cause = say('"{value}" is not known.', value=word)
+                raise self.error(key, cause, _nearest(word, choices))
+        return tuple(dict.fromkeys(cast("list[str]", words)))
+
     def file(self, key: str) -> Path | None:
         """One file, None when the key is left out."""
         if not self.has(key):
@@ -270,7 +286,7 @@ class Table:
         readers: dict[Kind, Callable[[str], object]] = {
             "text": self.text, "number": self.number, "numbers": self.numbers,
             "measures": self.measures, "choice": self.choice, "flag": self.flag,
-            "file": self.file, "files": self.files, "rasters": self.files,
+            "file": self.file, "files": self.files, "rasters": self.files, "words": self.words,
         }  # fmt: skip
         if known.kind in readers:
             readers[known.kind](key)

@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-import pyogrio
-from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
-from app.block_sections import adjustment_options, read_camera, surface_options
+from app.block_sections import (
+    adjustment_options,
+    check_attribute,
+    read_camera,
+    surface_options,
+)
 from app.block_toml import FILE, Document, Table
+from app.sheet_settings import SheetsSection, sheets_section
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
@@ -137,8 +141,6 @@ class OrthoSection:
 
     gsd_m: float | None = None
     """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
-    sheets: Path | None = None
-    """Polygons of the map sheets to cut, with the attribute `name`."""
     balance: bool = True
     """Whether the tones of the photos are balanced."""
 
@@ -165,6 +167,14 @@ class Project:
     """`[adjustment]`."""
     surface: SurfaceOptions | None = None
     """`[surface]`; None where no surface is asked for."""
+    sheets: SheetsSection = field(default_factory=SheetsSection)
+    """What map sheets are cut."""
+
+    @property
+    def asked_for(self) -> frozenset[str]:
+        """Stages it asks for that not every block needs."""
+        asked = {"surface": self.surface is not None, "sheets": self.sheets.asked}
+        return frozenset(name for name, wanted in asked.items() if wanted)
 
     @property
     def folder(self) -> Path:
@@ -211,6 +221,7 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         _ortho(document),
         adjustment,
         surface_options(document),
+        sheets_section(document),
     )
 
 
@@ -252,7 +263,7 @@ def _scans(document: Document, cameras: Mapping[str, Camera]) -> ScansSection:
     table = document.table("scans", required=True)
     footprints, named = table.file("footprints"), table.text("footprint_name")
     if footprints is not None:
-        _check_attribute(table, "footprints", footprints, "footprint_name", named)
+        check_attribute(table, "footprints", footprints, "footprint_name", named)
     georeference = table.choice("georeference")
     if georeference == "footprints" and footprints is None:
         remedy = 'Add footprints = "footprints.gpkg", or another georeference.'
@@ -406,26 +417,8 @@ def _network(table: Table, operators: tuple[str, ...]) -> Path | None:
 
 def _ortho(document: Document) -> OrthoSection:
     table = document.table("ortho")
-    sheets = table.file("sheets")
-    if sheets is not None:
-        _check_attribute(table, "sheets", sheets, "sheets", "name")
     gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
-    return OrthoSection(gsd_m, sheets, table.flag("balance"))
-
-
-def _check_attribute(table: Table, file_key: str, path: Path, key: str, attribute: str) -> None:
-    """Make sure that a vector file can be opened and has an attribute."""
-    try:
-        present = list(pyogrio.read_info(path)["fields"])
-    except (DataSourceError, DataLayerError) as error:
-        remedy = "Give a vector file that GDAL can open, such as a GeoPackage."
-        cause = say("{name} cannot be opened: GDAL does not know what it is.", name=path.name)
-        raise table.error(file_key, cause, remedy) from error
-    if attribute not in present:
-        cause = say('{name} has no attribute "{attribute}".', name=path.name, attribute=attribute)
-        raise table.error(
-            key, cause, say("It has {names}.", names=", ".join(present) or "none at all")
-        )
+    return OrthoSection(gsd_m, table.flag("balance"))
 
 
 def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInput:

@@ -18,6 +18,8 @@ from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results
 from app.report.wording import remarks
 from app.settings import Threads
+from app.sheets import PRODUCT as SHEETS
+from app.sheets import check_sheets, make_sheets, sheets_line
 from app.stage_lines import STAGE_LINES, adjusted_line
 from app.surface import make_block_surface, surface_line, usable_parts
 from app.terminal import Interruption, Voice, interruptible
@@ -54,6 +56,7 @@ LAST_STAGES = {
     "surface": "Surface from the photos",
     "orthos": "Orthophotos",
     "mosaic": "Mosaic",
+    "sheets": "Map sheets",
     "report": "Results and report",
 }
 PAGE = "report.html"
@@ -67,7 +70,7 @@ NOTHING_STANDS = (
     "in a photo at the desk (gruber review), then run the block again."
 )
 """What ends the walk of a block in which nothing but surveyed points can orient a photo."""
-WHEN_ASKED = ("surface",)
+WHEN_ASKED = ("surface", "sheets")
 """Stages that are walked only where block.toml or the operator asks for them."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
@@ -106,6 +109,8 @@ class Run:
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
+        if "sheets" in self.names_ahead:
+            check_sheets(self.project)
         with self.session.running(), interruptible() as self.interruption:
             waits = True
             try:
@@ -129,12 +134,17 @@ class Run:
             if finding.grave:
                 self.voice.say(finding.sentence)
 
+    @property
+    def names_ahead(self) -> tuple[str, ...]:
+        """The stages up to the last one wanted."""
+        last = self.options.last
+        names = STAGE_NAMES if last is None else STAGE_NAMES[: STAGE_NAMES.index(last) + 1]
+        return tuple(name for name in names if name not in WHEN_ASKED or self.asked(name))
+
     def names_in_turn(self) -> Iterator[str]:
         """The stages in the order they are walked; the repeated ones until control is final."""
         repeated = [stage.name for stage in STAGES if stage.repeated]
-        for name in STAGE_NAMES:
-            if name in WHEN_ASKED and not self.asked(name):
-                continue
+        for name in self.names_ahead:
             yield name
             while self.again(name):
                 self.passes += 1
@@ -143,7 +153,7 @@ class Run:
     def asked(self, name: str) -> bool:
         """Whether block.toml or the operator asks for a stage that not every block needs."""
         named = name in (self.options.first, self.options.last)
-        return named or self.project.surface is not None
+        return named or name in self.project.asked_for
 
     def again(self, name: str) -> bool:
         """Whether the photos have not settled with this stage, so that a pass follows."""
@@ -164,6 +174,7 @@ class Run:
             "surface": self.match,
             "orthos": self.rectify,
             "mosaic": self.compose,
+            "sheets": self.cut,
             "report": self.report,
         }
         said = last[name](progress) if stage is None else self.compute(stage, progress)
@@ -294,6 +305,13 @@ class Run:
             self.voice.say(note)
         return str(self.session.results / "mosaic.tif")
 
+    def cut(self, progress: Progress) -> str:
+        """The map sheets of the mosaic."""
+        mosaic, anew = made(self.results.mosaic), self.anew("sheets")
+        sheets = make_sheets(self.session, self.project, mosaic, progress, anew=anew)
+        self.results = replace(self.results, sheets=sheets)
+        return sheets_line(sheets)
+
     def stand_in(
         self, report: AdjustmentReport, mosaic: MosaicProduct, change: Mapping[str, float]
     ) -> None:
@@ -305,6 +323,7 @@ class Run:
         self.seconds = {**walked.get("seconds", {})}
         self.digests = {**walked.get("digests", {})}
         latest = {stage.name: self.session.products.latest_value(stage.name) for stage in STAGES}
+        latest["sheets"] = self.session.products.latest_value(SHEETS)
         latest["scans"] = self.corrected(cast("ScanSet", latest["scans"]))
         self.results = StageResults(**latest, adjustment=report, mosaic=mosaic, change=change)
 
@@ -349,6 +368,7 @@ class Run:
             seams=mosaic.seams,
             holes=mosaic.holes,
             change=made(self.results.change),
+            sheets=self.results.sheets,
             timings_s=self.seconds,
             written=written_now(self.session.operator),
             decisions=self.session.decisions(),

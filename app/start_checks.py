@@ -170,15 +170,19 @@ def stages_ahead(project: Project, session: Session) -> Iterator[str]:
         stale = [stage.name for stage in repeated if not is_fresh(stage, passes)]
         yield from stale
         passes += 1
+
+    def not_left_out(name: str) -> bool:
+        return name not in WHEN_ASKED or name in project.asked_for
+
     decisions = [recorded.decision_id for recorded in session.decisions()]
     digest = products.digest_of("adjustment", 4, digests["control"], decisions, given.adjustment)
     if stale or products.fresh("adjustment", digest) is None:
-        yield from (name for name in LAST_STAGES if project.surface or name not in WHEN_ASKED)
+        yield from filter(not_left_out, LAST_STAGES)
         return
     mosaic: MosaicProduct | None = products.latest_value("mosaic")
     wanted = project.ortho.gsd_m
     if mosaic is None or wanted not in (None, mosaic.grid.ground_sample_distance_m):
-        yield from ("orthos", "mosaic", "report")
+        yield from filter(not_left_out, ("orthos", "mosaic", "sheets", "report"))
 
 
 def was_walked(products: Products, passes: int) -> bool:

@@ -19,6 +19,7 @@ from core.orthos.rectification import OrthoProduct
 from core.raster.scan_file import ScanFile
 from core.reference.stage import ReferenceFeatures
 from core.scans.stage import ScanInput, ScanSet
+from core.sheets.delivery import Delivery
 from core.surface.stage import SurfaceProduct
 from core.ties.stage import Tied
 
@@ -87,6 +88,8 @@ class StageResults:
     """Their composition."""
     change: Mapping[str, float] | None = None
     """How much of the ground has changed since, by kind, shares of the mosaic."""
+    sheets: Delivery | None = None
+    """Map sheets cut from it; None where nobody asked for them."""
 
     @property
     def opened_scans(self) -> dict[str, ScanFile]:

@@ -65,6 +65,7 @@ from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
 from core.scans.stage import ScanSet
+from core.sheets.delivery import Delivery, SheetFile
 from core.surface.relief import SystematicPart
 from core.surface.stage import SurfaceFiles, SurfaceProduct
 from core.ties.stage import Tied
@@ -87,6 +88,7 @@ REGISTERED: tuple[type, ...] = (
     ClassFigures,
     Contradiction,
     ControlFound,
+    Delivery,
     Doubt,
     DrawnMask,
     ExteriorOrientation,
@@ -118,6 +120,7 @@ REGISTERED: tuple[type, ...] = (
     FilmPlane,
     Seam,
     SharedParameter,
+    SheetFile,
     SurfaceFiles,
     SurfaceProduct,
     SystematicPart,

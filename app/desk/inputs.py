@@ -10,15 +10,17 @@ import numpy as np
 from aiohttp import web
 
 from app.bring_points import brought_points
+from app.change import make_change
 from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import export_routes
 from app.desk.filling import Filling
 from app.desk.measuring import Errors, PhotoToPhoto
 from app.desk.mosaic import MosaicFile, mosaic_on_disk
+from app.desk.sheets import sheet_routes
 from app.mosaic import make_mosaic
 from app.placing import Placeable, standing_block
 from app.project import Project, described
-from app.run import Run, RunOptions, make_change, make_orthos, terrain_of, write_all
+from app.run import Run, RunOptions, make_orthos, terrain_of, write_all
 from app.running import Running
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -240,7 +242,7 @@ def desk_inputs(
         running=Running(project.file),
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
-        routes=export_routes(project.file),
+        routes=(*export_routes(project.file), *sheet_routes(project.file)),
         results=session.results,
         mosaic=lambda: mosaic_on_disk(session),
         mosaic_tiles=MosaicFile(session.results / "mosaic.tif", block.crs),

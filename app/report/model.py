@@ -32,6 +32,7 @@ from core.quality.assessment import assess_block
 from core.quality.displacement import displacement
 from core.quality.rules import Finding, Release, check_release, judge_block
 from core.raster.holes import Hole
+from core.sheets.delivery import Delivery, sheet_figures
 from sessions.decisions import Recorded
 from ui.words.catalogue import LANGUAGES
 
@@ -92,6 +93,8 @@ class ReportContent:
     """Holes inside it, largest first; None where there is no mosaic."""
     change: Mapping[str, float] = field(default_factory=dict[str, float])
     """Share of the ground that is `same` as today and that is `different`; empty: not known."""
+    sheets: Delivery | None = None
+    """Map sheets that were cut from it; None where there are none."""
     comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
     """Mosaic against other orthos, by their name."""
     timings_s: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -161,6 +164,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         if content.mosaic is None
         else {**_mosaic_figures(content.mosaic, content.seams), **_hole_figures(content.holes)},
         "change": dict(content.change),
+        "sheets": [] if content.sheets is None else sheet_figures(content.sheets.files),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
     }

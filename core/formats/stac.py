@@ -7,7 +7,7 @@ of ours. An item spans the day, month or year of exposure; where nobody says it,
 
 import json
 from calendar import monthrange
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any, cast
@@ -49,6 +49,8 @@ MONTHS = 12  # source: the calendar
 SPAN = ("start_datetime", "end_datetime")
 """Fields of the time in which a photo was taken."""
 CATALOG = "catalog.json"
+ROOT = {"rel": "root", "href": f"./{CATALOG}", "type": "application/json"}
+"""How an item leads to its catalogue."""
 MATRIX = "gruber:pixel_from_image"
 """Our field: 2 x 3, pixels (outer corner) from image coordinates."""
 NEEDED = ("pers:perspective_center", "pers:omega", "pers:phi", "pers:kappa")
@@ -67,19 +69,8 @@ def write_stac(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     """
     path.mkdir(parents=True, exist_ok=True)
     earth = map_in_space(map_crs(block.crs, path))
-    links = [{"rel": "root", "href": f"./{CATALOG}", "type": "application/json"}]
-    for name, photo in block.photos.items():
-        item = _item(block, photo, earth)
-        write_json(path / f"{name}.json", item)
-        links.append({"rel": "item", "href": f"./{name}.json", "type": "application/geo+json"})
-    catalog = {
-        "type": "Catalog",
-        "stac_version": VERSION,
-        "id": "gruber",
-        "description": "Archival aerial photos with their orientation",
-        "links": links,
-    }
-    write_json(path / CATALOG, catalog)
+    items = [_item(block, photo, earth) for photo in block.photos.values()]
+    write_catalog(path, "Archival aerial photos with their orientation", items)
     notes: list[str] = []
     if not all(photo.taken for photo in block.photos.values()):
         notes.append(say("Where `taken` is not given, items span the time of film."))
@@ -88,11 +79,33 @@ def write_stac(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def write_catalog(path: Path, description: str, items: Iterable[Mapping[str, Any]]) -> None:
+    """Write items into a folder, each by its id, and a catalogue that leads to them."""
+    links = [ROOT]
+    for item in items:
+        name = f"{item['id']}.json"
+        write_json(path / name, item)
+        links.append({"rel": "item", "href": f"./{name}", "type": "application/geo+json"})
+    catalog = {
+        "type": "Catalog",
+        "stac_version": VERSION,
+        "id": "gruber",
+        "description": description,
+        "links": links,
+    }
+    write_json(path / CATALOG, catalog)
+
+
+def day_span(first: date, last: date) -> dict[str, Any]:
+    """Fields of the time from the beginning of a day to the end of another."""
+    times = (f"{first}T00:00:00Z", f"{last}T23:59:59Z")
+    return {"datetime": None, **dict(zip(SPAN, times, strict=True))}
+
+
 def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: MapInSpace) -> dict[str, Any]:
     geometry, box = _geometry(block, photo, earth)
     fields: dict[str, Any] = {
-        "datetime": None,
-        **dict(zip(SPAN, _span(photo), strict=True)),
+        **day_span(*_days(photo)),
         **_orientation(block, photo),
         **_interior(block, photo),
     }
@@ -109,7 +122,7 @@ def _item(block: ExchangeBlock, photo: ExchangePhoto, earth: MapInSpace) -> dict
         "id": photo.photo_id,
         "geometry": geometry,
         "properties": fields,
-        "links": [{"rel": "root", "href": f"./{CATALOG}", "type": "application/json"}],
+        "links": [ROOT],
         "assets": {"scan": asset},
     }
     if box is not None:
@@ -135,11 +148,10 @@ def time_span(taken: str) -> tuple[date, date] | Failure:
     return first, date(year, last_month, monthrange(year, last_month)[1])
 
 
-def _span(photo: ExchangePhoto) -> tuple[str, str]:
-    """Beginning and end of the time in which a photo was taken."""
+def _days(photo: ExchangePhoto) -> tuple[date, date]:
+    """First and last day on which a photo may have been taken."""
     span = time_span(photo.taken)
-    first, last = FILM if isinstance(span, Failure) else span
-    return f"{first}T00:00:00Z", f"{last}T23:59:59Z"
+    return FILM if isinstance(span, Failure) else span
 
 
 def _taken(fields: Mapping[str, Any]) -> str:

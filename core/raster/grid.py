@@ -167,11 +167,13 @@ def tell_full_disk(path: Path) -> Generator[None]:
     try:
         yield
     except (RasterioError, CPLE_BaseError) as error:
-        raise _disk_full(path) from error
+        raise disk_full(path) from error
 
 
 def refuse_incomplete(path: Path, blocks: int) -> None:
     """Make sure that a TIFF is whole: on a full disk GDAL writes behind, and closes without a word.
+
+    Its overviews are looked at too.
 
     Args:
         path: A file that was just written and closed.
@@ -183,18 +185,23 @@ def refuse_incomplete(path: Path, blocks: int) -> None:
     with tell_full_disk(path), rasterio.open(path) as file:
         size, present = path.stat().st_size, 0
         height, width = file.block_shapes[0]
-        for i in range(-(-file.height // height)):
-            for j in range(-(-file.width // width)):
-                offset = int(file.get_tag_item(f"BLOCK_OFFSET_{j}_{i}", "TIFF", bidx=1) or 0)
-                length = int(file.get_tag_item(f"BLOCK_SIZE_{j}_{i}", "TIFF", bidx=1) or 0)
-                present += offset > 0
-                if offset + length > size:
-                    raise _disk_full(path)
+        for level, factor in enumerate([1, *file.overviews(1)], start=-1):
+            of_level = {} if level < 0 else {"ovr": level}
+            for i in range(-(-file.height // (factor * height))):
+                for j in range(-(-file.width // (factor * width))):
+                    offset, length = (
+                        int(file.get_tag_item(f"{what}_{j}_{i}", "TIFF", bidx=1, **of_level) or 0)
+                        for what in ("BLOCK_OFFSET", "BLOCK_SIZE")
+                    )
+                    present += level < 0 < offset
+                    if offset + length > size:
+                        raise disk_full(path)
         if present < blocks:
-            raise _disk_full(path)
+            raise disk_full(path)
 
 
-def _disk_full(path: Path) -> OSError:
+def disk_full(path: Path) -> OSError:
+    """What a full disk says of a file."""
     return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 

@@ -220,14 +220,14 @@ def _read_slanted(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled
         return None
     across = (columns - window.column).astype(np.float32)
     down = (rows - window.row).astype(np.float32)
-    return _sample_warped(cells, across, down, scale, options.kernel)
+    return sample_warped(cells, across, down, scale, options.kernel)
 
 
 def _lattice_places(
     lattice: Lattice, grid: Grid
 ) -> tuple[Float64[np.ndarray, "rows columns"], Float64[np.ndarray, "rows columns"], float]:
     """Lattice column and row of every pixel centre, and lattice pixels per grid pixel."""
-    across, down = _nodes(grid.columns), _nodes(grid.rows)
+    across, down = node_places(grid.columns), node_places(grid.rows)
     nodes = np.stack(np.meshgrid(across, down), axis=-1)
     plane = grid.object_from_grid(nodes.reshape(-1, 2))
     if lattice.operation is not None:
@@ -238,16 +238,16 @@ def _lattice_places(
     one, other = places[:, -1, -1] - places[:, 0, 0], places[:, -1, 0] - places[:, 0, -1]
     extent = (across[-1] - across[0]) * (down[-1] - down[0])
     scale = float(np.sqrt(abs(one[0] * other[1] - one[1] * other[0]) / 2 / extent))
-    columns = _between(places[0], across, down, grid)
-    return columns, _between(places[1], across, down, grid), scale
+    columns = between_nodes(places[0], across, down, grid)
+    return columns, between_nodes(places[1], across, down, grid), scale
 
 
-def _nodes(count: int) -> Float64[np.ndarray, "nodes"]:
+def node_places(count: int) -> Float64[np.ndarray, "nodes"]:
     """Grid coordinates from before the first to after the last pixel centre."""
     return np.linspace(0, count, max(2, count // NODE_STEP + 2))
 
 
-def _between(
+def between_nodes(
     nodes: Float64[np.ndarray, "n m"],
     across: Float64[np.ndarray, "m"],
     down: Float64[np.ndarray, "n"],
@@ -314,7 +314,7 @@ def _sample_separable(
     return Sampled(values, np.clip(_multiply(smooth[0], cells.weight, smooth[1]), 0, 1))
 
 
-def _sample_warped(
+def sample_warped(
     cells: Cells,
     columns: Float32[np.ndarray, "height width"],
     rows: Float32[np.ndarray, "height width"],

@@ -49,6 +49,7 @@ RESULT_CONTENT = {
     ".csv": "text/csv", ".html": "text/html", ".json": "application/json", ".tif": "image/tiff",
     ".gpkg": "application/geopackage+sqlite3", ".txt": "text/plain", ".xml": "application/xml",
     ".zip": "application/zip", ".geojson": "application/geo+json", ".points": "text/plain",
+    ".jp2": "image/jp2", ".msk": "image/tiff",
     ".tfw": "text/plain", ".jgw": "text/plain", ".j2w": "text/plain",
     ".prj": "text/plain", ".opk": "text/plain", ".gcp": "text/plain", ".qgs": "application/xml",
 }  # fmt: skip

@@ -22,7 +22,7 @@ async function open() {
   sheet.replaceChildren(
     element("h2", {}, word("results")), element("p", {}, word("results.long")),
     element("p", {}, mosaicButton("results")), list,
-    ...exporting(),
+    ...sheets(), ...exporting(),
     element("button", { onclick: () => sheet.close() }, word("act.close")));
   sheet.showModal();
   const answer = await fetch("/results/");
@@ -55,6 +55,38 @@ function link(name) {
   const text = page ? word("results.report", { name }) : plain;
   const href = `/results/${name.split("/").map(encodeURIComponent).join("/")}`;
   return element("a", { href, ...how }, text);
+}
+
+/** Map sheets of the mosaic, with what is done of them; others may have begun them. */
+function sheets() {
+  if (start.guest) return [];
+  const said = element("div", { id: "sheets-said", role: "status" });
+  const begin = element("button", { id: "sheets-begin", onclick: make }, word("sheets.make"));
+  const stop = element("button", { id: "sheets-cancel", hidden: true,
+    onclick: () => post("/sheets/cancel") }, word("remake.cancel"));
+  return [element("h3", {}, word("sheets")), element("p", {}, word("sheets.long")),
+    element("p", {}, begin, " ", stop), said];
+
+  async function make() {
+    /** @type {HTMLButtonElement} */ (begin).disabled = true;
+    stop.hidden = false;
+    const timer = setInterval(showShare, 700);
+    said.replaceChildren(word("sheets.making", { share: 0, what: "" }));
+    const answer = await post("/sheets");
+    clearInterval(timer);
+    /** @type {HTMLButtonElement} */ (begin).disabled = false;
+    stop.hidden = true;
+    if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
+    else if (answer.said) said.replaceChildren(
+      element("p", {}, again(answer.said), " ", link(answer.file)));
+    else said.replaceChildren(element("p", {}, word("sheets.cancelled")));
+  }
+
+  async function showShare() {
+    const answer = await fetch("/sheets");
+    const { busy, share, what } = answer.ok ? await answer.json() : { busy: false };
+    if (busy) said.replaceChildren(word("sheets.making", { share: Math.round(100 * share), what }));
+  }
 }
 
 /** A format to choose, and the block in it. */

@@ -1,0 +1,221 @@
+"""Map sheets of a block: read, cut where their pixels have changed, kept in `results/sheets`."""
+
+from collections.abc import Generator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import shapely
+from shapely.geometry import MultiPolygon, Polygon
+
+from app.project import Project
+from core.errors import ProjectError
+from core.formats.vectors import read_mask_polygons
+from core.geometry.crs import parse_crs
+from core.mosaic.composition import MosaicProduct
+from core.progress import Progress
+from core.said import Said, say
+from core.sheets.delivery import CHECK_SUMS, INDEX, Delivery, SheetFile
+from core.sheets.map_sheets import MapSheet, only_areas, read_sheet_index
+from core.sheets.stage import VERSION, SheetOptions, cut_sheets
+from core.sheets.state_map import state_map_sheets
+from sessions.atomic_write import whole_file, whole_folder
+from sessions.disk import explain_disk_errors
+from sessions.session import Session
+
+FOLDER = "sheets"
+"""Folder of the sheets among the results."""
+COMPANIONS: Mapping[str, tuple[str, ...]] = {
+    ".tif": (".tfw",),
+    ".jp2": (".j2w", ".jp2.msk", ".jp2.aux.xml"),
+}
+"""Files that may belong to a sheet, by what its name ends with."""
+PRODUCT = "sheets"
+"""Product that keeps the last delivery."""
+
+
+def check_sheets(project: Project) -> tuple[MapSheet, ...]:
+    """The sheets of the index layer, before anything is computed; none where a rule makes them.
+
+    Raises:
+        ProjectError: No sheets are named, or their files need a year that nobody states.
+        ReferenceDataError: The index cannot be used.
+        CrsError: Index or border lie in a CRS that PROJ cannot bring to the block's.
+    """
+    section, crs = project.sheets, project.block.crs
+    if not section.asked:
+        raise ProjectError(
+            project.file,
+            "names no map sheets.",
+            'Give their polygons, [ortho] sheets = "sheets.gpkg", or [sheets] rule = "sm5".',
+        )
+    undated = [scan.photo_id for scan in project.scans.listed if not scan.taken]
+    if section.product and section.year is None and undated:
+        raise ProjectError(
+            project.file,
+            "names of sheets need a year, and nobody says when {photo} was taken.",
+            "Give [scans] taken, or [sheets] year.",
+            photo=undated[0],
+        )
+    read_border(project)
+    return () if section.index is None else read_sheet_index(section.index, crs)
+
+
+def read_border(project: Project) -> Polygon | MultiPolygon | None:
+    """Where sheets may show something, in the block's CRS; None for everywhere."""
+    section = project.sheets
+    if section.border is None:
+        return None
+    area = read_mask_polygons(section.border, parse_crs(project.block.crs, project.file))
+    if area.is_empty:
+        raise ProjectError(
+            section.border, "holds no polygons.", "Give the area within the border as a polygon."
+        )
+    return only_areas(area.buffer(section.border_m, join_style="mitre"))
+
+
+def make_sheets(
+    session: Session,
+    project: Project,
+    mosaic: MosaicProduct,
+    progress: Progress,
+    *,
+    anew: bool = False,
+) -> Delivery:
+    """The map sheets of a mosaic; those whose pixels have not changed stay as they are.
+
+    Args:
+        session: Where they are kept.
+        project: Which sheets, and how.
+        mosaic: The mosaic on disk.
+        progress: Told after every window.
+        anew: Make all of them again.
+
+    Raises:
+        PhotogrammetryError: Something named in `block.toml` cannot be used.
+        StorageError: The disk is full or may not be written; whole sheets stay.
+    """
+    products, folder = session.products, session.results / FOLDER
+    inputs = products.digest_of(
+        "sheets", VERSION, mosaic.path, mosaic.seams, project.sheets, project.taken,
+        project.block.crs,
+    )  # fmt: skip
+    former: Delivery | None = products.latest_value(PRODUCT)
+    kept: Delivery | None = None
+    if former is not None and not anew:
+        kept = products.load_value(PRODUCT, _digest(session, inputs, former))
+    if kept is not None and all((folder / name).is_file() for name in _files(kept)):
+        return replace(kept, made=0)
+    sheets = check_sheets(project)
+    where = project.sheets.index or f"{project.file} [sheets] rule"
+    if project.sheets.index is None:
+        shown = only_areas(shapely.union_all([seam.area for seam in mosaic.seams]))
+        sheets = state_map_sheets(shown, project.block.crs, project.sheets.sm50, where)
+    delivery = cut_sheets(
+        mosaic.path, mosaic.seams, sheets, folder, options=_options(project),
+        keeper=Keeper(session, anew), where=where, progress=progress,
+    )  # fmt: skip
+    if former is not None:
+        _remove(folder, set(_files(former)) - set(_files(delivery)))
+    products.save_value(PRODUCT, _digest(session, inputs, delivery), delivery)
+    return delivery
+
+
+def sheets_line(delivery: Delivery) -> Said:
+    """How many sheets, how many of their files are new, and how many lie outside."""
+    told = say(
+        "{count:# sheet|# sheets} in {files:# file|# files}, {made} made now",
+        count=len(delivery.sheets), files=len(delivery.files), made=delivery.made,
+    )  # fmt: skip
+    if not delivery.outside:
+        return told
+    outside = "{told}; {outside:# sheet|# sheets} outside the mosaic left out"
+    return say(outside, told=told, outside=delivery.outside)
+
+
+def _options(project: Project) -> SheetOptions:
+    section = project.sheets
+    return SheetOptions(
+        formats=section.formats,
+        crs=section.crs,
+        overlap_m=section.overlap_m,
+        border=read_border(project),
+        lossy_percent=section.lossy_percent,
+        product=section.product,
+        year=section.year,
+        taken=project.taken,
+    )
+
+
+def _files(delivery: Delivery) -> tuple[str, ...]:
+    """All files of a delivery, from its folder."""
+    return (INDEX, CHECK_SUMS, *(name for one in delivery.files for name in one.every_file))
+
+
+def _digest(session: Session, inputs: str, delivery: Delivery) -> str:
+    """What a delivery was made from, and its files as they stand."""
+    folder = session.results / FOLDER
+    return session.products.digest_of(inputs, [folder / name for name in _files(delivery)])
+
+
+def _remove(folder: Path, names: set[str]) -> None:
+    """Take away what an earlier delivery made and this one has not; folders that are then empty."""
+    for name in sorted(names):
+        with explain_disk_errors(folder / name):
+            (folder / name).unlink(missing_ok=True)
+        if (folder / name).parent != folder:
+            with suppress(OSError):
+                (folder / name).parent.rmdir()
+
+
+class Keeper:
+    """Keeps sheets in `results/sheets`, and what they were made from among the products."""
+
+    def __init__(self, session: Session, anew: bool = False) -> None:
+        """The keeper of a session; one that knows nothing where all is to be made anew."""
+        self._session, self._anew = session, anew
+        self._folder = session.results / FOLDER
+
+    def kept(self, file: str, made_from: tuple[Any, ...]) -> SheetFile | None:
+        """The entry of a file that is there as it was made, from the same."""
+        if self._anew:
+            return None
+        entry: SheetFile | None = self._session.products.load_value(
+            f"sheet/{file}", self._digest(file, made_from)
+        )
+        if entry is None or not all((self._folder / name).is_file() for name in entry.every_file):
+            return None
+        return entry
+
+    @contextmanager
+    def making(self, file: str) -> Generator[Path]:
+        """A temporary that takes the file's place when all went well."""
+        target = self._folder / file
+        endings = COMPANIONS.get(target.suffix, ())
+        with whole_file(target) as temporary:
+            yield temporary
+            made = [end for end in endings if temporary.with_name(temporary.stem + end).exists()]
+        # What an earlier file of another format had beside it would speak of this one.
+        for end in set(endings) - set(made):
+            target.with_name(target.stem + end).unlink(missing_ok=True)
+
+    def making_folder(self, folder: str) -> AbstractContextManager[Path]:
+        """The same for a folder."""
+        return whole_folder(self._folder / folder)
+
+    def keep(self, made_from: tuple[Any, ...], entry: SheetFile) -> SheetFile:
+        """Remember an entry, completed by the companions of its file."""
+        target = self._folder / entry.file
+        beside = [target.with_name(target.stem + end) for end in COMPANIONS[target.suffix]]
+        companions = tuple(
+            path.relative_to(self._folder).as_posix() for path in beside if path.is_file()
+        )
+        entry = replace(entry, companions=companions)
+        digest = self._digest(entry.file, made_from)
+        self._session.products.save_value(f"sheet/{entry.file}", digest, entry)
+        return entry
+
+    def _digest(self, file: str, made_from: tuple[Any, ...]) -> str:
+        digest_of = self._session.products.digest_of
+        return digest_of(digest_of("sheet", *made_from), self._folder / file)

@@ -1,0 +1,1 @@
+"""Stage: the mosaic cut into map sheets, ready to deliver."""
