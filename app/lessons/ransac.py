@@ -62,12 +62,6 @@ def view(state: sheet.State) -> sheet.View:
     chance, _ = best_so_far(scored(count, 0.0, half, seed + 500)[:samples], state["limit"])
     agrees = away[which] < state["limit"]
     plan = points[:, :2]
-    both = {
-        "good": (agrees & right, "truth"),
-        "fooled": (agrees & ~right, "bad"),
-        "missed": (~agrees & right, "second"),
-        "out": (~agrees & ~right, "faint"),
-    }
     edge = 0.03 * SIDE_M
     shapes = [
         sheet.shape("dots", plan[~agrees], "faint"),
@@ -86,7 +80,7 @@ def view(state: sheet.State) -> sheet.View:
     figures = {
         "best": sheet.Number(float(best[-1]), 0, "", round(share * count)),
         "chance": sheet.Number(float(chance[-1]), 0),
-        "right": sheet.Number(float(both["good"][0].sum()), 0),
+        "right": sheet.Number(float((agrees & right).sum()), 0, secret=True),
         "all_right": sheet.Number(all_right(share, samples), 1),
     }
     canvas = sheet.Canvas("plan", (-edge, -edge, SIDE_M + edge, SIDE_M + edge), tuple(shapes))

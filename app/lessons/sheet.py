@@ -254,7 +254,8 @@ def shape(
     """A part of a drawing; points that are not finite are left out."""
     places = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     kept = places[np.isfinite(places).all(axis=1)]
-    return Shape(kind, kept.tolist(), look, label, number, handle, below)
+    # A micrometre of a millimetre, a millimetre of a metre: no screen shows less.
+    return Shape(kind, np.round(kept, 3).tolist(), look, label, number, handle, below)
 
 
 def curve(name: str, x: ArrayLike, y: ArrayLike, look: Look = "estimate") -> Curve:
@@ -273,6 +274,6 @@ def ellipse(
 ) -> Float64[np.ndarray, "n 2"]:
     """The error ellipse of a covariance, so many times its size, closed."""
     values, axes = np.linalg.eigh(covariance)
-    turn = np.linspace(0, 2 * np.pi, 65)
+    turn = np.linspace(0, 2 * np.pi, 41)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     return np.asarray(centre) + times * (circle * np.sqrt(np.maximum(values, 0))) @ axes.T

@@ -193,3 +193,20 @@ def test_data_snooping_finds_the_error_that_was_put_in__truth() -> None:
     state = {"count": 8, "which": 3, "error": 30, "sigma": 1, "snoop": 1}
     assert figure("least_squares", "left_out", **state) == 1
     assert figure("least_squares", "sigma_nought", **state) < 2
+
+
+def test_errors_of_the_block_are_as_large_as_it_says__truth() -> None:
+    """Over eight flights the true error in plan is what the adjustment states, to a fifth."""
+    lesson = LESSONS["control"]
+    ratios = [
+        figures["error"].value / figures["rms"].value
+        for seed in range(1, 9)
+        if (figures := lesson.view(lesson.start | {"seed": float(seed)}).figures)
+    ]
+    # Twenty control points per flight: a flight's own scatter is a quarter, of eight a tenth.
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
+    seen = [
+        lesson.view(lesson.start | {"seed": float(s)}).figures["sigma_nought"].value
+        for s in range(1, 9)
+    ]
+    assert all(0.85 < sigma < 1.15 for sigma in seen)

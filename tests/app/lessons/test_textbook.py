@@ -99,6 +99,11 @@ CHECKS = [
     ("stereo", old_pair(15_000, 0.5), "sigma_z", 0.47, 0.01, "METHODS 8, 1:15 000"),
     ("stereo", old_pair(23_000, 0.3), "sigma_z", 0.43, 0.02, "METHODS 8, 1:23 000"),
     ("stereo", old_pair(23_000, 0.5), "sigma_z", 0.72, 0.02, "METHODS 8, 1:23 000"),
+    # METHODS has film of 18 cm and 211 mm; a quarter is left to the difference.
+    ("control", {"count": 20, "sigma": 1}, "rms", 0.35, 0.09, "METHODS 9.3: 20 points of 1 m"),
+    ("control", {"count": 60, "sigma": 1}, "rms", 0.20, 0.05, "METHODS 9.3: 60 points of 1 m"),
+    ("control", {"count": 60, "sigma": 0.6}, "rms", 0.14, 0.04, "METHODS 9.3: 60 points, 0.6 m"),
+    ("control", {"spread": 33, "x": 0, "y": 0}, "rms", 2.2, 0.7, "METHODS 9.3: one ninth"),
     ("stereo", old_pair(15_000, 0.3), "ratio", 0.34, 0.005, "METHODS 8: B/H of 60 %"),
 ]
 
