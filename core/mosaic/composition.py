@@ -196,8 +196,21 @@ def compose_mosaic(
         write_seams(work.seams, seams_path, crs)
     covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))
     share, tiles = covered / (grid.columns * grid.rows), dict(sorted(work.digests.items()))
-    holes, composed = find_holes(path), len(work.composed)
+    holes, composed = _explained(find_holes(path), planes or {}), len(work.composed)
     return MosaicProduct(path, grid, work.seams, balances, share, holes, tiles, composed, notes)
+
+
+def _explained(holes: Sequence[Hole], planes: Mapping[str, FilmPlane]) -> tuple[Hole, ...]:
+    """Holes with the photos that reach over them and are left out there."""
+    return tuple(
+        replace(
+            hole,
+            masked_in=tuple(
+                name for name in sorted(planes) if planes[name].reaches(hole.east, hole.north)
+            ),
+        )
+        for hole in holes
+    )
 
 
 def _write(work: _Work, path: Path, crs: str, options: MosaicOptions, progress: Progress) -> int:

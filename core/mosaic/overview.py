@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Float32, Float64
@@ -9,6 +10,10 @@ from jaxtyping import Float32, Float64
 from core.arrays import Mask, Scalars, locked
 from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid, window_of
+
+# design: some tens of megabytes of the widest orthos
+STRIP_CELLS = 128
+"""Rows of cells that are read at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,19 +75,27 @@ def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
     counts = np.zeros_like(sums)
     columns_in_cells = grid.columns * pixels_per_cell
     with rasterio.open(ortho.path) as file:
-        for cell_row in range(grid.rows):
-            first = max(cell_row * pixels_per_cell - row, 0)
-            last = min((cell_row + 1) * pixels_per_cell - row, ortho.grid.rows)
-            if first >= last:
-                continue
-            strip = np.zeros((last - first, columns_in_cells), dtype=np.float32)
+        for top in range(0, grid.rows, STRIP_CELLS):
+            cells = np.s_[top : min(top + STRIP_CELLS, grid.rows)]
+            tall = (cells.stop - top) * pixels_per_cell
+            first = max(top * pixels_per_cell - row, 0)
+            last = min(top * pixels_per_cell + tall - row, ortho.grid.rows)
+            strip = np.zeros((tall, columns_in_cells), dtype=np.float32)
+            begin = first + row - top * pixels_per_cell
             window = window_of((0, first, ortho.grid.columns, last - first))
-            strip[:, column : column + ortho.grid.columns] = file.read(1, window=window)
-            cells = strip.reshape(last - first, grid.columns, pixels_per_cell)
-            sums[cell_row] = cells.sum(axis=(0, 2))
-            counts[cell_row] = np.count_nonzero(cells, axis=(0, 2))
+            place = np.s_[begin : begin + last - first, column : column + ortho.grid.columns]
+            strip[place] = file.read(1, window=window)
+            sums[cells] = _sums(strip, pixels_per_cell)
+            counts[cells] = np.rint(_sums((strip > 0).astype(np.float32), pixels_per_cell))
     values = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
     return Overview(ortho.photo_id, ortho.nadir, grid, values, counts / pixels_per_cell**2)
+
+
+def _sums(strip: Float32[np.ndarray, "_ _"], side: int) -> Float32[np.ndarray, "_ _"]:
+    """Sums over square cells."""
+    size = (strip.shape[1] // side, strip.shape[0] // side)
+    means = cv2.resize(strip, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(means, np.float32) * np.float32(side**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

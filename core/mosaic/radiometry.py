@@ -71,6 +71,8 @@ class FilmPlane:
     """Easting and northing that coordinates count from, metres."""
     film_from_ground: tuple[tuple[float, ...], ...]
     """Homography (3 by 3): metres from the nadir to half diagonals from the principal point."""
+    frame: tuple[float, float]
+    """Half the width and the height of the picture area, half diagonals."""
 
     def radii(
         self, eastings: Float64[np.ndarray, "..."], northings: Float64[np.ndarray, "..."]
@@ -79,6 +81,12 @@ class FilmPlane:
         east, north = eastings - self.nadir[0], northings - self.nadir[1]
         x, y, depth = (a * east + b * north + c for a, b, c in self.film_from_ground)
         return (x**2 + y**2) / depth**2
+
+    def reaches(self, easting: float, northing: float) -> bool:
+        """Whether a place on the ground lies in the picture area."""
+        east, north = easting - self.nadir[0], northing - self.nadir[1]
+        x, y, depth = (a * east + b * north + c for a, b, c in self.film_from_ground)
+        return abs(x) <= abs(depth) * self.frame[0] and abs(y) <= abs(depth) * self.frame[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +141,8 @@ def film_plane(photo: Photo, camera: Camera) -> FilmPlane:
     columns[:2] *= -camera.principal_distance_mm / half
     rows = tuple(tuple(float(value) for value in row) for row in columns)
     nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
-    return FilmPlane(photo.camera, nadir, rows)
+    width, height = camera.frame_mm
+    return FilmPlane(photo.camera, nadir, rows, (width / 2 / half, height / 2 / half))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

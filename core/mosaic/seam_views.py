@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float16, Float32
+from jaxtyping import Bool, Float16, Float32
 
 from core.arrays import Mask, locked
 from core.mosaic.overview import Overview
@@ -48,16 +48,17 @@ class SeamView:
         """The same in cells twice as large; rows and columns must be even."""
         grid = self.grid
         rows, columns = grid.rows // 2, grid.columns // 2
-        cells = (rows, 2, columns, 2)
-        gray = self.gray.astype(np.float32).reshape(cells).mean(axis=(1, 3))
+        gray = cv2.resize(
+            self.gray.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA
+        )
         step = 2 * grid.ground_sample_distance_m
         return replace(
             self,
             grid=Grid(grid.west, grid.north, step, columns, rows),
-            gray=gray.astype(np.float16),
-            full=self.full.reshape(cells).all(axis=(1, 3)),
-            touched=self.touched.reshape(cells).any(axis=(1, 3)),
-            inner=self.inner.reshape(cells).all(axis=(1, 3)),
+            gray=np.asarray(gray).astype(np.float16),
+            full=_fourfold(self.full, np.logical_and),
+            touched=_fourfold(self.touched, np.logical_or),
+            inner=_fourfold(self.inner, np.logical_and),
         )
 
 
@@ -102,6 +103,12 @@ class SeamLevel:
         east = (eastings[part[1]] - view.nadir[0]) / half
         north = (northings[part[0]] - view.nadir[1]) / half
         return (north[:, None] ** 2 + east[None, :] ** 2).astype(np.float32)
+
+
+def _fourfold(mask: Bool[np.ndarray, "_ _"], joined: np.ufunc) -> Bool[np.ndarray, "_ _"]:
+    """Cells twice as large, of four each."""
+    pairs = joined(mask[::2], mask[1::2])
+    return joined(pairs[:, ::2], pairs[:, 1::2])
 
 
 def seam_view(overview: Overview, gray: Cells, keep_inside_m: float) -> SeamView:

@@ -31,6 +31,8 @@ class Hole:
     """Easting of its middle, metres in the raster's CRS."""
     north: float
     """Northing of its middle."""
+    masked_in: tuple[str, ...] = ()
+    """Photos whose picture reaches over its middle, where it is left out; none reaches if empty."""
 
 
 def find_holes(path: Path) -> tuple[Hole, ...]:

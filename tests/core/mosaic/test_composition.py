@@ -7,6 +7,7 @@ import shapely
 
 from core.mosaic.composition import FormerMosaic, MosaicOptions, compose_mosaic, mosaic_grid
 from core.mosaic.edited_seams import EditedSeams
+from core.mosaic.radiometry import FilmPlane
 from core.mosaic.seams import Seam
 from core.raster.grid import Grid
 from tests.core.mosaic.conftest import write_ortho
@@ -149,3 +150,18 @@ def test_what_edited_seams_leave_open_is_shown_all_the_same__law(block, tmp_path
     assert "open" in product.notes[0]
     shown = compose(block, tmp_path).covered_share
     assert product.covered_share == shown
+
+
+def test_a_hole_names_the_photos_that_leave_it_out__truth(tmp_path):
+    grid = Grid(1000.0, 5000.0, 1.0, 400, 400)
+    values = np.full((400, 400), 100, dtype=np.uint8)
+    values[180:230, 150:250] = 0
+    ortho = write_ortho(tmp_path / "a.tif", "a", grid, values, (1200.0, 4800.0))
+    level = ((1 / 300, 0.0, 0.0), (0.0, 1 / 300, 0.0), (0.0, 0.0, 1.0))
+    planes = {
+        "a": FilmPlane("wide", (1200.0, 4800.0), level, (0.7, 0.7)),
+        "b": FilmPlane("wide", (1800.0, 4800.0), level, (0.7, 0.7)),
+    }
+    holes = compose([ortho], tmp_path, planes=planes).holes
+    assert [(hole.area_m2, hole.masked_in) for hole in holes] == [(5000.0, ("a",))]
+    assert compose([ortho], tmp_path).holes[0].masked_in == ()

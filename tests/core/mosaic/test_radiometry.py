@@ -68,9 +68,8 @@ def test_vignetting_gain_and_tilt_are_found_again__truth(tmp_path):
         orthos.append(write_ortho(tmp_path / f"{name}.tif", name, grid, written, nadir))
         # Level ground below a camera that looks straight down: half a diagonal is 240 * sqrt(2) m.
         scale = 1 / (240 * np.sqrt(2))
-        planes[name] = FilmPlane(
-            "wide", nadir, ((scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, 1.0))
-        )
+        rows = ((scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, 1.0))
+        planes[name] = FilmPlane("wide", nadir, rows, (0.5**0.5, 0.5**0.5))
     views = [read_overview(ortho, 4) for ortho in orthos]
 
     def misfit(balances):
@@ -104,16 +103,23 @@ def test_ground_meets_the_film_where_rays_do__truth(scene):
     expected = (away**2).sum(axis=1) / (np.hypot(*camera.frame_mm) / 2) ** 2
     # Lens distortion and earth's curvature, which tones need not know.
     assert np.allclose(plane.radii(places[:, 0], places[:, 1]), expected, rtol=0.01)
+    corners = photo.object_from_pixel(
+        photo.interior.pixel_from_film(np.array([[29.0, 29.0], [31.0, 0.0]])),
+        np.full(2, 300.0),
+        camera,
+    )
+    assert [plane.reaches(*corner[:2].tolist()) for corner in corners] == [True, False]
 
 
 def test_a_correction_is_the_same_in_every_part__law():
+    rows = ((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (1e-6, 0.0, 1.0))
     balance = Balance(
         1.1,
         -3.0,
         (0.01, -0.02),
         (1200.0, 3100.0),
         (0.2, 0.1),
-        FilmPlane("wide", (1200.0, 3100.0), ((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (1e-6, 0.0, 1.0))),
+        FilmPlane("wide", (1200.0, 3100.0), rows, (0.7, 0.7)),
     )
     whole = Grid(1000.0, 3300.0, 0.5, 90, 70)
     gray = np.random.default_rng(1).uniform(1, 255, (70, 90)).astype(np.float32)
