@@ -26,15 +26,19 @@ from core.mosaic.composition import (
 from core.mosaic.edited_seams import read_edited
 from core.mosaic.radiometry import FilmPlane, film_plane
 from core.mosaic.seam_cut import SeamGuides
-from core.mosaic.seams import read_seams
+from core.mosaic.seam_edits import SeamEdit, with_edits
+from core.mosaic.seams import Seam, read_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress
 from sessions.atomic_write import whole_file
+from sessions.seam_decisions import standing_seam_edits
 from sessions.session import Session
 
 FILE, SEAMS = "mosaic.tif", "seams.gpkg"
 TILES = "mosaic-tiles"
 """Product that keeps the digests of the tiles of the file that is there."""
+SEAMS_DRAWN = "seams-drawn"
+"""Product that keeps the seams before any edit at the desk, and the edits of the mosaic."""
 DRAWN = "mosaic-seams"
 """Product that keeps the digest of the seams that the program drew last."""
 
@@ -65,15 +69,14 @@ def make_mosaic(
     target, seams = session.results / FILE, session.results / SEAMS
     options = MosaicOptions(balance=project.ortho.balance)
     edited = _edited(session, seams)
-    reference = project.reference
-    layers = (reference.buildings, reference.roads)
+    layers = (project.reference.buildings, project.reference.roads)
     wanted = (list(orthos), layers, sorted(project.taken.items()), options, edited)
-    inputs = products.digest_of("mosaic", 4, *wanted)
+    hand = ByHand(standing_seam_edits(session.decisions()))
+    inputs = products.digest_of("mosaic", 4, *wanted, *([hand.edits] if hand.edits else []))
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept
-    grid = mosaic_grid(orthos)
-    names = [ortho.photo_id for ortho in orthos]
+    grid, names = mosaic_grid(orthos), [ortho.photo_id for ortho in orthos]
     mine = None if edited is None else read_edited(seams, project.block.crs, names)
     tiles = None if anew else products.load_value(TILES, products.digest_of(target))
     drawing = whole_file(seams) if mine is None else nullcontext(None)
@@ -89,6 +92,7 @@ def make_mosaic(
             planes=film_planes(session, names),
             former=None if tiles is None else FormerMosaic(target, tiles),
             stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
+            redraw=hand,
             options=options,
             progress=progress,
         )
@@ -96,8 +100,22 @@ def make_mosaic(
             _remember_drawn(session, seams_part)
     product = replace(product, path=target)
     products.save_value(TILES, products.digest_of(target), product.tiles)
+    products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
     products.save_value("mosaic", products.digest_of(inputs, target), product)
     return product
+
+
+class ByHand:
+    """Lays the edits that stand over the seams of a mosaic, and keeps those from before."""
+
+    def __init__(self, edits: tuple[SeamEdit, ...]) -> None:
+        self.edits = edits
+        self.before: tuple[Seam, ...] = ()
+
+    def __call__(self, seams: tuple[Seam, ...]) -> tuple[Seam, ...]:
+        """The seams after the edits."""
+        self.before = seams
+        return with_edits(seams, self.edits)
 
 
 def seam_guides(project: Project, bounds: Bounds) -> SeamGuides:

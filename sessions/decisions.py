@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 from core.block import Measurement, Role
 from core.formats.listed_point import ListedPoint
+from core.mosaic.seam_edits import SeamEdit
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
 
@@ -306,11 +307,13 @@ PointsDecision = SetRole | AddPoint | BringPoints
 """A decision about surveyed points themselves."""
 ScanDecision = DrawMask | PlacePhoto
 """A decision about a whole scan: its mask, or where it lies."""
+SeamDecision = SeamEdit
+"""A decision about the mosaic: a seam along a line, or the photo of a polygon."""
 JudgingDecision = PlanChecks | ReadCheck | SignBlock
 """A decision that judges the block and changes nothing of it."""
 Decision = (
     PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | ScanDecision
-    | JudgingDecision | Withdraw
+    | SeamDecision | JudgingDecision | Withdraw
 )  # fmt: skip
 """Everything an operator can decide."""
 DECISIONS: tuple[type, ...] = get_args(Decision)

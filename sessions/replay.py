@@ -18,6 +18,7 @@ from core.block import (
 )
 from core.geometry.camera import Camera
 from core.localisation.on_points import stand_on_points
+from core.mosaic.seam_edits import SeamArea, SeamLine
 from sessions.decisions import (
     NOT_VISIBLE,
     Accept,
@@ -44,6 +45,7 @@ from sessions.decisions import (
     Recorded,
     Reject,
     ScanDecision,
+    SeamDecision,
     SetRole,
     SignBlock,
     Withdraw,
@@ -109,6 +111,8 @@ def replay(
                 | PlanChecks()
                 | ReadCheck()
                 | SignBlock()
+                | SeamLine()
+                | SeamArea()
             ) as decision:
                 matched = _is_known(block, decision)
             case decision:
@@ -121,9 +125,15 @@ def replay(
     return Replayed(stand_on_points(block, taken_out(decisions)), tuple(unmatched))
 
 
-def _is_known(block: Block, decision: FiducialDecision | ScanDecision | JudgingDecision) -> bool:
+def _is_known(
+    block: Block, decision: FiducialDecision | ScanDecision | JudgingDecision | SeamDecision
+) -> bool:
     """Whether what a decision is about is in this block; a check is always of it."""
     match decision:
+        case SeamLine(first=first, second=second):
+            return first in block.photos and second in block.photos
+        case SeamArea(photo_id=photo_id):
+            return photo_id in block.photos
         case JudgeFiducial() | PlaceFiducial() | FillMarks():
             return knows(block, decision)
         case DrawMask() | PlacePhoto():

@@ -15,7 +15,7 @@ from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import export_routes
 from app.desk.filling import Filling
 from app.desk.measuring import Errors, PhotoToPhoto
-from app.desk.mosaic import MosaicFile, mosaic_on_disk
+from app.desk.mosaic import MosaicFile
 from app.desk.sheets import sheet_routes
 from app.mosaic import make_mosaic
 from app.placing import Placeable, standing_block
@@ -62,13 +62,11 @@ from ui.review.state import (
     Evidence,
     InitialState,
     Made,
-    ShownMosaic,
 )
 from ui.review.tiles import OrthoSource, ScanWindow
 from ui.review.to_measure import points_of_user
 from ui.views.meshes import SurfaceSource, TerrainOptions
 from ui.web.access import lasting_token
-from ui.web.tiles import MosaicTiles, no_tiles
 
 SEARCH_M = 12.0
 """How far about the expected place reference and scan are compared, metres."""
@@ -87,11 +85,6 @@ def keep_nothing(report: AdjustmentReport) -> None:
 def no_evidence(report: AdjustmentReport) -> Evidence:
     """Nothing is known beside the report."""
     return NO_EVIDENCE
-
-
-def no_mosaic() -> ShownMosaic | None:
-    """There is none."""
-    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,10 +147,8 @@ class DeskInputs:
     """What the equations of an adjustment tell beside its report."""
     transfer: PhotoToPhoto | None = None
     """Finds a place of some photos in others; None where there is nothing to find it with."""
-    mosaic: Callable[[], ShownMosaic | None] = no_mosaic
-    """The mosaic on disk."""
-    mosaic_tiles: MosaicTiles = no_tiles
-    """What the tiles of the mosaic are drawn from."""
+    mosaic: MosaicFile | None = None
+    """The mosaic on disk; None where there can be none."""
     routes: tuple[web.RouteDef, ...] = ()
     """Addresses that need the block's folder: exports."""
     has_ortho: bool = True
@@ -177,9 +168,8 @@ class DeskInputs:
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
-    return DeskState(
-        desk.block, desk.report, made=made, written_of=desk.written_of, mosaic=desk.mosaic()
-    )
+    mosaic = None if desk.mosaic is None else desk.mosaic.on_disk()
+    return DeskState(desk.block, desk.report, made=made, written_of=desk.written_of, mosaic=mosaic)
 
 
 def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
@@ -244,8 +234,7 @@ def desk_inputs(
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
         routes=(*export_routes(project.file), *sheet_routes(project.file)),
         results=session.results,
-        mosaic=lambda: mosaic_on_disk(session),
-        mosaic_tiles=MosaicFile(session.results / "mosaic.tif", block.crs),
+        mosaic=MosaicFile(session, block.crs),
         remake=OrthoMaker(project, reference, operator),
         made=ortho_orientations(session, block if latest is None else latest.block),
         written_of=latest,

@@ -34,6 +34,7 @@ from app.desk.messages import (
     Tried,
 )
 from core.doubts import Failure
+from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
 from sessions.decisions import (
     AddPoint,
     Decision,
@@ -44,17 +45,19 @@ from sessions.decisions import (
     changing,
     standing,
 )
+from sessions.seam_decisions import standing_seam_edits
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.gestures import AnswerAsked, Freed, Gesture, MarkPlaced
 from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
+from ui.review.mosaic import with_seam_edits
 from ui.review.new_points import ORTHO, act_of, next_name
 from ui.review.outcome import Act, outcome_of
 from ui.review.pages import Pages
 from ui.review.queue import seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat
+from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat, ShownMosaic
 from ui.review.to_measure import kept_up, with_predictions, with_proposals
 from ui.review.trial import Trial, TrialWork
 
@@ -71,7 +74,8 @@ class ReviewLoop:
         self._pages, self._footprints = Pages(), Footprints(inputs.dem)
         self._scenes: set[str] = set()
         self._last: Recorded | None = None
-        self._replay_due = self._adjust_due = False
+        self._edits: tuple[SeamEdit, ...] | None = None
+        self._replay_due = self._adjust_due = self._only_seams = False
         self._work: AfterAdjustment | None = None
         self._trial: TrialWork | None = None
         self._worker = Worker(inputs.adjust, self.submit)
@@ -153,8 +157,10 @@ class ReviewLoop:
             self._take_judgements()
         elif self._replay_due:
             self._replay()
-            self._change_state(adjusting=True)
-            self._adjust_due = True
+            if not self._only_seams:
+                self._change_state(adjusting=True)
+                self._adjust_due = True
+            self._only_seams = False
         # Who acted sees it first.
         first = getattr(event, "seat_id", "")
         seats = sorted(self._now.present_seats(), key=lambda seat: seat.seat_id != first)
@@ -193,10 +199,26 @@ class ReviewLoop:
         plain = [item for item in standing(recorded) if not isinstance(item.decision, Withdraw)]
         block = self._session.replayed(now.base, now.initial.films, now.initial.cameras)
         state = replace(now.state, block=block, decided=len(plain))
+        state = replace(state, mosaic=self._with_edits(state.mosaic, recorded))
         extra = extra_of(state, now.base, recorded, now.doubts, now.dem)
         state = kept_up(now.state, replace(state, extra=extra), now.dem)
         table = now.table.with_changes(now.state, state)
         self._now = replace(now, state=state, recorded=recorded).with_table(table)
+
+    def _with_edits(
+        self, mosaic: ShownMosaic | None, recorded: Sequence[Recorded]
+    ) -> ShownMosaic | None:
+        """The mosaic with the seams that stand, for the tiles too; the same where none changed."""
+        if mosaic is None:
+            return None
+        edits = standing_seam_edits(recorded)
+        if edits == self._edits and mosaic is self._now.state.mosaic:
+            return mosaic
+        self._edits = edits
+        mosaic = with_seam_edits(mosaic, edits)
+        if self._inputs.mosaic is not None:
+            self._inputs.mosaic.publish(mosaic)
+        return mosaic
 
     def _adjust(self) -> None:
         """Capture the desk and hand it to the worker, in place of what it may be doing."""
@@ -252,6 +274,8 @@ class ReviewLoop:
         with_it = act_of(decisions, state, self._now.recorded)
         self._last = self._session.record_all(decisions, state.block, operator, with_it)[-1]
         self._replay_due = True
+        # Seams move no photo.
+        self._only_seams = all(isinstance(one, SeamLine | SeamArea) for one in decisions)
 
     def _do(self, act: Act, gesture: Gesture, seat: Seat) -> None:
         state = self._now.state
@@ -409,7 +433,9 @@ class ReviewLoop:
         else:
             oriented = replace(state, report=ended.made_with).oriented
             made = with_made(state, ended.photo_ids, oriented)
-            state = replace(made, written_of=ended.made_with, mosaic=self._inputs.mosaic())
+            on_disk = None if self._inputs.mosaic is None else self._inputs.mosaic.on_disk()
+            mosaic = self._with_edits(on_disk, self._now.recorded)
+            state = replace(made, written_of=ended.made_with, mosaic=mosaic)
             notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
         stale = stale_photos(state, self._inputs.stale_m)
         version = self._inputs.mosaic_version()

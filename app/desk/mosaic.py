@@ -1,13 +1,19 @@
-"""The mosaic on disk, as the desk shows it: what was made, and its pictures by version."""
+"""The mosaic on disk as the desk shows it, and as it will be with the seams that stand."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import cast
 
+import cv2
 import numpy as np
 
+from app.mosaic import SEAMS_DRAWN
+from core.arrays import Raster
+from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
-from core.mosaic.composition import MosaicProduct
+from core.mosaic.composition import FEATHER_PX, MosaicProduct, compose_window
+from core.mosaic.seam_edits import SeamEdit
+from core.mosaic.seams import Seam
+from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho, open_ortho
 from sessions.session import Session
@@ -18,49 +24,74 @@ SMALL_PX = 512
 """Longer side of the picture from which black and white of a 16-bit mosaic are learnt, pixels."""
 WHITE = 255
 """Largest gray value that a screen shows."""
-
-
-def mosaic_on_disk(session: Session) -> ShownMosaic | None:
-    """The mosaic that was made last; None where there is none, or its file was taken away."""
-    product = cast("MosaicProduct | None", session.products.latest_value("mosaic"))
-    path = session.results / "mosaic.tif"
-    if product is None or not path.is_file():
-        return None
-    return ShownMosaic(product, path.stat().st_mtime_ns // 1_000_000)
+KEPT = 4
+"""Editions of the seams that tiles may still be asked of."""
+STRIP_PX = 2048
+"""Edited ground is composed in parts of so many pixels a side, some tens of megabytes."""
 
 
 class MosaicFile:
-    """Opens the mosaic anew whenever another version is asked for; from any thread."""
+    """The mosaic of a block: its product, and its pictures by version and edition of its seams."""
 
-    def __init__(self, path: Path, crs: str) -> None:
-        self._path, self._crs = path, crs
-        self._opened: tuple[int, OrthoSource] | None = None
+    def __init__(self, session: Session, crs: str) -> None:
+        self._session, self._crs = session, crs
+        self._path = session.results / "mosaic.tif"
+        self._opened: tuple[int, Ortho, Stretch | None] | None = None
+        self._editions: dict[int, ShownMosaic] = {}
 
-    def __call__(self, version: int) -> OrthoSource | None:
-        """Colours of the mosaic on any grid; None without a file.
+    def on_disk(self) -> ShownMosaic | None:
+        """The mosaic that was made last; None where there is none, or its file was taken away."""
+        products = self._session.products
+        product = cast("MosaicProduct | None", products.latest_value("mosaic"))
+        if product is None or not self._path.is_file():
+            return None
+        version = self._path.stat().st_mtime_ns // 1_000_000
+        kept = products.latest_value(SEAMS_DRAWN) or (product.seams, ())
+        drawn, edits = cast("tuple[tuple[Seam, ...], tuple[SeamEdit, ...]]", kept)
+        found = [products.latest_value(f"ortho/{seam.photo_id}") for seam in product.seams]
+        orthos = tuple(cast("OrthoProduct", one) for one in found if one is not None)
+        return ShownMosaic(product, version, product.seams, drawn, edits, orthos)
+
+    def publish(self, mosaic: ShownMosaic) -> None:
+        """Tell what an edition of the seams means; the oldest are forgotten."""
+        self._editions[mosaic.edition] = mosaic
+        for old in list(self._editions)[:-KEPT]:
+            del self._editions[old]
+
+    def __call__(self, version: int, edition: int) -> OrthoSource | None:
+        """Colours of the mosaic on any grid, from any thread; None without a file.
 
         Raises:
             ReferenceDataError: The file is damaged.
         """
         opened = self._opened
-        if opened is not None and opened[0] == version:
-            return opened[1]
-        if not self._path.is_file():
-            return None
-        source = with_screen_grays(open_ortho([self._path], self._crs))
-        self._opened = version, source
-        return source
+        if opened is None or opened[0] != version:
+            if not self._path.is_file():
+                return None
+            ortho = open_ortho([self._path], self._crs)
+            opened = self._opened = version, ortho, stretch_of(ortho)
+        _, ortho, stretch = opened
+        source = ortho if stretch is None else Stretched(ortho, stretch)
+        mosaic = self._editions.get(edition) if edition else None
+        return source if mosaic is None else EditedMosaic(source, mosaic, stretch)
 
 
-def with_screen_grays(mosaic: Ortho) -> OrthoSource:
-    """The mosaic itself where its grays are those of a screen, else brought to them."""
+def stretch_of(mosaic: Ortho) -> Stretch | None:
+    """What brings a mosaic of 16 bit to the grays of a screen; None where it has them already."""
     west, south, east, north = mosaic.bounds
     pixel = max((east - west) / SMALL_PX, (north - south) / SMALL_PX)
     small = mosaic.read(Grid.over(mosaic.bounds, max(pixel, mosaic.ground_sample_distance_m)))
     values = small.values[small.mask]
     if not values.size or float(values.max()) <= WHITE:
-        return mosaic
-    return Stretched(mosaic, fit_stretch(values[None], margin=0))
+        return None
+    return fit_stretch(values[None], margin=0)
+
+
+def shown_gray(values: Raster, seen: np.ndarray, stretch: Stretch | None) -> Colour:
+    """Grays of a mosaic as colours of a screen, black only where nothing is seen."""
+    scaled = values if stretch is None else stretch.applied(values)
+    gray = np.where(seen, np.clip(np.rint(scaled), 1, WHITE), 0).astype(np.uint8)
+    return np.repeat(gray[:, :, None], 3, axis=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +116,85 @@ class Stretched:
     def read_colour(self, grid: Grid) -> Colour:
         """Grays as colours on a grid, black only where the mosaic shows nothing."""
         patch = self.mosaic.read(grid)
-        shown = np.clip(np.rint(self.stretch.applied(patch.values)), 1, WHITE)
-        gray = np.where(patch.mask, shown, 0).astype(np.uint8)
-        return np.repeat(gray[:, :, None], 3, axis=2)
+        return shown_gray(patch.values, patch.mask, self.stretch)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EditedMosaic:
+    """The file with the ground that edits of seams change composed anew over it."""
+
+    file: OrthoSource
+    """The mosaic on disk."""
+    mosaic: ShownMosaic
+    """Its seams as they stand."""
+    stretch: Stretch | None
+    """Grays shown as black and as white; None where they are those of a screen."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """West, south, east, north, metres."""
+        return self.file.bounds
+
+    @property
+    def ground_sample_distance_m(self) -> float:
+        """Finest pixel, metres."""
+        return self.file.ground_sample_distance_m
+
+    def read_colour(self, grid: Grid) -> Colour:
+        """Colours on a grid: of the file, and of what the same composition makes of the edits."""
+        colour = self.file.read_colour(grid)
+        changed, whole = self.mosaic.changed, self.mosaic.product.grid
+        if changed is None:
+            return colour
+        west, south, east, north = grid.bounds
+        low = np.maximum(changed[:2], (west, south))
+        high = np.minimum(changed[2:], (east, north))
+        room = FEATHER_PX * whole.ground_sample_distance_m
+        if np.any(high + room <= low - room):
+            return colour
+        part = whole.covering((*(low - room).tolist(), *(high + room).tolist()))
+        values = self._composed(part)
+        return _laid_over(colour, grid, shown_gray(values, values > 0, self.stretch), part)
+
+    def _composed(self, part: Grid) -> Raster:
+        """A part of the mosaic with the seams as they stand, pieces of it at a time."""
+        whole = self.mosaic.product.grid
+        corner = whole.grid_from_object(np.array([[part.west, part.north]]))[0]
+        column, row = (round(float(value)) for value in corner)
+        values = np.zeros((part.rows, part.columns), dtype=np.float32)
+        for down in range(0, part.rows, STRIP_PX):
+            for across in range(0, part.columns, STRIP_PX):
+                size = min(STRIP_PX, part.columns - across), min(STRIP_PX, part.rows - down)
+                values[down : down + size[1], across : across + size[0]] = compose_window(
+                    self.mosaic.orthos,
+                    self.mosaic.product,
+                    self.mosaic.seams,
+                    (column + across, row + down, *size),
+                )
+        return values
+
+
+def _laid_over(colour: Colour, grid: Grid, patch: Colour, part: Grid) -> Colour:
+    """A picture with a finer patch resampled into it where the patch reaches."""
+    ratio = grid.ground_sample_distance_m / part.ground_sample_distance_m
+    reduction = max(1, round(ratio))
+    rows, columns = patch.shape[0] // reduction, patch.shape[1] // reduction
+    if not rows or not columns:
+        return colour
+    even = patch[: rows * reduction, : columns * reduction]
+    small = cv2.resize(even, (columns, rows), interpolation=cv2.INTER_AREA)
+    pixel = part.ground_sample_distance_m * reduction
+    east, north = grid.centres()
+    x = ((east - part.west) / pixel - HALF_PIXEL).astype(np.float32)
+    y = ((part.north - north) / pixel - HALF_PIXEL).astype(np.float32)
+    across = np.flatnonzero((x > -HALF_PIXEL) & (x < columns - HALF_PIXEL))
+    down = np.flatnonzero((y > -HALF_PIXEL) & (y < rows - HALF_PIXEL))
+    if not len(across) or not len(down):
+        return colour
+    map_x, map_y = np.meshgrid(x[across], y[down])
+    laid = cv2.remap(
+        np.asarray(small), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    result = colour.copy()
+    result[down[0] : down[-1] + 1, across[0] : across[-1] + 1] = laid
+    return result

@@ -43,7 +43,7 @@ from ui.web.channel import Channel, Lines
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Opened, Upstream, as_json
 from ui.web.points import point_routes
 from ui.web.running import leaving_route
-from ui.web.tiles import Sources, TileStore
+from ui.web.tiles import Sources, TileStore, no_tiles
 
 logger = logging.getLogger(__name__)
 SWITCH_S = 0.001
@@ -105,7 +105,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     state = first_state(desk)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
     coarse = CoarseOrtho(desk.ortho)
-    read, alike, mosaic = desk.read_scan, desk.likeness, desk.mosaic_tiles
+    read, alike, mosaic = desk.read_scan, desk.likeness, desk.mosaic or no_tiles
     sources = Sources(coarse, desk.dem, read, lattice, alike, coarse.ready, mosaic)
     tiles = TileStore(sources)
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()

@@ -23,6 +23,8 @@ KINDS = {
     "DrawMask": "masks drawn",
     "PlacePhoto": "photos placed",
     "FillMarks": "fiducials",
+    "SeamLine": "seams drawn",
+    "SeamArea": "seams drawn",
     "PlanChecks": "checks planned",
     "ReadCheck": "checks read",
     "SignBlock": "signatures",

@@ -5,7 +5,7 @@ that it is composed from, so that the next mosaic takes it over where nothing of
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -129,6 +129,10 @@ class _Work:
     composed: list[str]
 
 
+Redraw = Callable[[tuple[Seam, ...]], Sequence[Seam]]
+"""What is done to seams before the mosaic is composed by them."""
+
+
 def mosaic_grid(orthos: Sequence[OrthoProduct]) -> Grid:
     """Grid over all orthos, which share one ground sample distance."""
     bounds = np.array([ortho.grid.bounds for ortho in orthos])
@@ -150,6 +154,7 @@ def compose_mosaic(
     planes: Mapping[str, FilmPlane] | None = None,
     former: FormerMosaic | None = None,
     stamps: Mapping[str, str] | None = None,
+    redraw: Redraw = tuple,
     options: MosaicOptions | None = None,
     progress: Progress = SILENT,
 ) -> MosaicProduct:
@@ -166,6 +171,7 @@ def compose_mosaic(
         planes: Where the ground lies on the film, for vignetting.
         former: Mosaic whose tiles are taken over where nothing has changed; needs stamps.
         stamps: What names the content of each ortho's file.
+        redraw: Changes the seams, as operators did.
         options: Tiles, and whether to balance.
         progress: Told after every ortho and tile.
 
@@ -191,13 +197,46 @@ def compose_mosaic(
             progress=Part(progress, READ, LAID),
         )
     overviews.clear()
-    work = _prepare(orthos, grid, seams, balances, dtype, former, stamps)
+    work = _prepare(orthos, grid, redraw(tuple(seams)), balances, dtype, former, stamps)
     if seams_path is not None:
         write_seams(work.seams, seams_path, crs)
     covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))
+    return _product(work, path, covered, notes, planes or {})
+
+
+def _product(
+    work: _Work,
+    path: Path,
+    covered: int,
+    notes: tuple[str, ...],
+    planes: Mapping[str, FilmPlane],
+) -> MosaicProduct:
+    """What was made of some work, of which so many pixels show the ground."""
+    grid, seams = work.grid, work.seams
     share, tiles = covered / (grid.columns * grid.rows), dict(sorted(work.digests.items()))
-    holes, composed = _explained(find_holes(path), planes or {}), len(work.composed)
-    return MosaicProduct(path, grid, work.seams, balances, share, holes, tiles, composed, notes)
+    holes, composed = _explained(find_holes(path), planes), len(work.composed)
+    return MosaicProduct(path, grid, seams, work.balances, share, holes, tiles, composed, notes)
+
+
+def compose_window(
+    orthos: Sequence[OrthoProduct], made: MosaicProduct, seams: Sequence[Seam], part: Tile
+) -> Pixels:
+    """A part of a mosaic as it would be with other seams; nothing is written.
+
+    Args:
+        orthos: Those that the mosaic was composed of.
+        made: The mosaic; its tones hold.
+        seams: The other seams.
+        part: Column, row, columns, rows of the part, pixels of the mosaic.
+
+    Returns:
+        Gray values in the type of the mosaic, 0 where no photo shows anything.
+    """
+    with rasterio.open(orthos[0].path) as file:
+        dtype = np.dtype(file.dtypes[0])
+    work = _prepare(orthos, made.grid, seams, made.balances, dtype, None, None)
+    found = _compose(work, part)
+    return np.zeros((part[3], part[2]), dtype) if found is None else found
 
 
 def _explained(holes: Sequence[Hole], planes: Mapping[str, FilmPlane]) -> tuple[Hole, ...]:

@@ -71,7 +71,7 @@ WRITES: dict[str, Names] = {
     "redo": frozenset({"Withdraw"}), "back": frozenset({"Withdraw"}),
     "reason": frozenset({"Withdraw", "Reject"}), "add": frozenset({"AddPoint"}),
     "use": frozenset({"JudgeFiducial"}), "put": frozenset({"PlaceFiducial"}),
-    "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask"}),
+    "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask", "SeamLine", "SeamArea"}),
     "drop": frozenset({"Withdraw"}), "stand": frozenset({"PlacePhoto"}),
     "read": frozenset({"ReadCheck"}), "sign": frozenset({"SignBlock"}),
 }  # fmt: skip
@@ -168,7 +168,11 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
         }.get(name)  # fmt: skip
     if kind == "act":
         return _act_means(name, seen)
-    drawing = {"mask": Meaning("draw"), "": Meaning("add") if seen["adding"] else None}
+    drawing = {
+        "mask": Meaning("draw"),
+        "mosaic": Meaning("draw"),
+        "": Meaning("add") if seen["adding"] else None,
+    }
     return {
         "back": Meaning("back", must=True),
         "drop": Meaning("drop"),
@@ -224,6 +228,7 @@ def _checks_means(seen: dict[str, Any]) -> Meaning | None:
 SHEETS: dict[str, Callable[[dict[str, Any]], Meaning | None]] = {
     "board": _board_means,
     "mask": _mask_means,
+    "mosaic": _mask_means,
     "placed": _placed_means,
     "checks": _checks_means,
 }

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser.conftest import VIOLATIONS, RealDesk
+from core.mosaic.seam_edits import SeamArea, SeamLine
+from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, RealDesk
 
 pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
@@ -147,6 +148,83 @@ def test_axe_finds_nothing_on_the_mosaic_and_all_fits_a_small_screen__oracle(
     for wide in ("#mosaic header", "#mosaic aside"):
         room = page.locator(wide)
         assert room.evaluate("room => room.scrollWidth <= room.clientWidth"), wide
+
+
+def seam_of(page: Any) -> tuple[str, str, list[float]]:
+    """Two photos and the middle of the seam between them, where it is long."""
+    return page.evaluate(
+        """() => {
+          const { seams } = gruber.mosaicState().found;
+          const edges = seams.flatMap(({ photo, rings }) => rings.flatMap(ring =>
+            ring.slice(1).map((to, at) => ({ photo, from: ring[at], to }))));
+          const near = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]) < 3;
+          const shared = edges.flatMap(one => edges.filter(two => two.photo > one.photo
+            && near(one.from, two.to) && near(one.to, two.from))
+            .map(two => [one.photo, two.photo, one.from, one.to]));
+          const long = ([, , a, b]) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+          const [one, two, a, b] = shared.sort((x, y) => long(y) - long(x))[0];
+          return [one, two, [a[0], a[1], b[0], b[1]]];
+        }"""
+    )
+
+
+def corners_about(edge: list[float]) -> list[list[float]]:
+    """Four places: from a seam to one side of it, along it, and back."""
+    begin, end = np.array(edge[:2]), np.array(edge[2:])
+    along = (end - begin) / np.linalg.norm(end - begin)
+    across = np.array([-along[1], along[0]])
+    middle = (begin + end) / 2
+    steps = ((-150, 1), (-90, 90), (90, 90), (150, 1))
+    return [(middle + a * along + c * across).tolist() for a, c in steps]
+
+
+def test_a_seam_is_drawn_undone_and_drawn_into_the_file__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    open_mosaic(page)
+    one, two, edge = seam_of(page)
+    corners = corners_about(edge)
+    page.keyboard.press("l")
+    page.wait_for_selector("[data-tool=line].on")
+    for corner in corners:
+        page.mouse.click(*on_screen(page, "right", corner))
+    page.keyboard.press("Enter")
+    page.wait_for_function("gruber.mosaicState().found.edition > 0")
+    page.wait_for_function(WHOLE)
+    drawn = real_desk.session.decisions()[-1].decision
+    assert isinstance(drawn, SeamLine)
+    assert {drawn.first, drawn.second} == {one, two}
+    # A pixel of the screen is some metres.
+    assert np.abs(np.subtract(drawn.line, corners)).max() < 8
+    assert page.locator("#mosaic-pending").is_visible()
+    assert not page.evaluate("gruber.parts.status.adjusting")
+    page.keyboard.press("u")
+    page.wait_for_function("gruber.mosaicState().found.edition === 0")
+    assert page.locator("#mosaic-pending").count() == 0
+    page.keyboard.press("Shift+U")
+    page.wait_for_function("gruber.mosaicState().found.edition > 0")
+    # An area by keys alone: four corners about the crosshair, for the other photo.
+    page.keyboard.press("p")
+    page.select_option("#mosaic-photo-of", two)
+    page.evaluate("document.activeElement.blur()")
+    for key in ("ArrowRight", "ArrowDown", "ArrowLeft"):
+        for _ in range(3):
+            page.keyboard.press(key)
+        page.keyboard.press(" ")
+    page.keyboard.press("Enter")
+    page.wait_for_function("gruber.mosaicState().found.edits.length === 2")
+    area = real_desk.session.decisions()[-1].decision
+    assert isinstance(area, SeamArea)
+    assert (area.photo_id, len(area.outline)) == (two, 3)
+    version = page.evaluate("gruber.mosaicState().found.version")
+    page.click("#mosaic-remake")
+    page.wait_for_function(
+        "was => gruber.mosaicState().found.version > was", arg=version, timeout=3 * PATIENCE_MS
+    )
+    page.wait_for_function("gruber.mosaicState().found.edition === 0")
+    assert page.locator("#mosaic-pending").count() == 0
+    assert len(page.evaluate("gruber.mosaicState().found.edits")) == 2
 
 
 def test_without_a_mosaic_the_sheet_says_what_to_do__law(sit_at: Sit, desk: Any) -> None:

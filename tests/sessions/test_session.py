@@ -13,6 +13,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
 from core.errors import StorageError
 from core.formats.listed_point import ListedPoint
+from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
 from sessions.decisions import (
@@ -45,6 +46,8 @@ from sessions.store import Store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 EVERY: tuple[Decision, ...] = (
+    SeamLine("A", "B", ((1.0, 2.0), (3.5, 4.0))),
+    SeamArea("A", ((1.0, 2.0), (3.5, 4.0), (0.1, 9.0))),
     Accept("P1", "A"),
     Accept("P1", "A", 1.5, 2.5),
     Reject("P1", "A", "wrong object"),

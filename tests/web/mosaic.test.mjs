@@ -33,13 +33,24 @@ test("no tile is asked for where there is no mosaic__law", () => {
     }
   };
   const mosaic = { version: 12, stale: [], bounds: [1100, 4000, 1300, 4900] };
-  const layer = mosaicLayer(mosaic, true, 11);
-  assert.equal(layer.older.address(0, 1, 2), "/tiles/mosaic/11/0/1/2?e=today&wallis=1");
+  const layer = mosaicLayer(mosaic, true, { ...mosaic, version: 11 });
+  assert.equal(layer.older.address(0, 1, 2), "/tiles/mosaic/11/0/0/1/2?e=today&wallis=1");
   fetchAhead(layer, { x: -5000, y: -5000, scale: 2 }, [40000, 40000]);
-  const columns = new Set(asked.map((address) => Number(address.split("/")[5])));
-  const rows = new Set(asked.map((address) => Number(address.split("/")[6].split("?")[0])));
+  const columns = new Set(asked.map((address) => Number(address.split("/")[6])));
+  const rows = new Set(asked.map((address) => Number(address.split("/")[7].split("?")[0])));
   // 128 m a tile: from 100 to 300 m east of the corner, from 100 to 1000 m south of it.
   assert.deepEqual([Math.min(...columns), Math.max(...columns)], [0, 2]);
   assert.deepEqual([Math.min(...rows), Math.max(...rows)], [0, 7]);
-  assert.ok(asked[0].startsWith("/tiles/mosaic/12/0/"));
+  assert.ok(asked[0].startsWith("/tiles/mosaic/12/0/0/"));
+});
+
+test("only tiles near an edited seam are others than those of the file__law", () => {
+  const mosaic = { version: 12, stale: [], edition: 77, changed: [1300, 4700, 1350, 4720] };
+  const { address } = mosaicLayer(mosaic, false);
+  const editions = (level, tiles) =>
+    tiles.map(([column, row]) => Number(address(level, column, row).split("/")[4]));
+  // 128 m a tile: the edit lies from 300 to 350 m east and 280 to 300 m south of the corner.
+  assert.deepEqual(editions(0, [[2, 2], [3, 2], [0, 2], [2, 0], [5, 2], [2, 4]]),
+    [77, 0, 0, 0, 0, 0]);
+  assert.deepEqual(editions(3, [[0, 0], [1, 0]]), [77, 0]);
 });

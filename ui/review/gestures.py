@@ -11,7 +11,14 @@ from ui.review.check_gestures import (
     signature_from_message,
 )
 from ui.review.drawing import MaskDrawn, mask_from_message
-from ui.review.mosaic import MosaicPicked, NearAsked, near_from_message, picked_from_message
+from ui.review.mosaic import (
+    MosaicPicked,
+    NearAsked,
+    SeamDrawn,
+    near_from_message,
+    picked_from_message,
+    seam_from_message,
+)
 from ui.review.state import (
     KINDS,
     LAYERS,
@@ -325,6 +332,7 @@ Gesture = (
     | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched | Undone | Redone
     | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | Freed
     | MarkPlaced | MarkJudged | MaskDrawn | CheckRead | BlockSigned
+    | SeamDrawn
 )  # fmt: skip
 LOOKING: tuple[type, ...] = get_args(Looking)
 """What a guest may do: look at everything, change nothing that others see."""
@@ -483,6 +491,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "near": near_from_message,
     "check-read": reading_from_message,
     "sign": signature_from_message,
+    "seam": seam_from_message,
     "mark-use": lambda seat, message: MarkJudged(
         seat, str(message["photo"]), str(message["name"]), bool(message["use"])
     ),

@@ -7,6 +7,7 @@ from typing import Any
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Photo
 from core.geometry.camera import Camera
+from core.mosaic.seam_edits import SeamArea, SeamLine
 from sessions.decisions import (
     REASONS,
     AddPoint,
@@ -81,7 +82,16 @@ def _explained(recorded: Sequence[Recorded]) -> set[int]:
 def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
     """True when a decision is about a measurement, or about its whole point."""
     match decision:
-        case Withdraw() | DrawMask() | FillMarks() | PlanChecks() | ReadCheck() | SignBlock():
+        case (
+            Withdraw()
+            | DrawMask()
+            | FillMarks()
+            | PlanChecks()
+            | ReadCheck()
+            | SignBlock()
+            | SeamLine()
+            | SeamArea()
+        ):
             return False
         case PlacePhoto(photo_id=photo_id):
             return photo_id == key[1]
@@ -108,6 +118,8 @@ def key_of(decision: Decision, extra: Extra) -> Key | None:
             | PlanChecks()
             | ReadCheck()
             | SignBlock()
+            | SeamLine()
+            | SeamArea()
         ):
             return None
         case AddPoint(point_id=point_id, measured=measured):
@@ -127,6 +139,10 @@ def subject_of(decision: Decision) -> str:
         ):
             return f"{name} \u00b7 {photo_id}"
         case DrawMask(subject=name) | PlacePhoto(photo_id=name) | FillMarks(camera=name):
+            return name
+        case SeamLine(first=first, second=second):
+            return f"{first} | {second}"
+        case SeamArea(photo_id=name):
             return name
         case BringPoints(points=points):
             rest = f" + {len(points) - 1}" if len(points) > 1 else ""

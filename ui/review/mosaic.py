@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, cast
+from zlib import crc32
 
 import numpy as np
 import shapely
@@ -12,15 +13,29 @@ from jaxtyping import Float64
 from core.arrays import Position
 from core.block import Block, SurveyedPoint
 from core.control.prediction import predict_points
+from core.doubts import Failure
+from core.mosaic.seam_edits import (
+    SeamArea,
+    SeamEdit,
+    SeamLine,
+    apply_edit,
+    changed_ground,
+    photos_along,
+    with_edits,
+)
 from core.mosaic.seams import Seam
+from sessions.decisions import standing
+from ui.review.history import subject_of
 from ui.review.looks import short
 from ui.review.quality import footprint_polygons
 from ui.review.queue import passes, with_filter
 from ui.review.sight import photos_over
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Key, QueueFilter, Seat
+from ui.review.state import Key, Notice, QueueFilter, Seat, ShownMosaic
 
 Part = dict[str, Any]
+MOST_PLACES = 2000
+"""A line drawn by hand has no more corners."""
 HOLES_TOLD = 60
 """Holes in the list; the largest come first."""
 STRAIGHT_PX = 1.0
@@ -72,6 +87,59 @@ def near_from_message(seat_id: str, message: Mapping[str, Any]) -> NearAsked:
     return NearAsked(seat_id, str(message["photo"]), *place_of(message))
 
 
+@dataclass(frozen=True, slots=True)
+class SeamDrawn:
+    """A line that a seam shall follow, or the outline of what one photo shall show, metres."""
+
+    seat_id: str
+    photo_id: str
+    """The photo of an outline; empty for a line."""
+    places: tuple[tuple[float, float], ...]
+
+
+def seam_from_message(seat_id: str, message: Mapping[str, Any]) -> SeamDrawn:
+    """A line or an outline on the mosaic.
+
+    Raises:
+        ValueError: It has too few corners or too many, or lies nowhere.
+    """
+    photo_id = str(message.get("photo", ""))
+    places = tuple(place_of({"place": place}) for place in cast("list[Any]", message["places"]))
+    if not (3 if photo_id else 2) <= len(places) <= MOST_PLACES:
+        raise ValueError("not a line")
+    return SeamDrawn(seat_id, photo_id, places)
+
+
+def decided_seam(gesture: SeamDrawn, desk: DeskSnapshot) -> SeamEdit | Notice:
+    """The decision of what was drawn, or why it comes to nothing."""
+    mosaic = desk.state.mosaic
+    if mosaic is None:
+        return Notice("notice.seam.none")
+    if gesture.photo_id:
+        edit = SeamArea(gesture.photo_id, gesture.places)
+    else:
+        pair = photos_along(mosaic.seams, gesture.places)
+        if pair is None:
+            return Notice("notice.seam.none")
+        edit = SeamLine(*pair, gesture.places)
+    done = apply_edit(mosaic.seams, edit)
+    if isinstance(done, Failure):
+        return Notice("notice.not-done", {"why": done.reason}, grave=True)
+    return edit
+
+
+def with_seam_edits(mosaic: ShownMosaic, edits: tuple[SeamEdit, ...]) -> ShownMosaic:
+    """The mosaic with the seams that some edits make of those that were drawn."""
+    if edits == mosaic.edits:
+        return replace(mosaic, seams=mosaic.product.seams, edition=0, changed=None)
+    seams = with_edits(mosaic.drawn, edits)
+    changed = changed_ground(mosaic.product.seams, seams)
+    if changed.is_empty:
+        return replace(mosaic, seams=seams, edition=0, changed=None)
+    edition = 1 + crc32(repr(edits).encode())
+    return replace(mosaic, seams=seams, edition=edition, changed=changed.bounds)
+
+
 def mosaic_part(desk: DeskSnapshot) -> Part:
     """Seams, borders of the photos and holes of the mosaic on disk, and what of it is stale."""
     shown = desk.state.mosaic
@@ -88,7 +156,20 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
         "bounds": [round(value, 2) for value in product.grid.bounds],
         "area": round(product.covered_share * product.grid.columns * product.grid.rows * gsd**2),
         "stale": list(desk.stale),
-        "seams": [_seam(seam, gsd) for seam in product.seams],
+        "edition": shown.edition,
+        "changed": None if shown.changed is None else [round(v, 2) for v in shown.changed],
+        "edits": [
+            {
+                "id": item.decision_id,
+                "who": item.who,
+                "when": item.when[:16],
+                "area": isinstance(item.decision, SeamArea),
+                "what": subject_of(item.decision),
+            }
+            for item in reversed(standing(desk.recorded))
+            if isinstance(item.decision, SeamLine | SeamArea)
+        ],
+        "seams": [_seam(seam, gsd) for seam in shown.seams],
         "borders": {
             name: np.round(shapely.get_coordinates(polygon.exterior), 1).tolist()
             for name, polygon in borders.items()
@@ -159,7 +240,7 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
 def seam_at(desk: DeskSnapshot, east: float, north: float) -> Seam | None:
     """The part of the mosaic that holds a place; None beside all of them, and without a mosaic."""
     place = shapely.Point(east, north)
-    seams = () if desk.state.mosaic is None else desk.state.mosaic.product.seams
+    seams = () if desk.state.mosaic is None else desk.state.mosaic.seams
     return next((seam for seam in seams if seam.area.covers(place)), None)
 
 

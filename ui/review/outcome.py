@@ -17,6 +17,7 @@ from sessions.decisions import (
     Reject,
     SetRole,
 )
+from ui.review import mosaic
 from ui.review.check_gestures import BlockSigned, CheckRead
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
@@ -59,7 +60,6 @@ from ui.review.gestures import (
     VectorsScaled,
 )
 from ui.review.history import taken_back
-from ui.review.mosaic import MosaicPicked, NearAsked, near_place, picked_part
 from ui.review.new_points import begun, given_up
 from ui.review.picture import Part
 from ui.review.queue import (
@@ -122,7 +122,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _explain(gesture, seat)
         case PlacedInScan() | PlacedOnGround() | PeakChosen():
             return _place(gesture, seat, desk)
-        case MarkPlaced() | MarkJudged() | MaskDrawn():
+        case MarkPlaced() | MarkJudged() | MaskDrawn() | mosaic.SeamDrawn():
             return _mark(gesture, seat, desk)
         case PointAsked() | Refined():
             return _measure(gesture, seat, desk)
@@ -141,7 +141,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _act(gesture, seat, desk)
         case TakenBack() | CheckRead() | BlockSigned():
             return _record(gesture, seat, desk)
-        case Aimed() | MosaicPicked():
+        case Aimed() | mosaic.MosaicPicked():
             return _aim(gesture, seat, desk)
         case _:
             return Outcome(_moved(gesture, seat, desk))
@@ -283,9 +283,14 @@ def _explain(gesture: Explained, seat: Seat) -> Outcome:
     return Outcome(replace(seat, explaining=None), (decision,), "amend")
 
 
-def _mark(gesture: MarkPlaced | MarkJudged | MaskDrawn, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """A fiducial in use or not, or where somebody put it; a mask drawn on a scan."""
+def _mark(
+    gesture: MarkPlaced | MarkJudged | MaskDrawn | mosaic.SeamDrawn, seat: Seat, desk: DeskSnapshot
+) -> Outcome:
+    """A fiducial in use or not, or where somebody put it; what was drawn on scan or mosaic."""
     block = desk.state.block
+    if isinstance(gesture, mosaic.SeamDrawn):
+        made = mosaic.decided_seam(gesture, desk)
+        return Outcome(seat, notice=made) if isinstance(made, Notice) else Outcome(seat, (made,))
     if isinstance(gesture, MaskDrawn):
         return Outcome(seat, decided_mask(gesture, block))
     photo = block.photos.get(gesture.photo_id)
@@ -375,10 +380,10 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
 
-def _aim(gesture: Aimed | MosaicPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _aim(gesture: Aimed | mosaic.MosaicPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What the pointer meets in 3D, or on the mosaic."""
-    if isinstance(gesture, MosaicPicked):
-        return Outcome(seat, answer=("picked", picked_part(gesture, desk)))
+    if isinstance(gesture, mosaic.MosaicPicked):
+        return Outcome(seat, answer=("picked", mosaic.picked_part(gesture, desk)))
     match gesture.act:
         case "pick":
             return _pick(gesture, seat, desk)
@@ -473,8 +478,8 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
             return replace(seat, operator=name)
         case QualityAsked(shown=shown, pair=pair):
             return replace(seat, quality=shown, pair=pair or seat.pair)
-        case NearAsked():
-            return near_place(gesture, seat, desk)
+        case mosaic.NearAsked():
+            return mosaic.near_place(gesture, seat, desk)
         case SheetAsked(sheet=sheet, shown=shown):
             return replace(seat, sheet=sheet if shown else "")
         case Stepped(step=step, undecided=undecided):

@@ -149,7 +149,7 @@ def _sheet_parts(
             ),
         )
     if seat.sheet == "mosaic":
-        sources = (state.mosaic, desk.stale, desk.outlines, state.report)
+        sources = (state.mosaic, desk.stale, desk.outlines, state.report, desk.recorded)
         yield "mosaic", (sources, lambda: mosaic_part(desk))
     if seat.sheet == "checks":
         sources = (desk.recorded, seat.operator, desk.mosaic_version, state.mosaic, state.block)

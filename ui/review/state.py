@@ -9,8 +9,12 @@ from core.adjustment.expected_gain import Gain
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.control.prediction import Covariances, JointErrors, Prediction
 from core.geometry.camera import Camera
+from core.geometry.crs import Bounds
 from core.geometry.exterior import ExteriorOrientation
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.seam_edits import SeamEdit
+from core.mosaic.seams import Seam
+from core.orthos.rectification import OrthoProduct
 from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
 from sessions.decisions import ChoosePeak, Place
@@ -253,6 +257,18 @@ class ShownMosaic:
     """The file, its seams and holes."""
     version: int
     """When it was written, milliseconds since 1970: part of the address of its tiles."""
+    seams: tuple[Seam, ...]
+    """Seams with every edit that stands: those of the next mosaic."""
+    drawn: tuple[Seam, ...] = ()
+    """Seams before any edit."""
+    edits: tuple[SeamEdit, ...] = ()
+    """The edits that the mosaic was made with."""
+    orthos: tuple[OrthoProduct, ...] = ()
+    """What it was composed of."""
+    edition: int = 0
+    """Names the seams where they are not those of the file, which is 0."""
+    changed: Bounds | None = None
+    """Where another photo shows the ground than in the file: west, south, east, north, metres."""
 
 
 def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
@@ -304,8 +320,13 @@ class DeskState:
 
     @property
     def written(self) -> bool:
-        """False while tables and report on disk tell of another adjustment than the newest."""
+        """False while tables and report on disk tell of another adjustment than the newest.
+
+        Or while seams were edited that the mosaic does not follow yet.
+        """
         known = self.written_of
+        if self.mosaic is not None and self.mosaic.edition:
+            return False
         return known is not None and not self.adjusting and same_results(known, self.report)
 
     @property

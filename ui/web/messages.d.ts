@@ -310,6 +310,7 @@ interface Eye {
 }
 /** The part of the mosaic that one photo shows, metres east and north. */
 interface SeamOf { photo: string; date: string; label: Pair; rings: Pair[][] }
+interface SeamEdited { id: number; who: string; when: string; area: boolean; what: string }
 /** The mosaic on disk; version 0 and nothing else where there is none. */
 interface Mosaic {
   version: number;
@@ -323,6 +324,11 @@ interface Mosaic {
   borders?: Record<string, Pair[]>;
   holes?: [east: number, north: number, area: number][];
   hole_count?: number;
+  /** Names the seams where edits changed them since the file was written; else 0. */
+  edition?: number;
+  /** Where: west, south, east, north, metres. */
+  changed?: number[] | null;
+  edits?: SeamEdited[];
 }
 /** What a place on the mosaic leads to; photo is null where none shows it. */
 interface PickedPlace {

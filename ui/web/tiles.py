@@ -49,8 +49,10 @@ THUMBNAIL = 96
 """Width and height of the small pictures of a point in its other scans, pixels."""
 
 
-MosaicTiles = Callable[[int], OrthoSource | None]
-"""(version) -> the mosaic; None where there is none."""
+MosaicTiles = Callable[[int, int], OrthoSource | None]
+"""(version, edition of its seams) -> the mosaic; None where there is none."""
+LONGEST_NUMBER = 15
+"""Digits of a version: milliseconds since 1970 have thirteen."""
 PNG = b"\x89PNG"
 
 
@@ -58,7 +60,7 @@ def _always(grid: Grid) -> bool:
     return True
 
 
-def no_tiles(version: int) -> OrthoSource | None:
+def no_tiles(version: int, edition: int) -> OrthoSource | None:
     """There is no mosaic."""
     return None
 
@@ -166,9 +168,11 @@ class TileStore(ScanTiles):
             return ortho_tile(self.sources.ortho, grid)
         return _inner(_evened(ortho_tile(self.sources.ortho, _wider(grid))))
 
-    def mosaic(self, version: int, place: tuple[int, int, int], wallis: bool) -> Clear:
+    def mosaic(
+        self, version: int, edition: int, place: tuple[int, int, int], wallis: bool
+    ) -> Clear:
         """A tile of the mosaic, clear where it shows nothing."""
-        source, grid = self.sources.mosaic(version), self.sources.lattice.tile(*place)
+        source, grid = self.sources.mosaic(version, edition), self.sources.lattice.tile(*place)
         if source is None:
             raise web.HTTPNotFound(text="There is no mosaic.")
         if not wallis:
@@ -240,8 +244,9 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
         return await _answer(store, request, lambda: store.ortho(place, wallis))
 
     async def mosaic(request: web.Request) -> web.StreamResponse:
-        version, place, wallis = _version(request), _place(request), _wallis(request)
-        return await _answer(store, request, lambda: store.mosaic(version, place, wallis))
+        version, edition = _count(request, "version"), _count(request, "edition")
+        place, wallis = _place(request), _wallis(request)
+        return await _answer(store, request, lambda: store.mosaic(version, edition, place, wallis))
 
     async def scan(request: web.Request) -> web.StreamResponse:
         place, wallis, photo = _place(request), _wallis(request), _photo(store, request)
@@ -266,7 +271,7 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
     return [
         web.get("/tiles/ortho" + TILE, ortho),
         web.get("/tiles/scan" + PHOTO + TILE, scan),
-        web.get(r"/tiles/mosaic/{version:\d+}" + TILE, mosaic),
+        web.get(r"/tiles/mosaic/{version:\d+}/{edition:\d+}" + TILE, mosaic),
         web.get("/tiles/likeness" + PHOTO + position, likeness),
         web.get("/tiles/point" + PHOTO + "/{east}/{north}/{pixel}", thumbnail),
     ]
@@ -317,11 +322,12 @@ def _place(request: web.Request) -> tuple[int, int, int]:
     return level, column, row
 
 
-def _version(request: web.Request) -> int:
-    version = request.match_info["version"]
-    if len(version) > 15:
+def _count(request: web.Request, name: str) -> int:
+    """A number of an address that is kept short."""
+    digits = request.match_info[name]
+    if len(digits) > LONGEST_NUMBER:
         raise web.HTTPNotFound
-    return int(version)
+    return int(digits)
 
 
 def _window(request: web.Request) -> tuple[int, int, int, int]:

@@ -1,50 +1,65 @@
-"""The mosaic on disk as the desk shows it: another version is another picture."""
+"""The mosaic on disk as the desk shows it, and as edited seams will make it."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 
-from app.desk.mosaic import MosaicFile, mosaic_on_disk
+from app.desk.mosaic import MosaicFile
+from app.mosaic import make_mosaic
+from app.project import BlockSection, ListedScan, Project, ReferenceSection, ScansSection
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.seam_edits import SeamArea, SeamLine
+from core.orthos.rectification import OrthoProduct
+from core.progress import SILENT
 from core.raster.grid import Grid
 from sessions.session import Session
 from tests.core.mosaic.conftest import CRS, write_ortho
+from ui.review.mosaic import with_seam_edits
 
-GRID = Grid.over((500000.0, 5500000.0, 500200.0, 5500150.0), 1.0)
+WEST, SOUTH = 500_000.0, 5_500_000.0
+GRID = Grid.over((WEST, SOUTH, WEST + 200.0, SOUTH + 150.0), 1.0)
 
 
 def write(path: Path, values: np.ndarray) -> None:
-    write_ortho(path, "m", GRID, values, (500100.0, 5500100.0))
+    path.unlink(missing_ok=True)
+    write_ortho(path, "m", GRID, values, (WEST + 100.0, SOUTH + 100.0))
+
+
+def keep(session: Session) -> Path:
+    """A product that tells of a mosaic, whose file is not there yet."""
+    path = session.results / "mosaic.tif"
+    product = MosaicProduct(path, GRID, (), {}, 1.0)
+    session.products.save_value("mosaic", session.products.digest_of("m"), product)
+    return path
 
 
 def test_what_was_made_last_is_shown_while_its_file_is_there__law(tmp_path: Path) -> None:
     with Session.open(tmp_path, "anna") as session:
-        assert mosaic_on_disk(session) is None
-        path = session.results / "mosaic.tif"
-        product = MosaicProduct(path, GRID, (), {}, 1.0)
-        session.products.save_value("mosaic", session.products.digest_of("m"), product)
-        assert mosaic_on_disk(session) is None
+        mosaic = MosaicFile(session, CRS)
+        assert mosaic.on_disk() is None
+        path = keep(session)
+        assert mosaic.on_disk() is None
         write(path, np.full((150, 200), 90, np.uint8))
-        shown = mosaic_on_disk(session)
+        shown = mosaic.on_disk()
         assert shown is not None
         assert shown.version == path.stat().st_mtime_ns // 1_000_000
+        assert shown.edition == 0
 
 
 def test_a_newer_version_is_read_from_the_newer_file__law(tmp_path: Path) -> None:
-    path = tmp_path / "mosaic.tif"
-    mosaic = MosaicFile(path, CRS)
-    assert mosaic(1) is None
-    write(path, np.full((150, 200), 90, np.uint8))
-    first = mosaic(1)
-    assert first is not None
-    assert np.unique(first.read_colour(GRID)).tolist() == [90]
-    path.unlink()
-    write(path, np.full((150, 200), 140, np.uint8))
-    second = mosaic(2)
-    assert second is not None
-    assert np.unique(second.read_colour(GRID)).tolist() == [140]
-    assert mosaic(2) is second
+    with Session.open(tmp_path, "anna") as session:
+        mosaic, path = MosaicFile(session, CRS), session.results / "mosaic.tif"
+        assert mosaic(1, 0) is None
+        write(path, np.full((150, 200), 90, np.uint8))
+        first = mosaic(1, 0)
+        assert first is not None
+        assert np.unique(first.read_colour(GRID)).tolist() == [90]
+        write(path, np.full((150, 200), 140, np.uint8))
+        second = mosaic(2, 0)
+        assert second is not None
+        assert np.unique(second.read_colour(GRID)).tolist() == [140]
 
 
 def test_sixteen_bits_are_brought_to_the_grays_of_a_screen_and_stay_clear__truth(
@@ -52,13 +67,13 @@ def test_sixteen_bits_are_brought_to_the_grays_of_a_screen_and_stay_clear__truth
 ) -> None:
     values = np.linspace(900, 9000, 150 * 200).reshape(150, 200).astype(np.uint16)
     values[:40, :50] = 0
-    path = tmp_path / "mosaic.tif"
-    write(path, values)
-    source = MosaicFile(path, CRS)(1)
-    assert source is not None
-    assert source.ground_sample_distance_m == 1.0
-    assert source.bounds == pytest.approx(GRID.bounds)
-    colour = source.read_colour(GRID)
+    with Session.open(tmp_path, "anna") as session:
+        write(session.results / "mosaic.tif", values)
+        source = MosaicFile(session, CRS)(1, 0)
+        assert source is not None
+        assert source.ground_sample_distance_m == 1.0
+        assert source.bounds == pytest.approx(GRID.bounds)
+        colour = source.read_colour(GRID)
     # Interpolation reaches two pixels over the edge.
     assert not colour[:36, :46].any()
     shown = colour[44:, 54:, 0].astype(float)
@@ -66,3 +81,85 @@ def test_sixteen_bits_are_brought_to_the_grays_of_a_screen_and_stay_clear__truth
     expected = 255 * (values[44:, 54:] - 900.0) / 8100
     # Half a per cent at either end is cut off.
     assert np.abs(shown - expected).max() < 8
+
+
+def orthos_in(session: Session) -> list[OrthoProduct]:
+    """Three photos of 300 m in a row that overlap by half, each with tone and grain of its own."""
+    rng = np.random.default_rng(7)
+    ground = np.kron(rng.uniform(60, 180, (30, 60)), np.ones((10, 10)))
+    made: list[OrthoProduct] = []
+    (session.results / "ortho").mkdir()
+    for number, name in enumerate("abc"):
+        west = WEST + 150 * number
+        grid = Grid.over((west, SOUTH, west + 300.0, SOUTH + 300.0), 1.0)
+        seen = ground[:, 150 * number : 150 * number + 300] + 8 * number
+        values = np.rint(seen + rng.normal(0, 6, seen.shape)).clip(1, 255).astype(np.uint8)
+        nadir = (west + 150.0, SOUTH + 150.0)
+        one = write_ortho(session.results / "ortho" / f"{name}.tif", name, grid, values, nadir)
+        session.products.save_value(f"ortho/{name}", session.products.digest_of(name), one)
+        made.append(one)
+    return made
+
+
+def project_of(folder: Path) -> Project:
+    """The block of these photos, without buildings and roads."""
+    listed = tuple(ListedScan(name, folder / f"{name}.tif", "wide", 15.0, "") for name in "abc")
+    return Project(
+        folder / "block.toml",
+        BlockSection("row", CRS),
+        {},
+        ScansSection(listed),
+        ReferenceSection(),
+    )
+
+
+LINE = ((224.0, 60.0), (200.0, 90.0), (205.0, 180.0), (224.0, 220.0))
+AREA = ((330.0, 100.0), (400.0, 110.0), (380.0, 200.0))
+EDITS = (
+    SeamLine("a", "b", tuple((WEST + x, SOUTH + y) for x, y in LINE)),
+    SeamArea("c", tuple((WEST + x, SOUTH + y) for x, y in AREA)),
+)
+
+
+def test_what_is_seen_before_is_what_the_file_holds_after__law(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "anna") as session:
+        orthos, mosaic = orthos_in(session), MosaicFile(session, CRS)
+        project = project_of(tmp_path)
+        make_mosaic(session, project, orthos, SILENT)
+        first = mosaic.on_disk()
+        assert first is not None
+        for edit in EDITS:
+            session.record(edit)
+        edited = with_seam_edits(first, EDITS)
+        mosaic.publish(edited)
+        ahead = mosaic(edited.version, edited.edition)
+        assert ahead is not None
+        whole = edited.product.grid
+        seen = ahead.read_colour(whole)[..., 0]
+        before = mosaic(edited.version, 0)
+        assert before is not None
+        unedited = before.read_colour(whole)[..., 0]
+        assert (unedited != seen).mean() > 0.02
+        # Far out the same ground is seen, as means of what the file will hold.
+        coarse = Grid(whole.west, whole.north, 4.0, whole.columns // 4, whole.rows // 4)
+        small = ahead.read_colour(coarse)[..., 0].astype(float)
+        made = make_mosaic(session, project, orthos, SILENT)
+        with rasterio.open(made.path) as file:
+            assert np.array_equal(file.read(1), seen)
+        second = mosaic.on_disk()
+        assert second is not None
+        assert with_seam_edits(second, EDITS).edition == 0
+        after = mosaic(second.version, 0)
+        assert after is not None
+        # Of a patch that begins within a coarse pixel the means lie half of one aside at most.
+        apart = np.abs(after.read_colour(coarse)[..., 0].astype(float) - small)
+        assert np.median(apart) < 5
+        # Withdrawn, the file is as it was at first; nothing is made twice.
+        session.undo()
+        session.undo()
+        again = make_mosaic(session, project, orthos, SILENT)
+        with rasterio.open(again.path) as file:
+            assert np.array_equal(file.read(1), unedited)
+        stamp = again.path.stat().st_mtime_ns
+        make_mosaic(session, project, orthos, SILENT)
+        assert again.path.stat().st_mtime_ns == stamp

@@ -12,24 +12,28 @@ from core.control.prediction import covariances_of
 from core.geometry.collinearity import rotations_from_increments
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.mosaic.seams import Seam
 from core.raster.grid import Grid
 from core.raster.holes import Hole
+from sessions.decisions import Recorded
 from tests.ui.desk_block import OPTIONS, outlines, tiny_snapshot
 from ui.review.gestures import LOOKING, gesture_from_message
 from ui.review.mosaic import (
     MosaicPicked,
     NearAsked,
+    SeamDrawn,
     ground_sigma_m,
     mosaic_part,
     near_place,
     nearest_keys,
     picked_part,
+    with_seam_edits,
 )
 from ui.review.outcome import outcome_of
 from ui.review.queue import visible
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Evidence, Seat, ShownMosaic
+from ui.review.state import Evidence, Notice, Seat, ShownMosaic
 
 EAST, WEST = "1938_01_016", "1938_01_014"
 
@@ -52,7 +56,7 @@ def desk() -> DeskSnapshot:
     influence = influence_of(known.state.report, OPTIONS)
     assert influence is not None
     evidence = Evidence(covariances=covariances_of(influence))
-    mosaic = ShownMosaic(product, 1_700_000_000_000)
+    mosaic = ShownMosaic(product, 1_700_000_000_000, seams, seams)
     state = replace(known.state, mosaic=mosaic, evidence=evidence)
     return replace(known, state=state, outlines=outlines(state))
 
@@ -77,6 +81,77 @@ def test_the_sheet_tells_seams_borders_holes_and_what_is_stale__truth(desk: Desk
 
 def test_without_a_mosaic_the_sheet_says_so__law() -> None:
     assert mosaic_part(tiny_snapshot()) == {"version": 0, "stale": []}
+
+
+def line_west_of_the_seam(desk: DeskSnapshot) -> list[list[float]]:
+    """From the seam 60 m to the west, along it, and back."""
+    assert desk.state.mosaic is not None
+    west = desk.state.mosaic.seams[0].area
+    _, south, seam, north = west.bounds
+    level = (south + north) / 2
+    return [
+        [seam - away, level + along] for away, along in ((1, -90), (60, -60), (60, 60), (1, 90))
+    ]
+
+
+def test_a_line_becomes_a_decision_on_the_photos_it_runs_between__law(desk: DeskSnapshot) -> None:
+    places = line_west_of_the_seam(desk)
+    drawn = gesture_from_message("s", {"kind": "seam", "photo": "", "places": places})
+    assert isinstance(drawn, SeamDrawn)
+    assert not isinstance(drawn, LOOKING)
+    outcome = outcome_of(drawn, Seat("s", "anna"), desk)
+    (made,) = outcome.decisions
+    assert made == SeamLine(WEST, EAST, tuple((x, y) for x, y in places))
+    area = replace(drawn, photo_id=EAST)
+    assert outcome_of(area, Seat("s", "anna"), desk).decisions == (SeamArea(EAST, drawn.places),)
+
+
+def test_what_is_drawn_beside_the_mosaic_is_refused_with_a_reason__truth(
+    desk: DeskSnapshot,
+) -> None:
+    beside = SeamDrawn("s", "", ((1.0, 2.0), (3.0, 4.0)))
+    assert outcome_of(beside, Seat("s", "anna"), desk).notice == Notice("notice.seam.none")
+    outline = SeamDrawn("s", EAST, ((1.0, 2.0), (3.0, 4.0), (0.0, 9.0)))
+    outcome = outcome_of(outline, Seat("s", "anna"), desk)
+    assert not outcome.decisions
+    assert outcome.notice is not None
+    assert outcome.notice.grave
+    none = replace(desk, state=replace(desk.state, mosaic=None))
+    assert outcome_of(beside, Seat("s", "anna"), none).notice == Notice("notice.seam.none")
+    for places in ([[1, 2]], [[1, 2]] * 3000, "x"):
+        message = {"kind": "seam", "photo": "", "places": places}
+        assert gesture_from_message("s", message) is None
+
+
+def test_edits_are_shown_until_the_file_follows_and_are_gone_when_withdrawn__law(
+    desk: DeskSnapshot,
+) -> None:
+    mosaic = desk.state.mosaic
+    assert mosaic is not None
+    edit = SeamLine(WEST, EAST, tuple((x, y) for x, y in line_west_of_the_seam(desk)))
+    edited = with_seam_edits(mosaic, (edit,))
+    assert edited.edition > 0
+    assert edited.changed is not None
+    # What changes hands: the trapezium, 60 m wide at most, 180 m long.
+    west, south, east, north = edited.changed
+    assert (east - west, north - south) == pytest.approx((60, 180), abs=3)
+    recorded = [Recorded(5, "2026-11-24T10:00:00.000", "ada", edit)]
+    state = replace(desk.state, mosaic=edited)
+    now = replace(desk, state=state, recorded=recorded)
+    part = mosaic_part(now)
+    (told,) = part["edits"]
+    assert (told["id"], told["who"], told["what"]) == (5, "ada", f"{WEST} | {EAST}")
+    assert (told["when"], told["area"]) == ("2026-11-24T10:00", False)
+    assert not now.state.written
+    # A place between the old seam and the new one has changed hands.
+    assert picked_part(MosaicPicked("s", east - 20, (south + north) / 2, 1), now)["photo"] == EAST
+    assert with_seam_edits(edited, ()).edition == 0
+    assert with_seam_edits(edited, ()).seams == mosaic.product.seams
+    # The next mosaic is made with the edit: nothing is pending then.
+    made = replace(mosaic.product, seams=edited.seams)
+    followed = replace(mosaic, product=made, seams=made.seams, edits=(edit,))
+    assert with_seam_edits(followed, (edit,)).edition == 0
+    assert with_seam_edits(followed, ()).edition > 0
 
 
 def test_a_place_leads_to_the_photo_that_shows_it__truth(desk: DeskSnapshot) -> None:

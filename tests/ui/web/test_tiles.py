@@ -108,8 +108,8 @@ def test_the_mosaic_is_clear_where_it_shows_nothing_and_a_jpeg_where_it_is_whole
     split = lattice.west + 1.5 * TILE * lattice.pixel_m
     asked = []
 
-    def mosaic(version):
-        asked.append(version)
+    def mosaic(version, edition):
+        asked.append((version, edition))
         return HalfMosaic(split) if version == 7 else None
 
     store = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice, mosaic=mosaic))
@@ -120,11 +120,11 @@ def test_the_mosaic_is_clear_where_it_shows_nothing_and_a_jpeg_where_it_is_whole
         async with TestClient(TestServer(application)) as client:
             found = []
             for address in (
-                "7/0/1/0",
-                "7/0/2/0",
-                "7/0/1/0?wallis=1",
-                "8/0/1/0",
-                f"{'9' * 16}/0/1/0",
+                "7/0/0/1/0",
+                "7/0/0/2/0",
+                "7/5/0/1/0?wallis=1",
+                "8/0/0/1/0",
+                f"{'9' * 16}/0/0/1/0",
             ):
                 answer = await client.get(f"/tiles/mosaic/{address}")
                 found.append((answer.status, answer.content_type, await answer.read()))
@@ -141,4 +141,4 @@ def test_the_mosaic_is_clear_where_it_shows_nothing_and_a_jpeg_where_it_is_whole
     evened = cv2.imdecode(np.frombuffer(even[2], np.uint8), cv2.IMREAD_UNCHANGED)
     assert np.array_equal(evened[..., 3], picture[..., 3])
     assert (none[0], absurd[0]) == (404, 404)
-    assert asked == [7, 7, 7, 8]
+    assert asked == [(7, 0), (7, 0), (7, 5), (8, 0)]

@@ -1,4 +1,7 @@
 // The mosaic beside and over the ortho of today: linked, swiped, blended, blinked or subtracted.
+import {
+  drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
+} from "./mosaic_edit.js";
 import { CHOSEN, drawBorders, drawHoles, drawSeams, photoAt } from "./mosaic_marks.js";
 import { mosaicSide } from "./mosaic_side.js";
 import { cleared, crosshair, halo, line, scaleBar } from "./overlay.js";
@@ -21,8 +24,8 @@ const state = {
   found: /** @type {Mosaic | null} */ (null),
   picked: /** @type {PickedPlace | null} */ (null),
   status: /** @type {Status | null} */ (null),
-  /** Version of the mosaic before the one that is shown: seen while the new one is drawn. */
-  before: 0,
+  /** The mosaic before the one that is shown: seen while the new one is drawn. */
+  before: /** @type {Mosaic | null} */ (null),
   /** Questions are numbered, also those of a page that was loaded anew. */
   number: Date.now(),
   look: { mode: "side", share: 0.5, seams: true, borders: false, wallis: false, blink: false },
@@ -45,16 +48,26 @@ const HAND = {
     pane.room.classList.toggle("wipes", wipes);
     redraw();
   },
-  grips: (pane, [x]) => {
+  grips: (pane, [x, y]) => {
     state.wiping = onWipe(pane, x);
-    return state.wiping;
+    return state.wiping || gripCorner([x, y], (ground) => onPane(pane, ground));
   },
   drag: (pane, screen) => {
-    if (state.wiping && screen) setShare(screen[0] / pane.size[0]);
-    else state.wiping = false;
+    if (!screen) {
+      state.wiping = false;
+      dropCorner();
+    } else if (state.wiping) setShare(screen[0] / pane.size[0]);
+    else dragCorner(groundFromLayer(pane.layerFromScreen(screen)));
   },
-  click: (pane, screen) => pick(pane.layerFromScreen(screen)),
+  click: (pane, screen) => {
+    const place = pane.layerFromScreen(screen);
+    if (isEditing()) putCorner(groundFromLayer(place));
+    else pick(place);
+  },
 };
+
+/** @param {Pane} pane @param {Pair} ground */
+const onPane = (pane, ground) => pane.screenFromLayer(layerFromGround(ground));
 
 const placeName = () => `gruber.mosaic.${start.name}`;
 
@@ -73,6 +86,7 @@ export function setUpMosaic() {
     sessionStorage.setItem(placeName(), JSON.stringify(kept));
   });
   onTile(redraw);
+  setUpEdit(refresh);
   byId("mosaic").addEventListener("close", () => {
     blink(false);
     send({ kind: "sheet", sheet: "mosaic", shown: false });
@@ -187,7 +201,8 @@ const remake = () => send({ kind: "remake" });
 /** @param {Mosaic} found */
 export function showMosaic(found) {
   const fresh = state.found?.version !== found.version;
-  if (fresh) state.before = state.found?.version ?? 0;
+  const { found: known } = state;
+  if (known?.version && (fresh || known.edition !== found.edition)) state.before = known;
   state.found = found;
   if (!byId("mosaic").open) return;
   byId("mosaic-none").hidden = found.version > 0;
@@ -339,7 +354,7 @@ function drawMarks(pane, found) {
     line(context, [edge, 0], [edge, height], "#ffffffa0", 1);
     halo(context, "#ffffff", 2, () => context.roundRect(edge - 3, height / 2 - 14, 6, 28, 3));
   }
-  const onScreen = (/** @type {Pair} */ ground) => pane.screenFromLayer(layerFromGround(ground));
+  const onScreen = (/** @type {Pair} */ ground) => onPane(pane, ground);
   const chosen = picked?.photo ?? "";
   if (look.borders) drawBorders(context, found, onScreen, chosen);
   if (look.seams) drawSeams(context, found, onScreen, chosen);
@@ -349,6 +364,7 @@ function drawMarks(pane, found) {
     const [x, y] = onScreen([east, north]);
     halo(context, CHOSEN, 1.6, () => context.arc(x, y, 8, 0, 7));
   }
+  drawEdit(context, onScreen, cursor && groundFromLayer(cursor));
   if (cursor) crosshair(context, pane.screenFromLayer(cursor), width, height);
   scaleBar(context, [width, height], view.scale, found.pixel ?? 1);
   pane.where.textContent = cursor ? describe(found, groundFromLayer(cursor)) : "";
@@ -390,13 +406,17 @@ const ACTS = {
  */
 export function mosaicKey(event, letter) {
   const down = event.type === "keydown";
+  const name = { " ": "Space", Escape: "Escape", Backspace: "Backspace" }[event.key] ?? letter;
+  const { cursor, view } = state;
+  if (down && !event.repeat && state.found?.version
+    && editKey(name, groundFromLayer(cursor ?? [view.x, view.y]))) return true;
   if (event.key === "Escape" || (letter === "KeyO" && event.shiftKey)) {
     if (down) byId("mosaic").close();
     return true;
   }
   if (!state.found?.version) return event.key.length === 1;
   if (event.key === " ") {
-    blink(down);
+    if (!isEditing()) blink(down);
     return true;
   }
   const arrow = ARROWS[event.key];
@@ -412,6 +432,7 @@ export function mosaicKey(event, letter) {
   }
   const acts = ACTS[letter];
   if (acts && !event.repeat) acts();
+  if (letter === "KeyU" && !event.repeat) send({ kind: event.shiftKey ? "redo" : "undo" });
   return Boolean(acts) || event.key.length === 1;
 }
 
@@ -419,5 +440,5 @@ export const mosaicState = () => {
   const { found, picked, look, view, cursor, drawn, panes } = state;
   const [pane] = panes.slice(look.mode === "side" ? 1 : 0);
   const toScreen = (/** @type {Pair} */ ground) => pane.screenFromLayer(layerFromGround(ground));
-  return { found, picked, look, view, cursor, drawn, toScreen };
+  return { found, picked, look, view, cursor, drawn, toScreen, edit: editState() };
 };

@@ -1,4 +1,5 @@
 // What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
+import { editSide } from "./mosaic_edit.js";
 import { element, number, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
 
@@ -19,23 +20,25 @@ export function mosaicSide(found, picked, status, acts) {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
       count: found.seams?.length ?? 0, when: (found.written ?? "").replace("T", " "),
     })),
-    ...stale(found, status, acts), ...place(picked, acts), ...holes(found, acts),
+    ...stale(found, status, acts), ...place(picked, acts), ...editSide(found, picked),
+    ...holes(found, acts),
     element("p", { class: "muted" }, word("mosaic.hint")),
   ];
 }
 
 /** @param {Mosaic} found @param {Status | null} status @param {Acts} acts */
-function stale({ stale: photos }, status, { remake }) {
+function stale(found, status, { remake }) {
+  const { stale: photos } = found;
   const making = status?.remaking;
   if (making) {
     const share = word("mosaic.making", { share: Math.round(100 * making.share) });
     return [element("p", { id: "mosaic-stale", class: "doubted", role: "status" }, share)];
   }
-  if (!photos.length) return [];
+  if (!photos.length && !found.edition) return [];
   const names = photos.map(shortName).join(", ");
-  return [element("p", { id: "mosaic-stale", class: "doubted" },
-    word("mosaic.stale", { count: photos.length, names })),
-  element("div", {}, element("button", { id: "mosaic-remake", onclick: remake,
+  const moved = photos.length ? [element("p", { id: "mosaic-stale", class: "doubted" },
+    word("mosaic.stale", { count: photos.length, names }))] : [];
+  return [...moved, element("div", {}, element("button", { id: "mosaic-remake", onclick: remake,
     disabled: start.guest, title: word("remake.tip") }, word("remake")))];
 }
 

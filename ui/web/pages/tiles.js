@@ -190,16 +190,26 @@ export function orthoLayer(wallis) {
 
 /**
  * The mosaic; while it is drawn anew it is seen as it was.
- * @param {Mosaic} mosaic @param {boolean} wallis @param {number} before its version before this
+ * Only where seams were edited the tiles are others than those of the file.
+ * @param {Mosaic} mosaic @param {boolean} wallis @param {Mosaic | null} before
  * @returns {Layer}
  */
-export function mosaicLayer({ version, bounds = [] }, wallis, before = 0) {
+export function mosaicLayer({ version, bounds = [], edition = 0, changed }, wallis, before = null) {
   const { pixel, levels } = start.lattice;
   const [west, south, east, north] = bounds;
   const box = [...layerFromGround([west, north]), ...layerFromGround([east, south])];
-  const older = before ? mosaicLayer({ version: before, stale: [], bounds }, wallis) : null;
-  return { pixel, levels, box, older,
-    address: (l, c, r) => `/tiles/mosaic/${version}/${l}/${c}/${r}${query(wallis)}` };
+  const older = before && mosaicLayer(before, wallis);
+  const [left, low, right, high] = changed ?? [Infinity, Infinity, -Infinity, -Infinity];
+  const ofSeams = (/** @type {number} */ l, /** @type {number} */ c, /** @type {number} */ r) => {
+    // A seam is felt some pixels beside it, and further where contrast is evened out.
+    const [side, room] = [SIDE * pixel * 2 ** l, SIDE * pixel * 2 ** l / 4];
+    const [x, y] = groundFromLayer([c * side, r * side]);
+    const there = x - room < right && x + side + room > left && y + room > low
+      && y - side - room < high;
+    return there ? edition : 0;
+  };
+  return { pixel, levels, box, older, address: (l, c, r) =>
+    `/tiles/mosaic/${version}/${ofSeams(l, c, r)}/${l}/${c}/${r}${query(wallis)}` };
 }
 
 /**

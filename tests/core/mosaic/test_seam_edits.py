@@ -1,0 +1,199 @@
+"""Edits of seams: a partition stays one, nothing is lost, and the seam runs where it was drawn."""
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import LineString, Point, box
+
+from core.doubts import Failure
+from core.mosaic.seam_edits import (
+    SeamArea,
+    SeamLine,
+    apply_edit,
+    changed_ground,
+    follow_line,
+    give_area,
+    photos_along,
+    with_edits,
+)
+from core.mosaic.seams import Seam
+
+EAST, NORTH = -577000.0, -1193000.0
+# Coordinates of a CRS of seven digits leave some nanometres of rounding along a kilometre of seam.
+ROUNDING_M2 = 1e-3
+
+
+def seam(name: str, *bounds: float) -> Seam:
+    west, south, east, north = bounds
+    return Seam(name, "", box(EAST + west, NORTH + south, EAST + east, NORTH + north))
+
+
+def at(*places: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    return tuple((EAST + x, NORTH + y) for x, y in places)
+
+
+def four() -> tuple[Seam, ...]:
+    """a | b over c | d, each 100 m a side."""
+    return (
+        seam("a", 0, 100, 100, 200), seam("b", 100, 100, 200, 200),
+        seam("c", 0, 0, 100, 100), seam("d", 100, 0, 200, 100),
+    )  # fmt: skip
+
+
+def is_partition(before: tuple[Seam, ...], after: tuple[Seam, ...]) -> bool:
+    whole = shapely.union_all([one.area for one in before])
+    again = shapely.union_all([one.area for one in after])
+    overlap = sum(one.area.area for one in after) - again.area
+    lost = whole.symmetric_difference(again).area
+    return overlap < ROUNDING_M2 and lost < ROUNDING_M2
+
+
+def owner(seams: tuple[Seam, ...], x: float, y: float) -> str:
+    place = Point(EAST + x, NORTH + y)
+    return next(one.photo_id for one in seams if one.area.contains(place))
+
+
+def test_a_line_from_seam_to_seam_carries_the_seam_along__truth() -> None:
+    after = follow_line(four(), "a", "b", at((99, 130), (80, 140), (80, 170), (99, 180)))
+    assert not isinstance(after, Failure)
+    assert is_partition(four(), after)
+    assert owner(after, 90, 150) == "b"
+    assert owner(after, 70, 150) == "a"
+    # Elsewhere the seam is where it was.
+    assert (owner(after, 95, 110), owner(after, 95, 190)) == ("a", "a")
+    gained = changed_ground(four(), after)
+    # The trapezium between line and seam.
+    assert gained.area == pytest.approx(20 * (50 + 30) / 2, rel=0.03)
+
+
+def test_a_line_across_both_photos_is_the_whole_seam__truth() -> None:
+    line = at((60, 210), (60, 150), (130, 150), (130, 90))
+    after = follow_line(four(), "a", "b", line)
+    assert not isinstance(after, Failure)
+    assert is_partition(four(), after)
+    assert (owner(after, 80, 180), owner(after, 120, 120)) == ("b", "a")
+    assert (owner(after, 30, 180), owner(after, 170, 120)) == ("a", "b")
+    # Beside the two photos nothing has changed.
+    assert (owner(after, 120, 95), owner(after, 95, 95)) == ("d", "c")
+
+
+def test_most_of_a_photo_goes_to_the_other_where_the_line_says_so__truth() -> None:
+    after = follow_line(four(), "a", "b", at((20, 210), (20, 90)))
+    assert not isinstance(after, Failure)
+    assert (owner(after, 30, 150), owner(after, 10, 150)) == ("b", "a")
+    back = follow_line(after, "b", "a", at((100, 210), (100, 90)))
+    assert not isinstance(back, Failure)
+    assert changed_ground(four(), back).area < ROUNDING_M2
+
+
+def test_both_directions_of_a_line_and_both_orders_of_photos_are_one_edit__law() -> None:
+    line = at((99, 130), (80, 150), (101, 180))
+    made = [
+        follow_line(four(), *names, way)
+        for names in (("a", "b"), ("b", "a"))
+        for way in (line, line[::-1])
+    ]
+    for other in made[1:]:
+        assert not isinstance(made[0], Failure)
+        assert not isinstance(other, Failure)
+        assert changed_ground(made[0], other).area < ROUNDING_M2
+
+
+PLACE = st.tuples(st.floats(-30, 230), st.floats(-30, 230))
+
+
+@given(st.lists(PLACE, min_size=2, max_size=7), st.sampled_from(["ab", "ac", "bd", "ad"]))
+@settings(max_examples=150, deadline=None)
+def test_whatever_is_drawn_seams_stay_a_partition__law(
+    places: list[tuple[float, float]], names: str
+) -> None:
+    before = four()
+    after = follow_line(before, names[0], names[1], at(*places))
+    if isinstance(after, Failure):
+        return
+    assert is_partition(before, after)
+    for one, other in zip(before, after, strict=True):
+        assert one.photo_id == other.photo_id
+        assert one.photo_id in names or one.area.equals(other.area)
+    if len(places) > 2 and LineString(at(*places)).is_valid:
+        given_area = give_area(after, names[0], at(*places))
+        assert isinstance(given_area, Failure) or is_partition(before, given_area)
+
+
+def test_a_polygon_is_shown_by_the_chosen_photo_and_nothing_beside_it_changes__truth() -> None:
+    outline = at((80, 80), (120, 80), (120, 120), (80, 120))
+    after = give_area(four(), "d", outline)
+    assert not isinstance(after, Failure)
+    assert is_partition(four(), after)
+    assert {owner(after, x, y) for x in (85, 115) for y in (85, 115)} == {"d"}
+    assert changed_ground(four(), after).area == pytest.approx(40 * 40 * 3 / 4)
+    assert owner(after, 75, 115) == "a"
+
+
+def test_a_polygon_reaches_no_further_than_the_mosaic__law() -> None:
+    after = give_area(four(), "a", at((-50, 90), (250, 90), (250, 400), (-50, 400)))
+    assert not isinstance(after, Failure)
+    assert is_partition(four(), after)
+
+
+@pytest.mark.parametrize(
+    ("edit", "why"),
+    [
+        (SeamLine("a", "d", at((50, 50), (150, 150))), "no seam"),
+        (SeamLine("a", "a", at((50, 50), (150, 150))), "no seam"),
+        (SeamLine("a", "x", at((50, 50), (150, 150))), "no seam"),
+        (SeamLine("a", "b", at((20, 20), (30, 30))), "does not part"),
+        (SeamArea("x", at((0, 0), (9, 0), (9, 9))), "no part"),
+        (SeamArea("a", at((-90, 0), (-50, 0), (-50, 9))), "holds nothing"),
+    ],
+)
+def test_what_cannot_be_done_is_told_and_changes_nothing__truth(
+    edit: SeamLine | SeamArea, why: str
+) -> None:
+    before = four()
+    done = apply_edit(before, edit)
+    assert isinstance(done, Failure)
+    assert why in done.reason
+    assert with_edits(before, [edit]) == before
+
+
+def test_edits_follow_one_another__law() -> None:
+    edits = [
+        SeamArea("b", at((60, 120), (100, 120), (100, 160), (60, 160))),
+        SeamLine("a", "b", at((99, 165), (40, 140), (99, 115))),
+    ]
+    after = with_edits(four(), edits)
+    assert is_partition(four(), after)
+    assert owner(after, 55, 140) == "b"
+
+
+def test_a_line_means_the_photos_that_it_runs_between__truth() -> None:
+    assert photos_along(four(), at((95, 120), (85, 150), (105, 180))) == ("a", "b")
+    assert photos_along(four(), at((60, 90), (90, 110), (60, 115))) == ("a", "c")
+    assert photos_along(four(), at((500, 90), (590, 110))) is None
+
+
+def test_a_line_on_one_side_of_the_seam_means_it_though_borders_are_rounded__law() -> None:
+    """Borders that two parts have in common differ by what double precision leaves of them."""
+    turned = tuple(
+        Seam(one.photo_id, "", shapely.affinity.rotate(one.area, 0.7, (EAST, NORTH)))
+        for one in four()
+    )
+    drawn = LineString(at((99, 120), (70, 150), (99, 180)))
+    moved = shapely.affinity.rotate(drawn, 0.7, (EAST, NORTH))
+    line = tuple((x, y) for x, y in moved.coords)
+    assert photos_along(turned, line) == ("a", "b")
+    assert not isinstance(follow_line(turned, "a", "b", line), Failure)
+
+
+def test_a_multipolygon_is_cut_as_well__law() -> None:
+    rng = np.random.default_rng(4)
+    parts = give_area(four(), "b", at((20, 120), (40, 120), (40, 150), (20, 150)))
+    assert not isinstance(parts, Failure)
+    for _ in range(20):
+        line = [tuple(place) for place in rng.uniform(0, 200, (5, 2)).tolist()]
+        after = follow_line(parts, "a", "b", at(*line))
+        assert isinstance(after, Failure) or is_partition(parts, after)

@@ -1,0 +1,138 @@
+// Seams drawn by hand: a line that a seam follows, or the outline of what one photo shows.
+import { halo } from "./overlay.js";
+import { element, shortName, start, word } from "./words.js";
+import { send } from "./wire.js";
+
+/** @typedef {"" | "line" | "area"} Tool */
+
+const INK = "#7dffb2";
+const NEAR_PX = 9; // design: as near as a hand comes to a corner
+const TOOLS = /** @type {[Tool, string][]} */ ([["line", "L"], ["area", "P"]]);
+const state = {
+  tool: /** @type {Tool} */ (""),
+  /** Corners, metres east and north. */
+  places: /** @type {Pair[]} */ ([]),
+  photo: "",
+  gripped: -1,
+  changed: /** @type {() => void} */ (() => {}),
+};
+
+/** @param {() => void} changed called whenever something of it is to be shown anew */
+export function setUpEdit(changed) {
+  state.changed = changed;
+}
+
+export const isEditing = () => state.tool !== "";
+
+/** @param {Tool} tool on, or off again */
+function use(tool) {
+  Object.assign(state, { tool: state.tool === tool ? "" : tool, places: [] });
+  state.changed();
+}
+
+/**
+ * Buttons, and every edit that stands.
+ * @param {Mosaic} found @param {PickedPlace | null} picked
+ */
+export function editSide(found, picked) {
+  const { tool } = state;
+  const photos = (found.seams ?? []).map(({ photo }) => photo);
+  if (!photos.includes(state.photo)) state.photo = picked?.photo ?? photos[0] ?? "";
+  const buttons = TOOLS.map(([name, key]) => element("button", {
+    "data-tool": name, class: tool === name ? "on" : "", "aria-pressed": `${tool === name}`,
+    disabled: start.guest, title: word(`mosaic.edit.${name}.tip`), onclick: () => use(name),
+  }, word(`mosaic.edit.${name}`), element("kbd", {}, key)));
+  const choice = element("select", { id: "mosaic-photo-of", "aria-label": word("mosaic.photo"),
+    disabled: start.guest, onchange: (/** @type {Event} */ { target }) => {
+      state.photo = /** @type {HTMLSelectElement} */ (target).value;
+    } }, ...photos.map((photo) =>
+    element("option", { value: photo, selected: photo === state.photo }, shortName(photo))));
+  const hint = tool ? [element("p", { class: "next", role: "status" },
+    word(`mosaic.edit.${tool}.hint`))] : [];
+  const pending = found.edition ? [element("p", { id: "mosaic-pending", class: "doubted" },
+    word("mosaic.edit.pending"))] : [];
+  return [element("h3", {}, word("mosaic.edit")),
+    element("div", { class: "acts" }, ...buttons, ...(tool === "area" ? [choice] : [])),
+    ...hint, ...pending, ...(found.edits ?? []).map(line)];
+}
+
+/** @param {SeamEdited} edit */
+const line = ({ id, who, when, area, what }) => element("p", { class: "decided" },
+  word(`mosaic.edit.did.${area ? "area" : "line"}`, {
+    what: what.split(" | ").map(shortName).join(" | "), who, when: when.replace("T", " "),
+  }),
+  element("button", { class: "small", disabled: start.guest, title: word("history.back.tip"),
+    onclick: () => send({ kind: "back", decision: id }) }, word("history.back")));
+
+/** A corner more. @param {Pair} ground */
+export function putCorner(ground) {
+  state.places.push(ground);
+  state.changed();
+}
+
+function finish() {
+  const { tool, places, photo } = state;
+  const most = (/** @type {number} */ value) => Math.round(value * 100) / 100;
+  if (places.length < (tool === "area" ? 3 : 2)) return;
+  send({ kind: "seam", photo: tool === "area" ? photo : "",
+    places: places.map((place) => place.map(most)) });
+  state.places = [];
+  state.changed();
+}
+
+/**
+ * True where a corner lies under the hand, which then drags it.
+ * @param {Pair} screen @param {(ground: Pair) => Pair} onScreen
+ */
+export function gripCorner([x, y], onScreen) {
+  state.gripped = state.places.findIndex((place) => {
+    const [px, py] = onScreen(place);
+    return Math.hypot(px - x, py - y) < NEAR_PX;
+  });
+  return state.gripped >= 0;
+}
+
+/** True while a corner is dragged. @param {Pair} ground */
+export function dragCorner(ground) {
+  if (state.gripped < 0) return false;
+  state.places[state.gripped] = ground;
+  return true;
+}
+
+export function dropCorner() {
+  state.gripped = -1;
+}
+
+/** True when the key is of what is being drawn. @param {string} name @param {Pair} cursor */
+export function editKey(name, cursor) {
+  const tool = TOOLS.find(([, key]) => `Key${key}` === name)?.[0];
+  if (tool && !start.guest) use(tool);
+  else if (!isEditing()) return false;
+  else if (name === "Escape") {
+    if (state.places.length) state.places = [];
+    else state.tool = "";
+  } else if (name === "Enter") finish();
+  else if (name === "Space") putCorner(cursor);
+  else if (name === "Backspace") state.places.pop();
+  else return false;
+  state.changed();
+  return true;
+}
+
+/**
+ * What is being drawn, as far as the pointer.
+ * @param {Context} context @param {(ground: Pair) => Pair} onScreen @param {Pair | null} cursor
+ */
+export function drawEdit(context, onScreen, cursor) {
+  const { tool, places, gripped } = state;
+  if (!places.length) return;
+  const ahead = cursor && gripped < 0 ? [...places, cursor] : places;
+  halo(context, INK, 1.8, () => {
+    ahead.map(onScreen).forEach(([x, y], at) => (at ? context.lineTo(x, y) : context.moveTo(x, y)));
+    if (tool === "area") context.closePath();
+  });
+  context.fillStyle = INK;
+  for (const [x, y] of places.map(onScreen)) context.fillRect(x - 3, y - 3, 6, 6);
+}
+
+export const editState = () => ({ tool: state.tool, places: state.places, photo: state.photo });
