@@ -72,7 +72,7 @@ class Candidates:
     trust: Scalars
     """Share of a full vote that its agreement counts for, 0 to 1."""
     chance: Scalars
-    """For each candidate, 1 / the area that was searched for its point, per square pixel."""
+    """For each candidate, 1 / the area in which a peak of its point may lie, per square pixel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +240,7 @@ class Evidence:
             first: Index of the first candidate of each point.
             weight: Relative likelihood of each candidate to be the right one of its point.
             sigma_px: Standard deviation per axis of each candidate.
-            chance: 1 / the area that was searched for its point, per square pixel.
+            chance: 1 / the area in which a peak of its point may lie, per square pixel.
             telling: For each point, whether it could fail to agree at all.
             limit: A candidate counts up to this normalised squared distance.
         """

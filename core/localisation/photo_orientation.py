@@ -1,7 +1,7 @@
 """One photo oriented on the reference: placed, then resected in passes of growing sharpness."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -53,14 +53,14 @@ class OrientationOptions:
     placements: tuple[PlacementOptions, ...] = (NARROW, WIDE)
     """The searches before the first pass, until one leads to an orientation."""
     resection: ConsensusOptions = field(
-        # design: one photo of ten may pass by chance; the next pass asks for more.
+        # design: of ten passes that chance agrees with, one moves the photo.
         default_factory=lambda: ConsensusOptions(least_log10_e_value=1.0)
     )
-    """The judgement after every pass."""
+    """The judgement after every fine pass; the coarse one only says where to look finely."""
     # design: of a thousand photos that lie elsewhere one is let through.
     sure_log10_e_value: float = 3.0
-    """A photo of which no pass reaches this e-value (log10) is refused: the first pass alone would
-    let one photo of ten through, were all of them chance."""
+    """A photo of which no pass reaches this e-value (log10), shared by all places that were tried,
+    is refused."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +114,8 @@ def orient_photo(
         standing = [found for found in coarse if isinstance(found, Resection)]
         if standing:
             best = max(standing, key=lambda found: found.log10_e_value)
-            oriented = fine_passes(opened, best, reference, points, options, rng, progress)
+            sure = sure_of(len(placements), options)
+            oriented = fine_passes(opened, best, reference, points, sure, rng, progress)
             if isinstance(oriented, OrientedPhoto):
                 return oriented
             failure = oriented
@@ -134,7 +135,8 @@ def orient_placed_photo(
     for placed in placements:
         found = coarse_pass(opened, reference, placed, points, options, rng)
         if isinstance(found, Resection):
-            oriented = fine_passes(opened, found, reference, points, options, rng, None)
+            sure = sure_of(len(placements), options)
+            oriented = fine_passes(opened, found, reference, points, sure, rng, None)
             if isinstance(oriented, OrientedPhoto):
                 return oriented
             failure = oriented
@@ -151,7 +153,10 @@ def coarse_pass(
     options: OrientationOptions,
     rng: np.random.Generator,
 ) -> Resection | Failure:
-    """Resect on the reference points at a middle resolution, as far as the placement may be off."""
+    """Resect on the reference points at a middle resolution, as far as the placement may be off.
+
+    Whatever agrees best is looked at finely: the evidence is judged when all passes have spoken.
+    """
     at_place = opened.at(placed.exterior)
     gsd = max(opened.width_m / options.coarse_width_px, finest_gsd_m(opened, reference, options))
     matching = MatchingOptions(
@@ -159,8 +164,21 @@ def coarse_pass(
         template_half_px=options.coarse_template_half_px,
         operators=options.operators,
     )
-    outcome, _ = resected(at_place, reference, points, placed.covariance, matching, options, rng)
+    any_agreement = replace(options.resection, least_log10_e_value=-np.inf)
+    first = replace(options, resection=any_agreement)
+    outcome, _ = resected(at_place, reference, points, placed.covariance, matching, first, rng)
     return outcome
+
+
+def sure_of(places: int, options: OrientationOptions) -> OrientationOptions:
+    """Options that ask so much more as places were tried: one of them may agree by chance.
+
+    Args:
+        places: Number of places from which the photo was oriented.
+        options: Those for a single place.
+    """
+    shared = float(np.log10(max(places, 1)))
+    return replace(options, sure_log10_e_value=options.sure_log10_e_value + shared)
 
 
 def resected(
@@ -210,11 +228,12 @@ def fine_passes(
 ) -> OrientedPhoto | Failure:
     """Resect at the finest resolution that serves, then once closer.
 
-    Where that says nothing more, the orientation of the coarse pass stands, if that one is sure.
+    Where that says nothing more, the orientation of the pass before stands, if any pass is sure.
     """
     reduction = finest_reduction(opened, reference, options)
     result: Resection = start
     found: tuple[Found, ...] = ()
+    e_value = start.log10_e_value
     for shift in (options.crown_shift_m, 2.0 * reduction * opened.ground_pixel_m):
         matching = MatchingOptions(
             reduction=reduction,
@@ -236,7 +255,7 @@ def fine_passes(
         if isinstance(outcome, Failure):
             break
         result, found = outcome, seen
-    e_value = max(start.log10_e_value, result.log10_e_value)
+        e_value = max(e_value, result.log10_e_value)
     if e_value < options.sure_log10_e_value:
         return Failure(
             "what agreed at first could be chance, and finer detail does not confirm it",

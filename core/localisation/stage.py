@@ -30,6 +30,7 @@ from core.localisation.photo_orientation import (
     OrientedPhoto,
     orient_photo,
     orient_placed_photo,
+    sure_of,
 )
 from core.localisation.presumed_distance import at_distances
 from core.localisation.tied_block import on_tied_ground, stand_by_ties
@@ -310,6 +311,7 @@ def orient_likeliest(
     work: Work,
 ) -> OrientedPhoto | Failure:
     """The orientation of a photo from the hypothesis that is least likely chance."""
+    options = sure_of(len(starts), options)
     best: OrientedPhoto | Failure = Failure("it was not tried")
     for number, start in enumerate(starts):
         rng = work.random(start.photo.photo_id, str(number))

@@ -110,7 +110,7 @@ class Found:
     peaks: tuple[Peak, ...]
     """Where it may lie, best first, scan pixels."""
     searched_px2: float
-    """Area that was searched, square scan pixels."""
+    """Area in which a peak may lie, the window without its rim, square scan pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -355,7 +355,18 @@ def match_point(view: PointView, point: int, half: int, options: MatchingOptions
         )
         for operator, peak in peaks
     )
-    return Found(point, moved, float(((2 * half + 1) * reduction) ** 2)) if moved else None
+    return Found(point, moved, peak_area_px2(half, reduction)) if moved else None
+
+
+def peak_area_px2(half: int, reduction: int) -> float:
+    """Area of a search in which a peak may lie, square scan pixels: maxima at its rim are none.
+
+    Args:
+        half: Half-width of the search, reduced pixels.
+        reduction: Scan pixels to a reduced pixel.
+    """
+    inner = max(half - SEPARATION_PX, 0)
+    return float(((2 * inner + 1) * reduction) ** 2)
 
 
 def merged(

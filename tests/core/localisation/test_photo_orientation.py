@@ -52,21 +52,20 @@ def test_what_agrees_is_mostly_right__truth(tiny, features, oriented):
     assert np.mean(np.array(away) < 2.5) > 0.8
 
 
-def test_points_that_lie_elsewhere_mostly_give_no_orientation__truth(tiny, features):
-    """Another ground below, and points moved at random.
+def test_points_that_lie_elsewhere_give_no_orientation__truth(tiny, features):
+    """Another ground below, and points moved at random: starts 700 m off that claim 8 m.
 
-    Evidence that passes for sure should come by chance once in a thousand times. Of starts 700 m
-    off that claim 8 m, one in four passed when this was measured (4 of 15): far too many, but
-    never most of them.
+    Evidence that passes for sure comes by chance once in a thousand times. Start 14 stood 700 m off
+    while the rim of a search, where no peak can be, counted as searched (`prove_alone`).
     """
     points, standing = features.points, 0
-    for seed in range(6):
+    for seed in (0, 5, 6, 14):
         rng = np.random.default_rng(seed)
         astray = points.positions.copy()
         astray[:, :2] += rng.uniform(-40, 40, (len(astray), 2))
         way = rng.uniform(0, 2 * np.pi)
         shift = 700.0 * np.array([np.cos(way), np.sin(way)])
-        opened = displaced(tiny, tiny.names[seed], shift, 0.0, 1.0, (8.0, 5.0, 0.003))
+        opened = displaced(tiny, tiny.names[seed % 6], shift, 0.0, 1.0, (8.0, 5.0, 0.003))
         found = orient_photo(
             opened,
             tiny.reference,
@@ -75,7 +74,7 @@ def test_points_that_lie_elsewhere_mostly_give_no_orientation__truth(tiny, featu
             np.random.default_rng(0),
         )
         standing += isinstance(found, OrientedPhoto)
-    assert standing <= 4
+    assert standing == 0
 
 
 def test_without_reference_points_there_is_no_orientation__law(tiny):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from core.matching.local_search import (
     candidates_of,
     match_points,
     merged,
+    peak_area_px2,
     predict_pixels,
     reduction_for,
     search_half_px,
@@ -51,7 +53,7 @@ def test_points_of_unchanged_ground_are_found_where_they_are__truth(tiny):
     away = np.hypot(*(best - truly).T)
     assert np.mean(away < 0.5) >= 0.9
     assert np.median(away) < 0.2
-    assert found[0].searched_px2 == 21.0**2
+    assert found[0].searched_px2 == (21.0 - 2 * SEPARATION_PX) ** 2
 
 
 def test_the_ground_of_today_still_holds_many_of_them__truth(tiny):
@@ -79,7 +81,7 @@ def test_a_reduced_pass_gives_full_pixels__truth(tiny):
     best = np.array([[match.peaks[0].column, match.peaks[0].row] for match in found])
     away = np.hypot(*(best - prediction.pixels).T)
     assert np.median(away) < 0.4
-    assert found[0].searched_px2 == 34.0**2
+    assert found[0].searched_px2 == (34.0 - 4 * SEPARATION_PX) ** 2
 
 
 def test_the_prediction_is_as_sure_as_orientation_and_ground_are__truth(tiny):
@@ -174,6 +176,23 @@ def test_two_operators_at_one_place_are_one_candidate__truth():
     assert places == {"ncc-high-pass": (8, 30), "fused": (30, 9)}
     assert abs(both[0] - 20) <= 1
     assert [p.z for _, p in found] == sorted((p.z for _, p in found), reverse=True)
+
+
+def test_peaks_of_noise_fill_the_area_that_counts_as_searched__truth():
+    """Were the area larger than where peaks can be, chance would look like agreement."""
+    rng, half = np.random.default_rng(7), 12
+    side = 2 * half + 1
+
+    noise = rng.normal(size=(400, side, side)).astype(np.float32)
+    found = [
+        merged({"fused": cv2.GaussianBlur(one, (0, 0), 1.5)}, MatchingOptions()) for one in noise
+    ]
+    places = np.array([(p.column, p.row) for peaks in found for _, p in peaks]) - half
+    away = np.abs(places).max(axis=1)
+    reach = np.sqrt(peak_area_px2(half, 1)) / 2
+    assert away.max() <= reach + 0.6
+    # A square of half the side holds a quarter; two deviations of some eight hundred peaks.
+    assert np.mean(away < reach / 2) == pytest.approx(0.25, abs=0.04)
 
 
 def test_candidates_carry_their_trust_and_their_accuracy__law():
