@@ -42,6 +42,9 @@ SIGMA_OFFSET_SHARE = 0.15
 # design: half as loose; tilts growing along a block imitate vignetting, which is to be preferred
 SIGMA_TILT_SHARE = 0.075
 """Prior standard deviation of a tilt over half a photo about 0, as a share of the full scale."""
+# design: far below a step
+HELD = 1e-6
+"""Prior standard deviation of what is not estimated."""
 # design: loose: corners a third darker than the middle
 SIGMA_FALLOFF = 0.3
 """Prior standard deviation of a coefficient of vignetting about 0."""
@@ -265,7 +268,9 @@ def _seen(
 def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     """All unknowns (shares of the full scale), by reweighted Gauss-Newton steps."""
     given = np.concatenate([np.tile([1.0, 0.0, 0.0, 0.0], photos), np.zeros(OF_CAMERA * cameras)])
-    sigmas = [SIGMA_GAIN, SIGMA_OFFSET_SHARE, SIGMA_TILT_SHARE, SIGMA_TILT_SHARE]
+    # Where no vignetting is estimated, tilts growing along the block would stand in for it.
+    tilt = SIGMA_TILT_SHARE if cameras else HELD
+    sigmas = [SIGMA_GAIN, SIGMA_OFFSET_SHARE, tilt, tilt]
     every = np.concatenate([np.tile(sigmas, photos), np.full(OF_CAMERA * cameras, SIGMA_FALLOFF)])
     held = sparse.diags_array(every**-2.0) + _hold_means(photos, len(given))
     unknowns = given.copy()
