@@ -14,6 +14,7 @@ from core.matching.learned import LEARNED
 from core.matching.operators import USUAL
 from core.sheets.cutting import SUFFIXES
 from core.sheets.stage import LOSSY_PERCENT
+from core.surface.ground import GroundKind
 
 Kind = Literal[
     "text", "number", "numbers", "measures", "choice", "choices", "flag", "count", "file", "files",
@@ -184,6 +185,7 @@ ORTHO = (
     Key("gsd_m", "number", unit=METRES, asked="more"),
     Key("sheets", "file", asked="more"),
     Key("balance", "flag", True),
+    Key("ground", "choice", "dem", choices=get_args(GroundKind)),
 )
 SURFACE = (Key("gsd_m", "number", unit=METRES),)
 SHEETS = (

@@ -143,6 +143,8 @@ class OrthoSection:
     """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
     balance: bool = True
     """Whether the tones of the photos are balanced."""
+    ground: str = "dem"
+    """What orthos stand on: `dem`, `surface` or `auto`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +175,8 @@ class Project:
     @property
     def asked_for(self) -> frozenset[str]:
         """Stages it asks for that not every block needs."""
-        asked = {"surface": self.surface is not None, "sheets": self.sheets.asked}
+        surface = self.surface is not None or self.ortho.ground != "dem"
+        asked = {"surface": surface, "sheets": self.sheets.asked}
         return frozenset(name for name, wanted in asked.items() if wanted)
 
     @property
@@ -418,7 +421,7 @@ def _network(table: Table, operators: tuple[str, ...]) -> Path | None:
 def _ortho(document: Document) -> OrthoSection:
     table = document.table("ortho")
     gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
-    return OrthoSection(gsd_m, table.flag("balance"))
+    return OrthoSection(gsd_m, table.flag("balance"), table.choice("ground"))
 
 
 def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInput:

@@ -21,7 +21,13 @@ from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
 from app.stage_lines import STAGE_LINES, adjusted_line
-from app.surface import make_block_surface, surface_line, usable_parts
+from app.surface import (
+    chosen_ground,
+    make_block_surface,
+    make_ground,
+    surface_line,
+    usable_parts,
+)
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -277,6 +283,7 @@ class Run:
             self.session, self.project, self.adjusted, self.dem(), work, self.anew("surface")
         )
         self.results = replace(self.results, surface=surface)
+        make_ground(self.session, self.project, surface)
         return surface_line(surface)
 
     def rectify(self, progress: Progress) -> str:
@@ -405,6 +412,7 @@ def make_orthos(
     photos = [photo for photo in block.photos.values() if photo.oriented]
     gsd = project.ortho.gsd_m or default_gsd_m(block)
     usable = usable_parts(session)
+    heights, corrections = chosen_ground(session, project, dem)
     orthos: list[OrthoProduct] = []
     wanted = len(photos) if only is None else max(len(only), 1)
     made_now = 0
@@ -412,7 +420,7 @@ def make_orthos(
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
         ground = project.reference.dem or (dem.mean_height(),)
-        inputs = digest_of(stage, 2, photo, camera, gsd, ground, photo.scan)
+        inputs = digest_of(stage, 2, photo, camera, gsd, (*ground, *corrections), photo.scan)
         target = session.results / "ortho" / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
@@ -424,7 +432,7 @@ def make_orthos(
             with whole_file(target) as temporary:
                 shown = usable(photo.photo_id)
                 made = rectify_photo(
-                    photo, camera, dem, gsd, temporary, block.crs, usable=shown, progress=part
+                    photo, camera, heights, gsd, temporary, block.crs, usable=shown, progress=part
                 )
             kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
             session.products.save_value(stage, digest_of(inputs, target), kept)

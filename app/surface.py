@@ -2,15 +2,20 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
 
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Mask
 from core.doubts import Failure
+from core.orthos.scan_places import Heights
 from core.progress import Work
 from core.raster.dem import Dem
 from core.said import Said, say
 from core.scans.stage import ScanSet
+from core.surface.ground import GroundKind, choose_ground, read_ground
 from core.surface.stage import (
     SurfaceFiles,
     SurfaceOptions,
@@ -21,6 +26,7 @@ from core.surface.stage import (
 from sessions.atomic_write import whole_file
 from sessions.session import Session
 
+CLASSES, CORRECTIONS = "ground.tif", "ground_correction.tif"
 VERSION = 1
 """Counted up when the same inputs give another surface than before."""
 
@@ -88,6 +94,40 @@ def make_block_surface(
     product = with_files(made, files)
     session.products.save_value("surface", digest_of(inputs, files.paths), product)
     return product
+
+
+def make_ground(session: Session, project: Project, surface: SurfaceProduct | Failure) -> None:
+    """Choose what orthos stand on, unless that is the DEM or the choice is fresh."""
+    kind = cast("GroundKind", project.ortho.ground)
+    classes, corrections = session.results / CLASSES, session.results / CORRECTIONS
+    if kind == "dem" or isinstance(surface, Failure):
+        for path in (classes, corrections):
+            path.unlink(missing_ok=True)
+        return
+    digest_of, sigma_m = session.products.digest_of, project.reference.dem_sigma_m
+    inputs = digest_of("ground", VERSION, kind, sigma_m, *surface.files.paths)
+    kept = session.products.load_value("ground", digest_of(inputs, classes, corrections))
+    if kept is not None and classes.is_file() and corrections.is_file():
+        return
+    with whole_file(classes) as first, whole_file(corrections) as second:
+        made = choose_ground(
+            surface.files.difference,
+            surface.files.sigma,
+            kind,
+            sigma_m,
+            classes=first,
+            corrections=second,
+        )
+    made = replace(made, classes=classes, corrections=corrections)
+    session.products.save_value("ground", digest_of(inputs, classes, corrections), made)
+
+
+def chosen_ground(session: Session, project: Project, dem: Dem) -> tuple[Heights, tuple[Path, ...]]:
+    """Heights for the orthos, and the file that they hang on besides the DEM."""
+    corrections = session.results / CORRECTIONS
+    if project.ortho.ground == "dem" or not corrections.is_file():
+        return dem, ()
+    return read_ground(corrections, dem), (corrections,)
 
 
 def usable_parts(session: Session) -> Callable[[str], Mask | None]:

@@ -66,6 +66,7 @@ from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
 from core.scans.stage import ScanSet
 from core.sheets.delivery import Delivery, SheetFile
+from core.surface.ground import GroundProduct
 from core.surface.relief import SystematicPart
 from core.surface.stage import SurfaceFiles, SurfaceProduct
 from core.ties.stage import Tied
@@ -99,6 +100,7 @@ REGISTERED: tuple[type, ...] = (
     FilmArea,
     Georeferenced,
     Grid,
+    GroundProduct,
     Hole,
     InteriorOrientation,
     ListedPoint,

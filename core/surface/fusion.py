@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8
 
 from core.arrays import ObjectPoints, Scalars
 from core.frames import HALF_PIXEL
@@ -101,11 +101,18 @@ def cell_heights(
     )
 
 
-def fuse_pairs(found: Sequence[tuple[Picture, Picture]], cells: Grid) -> CellHeights:
+def fuse_pairs(
+    found: Sequence[tuple[Picture, Picture]], photos: Sequence[tuple[str, str]], cells: Grid
+) -> CellHeights:
     """One surface of all pairs: the weighted mean of those that agree with the weighted median.
 
     Where the only two pairs contradict each other, and where no majority of weight agrees, there
     is a hole.
+
+    Args:
+        found: Heights and standard deviations of the cells by each pair.
+        photos: Names of the photos of each pair.
+        cells: Where the cells lie.
     """
     shape = (cells.rows, cells.columns)
     if not found:
@@ -124,12 +131,24 @@ def fuse_pairs(found: Sequence[tuple[Picture, Picture]], cells: Grid) -> CellHei
     safe = np.where(sound, total, 1)
     mean = (used * np.where(agree, heights, 0)).sum(axis=0) / safe
     count = agree.sum(axis=0)
+    # Three pairs of three photos say no more than two of them.
+    alike = np.sqrt(count / np.maximum(_photos_in(agree, photos) - 1, 1))
     sigma = _sigma_of(np.where(agree, heights - mean, 0), used, count, safe)
     return CellHeights(
         np.where(sound, mean, np.nan).astype(np.float32),
-        np.where(sound, sigma, np.nan).astype(np.float32),
+        np.where(sound, alike * sigma, np.nan).astype(np.float32),
         np.where(sound, count, 0).astype(np.uint8),
     )
+
+
+def _photos_in(
+    agree: Bool[np.ndarray, "pairs r c"], photos: Sequence[tuple[str, str]]
+) -> Int64[np.ndarray, "r c"]:
+    """How many photos the pairs that agree are made of."""
+    found = np.zeros(agree.shape[1:], dtype=np.int64)
+    for name in {name for pair in photos for name in pair}:
+        found += agree[[number for number, pair in enumerate(photos) if name in pair]].any(axis=0)
+    return found
 
 
 def _sigma_of(

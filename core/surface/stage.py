@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Float64
@@ -27,6 +26,7 @@ from core.raster.grid import (
 )
 from core.said import say
 from core.surface.fusion import CellHeights, cell_heights, fuse_pairs, object_points
+from core.surface.ground import NODATA_M, CorrectedHeights, bridged
 from core.surface.matching import match_pair
 from core.surface.pairs import Pair, pairs_over, part_of, sound_pairs
 from core.surface.rectified import (
@@ -62,19 +62,11 @@ MARGIN_PX = 48
 # design: 64 MB, whatever the block.
 MOST_COARSE = 4096
 """Cells along the longer side of the coarse surface at most."""
-# design: a hole is bridged from all around; far from anything the DEM holds.
-NEAR_CELLS, FAR_CELLS = 1.5, 6.0
-"""Widths of the bells that smooth the coarse surface and bridge its holes, cells."""
-# design: less says nothing of the middle.
-LEAST_KNOWN = 0.05
-"""Share of a bell with heights that bridges a hole."""
 # design: shares of the bar on the screen; nothing is computed from them.
 COARSE_SHARE, FINE_SHARE = 0.2, 0.95
 # design: some hundred thousand cells fix four coefficients.
 TREND_CELLS = 400
 """Cells along the longer side that the trend is fitted to."""
-NODATA_M = -9999.0  # source: the value that GIS programs use for heights without data
-"""Of heights that are not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +217,7 @@ class _Level:
         """The surface of a tile, and which of its cells two photos show."""
         cells = self.grid.window(*tile)
         found: list[tuple[Picture, Picture]] = []
+        photos: list[tuple[str, str]] = []
         shown = np.zeros((cells.rows, cells.columns), dtype=bool)
         for pair in pairs_over(self.pairs, cells.bounds):
             reach = self.reach_m * pair.base_to_height / self.pixel
@@ -242,7 +235,8 @@ class _Level:
             points, sigmas = object_points(laid, match_pair(laid, max(round(reach), 1)))
             if len(points):
                 found.append(cell_heights(points, sigmas, cells, self.pixel))
-        return fuse_pairs(found, cells), shown
+                photos.append((pair.left, pair.right))
+        return fuse_pairs(found, photos, cells), shown
 
 
 def _shown(pair: RectifiedPair, cells: Grid) -> Mask:
@@ -256,30 +250,7 @@ def _shown(pair: RectifiedPair, cells: Grid) -> Mask:
     return found.reshape(cells.rows, cells.columns)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Start:
-    """The DEM and what the coarse surface differs from it."""
-
-    dem: HeightSource
-    grid: Grid
-    differences: Picture
-
-    def heights(self, points: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n"]:
-        """Heights at easting and northing, metres; NaN where the DEM has none."""
-        place = (self.grid.grid_from_object(points) - 0.5).astype(np.float32)
-        # source: OpenCV, remap takes no more than 32767 places in a row
-        lines = -(-len(place) // 8192)
-        padded = np.zeros((lines * 8192, 2), dtype=np.float32)
-        padded[: len(place)] = place
-        maps = padded.reshape(lines, 8192, 2)
-        across, down = maps[..., 0], maps[..., 1]
-        more = cv2.remap(
-            self.differences, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        return self.dem.heights(points) + np.asarray(more).ravel()[: len(place)]
-
-
-def _coarse_start(level: _Level, work: Work) -> _Start:
+def _coarse_start(level: _Level, work: Work) -> CorrectedHeights:
     """The coarse surface, smooth and without holes, to begin the fine level from."""
     grid = level.grid
     differences = np.zeros((grid.rows, grid.columns), dtype=np.float32)
@@ -289,20 +260,7 @@ def _coarse_start(level: _Level, work: Work) -> _Start:
         differences[row : row + rows, column : column + columns] = cells.heights - ground.reshape(
             rows, columns
         )
-    return _Start(level.start, grid, _bridged(differences))
-
-
-def _bridged(differences: Picture) -> Picture:
-    """Smoothed; holes from what lies around, nought far from everything."""
-    known = np.isfinite(differences).astype(np.float32)
-    values = np.where(known > 0, differences, np.float32(0))
-    result = np.zeros_like(values)
-    for width in (FAR_CELLS, NEAR_CELLS):
-        share = np.asarray(cv2.GaussianBlur(known, (0, 0), width))
-        mean = np.asarray(cv2.GaussianBlur(values, (0, 0), width))
-        # The narrower bell goes before where it finds something.
-        result = np.where(share > LEAST_KNOWN, mean / np.maximum(share, LEAST_KNOWN), result)
-    return result.astype(np.float32)
+    return CorrectedHeights(level.start, grid, bridged(differences))
 
 
 def _tiles(level: _Level, work: Work) -> Iterator[tuple[Tile, tuple[CellHeights, Mask]]]:

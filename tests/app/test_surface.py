@@ -10,7 +10,12 @@ import rasterio
 
 from app.project import read_project
 from app.run import WHEN_ASKED, Run, RunOptions
-from app.surface import make_block_surface, surface_line
+from app.surface import (
+    chosen_ground,
+    make_block_surface,
+    make_ground,
+    surface_line,
+)
 from core.doubts import Failure
 from core.progress import Work
 from core.raster.dem import open_dem
@@ -102,3 +107,32 @@ def test_the_table_alone_asks_for_a_surface__truth(tiny_block, tmp_path):
     assert read_project(folder).surface == SurfaceOptions(None)
     (folder / "block.toml").write_text(text + "\n[surface]\ngsd_m = 2\n")
     assert read_project(folder).surface == SurfaceOptions(2.0)
+
+
+def test_orthos_stand_on_the_ground_that_was_chosen__truth(asked, tiny_run):
+    """Without a choice as before; with one on the DEM and its corrections."""
+    session, project = asked
+    report, dem = session.products.latest_value("adjustment"), tiny_run.reference.dem
+    assert chosen_ground(session, project, dem) == (dem, ())
+    surface = make_block_surface(session, project, report, dem, Work())
+    own = replace(project, ortho=replace(project.ortho, ground="auto"))
+    assert "surface" in own.asked_for
+    assert "surface" in replace(own, surface=None).asked_for
+    assert "surface" not in replace(project, surface=None).asked_for
+    make_ground(session, own, surface)
+    heights, (file,) = chosen_ground(session, own, dem)
+    first = file.stat().st_mtime_ns
+    make_ground(session, own, surface)
+    assert file.stat().st_mtime_ns == first
+    # The ground of this block has not changed.
+    middle = report.block.origin[:2] + np.array([[0.0, 0.0], [150.0, 80.0], [-200.0, 120.0]])
+    np.testing.assert_allclose(heights.heights(middle), dem.heights(middle), atol=0.01)
+    with rasterio.open(file) as raster:
+        raised = np.ones((raster.height, raster.width), np.float32)
+        profile = raster.profile
+    with rasterio.open(file, "w", **profile) as raster:
+        raster.write(5 * raised, 1)
+    higher, _ = chosen_ground(session, own, dem)
+    np.testing.assert_allclose(higher.heights(middle), dem.heights(middle) + 5, atol=0.01)
+    make_ground(session, project, surface)
+    assert not file.exists()

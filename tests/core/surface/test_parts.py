@@ -41,7 +41,7 @@ def test_pairs_are_neighbours_whose_rays_meet_well__truth(block):
     assert ("00_000", "00_001") in names
     assert ("00_000", "01_000") in names
     for pair in pairs:
-        assert 0.2 <= pair.base_to_height <= 0.8
+        assert 0.2 <= pair.base_to_height <= 1.0
     crowded = {
         name: replace(photo, exterior=next(iter(block.photos.values())).exterior)
         for name, photo in block.photos.items()
@@ -103,6 +103,7 @@ def test_a_parallax_says_how_well_it_is_known__truth(grain):
 
 
 CELLS = Grid(0, 40, 1.0, 40, 40)
+RING = [("a", "b"), ("b", "c"), ("a", "c")]
 
 
 def level(height: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
@@ -111,24 +112,30 @@ def level(height: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_pairs_that_agree_outvote_one_that_does_not__truth():
-    fused = fuse_pairs([level(10, 0.5), level(10.4, 0.5), level(30, 0.5)], CELLS)
+    fused = fuse_pairs([level(10, 0.5), level(10.4, 0.5), level(30, 0.5)], RING, CELLS)
     np.testing.assert_allclose(fused.heights, 10.2, atol=1e-5)
     assert (fused.pairs == 2).all()
 
 
 def test_two_pairs_that_contradict_each_other_leave_a_hole__truth():
-    fused = fuse_pairs([level(10, 0.5), level(30, 0.5)], CELLS)
+    fused = fuse_pairs([level(10, 0.5), level(30, 0.5)], RING[:2], CELLS)
     assert np.isnan(fused.heights).all()
     assert (fused.pairs == 0).all()
-    assert np.isnan(fuse_pairs([], CELLS).heights).all()
+    assert np.isnan(fuse_pairs([], [], CELLS).heights).all()
 
 
 def test_weights_and_scatter_make_the_standard_deviation__truth():
-    calm = fuse_pairs([level(10, 0.3), level(10, 0.4)], CELLS)
+    calm = fuse_pairs([level(10, 0.3), level(10, 0.4)], RING[:2], CELLS)
     np.testing.assert_allclose(calm.sigmas, 0.24, atol=1e-4)
-    rough = fuse_pairs([level(10, 0.3), level(11, 0.4)], CELLS)
+    rough = fuse_pairs([level(10, 0.3), level(11, 0.4)], RING[:2], CELLS)
     # Chi squared of one freedom is 1 / (0.3^2 + 0.4^2) = 4, so twice as much.
     np.testing.assert_allclose(rough.sigmas, 0.48, atol=1e-4)
+
+
+def test_three_pairs_of_three_photos_are_worth_two__truth():
+    """Parallaxes of A-C are those of A-B and B-C: errors of their mean are (a - c) / 2."""
+    fused = fuse_pairs([level(10, 0.6), level(10, 0.6), level(10, 0.3)], RING, CELLS)
+    np.testing.assert_allclose(fused.sigmas, 0.3, atol=1e-4)
 
 
 def test_cells_with_too_few_points_stay_open__truth():

@@ -1,0 +1,257 @@
+"""Which ground orthos stand on: the DEM, or the photos' own surface where the land has changed.
+
+The choice is a raster of classes, and a correction of the DEM that is nought where the DEM holds.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import rasterio
+from jaxtyping import Float64, UInt8
+from rasterio.enums import Resampling
+
+from core.arrays import Mask, Matrix, Scalars
+from core.frames import HALF_PIXEL
+from core.orthos.rectification import COMPRESSION_LEVEL
+from core.orthos.scan_places import Heights
+from core.raster.dem import HeightSource
+from core.raster.grid import Grid, tell_full_disk, tiled_profile
+from core.surface.rectified import Picture
+
+GroundKind = Literal["dem", "surface", "auto"]
+# source: three standard deviations, METHODS 8
+LIMIT = 3.0
+"""Surface and DEM differ if they lie further apart, in standard deviations of the difference."""
+# design: a large farmhouse; what is wider is a wood, a hall or the ground itself.
+OBJECT_M = 25.0
+"""What is higher than its surroundings over no more than this stands on the ground."""
+# design: a fifth of a sports ground; a hall of this size is taken out by its edges.
+LEAST_AREA_M2 = 2000.0
+"""Ground has changed over a connected area of this size at least."""
+# source: earth does not stand steeper than 1 : 1; the windows of matching make walls of 15 m so
+STEEPEST = 1.0
+"""Rise over run of the edge, beyond which what is higher stands on the ground."""
+# measured: prove_surface; canopies are two to four, bare ground is one by definition.
+ROUGHEST = 1.7
+"""Roughness over standard deviation, beyond which what is higher is a wood."""
+# design: 64 MB, whatever the block.
+MOST_CELLS = 4096
+"""Cells along the longer side of the correction at most."""
+# design: a hole is bridged from all around; far from anything the DEM holds.
+NEAR_CELLS, FAR_CELLS = 1.5, 6.0
+"""Widths of the bells that smooth differences and bridge their holes, cells."""
+# design: less says nothing of the middle.
+LEAST_KNOWN = 0.05
+"""Share of a bell with heights that bridges a hole."""
+# design: two dozen cells fix a scatter to a seventh.
+AROUND = (5, 5)
+"""Cells that roughness is taken over."""
+# design: the slope from the limit down to nought, at 1 : 3 and cells of a metre.
+EDGE_CELLS = 6
+"""Changed ground is followed so far beyond its limit."""
+# source: OpenCV, remap takes no more than 32767 places in a row
+ROW = 8192
+NODATA_M = -9999.0  # source: the value that GIS programs use for heights without data
+"""Of heights that are not known."""
+
+
+class Ground(IntEnum):
+    """What orthos stand on at a place."""
+
+    NONE = 0
+    DEM = 1
+    SURFACE = 2
+    DEM_UNDER_SURFACE = 3
+    DEM_ALONE = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectedHeights:
+    """A DEM and what is added to it."""
+
+    dem: HeightSource
+    """The DEM."""
+    grid: Grid
+    """Where the corrections lie."""
+    corrections: Picture
+    """Metres to be added; bilinear between the middles of cells, nought beyond."""
+
+    @property
+    def ground_sample_distance_m(self) -> float:
+        """Spacing of the finer of the two, metres."""
+        own = self.grid.ground_sample_distance_m
+        return min(own, self.dem.ground_sample_distance_m) if isinstance(self.dem, Heights) else own
+
+    def heights(self, points: Float64[np.ndarray, "n 2"]) -> Scalars:
+        """Heights at easting and northing, metres; NaN where the DEM has none."""
+        place = (self.grid.grid_from_object(points) - HALF_PIXEL).astype(np.float32)
+        lines = -(-len(place) // ROW)
+        padded = np.zeros((lines * ROW, 2), dtype=np.float32)
+        padded[: len(place)] = place
+        maps = padded.reshape(lines, ROW, 2)
+        more = cv2.remap(self.corrections, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR)
+        return self.dem.heights(points) + np.asarray(more).ravel()[: len(place)]
+
+    def on(self, grid: Grid) -> Matrix:
+        """Heights at the pixel centres of a grid, metres; NaN where there is none."""
+        east, north = np.meshgrid(*grid.centres())
+        heights = self.heights(np.column_stack([east.ravel(), north.ravel()]))
+        return heights.reshape(grid.rows, grid.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class GroundProduct:
+    """The choice on disk."""
+
+    classes: Path
+    """One byte a cell: 1 the DEM agrees, 2 own surface, 3 the DEM though the surface is another
+    (woods, houses), 4 the DEM without a surface."""
+    corrections: Path
+    """Metres that are added to the DEM."""
+    changed_m2: float
+    """Area that stands on its own surface."""
+
+
+def choose_ground(
+    difference: Path,
+    sigma: Path,
+    kind: GroundKind,
+    dem_sigma_m: float,
+    *,
+    classes: Path,
+    corrections: Path,
+) -> GroundProduct:
+    """Choose for every cell, and write classes and corrections.
+
+    Args:
+        difference: Surface minus DEM without its systematic part, metres.
+        sigma: Standard deviations of the surface, metres.
+        kind: `surface` takes it wherever it is known, `auto` where ground has changed.
+        dem_sigma_m: Standard deviation of a height of the DEM, metres.
+        classes: File to write.
+        corrections: File to write.
+
+    Raises:
+        OSError: The disk is full.
+    """
+    away, grid, crs = _read_coarser(difference)
+    sigmas, _, _ = _read_coarser(sigma)
+    known = np.isfinite(away) & np.isfinite(sigmas)
+    away[~known] = np.nan
+    if kind == "surface":
+        more = bridged(away)
+        chosen = np.where(known, Ground.SURFACE, Ground.DEM_ALONE).astype(np.uint8)
+    else:
+        more, chosen = _choose(away, sigmas, known, dem_sigma_m, grid.ground_sample_distance_m)
+    _write(classes, grid, crs, chosen, Ground.NONE)
+    _write(corrections, grid, crs, more, NODATA_M)
+    area = float(np.count_nonzero(chosen == Ground.SURFACE)) * grid.ground_sample_distance_m**2
+    return GroundProduct(classes, corrections, area)
+
+
+def read_ground(corrections: Path, dem: HeightSource) -> CorrectedHeights:
+    """The chosen ground as heights."""
+    values, grid, _ = _read_coarser(corrections)
+    return CorrectedHeights(dem, grid, np.nan_to_num(values, nan=0.0))
+
+
+def bridged(differences: Picture) -> Picture:
+    """Smoothed; holes from what lies around, nought far from everything."""
+    known = np.isfinite(differences).astype(np.float32)
+    values = np.where(known > 0, differences, np.float32(0))
+    result = np.zeros_like(values)
+    for width in (FAR_CELLS, NEAR_CELLS):
+        share = np.asarray(cv2.GaussianBlur(known, (0, 0), width))
+        mean = np.asarray(cv2.GaussianBlur(values, (0, 0), width))
+        # The narrower bell goes before where it finds something.
+        result = np.where(share > LEAST_KNOWN, mean / np.maximum(share, LEAST_KNOWN), result)
+    return result.astype(np.float32)
+
+
+def _choose(
+    away: Picture, sigmas: Picture, known: Mask, dem_sigma_m: float, cell_m: float
+) -> tuple[Picture, UInt8[np.ndarray, "rows columns"]]:
+    """Corrections and classes where the DEM holds unless connected ground has changed."""
+    smooth = np.asarray(cv2.medianBlur(bridged(away), 5))  # source: OpenCV, the largest of floats
+    limit = LIMIT * np.hypot(np.where(known, sigmas, 0), dem_sigma_m)
+    agrees = known & (np.abs(smooth) <= limit)
+    ground = _without_objects(smooth, agrees, cell_m)
+    changed = known & (np.abs(ground) > limit)
+    count, numbers, stats, _ = cv2.connectedComponentsWithStats(changed.astype(np.uint8))
+    accepted = np.zeros(count, dtype=bool)
+    slope = np.hypot(*np.gradient(smooth, cell_m))
+    rough = _roughness(smooth, away)
+    for number in range(1, count):
+        if stats[number, cv2.CC_STAT_AREA] * cell_m**2 < LEAST_AREA_M2:
+            continue
+        part = numbers == number
+        high = float(np.median(ground[part])) > 0
+        ratio = float(np.median(rough[part & known] / sigmas[part & known]))
+        accepted[number] = not (high and (_is_steep(part, slope) or ratio > ROUGHEST))
+    own = accepted[np.asarray(numbers, dtype=np.int64)].astype(np.uint8)
+    wide = cv2.dilate(own, _disc(EDGE_CELLS))
+    share = np.asarray(cv2.GaussianBlur(wide.astype(np.float32), (0, 0), NEAR_CELLS))
+    chosen = np.where(agrees, Ground.DEM, Ground.DEM_UNDER_SURFACE)
+    chosen = np.where(known, chosen, Ground.DEM_ALONE)
+    chosen = np.where(own > 0, Ground.SURFACE, chosen)
+    return (share * ground).astype(np.float32), chosen.astype(np.uint8)
+
+
+def _without_objects(smooth: Picture, agrees: Mask, cell_m: float) -> Picture:
+    """What is left of differences when houses and trees on them are taken off."""
+    opened = np.asarray(
+        cv2.morphologyEx(smooth, cv2.MORPH_OPEN, _disc(round(OBJECT_M / cell_m / 2)))
+    )
+    # Opening takes the lowest of the noise; where nothing differs, that is all it takes.
+    bias = float(np.median((smooth - opened)[agrees])) if agrees.any() else 0.0
+    return opened + np.float32(bias)
+
+
+def _roughness(smooth: Picture, away: Picture) -> Picture:
+    """Scatter of single cells about what is smooth."""
+    squares = np.where(np.isfinite(away), (away - smooth) ** 2, np.float32(0))
+    share = cv2.blur(np.isfinite(away).astype(np.float32), AROUND)
+    mean = np.asarray(cv2.blur(squares, AROUND)) / np.maximum(share, LEAST_KNOWN)
+    # Sums that run along the rows come out below nought by their rounding.
+    return np.sqrt(np.maximum(mean, 0))
+
+
+def _is_steep(part: Mask, slope: Picture) -> bool:
+    """Whether most of the edge of a part is a wall."""
+    inner = part.astype(np.uint8)
+    edge = (cv2.dilate(inner, _disc(1)) > 0) & (cv2.erode(inner, _disc(1)) == 0)
+    highest = cv2.dilate(slope.astype(np.float32), _disc(2))
+    return float(np.median(highest[edge])) > STEEPEST
+
+
+def _disc(radius: int) -> UInt8[np.ndarray, "side side"]:
+    side = 2 * max(radius, 1) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+
+
+def _read_coarser(path: Path) -> tuple[Picture, Grid, str]:
+    """A raster in cells that are few enough for memory, NaN where nothing is known."""
+    with rasterio.open(path) as file:
+        step = -(-max(file.width, file.height) // MOST_CELLS)
+        columns, rows = max(file.width // step, 1), max(file.height // step, 1)
+        values: Any = file.read(
+            1,
+            window=((0, min(rows * step, file.height)), (0, min(columns * step, file.width))),
+            out_shape=(rows, columns),
+            resampling=Resampling.average,
+            masked=True,
+        )
+        cell, corner = file.transform.a * step, (file.transform.c, file.transform.f)
+        crs = file.crs.to_wkt()
+    return values.astype(np.float32).filled(np.nan), Grid(*corner, cell, columns, rows), crs
+
+
+def _write(path: Path, grid: Grid, crs: str, values: np.ndarray, nodata: float) -> None:
+    profile = tiled_profile(grid, crs, values.dtype.name)
+    profile |= {"nodata": nodata, "compress": "deflate", "zlevel": COMPRESSION_LEVEL}
+    with tell_full_disk(path), rasterio.open(path, "w", **profile) as file:
+        file.write(values, 1)
