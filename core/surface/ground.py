@@ -35,7 +35,7 @@ LEAST_AREA_M2 = 2000.0
 # source: earth does not stand steeper than 1 : 1; the windows of matching make walls of 15 m so
 STEEPEST = 1.0
 """Rise over run of the edge, beyond which what is higher stands on the ground."""
-# measured: prove_surface; canopies are two to four, bare ground is one by definition.
+# design: bare ground has one by definition, a canopy of crowns and gaps has several.
 ROUGHEST = 1.7
 """Roughness over standard deviation, beyond which what is higher is a wood."""
 # design: 64 MB, whatever the block.

@@ -15,7 +15,7 @@ from jaxtyping import Float32, UInt8
 from core.arrays import Mask
 from core.surface.rectified import Picture, RectifiedPair
 
-# measured: prove_surface; half follows grain, double loses houses.
+# design: grain averages out over it, and a house still spans several of them.
 BLOCK_PX = 5
 """Side of the squares that semi-global matching compares."""
 # source: OpenCV, the largest median of floating numbers
@@ -44,7 +44,7 @@ LEAST_KNOWN = 0.1
 # design: four standard deviations of contrast fill eight bits.
 STEPS_PER_SIGMA = 32.0
 """Gray values of the pictures that are compared, per standard deviation of contrast."""
-# measured: prove_surface; 1.75 px leaves half of weak texture open, 7 px rounds houses off.
+# design: wide enough for weak texture, narrower than a house at the pixel that is matched.
 WINDOW_SIGMA_PX = 3.5
 """Width of the bell-shaped window of least squares."""
 # design: some thousand pixels measure a parallax across to a fiftieth of a pixel.
@@ -56,7 +56,7 @@ MOST_STEP_PX = 1.0
 # design: beyond, heights say less than the terrain around.
 MOST_SIGMA_PX = 0.7
 """What is measured worse than this is left open."""
-# measured: prove_surface; where grain is nearly all, its own estimate is uncertain by this.
+# design: where nearly all is grain, the estimate itself is no better known than this.
 LEAST_TRUE = 0.1
 """Share of squared slopes that counts as the picture's own, at least."""
 # design: grain of film is alike over two pixels.
