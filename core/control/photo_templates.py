@@ -16,15 +16,15 @@ from jaxtyping import Float32, Float64
 from core.arrays import Mask, PixelPoints, Position
 from core.frames import HALF_PIXEL
 from core.geometry.resection import PhotoModel
-from core.matching.local_search import LEAST_KNOWN, LEAST_USABLE, RIM_PX, SEPARATION_PX
+from core.matching.local_search import LEAST_KNOWN, LEAST_USABLE, RIM_PX
 from core.matching.operators import FusedOperator, HighPassOperator, Operator
 from core.matching.patches import OpenPhoto, ScanPart, Window, filled, read_scan
 from core.matching.peaks import ScoreMap, level_and_spread
-from core.matching.precision import paired_covariance
+from core.matching.precision import place_covariance, sharpness_of
 from core.matching.template_search import Image
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
-from core.ties.refinement import SHEAR, PatchSize, patch_centres, refine_rays
+from core.ties.refinement import PatchSize, patch_centres, refine_rays
 
 OPERATORS: tuple[Operator, ...] = (HighPassOperator(), FusedOperator())
 """Grey values, as of photos of one day, and directions of edges, which outlast contrast and years.
@@ -315,18 +315,13 @@ def finely(source: Source, target: Shown) -> FinePlace | None:
 def peak_sigma_px(source: Source, target: Shown) -> float:
     """Standard deviation per axis of a place that only the peak of likeness tells, scan pixels.
 
-    No peak is wider than the distance within which another would stand beside it.
-
     Args:
         source: Where the place is measured.
         target: Where its peak lies.
     """
-    sigmas: list[float] = []
-    for reduction in PASSES[:-1]:
-        size = PatchSize.at_reduction(reduction)
-        fixed, searched, middle = _patches(source, target, size)
-        sigmas.append(_sigma_px(fixed, searched, (target.pixel - middle)[0], size))
-    return min(*sigmas, float(SEPARATION_PX))
+    size = PatchSize.at_reduction(PASSES[-2])
+    fixed, searched, middle = _patches(source, target, size)
+    return _sigma_px(fixed, searched, (target.pixel - middle)[0], size)
 
 
 def _patches(source: Source, target: Shown, size: PatchSize) -> tuple[Image, Wider, PixelPoints]:
@@ -342,21 +337,23 @@ def _refined(source: Source, target: Shown, size: PatchSize) -> FinePlace | None
     """With patches of one size; None where they do not agree."""
     fixed, searched, middle = _patches(source, target, size)
     start = np.column_stack([np.eye(2), (target.pixel - middle)[0]])
-    rays = (fixed[None], searched[None], start[None])
-    found = refine_rays(*rays, max_shift_px=MOST_SHIFT_PX, size=size, bend_sigma=SHEAR)
+    found = refine_rays(
+        fixed[None], searched[None], start[None], max_shift_px=MOST_SHIFT_PX, size=size
+    )
     if not found.good[0]:
         return None
-    # It could move no further: where little is shared, that says more than the pictures do.
-    sigma = min(_sigma_px(fixed, searched, found.pixels[0], size), MOST_SHIFT_PX)
+    sigma = _sigma_px(fixed, searched, found.pixels[0], size)
     return FinePlace(middle + found.pixels, sigma, float(found.correlation[0]))
 
 
 def _sigma_px(fixed: Image, searched: Wider, shift: np.ndarray, size: PatchSize) -> float:
-    """Standard deviation per axis of a match, from what both patches share and what they do not."""
+    """Standard deviation per axis of a match, from what the fixed patch leaves of the other."""
     smooth = [cv2.GaussianBlur(grey, (0, 0), size.smooth_px) for grey in (fixed, searched)]
     side, middle = fixed.shape[0], (searched.shape[0] - 1) / 2
     place = (middle + float(shift[0]), middle + float(shift[1]))
     shown = cv2.getRectSubPix(smooth[1], (side, side), place)
-    first, second = (np.asarray(grey - grey.mean(), np.float32) for grey in (smooth[0], shown))
-    covariance = paired_covariance(first, second, size.smooth_px, SHEAR)
-    return float(np.sqrt(max(np.trace(covariance), 0.0) / 2))
+    sharpness = sharpness_of((smooth[0] - smooth[0].mean(),))
+    if sharpness is None:
+        return float("inf")
+    covariance = place_covariance(sharpness, (shown - shown.mean(),))
+    return float(np.sqrt(np.trace(covariance) / 2))

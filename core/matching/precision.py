@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Complex64, Float32, Float64
 from scipy import fft
 
-from core.matching.template_search import Description, Image
+from core.matching.template_search import Description
 
 Layers = Float32[np.ndarray, "layers rows columns"]
 Covariance = Float64[np.ndarray, "2 2"]
@@ -83,64 +83,6 @@ def place_covariance(sharpness: Sharpness, window: Description) -> Covariance:
     return sharpness.inverse @ noise.astype(np.float64) @ sharpness.inverse / gain**2
 
 
-def paired_covariance(
-    first: Image, second: Image, smooth_px: float, bend_sigma: float
-) -> Covariance:
-    """Covariance (column, row) of the place of one noisy picture on another, square pixels.
-
-    Scans of film carry grain, and compressed ones blocks: both have gradients. Only what the
-    pictures share says how sharp the place is, so H is the product of the gradients of both: noise
-    of one has no part in the other's. The affinity by which one was bent onto the other is unknown
-    as well, and takes its share.
-
-    Args:
-        first: Smoothed grey values, their mean nought.
-        second: The same of the other, where the first was found, of its size.
-        smooth_px: Gaussian radius by which both were smoothed.
-        bend_sigma: Standard deviation of the affinity's four linear terms beforehand.
-
-    Returns:
-        The covariance; infinite where they share nothing that fixes a place.
-    """
-    nowhere = np.full((2, 2), np.inf)
-    gain = float(np.sum(first * second) / max(float(np.sum(first**2)), LEAST_DETERMINANT))
-    if gain <= 0:
-        return nowhere
-    other = np.asarray(second / gain, np.float32)
-    left = other - first
-    terms, shared = _affine_terms(first), _affine_terms(other)
-    normal = terms.reshape(6, -1) @ shared.reshape(6, -1).T
-    normal = ((normal + normal.T) / 2).astype(np.float64)
-    # source: the autocorrelation of white noise smoothed by a Gaussian sums to 4 pi sigma squared.
-    alike = max(1.0, 4 * np.pi * smooth_px**2)
-    prior = np.diag([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    prior *= alike * float(np.mean(left**2)) / bend_sigma**2
-    if np.linalg.eigvalsh(normal[:2, :2])[0] <= 0 or np.linalg.eigvalsh(normal + prior)[0] <= 0:
-        return nowhere
-    # source: Gaussian smoothing of radius s leaves exp(-9 / 4) of the autocorrelation at 3 s.
-    reach = max(REACH_PX, int(np.ceil(3 * smooth_px)))
-    own, rest = _spectra(terms, reach), _spectra(left[None], reach)
-    spread = _lags(np.einsum("arc,brc->abrc", own, own.conj()), first.shape, reach)
-    alone = _lags(np.einsum("krc,lrc->klrc", rest, rest.conj()), first.shape, reach)[0, 0]
-    noise = np.einsum("abuv,uv->ab", spread, alone).astype(np.float64) / first.size
-    inverse = np.linalg.inv(normal + prior)
-    return (inverse @ (noise + prior**2 * bend_sigma**2) @ inverse)[:2, :2]
-
-
-def _affine_terms(picture: Image) -> Layers:
-    """Change of grey values with shift (2) and the four terms of an affinity.
-
-    What a change of brightness and contrast explains is taken out.
-    """
-    across, down = np.gradient(picture, axis=1), np.gradient(picture, axis=0)
-    rows, columns = (np.arange(side) - (side - 1) / 2 for side in picture.shape)
-    x, y = np.meshgrid(columns, rows)
-    terms = np.stack([across, down, across * x, across * y, down * x, down * y])
-    flat = terms.reshape(6, -1) - terms.reshape(6, -1).mean(axis=1, keepdims=True)
-    tone = (picture - picture.mean()).ravel() / max(float(np.linalg.norm(picture)), 1.0)
-    return (flat - np.outer(flat @ tone, tone)).reshape(terms.shape).astype(np.float32)
-
-
 def _layers(description: Description) -> Layers:
     """All planes of a description, one after another."""
     return np.stack([plane.astype(np.float32) for plane in _planes(description)])
@@ -151,23 +93,21 @@ def _planes(description: Description) -> Iterator[np.ndarray]:
         yield from (layer,) if layer.ndim == 2 else np.moveaxis(layer, 2, 0)
 
 
-def _padded(shape: tuple[int, ...], reach_px: int) -> tuple[int, int]:
+def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
     """A size at which products up to the reach do not come round again."""
-    rows, columns = (int(fft.next_fast_len(side + reach_px, True) or side) for side in shape[-2:])
+    rows, columns = (int(fft.next_fast_len(side + REACH_PX, True) or side) for side in shape[-2:])
     return rows, columns
 
 
-def _spectra(
-    layers: Float32[np.ndarray, "..."], reach_px: int = REACH_PX
-) -> Complex64[np.ndarray, "..."]:
-    return np.asarray(fft.rfft2(layers, s=_padded(layers.shape, reach_px)), np.complex64)
+def _spectra(layers: Float32[np.ndarray, "..."]) -> Complex64[np.ndarray, "..."]:
+    return np.asarray(fft.rfft2(layers, s=_padded(layers.shape)), np.complex64)
 
 
 def _lags(
-    spectra: Complex64[np.ndarray, "..."], shape: tuple[int, ...], reach_px: int = REACH_PX
+    spectra: Complex64[np.ndarray, "..."], shape: tuple[int, ...]
 ) -> Float32[np.ndarray, "..."]:
     """Sums of products at all lags within the reach."""
-    size = _padded(shape, reach_px)
+    size = _padded(shape)
     every = np.asarray(fft.irfft2(spectra, s=size), np.float32)
-    reach = np.arange(-reach_px, reach_px + 1)
+    reach = np.arange(-REACH_PX, REACH_PX + 1)
     return every[..., reach[:, None], reach[None, :]]

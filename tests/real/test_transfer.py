@@ -62,9 +62,9 @@ def proposed(around: Surroundings, votes: int) -> np.ndarray:
 
 def test_most_proposals_lie_on_the_published_picks__real(around):
     # The picks were made in pictures that were not compressed and differ by 0.6 px themselves; what
-    # is left of these places them to 1.2 px per axis. The run gives 66 % within 2 px, 82 % within
-    # 3 px and 92 % within 5 px, where 0.54 is said in the mean; of 19 said to be surer than 0.9,
-    # 89 % within 2 px. While grain counted as ground: 59 %, and 0.79 was said.
+    # is left of these places them to 1.2 px per axis. The run gives 59 % within 2 px, 82 % within
+    # 3 px and 92 % within 5 px; of 43 said to be surer than 0.9, 81 % within 2 px and 95 % within
+    # 3 px. Probabilities are too high here: 0.79 in the mean.
     off, probability = proposed(around, votes=1).T
     assert len(off) == 102
     assert np.mean(off < RIGHT_PX) >= 0.5
