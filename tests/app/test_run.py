@@ -188,7 +188,7 @@ def test_only_one_walks_at_a_time__law(kitchen):
 def test_the_engine_s_stages_come_before_what_needs_decisions__law():
     assert (
         *("scans", "georeference", "reference", "localisation", "ties", "control"),
-        *("adjustment", "surface", "orthos", "mosaic", "report"),
+        *("adjustment", "surface", "orthos", "mosaic", "sheets", "report"),
     ) == STAGE_NAMES
 
 
