@@ -171,10 +171,12 @@ def seam_of(page: Any) -> tuple[str, str, list[float]]:
 def corners_about(edge: list[float]) -> list[list[float]]:
     """Four places: from a seam to one side of it, along it, and back."""
     begin, end = np.array(edge[:2]), np.array(edge[2:])
-    along = (end - begin) / np.linalg.norm(end - begin)
+    length = float(np.linalg.norm(end - begin))
+    along = (end - begin) / length
     across = np.array([-along[1], along[0]])
     middle = (begin + end) / 2
-    steps = ((-150, 1), (-90, 90), (90, 90), (150, 1))
+    # Within the straight part: further on, the seam turns and other photos border it.
+    steps = length * np.array([(-0.45, 0.01), (-0.25, 0.25), (0.25, 0.25), (0.45, 0.01)])
     return [(middle + a * along + c * across).tolist() for a, c in steps]
 
 

@@ -159,7 +159,7 @@ def press_everything(page, again, written) -> list[str]:
         for key in ("Enter", " "):
             if not page.evaluate(AIM, control):
                 # A new seat: filters and what is folded are as at first.
-                page.evaluate("sessionStorage.clear()")
+                page.evaluate("addEventListener('pagehide', () => sessionStorage.clear())")
                 page.reload()
                 again()
                 if not page.evaluate(AIM, control):

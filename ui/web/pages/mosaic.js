@@ -123,7 +123,8 @@ function build() {
   const panes = element("div", { id: "mosaic-panes" }, ...rooms);
   const none = element("p", { id: "mosaic-none", hidden: true }, word("mosaic.none"), " ",
     element("button", { onclick: remake, disabled: start.guest }, word("mosaic.make")));
-  const side = element("aside", { tabindex: "0", "aria-label": word("mosaic.about") });
+  const side = element("aside", { tabindex: "0", "aria-label": word("mosaic.about"),
+    "aria-busy": "true" });
   first(".view-body", byId("mosaic")).replaceChildren(head(), none,
     element("div", { class: "two-rooms" }, panes, side));
   state.panes = rooms.map((one) => new Pane(one, state.view, HAND));
@@ -205,6 +206,7 @@ export function showMosaic(found) {
   if (known?.version && (fresh || known.edition !== found.edition)) state.before = known;
   state.found = found;
   if (!byId("mosaic").open) return;
+  first("aside", byId("mosaic")).removeAttribute("aria-busy");
   byId("mosaic-none").hidden = found.version > 0;
   first(".two-rooms", byId("mosaic")).hidden = !found.version;
   if (found.version && !state.view.scale) fit();
