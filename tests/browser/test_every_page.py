@@ -246,11 +246,13 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
 
     for number, (button, name) in enumerate(DECIDING.items()):
         decided(name, f"#acts [data-{button}]", begun + number)
-        page.wait_for_function("!gruber.parts.status.adjusting")
+        page.wait_for_function("!gruber.isAhead() && !gruber.parts.status.adjusting")
     page.keyboard.press("i")
     begun = len(session.decisions())
     for number, (button, name) in enumerate(ON_BOARD.items()):
         decided(name, f"#board [data-board={button}]", begun + number)
+        page.wait_for_timeout(600)
+        assert page.evaluate("document.activeElement.dataset.board") == button
     for _ in range(len(DECIDING) + len(ON_BOARD)):
         known = len(session.decisions())
         page.keyboard.press("u")

@@ -86,8 +86,11 @@ export function showBoard(fresh) {
     state.current = worst ? [worst.photo, worst.name] : null;
   }
   const { scrollTop = 0, scrollLeft = 0 } = sheet.querySelector(".sheet") ?? {};
-  const onTable = focused()?.classList.contains("mark");
+  const before = focused();
+  const onTable = before?.classList.contains("mark");
   renew(first(".view-body", sheet), head(fresh), body(fresh));
+  // The large part moved with its buttons, and without the focus.
+  if (focused() === document.body && before?.isConnected) before.focus({ preventScroll: true });
   const scroller = sheet.querySelector(".sheet");
   if (scroller) Object.assign(scroller, { scrollTop, scrollLeft });
   if (state.current) choose(...state.current, false);

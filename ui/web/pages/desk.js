@@ -413,7 +413,7 @@ async function open() {
   connect(receive);
   openScene();
   window.gruber = {
-    parts: state.parts, compareState, boardState, placementState, maskState, mosaicState,
+    parts: state.parts, isAhead, compareState, boardState, placementState, maskState, mosaicState,
     checksState,
   };
   if (tourIsNew()) startTour();

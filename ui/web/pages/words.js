@@ -145,15 +145,24 @@ export function shows(room, what) {
 }
 
 /**
- * Made anew, a part keeps the focus on what stands in the same place, for who goes by keys.
+ * Made anew, a part keeps the focus on the control that had it: the same one or, made again, the
+ * one that says the same. Who goes by keys must not find another button under Enter.
  * @param {HTMLElement} room @param {(Node | string)[]} children
  */
 export function renew(room, ...children) {
   const stops = () => all("button, input, select, summary", room);
-  const place = stops().findIndex((stop) => stop === focused());
+  const before = focused();
+  const place = before ? stops().indexOf(before) : -1;
   room.replaceChildren(...children);
-  if (place >= 0) stops()[place]?.focus({ preventScroll: true });
+  if (!before || place < 0) return;
+  const after = stops();
+  const same = after.includes(before) ? before
+    : after.find((stop) => identity(stop) !== "" && identity(stop) === identity(before));
+  (same ?? after[place])?.focus({ preventScroll: true });
 }
+
+/** What tells a control from its neighbours. @param {HTMLElement} stop */
+const identity = ({ id, dataset }) => id || Object.entries(dataset).flat().join(" ");
 
 export const focused = () => /** @type {HTMLElement | null} */ (document.activeElement);
 
