@@ -14,7 +14,13 @@ from core.said import say
 from core.scans.fiducials import SQUARE
 from core.scans.film_area import STRIP_SIDES, area_from_interior
 from core.scans.interior_orientation import ScanOrientation, pooled_factor
-from core.scans.judging import FiducialMeasurement, doubts_of_fit, interior_of, places_of
+from core.scans.judging import (
+    REPEATED,
+    FiducialMeasurement,
+    doubts_of_fit,
+    interior_of,
+    places_of,
+)
 from core.scans.naming import (
     CORNERS,
     SIDES,
@@ -37,6 +43,8 @@ LONE_SIGMA_MM = 0.05  # design: how symmetric cameras are built
 """How well one photo alone tells where its marks are."""
 PRINCIPAL_POINT_SIGMA_MM = 0.15  # design: certificates have it within a tenth or two of the marks
 """How well the middle of the marks stands for the principal point (METHODS 2)."""
+LEAST_AGREED = 2  # design: the ground beside a mark is another in every photo
+"""Photos that must show a mark of no listed kind at one place for it to be the camera's."""
 FEW = 3  # design: two cannot tell which of them is wrong
 """With fewer photos the marks are taken to lie symmetrically."""
 Places = Mapping[str, tuple[float, float]]
@@ -55,6 +63,9 @@ class EstimatedMarks:
     """Photos they rest on."""
     left_out: tuple[tuple[str, str], ...]
     """(photo, mark) of marks that lie elsewhere than in the other photos."""
+    agreed: frozenset[tuple[str, str]] = frozenset()
+    """(photo, mark) of marks that lie where another photo has them too: the ground there is
+    another, so they are the camera's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +103,10 @@ def settle_family(oriented: Oriented, camera: Camera, pixels_mm: Mapping[str, fl
             return Family(oriented, camera, ())
         camera = replace(camera, fiducials_mm=dict(estimated.places_mm))
         doubts = (marks_estimated(camera, estimated),)
+    agreed = estimated.agreed if estimated is not None else frozenset[tuple[str, str]]()
     settled = {
-        name: _settled(scan, camera, ways[name], pixels_mm[name]) for name, scan in oriented.items()
+        name: _settled(scan, camera, ways[name], pixels_mm[name], agreed)
+        for name, scan in oriented.items()
     }
     return Family(_pooled(settled), camera, doubts, estimated)
 
@@ -173,7 +186,13 @@ def _on_film(
     return placed
 
 
-def _settled(scan: ScanOrientation, camera: Camera, way: Way, pixel_mm: float) -> ScanOrientation:
+def _settled(
+    scan: ScanOrientation,
+    camera: Camera,
+    way: Way,
+    pixel_mm: float,
+    agreed: frozenset[tuple[str, str]],
+) -> ScanOrientation:
     """One scan with its marks named for the way it lies, and its interior orientation anew."""
     same = way == scan.way and {m.name for m in scan.fiducials} <= set(camera.fiducials_mm)
     if len(scan.fiducials) < 2 or (same and scan.interior.model != "nominal"):
@@ -183,7 +202,12 @@ def _settled(scan: ScanOrientation, camera: Camera, way: Way, pixel_mm: float) -
     if isinstance(interior, Failure):
         return scan
     of_marks = ("fiducial-doubtful", "fiducial-unsure")
-    doubts = tuple(doubt for doubt in scan.doubts if doubt.kind in of_marks)
+    sure = {mark.place for mark in marks if (scan.photo_id, mark.name) in agreed}
+    doubts = tuple(
+        doubt
+        for doubt in scan.doubts
+        if doubt.kind in of_marks and not (REPEATED in doubt.evidence and _place_of(doubt) in sure)
+    )
     doubts += doubts_of_fit(scan.photo_id, interior, marks, pixel_mm)
     if way != scan.way:
         doubts += (_turned(scan.photo_id, way),)
@@ -192,6 +216,11 @@ def _settled(scan: ScanOrientation, camera: Camera, way: Way, pixel_mm: float) -
         scan, interior=interior, fiducials=marks, doubts=doubts, way=way, area=area,
         rivals=(*(w for w in scan.rivals if w != way), scan.way),
     )  # fmt: skip
+
+
+def _place_of(doubt: Doubt) -> tuple[float, float]:
+    """Column and row of the mark that a doubt is about."""
+    return float(doubt.evidence["column"]), float(doubt.evidence["row"])
 
 
 def _named(scan: ScanOrientation, camera: Camera, way: Way) -> tuple[FiducialMeasurement, ...]:
@@ -299,6 +328,7 @@ def estimate_marks(measured: Mapping[str, Places]) -> EstimatedMarks | None:
         left_out = [(photos[i], names[j]) for i, j in np.argwhere(bad).tolist()]
         stack[bad] = np.nan
         mean, moved = _procrustes(stack)
+    agreed = _agreed(photos, names, _unscaled(stack, moved))
     known = np.isfinite(mean).all(axis=1)
     names, mean, moved = tuple(np.array(names)[known].tolist()), mean[known], moved[:, known]
     mean = _squared(names, mean)
@@ -308,7 +338,27 @@ def estimate_marks(measured: Mapping[str, Places]) -> EstimatedMarks | None:
     else:
         mean = _symmetric(names, mean)
     places = {name: (float(x), float(y)) for name, (x, y) in zip(names, mean, strict=True)}
-    return EstimatedMarks(places, sigma, len(photos), tuple(left_out))
+    return EstimatedMarks(places, sigma, len(photos), tuple(left_out), agreed)
+
+
+def _agreed(
+    photos: Sequence[str], names: Sequence[str], moved: Stack
+) -> frozenset[tuple[str, str]]:
+    """(photo, mark) of marks that another photo has at the same place."""
+    near = np.linalg.norm(moved[:, None] - moved[None], axis=3) < BAD_MM
+    enough = near.sum(axis=1) >= LEAST_AGREED
+    return frozenset((photos[i], names[j]) for i, j in np.argwhere(enough).tolist())
+
+
+def _unscaled(stack: Stack, moved: Stack) -> Stack:
+    """Moved photos at the scale they were scanned with.
+
+    Points that lie further out alike at all marks would pass for film of another scale.
+    """
+    here, there = (one - np.nanmean(one, axis=1, keepdims=True) for one in (stack, moved))
+    scale = np.sqrt(np.nansum(here**2, axis=(1, 2)) / np.nansum(there**2, axis=(1, 2)))
+    middle = np.nanmean(moved, axis=1, keepdims=True)
+    return middle + there * scale[:, None, None]
 
 
 def _procrustes(stack: Stack) -> tuple[FilmPoints, Stack]:

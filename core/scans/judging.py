@@ -38,6 +38,8 @@ AFFINITY = 2e-4  # design: 0.02 mm on a side of 100 mm; scanners and film are us
 """Difference of the film's scales in x and y that is worth a word."""
 SCALE_OFF = 3e-3  # design: ten times the usual shrinkage of film
 """Difference of the film's scale from the nominal that film alone does not explain."""
+REPEATED = "repeated"
+"""Evidence of a doubt about a mark that stands only because it repeats in its own scan."""
 Certificate = Mapping[str, tuple[float, float]]
 """Where marks lie on the film, millimetres, by name."""
 
@@ -210,6 +212,32 @@ sigma_px=mark.sigma_px
                   "sigma_px": mark.sigma_px},
     )  # fmt: skip
     return (doubt,)
+
+
+def doubt_of_repeated(photo_id: str, mark: FiducialMeasurement) -> Doubt:
+    """A word about a mark of no listed kind that nobody showed.
+
+    Its scan tells that something of the camera's is there, not which of its points is the mark: tip
+    and foot of a tooth repeat alike. Other scans of the camera may confirm the point.
+    """
+    return Doubt(
+        "fiducial-unsure",
+        photo_id,
+        say(
+            "Fiducial {name}, at column {column:.1f}, row {row:.1f}, is of no listed kind: it was "
+            "taken because it repeats at the other sides or corners. Look whether this is its "
+            "point.",
+            name=mark.name,
+            column=mark.column,
+            row=mark.row,
+        ),
+        evidence={
+            "fiducial": mark.name,
+            "column": mark.column,
+            "row": mark.row,
+            REPEATED: True,
+        },
+    )
 
 
 def nothing_found(photo_id: str, marks: int) -> Doubt:

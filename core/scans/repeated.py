@@ -13,16 +13,17 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.robust import TINY
-from core.raster.scan_file import ScanFile, read_window
+from core.raster.scan_file import ScanFile, photo_id_of, read_window
 from core.scans.candidates import SearchWindow, border_axis, fill_window, without_border
 from core.scans.centring import sample_about
 from core.scans.constellation import AGREE_MM, SEARCH_PIXEL_MM, expected_places
 from core.scans.copies import mark_shown_at, measure_like
 from core.scans.example import ShownMark
 from core.scans.film_area import FilmArea
-from core.scans.judging import FiducialSet
+from core.scans.judging import FiducialSet, doubt_of_repeated
 from core.scans.naming import CORNERS, SIDES
 
 Group = Literal["corners", "sides"]
@@ -83,11 +84,18 @@ def with_repeated(
             whole = len(copies.marks) == len(places)
             if whole and _about_one_middle(known, copies, pixel_mm):
                 doubts = known.doubts if known.marks else ()
+                unsure = _doubts_of(photo_id_of(scan.path), copies)
                 known = replace(
-                    known, marks=(*known.marks, *copies.marks), doubts=(*doubts, *copies.doubts)
+                    known, marks=(*known.marks, *copies.marks), doubts=(*doubts, *unsure)
                 )
                 break
     return known
+
+
+def _doubts_of(photo_id: str, copies: FiducialSet) -> tuple[Doubt, ...]:
+    """A doubt about every mark that only repeats: of its precision, else of which point it is."""
+    told = {doubt.evidence["fiducial"]: doubt for doubt in copies.doubts}
+    return tuple(told.get(mark.name) or doubt_of_repeated(photo_id, mark) for mark in copies.marks)
 
 
 def _about_one_middle(known: FiducialSet, copies: FiducialSet, pixel_mm: float) -> bool:

@@ -9,8 +9,10 @@ import pytest
 
 from core.errors import ScanError
 from core.geometry.camera import Camera
-from core.scans.camera_group import settle_family
-from core.scans.interior_orientation import orient_scan
+from core.scans.camera_group import estimate_marks, settle_family
+from core.scans.interior_orientation import ScanOrientation, orient_scan
+from core.scans.judging import REPEATED, doubt_of_repeated
+from core.scans.naming import CORNERS, SIDES
 from core.scans.scan_pairs import front_is, same_photo
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
 
@@ -32,6 +34,39 @@ def test_marks_without_certificate_follow_from_all_photos__truth(tmp_path: Path)
     for scan in family.oriented.values():
         assert len(scan.interior.names) >= 3
         assert scan.interior.rms_um < 5
+
+
+def test_marks_that_only_repeat_are_told_until_another_scan_has_them__truth(
+    tmp_path: Path,
+) -> None:
+    oriented: dict[str, ScanOrientation] = {}
+    for seed in range(2):
+        path = tmp_path / f"r{seed}.tif"
+        make_film(path, Film(turn_deg=0.4 * seed, shrinkage=(1.0, 1.0)), seed)
+        one = orient_scan(path, CAMERA, 40.0)
+        told = tuple(doubt_of_repeated(one.photo_id, mark) for mark in one.fiducials)
+        oriented[one.photo_id] = replace(one, doubts=told)
+    alone = {name: oriented[name] for name in ("r0",)}
+    assert told_of(settle_family(alone, CAMERA, {"r0": 0.04}).oriented["r0"]) == set(CORNERS)
+    settled = settle_family(oriented, CAMERA, dict.fromkeys(oriented, 0.04)).oriented
+    assert not any(told_of(scan) for scan in settled.values())
+
+
+def told_of(scan: ScanOrientation) -> set[str]:
+    """Marks of which it is told that they stand only because they repeat."""
+    return {str(doubt.evidence["fiducial"]) for doubt in scan.doubts if REPEATED in doubt.evidence}
+
+
+def test_points_further_out_are_no_other_scale_of_the_film__law() -> None:
+    """Alike at all marks, both look like one similarity."""
+    inner = {name: (x * 26.0, y * 26.0) for name, (x, y) in SIDES.items()}
+    outer = {name: (x * 27.0, y * 27.0) for name, (x, y) in SIDES.items()}
+    apart = estimate_marks({"a": inner, "b": outer})
+    alike = estimate_marks({"a": inner, "b": inner, "c": outer})
+    assert apart is not None
+    assert alike is not None
+    assert not apart.agreed
+    assert alike.agreed == {(p, n) for p in ("a", "b") for n in SIDES}
 
 
 def test_mirrored_film_is_told_by_its_marks__truth(tmp_path: Path) -> None:

@@ -116,6 +116,7 @@ def test_marks_of_no_known_kind_are_found_by_repeating__truth(films: Films) -> N
     area = detect_film_area(scan, UNKNOWN, PIXEL_MM)
     result = with_repeated(scan, UNKNOWN, PIXEL_MM, area, FiducialSet((), ()))
     assert len(result.marks) == 4
+    assert {doubt.evidence["fiducial"] for doubt in result.doubts} == {m.name for m in result.marks}
     places = np.array(list(truth.values()))
     apart = np.array([np.array(mark.place) for mark in result.marks])
     offsets = [places[np.linalg.norm(places - one, axis=1).argmin()] - one for one in apart]
