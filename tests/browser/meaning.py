@@ -10,21 +10,40 @@ from ui.words.catalogue import words
 
 EYE = """(() => {
   if (window.walk) return;
-  const NAMES = "[data-act], [data-board], .row, #keep button, #reasons button, #history button, "
-    + ".decided button, .magnified, .pane, button, a, select, input, textarea, summary, tr, iframe";
+  const NAMES = "[data-act], [data-board], [data-check], [data-reason], .row, "
+    + "#keep button, #reasons button, #history button, .decided button, .magnified, .pane, "
+    + "button, a, select, input, textarea, summary, tr, iframe";
   const NAMED = [["#keep button:first-of-type", "act accept"], ["#keep button", "drop"],
     ["#reasons button", "reason"], ["#history button, .decided button", "back"],
     [".magnified", "magnified"], [".pane", "pane"]];
   const nameOf = from => {
     const e = from?.closest?.(NAMES);
     if (!e || e.disabled) return "";
-    const { act, board, key } = e.dataset;
+    const { act, board, check, key, reason } = e.dataset;
     if (act) return `act ${act}`;
+    if (check || reason) return `check ${check ?? "reason"}`;
     if (board) return `board ${board}`;
     if (key) return `row ${key}`;
     return NAMED.find(([selector]) => e.matches(selector))?.[1]
       ?? (e.id || `${e.tagName.toLowerCase()} ${(e.textContent || "").trim().slice(0, 24)}`);
   };
+  // Keys that a control would have used which is gone since are not for the desk.
+  let held = null;
+  window.addEventListener("focusin", ({ target }) => { held = target; }, true);
+  for (const type of ["pointerdown", "close"]) {
+    window.addEventListener(type, () => { held = null; }, true);
+  }
+  window.addEventListener("click", ({ detail }) => { if (detail) held = null; });
+  window.addEventListener("keydown", ({ key }) => {
+    const gone = isGone();
+    queueMicrotask(() => {
+      if (document.activeElement === document.body && !(gone && PRESSES.includes(key))
+        && !["Shift", "Tab"].includes(key)) held = null;
+    });
+  });
+  const PRESSES = ["Enter", " "];
+  const isGone = () => Boolean(held && document.activeElement === document.body
+    && (held.disabled || !held.checkVisibility()));
   const shown = id => document.getElementById(id)?.checkVisibility() ?? false;
   const look = () => {
     const head = [...document.querySelectorAll("#point-name > b, #point-name > .scan")];
@@ -41,7 +60,7 @@ EYE = """(() => {
       mark: document.querySelector("#board .mark.on")?.dataset.mark ?? "",
       able: !document.querySelector("[data-act=accept]")?.disabled,
       tag: e?.tagName ?? "", kind: e?.type ?? "", onMark: e?.classList.contains("mark") ?? false,
-      inQueue: Boolean(e?.closest("#queue")),
+      inQueue: Boolean(e?.closest("#queue")), gone: isGone(),
     };
   };
   window.walk = { texts: [], seen: [], look, nameOf };
@@ -138,7 +157,9 @@ def _key_means(seen: dict[str, Any]) -> Meaning | None:
     if letter in "12345":
         return Meaning("reason", must=seen["asked"] == "why")
     if letter in ("c", "Enter"):
-        return Meaning("role" if letter == "c" else "refine", seen["current"], seen["able"])
+        # After a button that is gone Enter may mean nothing; it never means anything else.
+        must = seen["able"] and not (seen["gone"] and letter == "Enter")
+        return Meaning("role" if letter == "c" else "refine", seen["current"], must)
     if key == "Escape" and seen["drafts"]:
         return Meaning("drop")
     return _undo(seen) if letter == "u" else None
@@ -168,6 +189,10 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
         }.get(name)  # fmt: skip
     if kind == "act":
         return _act_means(name, seen)
+    if kind == "check":
+        return {"keep": Meaning("read"), "reason": Meaning("read"), "back": Meaning("back")}.get(
+            name
+        )
     drawing = {
         "mask": Meaning("draw"),
         "mosaic": Meaning("draw"),
@@ -222,7 +247,9 @@ def _placed_means(seen: dict[str, Any]) -> Meaning | None:
 
 
 def _checks_means(seen: dict[str, Any]) -> Meaning | None:
-    return Meaning("read") if seen["key"].lower() in "y1234" else None
+    if seen["key"].lower() == "u" and not seen["repeat"]:
+        return _undo(seen)
+    return Meaning("read") if seen["key"].lower() in ("y", *"1234") else None
 
 
 SHEETS: dict[str, Callable[[dict[str, Any]], Meaning | None]] = {

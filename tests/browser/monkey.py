@@ -48,7 +48,8 @@ LATE_S = 1.5
 """Within this time anything else is in the file."""
 KEYS = (
     *"yyyynnnmvccuuuU12345jjjkkk", "Enter", "Enter", *ARROWS, "Shift+ArrowDown", "Shift+ArrowRight",
-    *"fhrlpbigxotz.", " ", "+", "-", "Tab", "Tab", "Tab", "Shift+Tab", "Escape", "Escape", "Escape",
+    *"fhrlpbigxotz.", "Shift+O", "Shift+B", "Shift+I", "Shift+G",
+    " ", "+", "-", "Tab", "Tab", "Tab", "Shift+Tab", "Escape", "Escape", "Escape",
     "Home", "End", "w", "q",
 )  # fmt: skip
 QUICK = (*"yynnmvcuUjk12", "ArrowRight", "ArrowDown", "Escape", "Enter", "row", "row")
@@ -255,6 +256,20 @@ class PlacingWalk(PageWalk):
         self.expect(
             "document.querySelector('#placing-scans button:nth-child(2).on')",
             "a scan is clicked and not shown",
+        )
+
+
+class LessonsWalk(PageWalk):
+    """Over the lessons, which keep everything in the browser."""
+
+    ready = "#figures b"
+
+    def end(self) -> None:
+        super().end()
+        self.page.click("[data-lesson] >> nth=1")
+        self.expect(
+            "document.querySelectorAll('[data-lesson]')[1].getAttribute('aria-current') === 'true'",
+            "a lesson is clicked and not shown",
         )
 
 

@@ -73,6 +73,39 @@ def test_nothing_is_cut_off_at_any_width__law(sit, language):
             page.keyboard.press("x")
 
 
+BUSY = """() => {
+  const say = (id, name, values) => {
+    document.getElementById(id).textContent = window.words[name].replace(
+      /\\{(\\w+)\\}/g, (_, key) => values[key] ?? "");
+  };
+  say("mp", "status.mp.short", { count: 12 });
+  document.getElementById("mp").append(" 0.352 \u2192 0.347 m");
+  say("drafts", "status.drafts", { count: 12 });
+  say("working", "status.diverged", {});
+  say("saved", "status.saved", { count: 1234 });
+  document.getElementById("wire").lastChild.textContent = window.words["status.connected"];
+}"""
+"""The status line at its longest."""
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_the_status_line_has_room_for_all_that_it_may_say__law(sit, language):
+    page = sit(scene=False, language=language, size={"width": 1366, "height": 768})
+    page.evaluate("words => { window.words = words; }", words(language))
+    page.evaluate(BUSY)
+    assert page.evaluate(CUT_OFF) == []
+
+
+def test_the_sheet_of_keys_begins_at_its_beginning__law(sit):
+    page = sit(scene=False, size={"width": 1366, "height": 768})
+    page.keyboard.press("h")
+    page.wait_for_selector("#help[open]")
+    assert page.evaluate("document.getElementById('help').scrollTop") == 0
+    said = page.inner_text("#help")
+    for sheet in ("mosaic", "checks", "board", "mask"):
+        assert words("en")[f"{sheet}.hint"] in said
+
+
 def test_pictures_have_more_than_half_of_the_window__law(sit):
     page = sit(scene=False)
     for width, height in SIZES[:3]:

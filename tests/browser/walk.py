@@ -23,11 +23,13 @@ from typing import Any, Self
 from playwright.sync_api import Error as PageError
 from playwright.sync_api import sync_playwright
 
+from app.check_plan import PlanWish, plan_checks
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
 from app.placing import Placeable, open_placing
 from app.project import described, read_project
 from app.start import open_start
+from app.teaching import find_lessons, open_teaching
 from core.matching.reference import open_reference
 from core.progress import Progress
 from core.synthetic.archive import make_block
@@ -40,6 +42,7 @@ from tests.browser.monkey import (
     OPERATOR,
     PATIENCE_S,
     DeskWalk,
+    LessonsWalk,
     PlacingWalk,
     ReportWalk,
     Room,
@@ -68,6 +71,8 @@ def open_rooms(block: Path, folder: Path) -> Generator[list[Room]]:
         shutil.copytree(block / part, start / part)
     with ExitStack() as stack:
         project = read_project(desk)
+        with Session.open(desk, "planner") as planner:
+            plan_checks(project, planner, PlanWish())
         session = stack.enter_context(Session.open(desk, OPERATOR))
         inputs = desk_inputs(project, session, OPERATOR, "127.0.0.1", 0)
         opened = stack.enter_context(open_desk(replace(inputs, remake=remake)))
@@ -80,17 +85,21 @@ def open_rooms(block: Path, folder: Path) -> Generator[list[Room]]:
             archive: Any = placed.products.latest_value("georeference")
         found = Placeable(given, scans, open_reference(given.reference), archive.block)
         page = stack.enter_context(open_placing(project, found, "127.0.0.1", 0))
+        lessons = stack.enter_context(open_teaching(find_lessons(), "127.0.0.1", 0))
         report = (desk / "results" / "report.html").as_uri()
         yield [
             Room(DeskWalk, opened.url, desk, reader),
             Room(StartWalk, started.url, start),
             Room(PlacingWalk, page.url, placing),
             Room(ReportWalk, report, desk / "results"),
+            Room(LessonsWalk, lessons.url, desk / "results"),
         ]
 
 
 GONE = ("net::ERR_ABORTED",)
 """What was asked for by a page that is no longer there."""
+REFUSES = ("/sheets", "/points/read", "/points/bring")
+"""What may be answered by a sentence that the page shows, with a status of its own."""
 
 
 class Ear(logging.Handler):
@@ -116,14 +125,30 @@ class Ear(logging.Handler):
     def listen(self, page: Any) -> None:
         note = self.note
         page.on("pageerror", lambda error: note(f"script: {error}"))
-        page.on("console", lambda said: note(f"console: {said.text}", said.type == "error"))
+        page.on("console", lambda said: note(f"console: {said.text}", is_error(said)))
         page.on("requestfailed", lambda one: note(f"failed: {one.url}", one.failure not in GONE))
-        page.on("response", lambda one: note(f"{one.status}: {one.url}", one.status >= 400))
+        page.on("response", lambda one: note(f"{one.status}: {one.url}", is_failure(one)))
         page.on("filechooser", lambda _: None)
 
     def note(self, text: str, grave: bool = True) -> None:
         if grave:
             self.heard.append(text)
+
+
+def is_refusal(status: int, url: str) -> bool:
+    """True for an answer in words to what cannot be done."""
+    return status == 409 and url.partition("?")[0].endswith(REFUSES)
+
+
+def is_failure(response: Any) -> bool:
+    """True for an answer that no page expects."""
+    return response.status >= 400 and not is_refusal(response.status, response.url)
+
+
+def is_error(said: Any) -> bool:
+    """True for an error of a script; the browser complains of refusals, too."""
+    refused = "409" in said.text and is_refusal(409, said.location.get("url", ""))
+    return said.type == "error" and not refused
 
 
 class Machines:
@@ -161,7 +186,7 @@ def walk_once(
 ) -> list[str]:
     """One walk; what went wrong and the steps to it, nothing where all was well."""
     rng = random.Random(seed)
-    room = rng.choices(rooms, (14, 2, 3, 1))[0]
+    room = rng.choices(rooms, (14, 2, 3, 1, 2))[0]
     language, theme = rng.choice(("en-GB", "cs-CZ")), rng.choice(("dark", "light"))
     new = rng.random() < 0.15
     kept = {} if new else {"gruber.tour": "seen", "gruber.theme": theme}

@@ -86,15 +86,12 @@ export function showBoard(fresh) {
     state.current = worst ? [worst.photo, worst.name] : null;
   }
   const { scrollTop = 0, scrollLeft = 0 } = sheet.querySelector(".sheet") ?? {};
-  const before = focused();
-  const onTable = before?.classList.contains("mark");
-  renew(first(".view-body", sheet), head(fresh), body(fresh));
-  // The large part moved with its buttons, and without the focus.
-  if (focused() === document.body && before?.isConnected) before.focus({ preventScroll: true });
+  const onTable = focused()?.classList.contains("mark");
+  renew(first(".view-body", sheet), () => [head(fresh), body(fresh)]);
   const scroller = sheet.querySelector(".sheet");
   if (scroller) Object.assign(scroller, { scrollTop, scrollLeft });
   if (state.current) choose(...state.current, false);
-  if (onTable) focusCurrent();
+  if (onTable && focused() === document.body) focusCurrent();
   showLarge();
 }
 
@@ -348,7 +345,8 @@ export function showFilling(filling) {
   if (!filling && !state.filling) return;
   state.filling = filling;
   const fresh = fillPart();
-  if (fresh) byId("board-fill")?.replaceWith(fresh);
+  const room = byId("board-fill");
+  if (fresh && room) renew(room, ...fresh.childNodes);
 }
 
 /** All marks like the one that is shown, on all scans of the camera. */

@@ -1,5 +1,5 @@
 // Checks: the same detail marked in mosaic and reference, without the program's opinion.
-import { byId, element, first, number, renew, start, word } from "./words.js";
+import { byId, element, first, focused, number, renew, start, word } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
 import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
@@ -78,15 +78,24 @@ export function showChecks(found) {
       element("span", { class: "stretch" }), close), element("p", {}, word(why)));
     return;
   }
-  if (!state.panes.length) {
-    state.panes = state.views.map((view) => new Pane(paneElement("check-room"), view, HAND));
-  }
-  const rooms = element("div", { class: "two-panes" }, ...state.panes.map((pane, side) =>
+  if (!state.panes.length) state.panes = state.views.map(room);
+  const rooms = () => element("div", { class: "two-panes" }, ...state.panes.map((pane, side) =>
     element("figure", { "data-side": SIDES[side] }, caption(side), pane.room)));
   const place = now() ?? found.places.find((one) => !isDone(one)) ?? found.places[0];
-  renew(first(".view-body", sheet), head(found, place), rooms);
+  renew(first(".view-body", sheet), () => [head(found, place), rooms()]);
   if (place.place !== state.current) choose(place);
   redraw();
+}
+
+/** A picture that takes the keys of its mark. @param {View} view @param {number} side */
+function room(view, side) {
+  const made = paneElement("check-room");
+  const ariaLabel = word(`checks.pane.${SIDES[side]}`);
+  Object.assign(made, { tabIndex: 0, role: "application", ariaLabel });
+  made.addEventListener("focus", () => {
+    state.last = side;
+  });
+  return new Pane(made, view, HAND);
 }
 
 /** @param {number} side */
@@ -121,9 +130,13 @@ function head({ places }, place) {
     element("span", { class: "stretch" }),
     button("keep", "Y", keep, !state.marks.every(Boolean)),
     button("not", "N", ask), ...reasons, ...back,
-    element("span", { class: "segments" }, element("button", { onclick: () => step(-1) },
-      word("act.previous"), element("kbd", {}, "K")),
-    element("button", { onclick: () => step(1) }, word("act.next"), element("kbd", {}, "J"))),
+    element("span", { class: "segments" },
+      element("button", { "data-step": "back", onclick: () => step(-1) },
+        word("act.previous"), element("kbd", {}, "K")),
+      element("button", { "data-step": "on", onclick: () => step(1) },
+        word("act.next"), element("kbd", {}, "J"))),
+    element("button", { "data-check": "fit", onclick: fit }, word("act.fit"),
+      element("kbd", {}, "F")),
     element("button", { id: "checks-close", onclick: () => byId("checks").close() },
       word("act.close")));
 }
@@ -135,12 +148,21 @@ function refresh() {
 /** @param {CheckedPlace} place */
 function choose(place) {
   const own = place.marks ?? [null, place.surveyed ? place.at : null];
-  Object.assign(state, { current: place.place, marks: [...own], last: 0, asking: false });
+  const last = Math.max(state.panes.findIndex(({ room: pane }) => pane === focused()), 0);
+  Object.assign(state, { current: place.place, marks: [...own], last, asking: false });
+  fit();
+  refresh();
+}
+
+/** The ground round the place, as it is shown first. */
+function fit() {
+  const place = now();
+  if (!place) return;
   const [width] = state.panes[0].size;
   state.scale = (width || 700) / place.width;
   state.views.forEach((view, side) =>
     view.show(layerFromGround(place.views[side]), state.scale));
-  refresh();
+  redraw();
 }
 
 /** @param {number} side @param {Pair} ground */
@@ -189,13 +211,18 @@ function step(by) {
   if (next) choose(next);
 }
 
-/** @param {Pair} way @param {number} times */
+/**
+ * The mark by arrows; the first one sets it in the middle of the picture that has the focus.
+ * @param {Pair} way @param {number} times
+ */
 function nudge([right, down], times) {
-  const mark = state.marks[state.last];
-  if (!mark || start.guest || (state.last === 1 && now()?.surveyed)) return;
+  const { last, views: { [last]: view } } = state;
+  const mark = state.marks[last];
+  if (start.guest || (last === 1 && now()?.surveyed)) return;
+  if (!mark) return put(last, groundFromLayer([view.x, view.y]));
   const metres = NUDGE * times * start.lattice.pixel;
   state.marks[state.last] = [mark[0] + right * metres, mark[1] - down * metres];
-  redraw();
+  return redraw();
 }
 
 /** Both pictures at the scale of the one that was zoomed. */
@@ -230,8 +257,11 @@ function draw() {
 }
 
 /** @type {Record<string, (event: KeyboardEvent) => void>} */
-const ACTS = { KeyY: keep, KeyN: ask, KeyJ: () => step(1), KeyK: () => step(-1) };
-const LOOKS = ["KeyJ", "KeyK"];
+const ACTS = {
+  KeyY: keep, KeyN: ask, KeyJ: () => step(1), KeyK: () => step(-1), KeyF: fit,
+  KeyU: ({ shiftKey }) => send({ kind: shiftKey ? "redo" : "undo" }),
+};
+const LOOKS = ["KeyJ", "KeyK", "KeyF"];
 
 /** True when the key is ours. @param {KeyboardEvent} event @param {string} letter */
 export function checksKey(event, letter) {

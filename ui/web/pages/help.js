@@ -1,4 +1,4 @@
-// The sheet of keys and marks.
+// The sheet of keys and marks, those of the other sheets too.
 import { byId, element, first, glyph, start, stateGlyph, tip, word } from "./words.js";
 
 /** @type {State[]} */
@@ -17,7 +17,10 @@ export function toggleHelp() {
   const marks = [
     ["control", current, word("role.control")], ["check", check, word("role.check")],
     ["circle", predicted, word("mark.predicted")], ["square", peak, word("mark.peak")],
-  ].map(([shape, colour, text]) => element("span", {}, glyph(shape, colour, 15), text));
+  ].map(([shape, colour, text]) => element("span", {},
+    element("i", { class: "on-picture" }, glyph(shape, colour, 15)), text));
+  const sheets = ["mosaic", "checks", "board", "mask"].map((name) => element("p", {},
+    element("b", {}, `${word(name)}: `), word(`${name}.hint`)));
   const tour = () => {
     dialog.close();
     first("[data-act=tour]").click();
@@ -27,7 +30,9 @@ export function toggleHelp() {
       element("table", {}, ...lines.slice(half))),
     element("div", { class: "marks-key" }, ...looks, ...marks),
     element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")),
-    element("p", {}, word("help.camera")),
+    element("p", {}, word("help.camera")), ...sheets,
     element("p", {}, element("button", { onclick: tour }, word("tour"))));
   dialog.showModal();
+  // Its only button stands at the end: one reads from the beginning.
+  dialog.scrollTop = 0;
 }

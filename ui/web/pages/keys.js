@@ -23,6 +23,24 @@ export function focusUses({ key, target }) {
   return uses ? uses.includes(key) : WRITES.includes(tagName);
 }
 
+/** The control that had the focus last by keys. @type {{ held: HTMLElement | null }} */
+const hand = { held: null };
+
+/**
+ * A control that went away, or cannot be pressed any more, left the focus to nothing: keys that it
+ * would have used are not meant for the page. Any other key, the pointer or Tab goes on.
+ * @param {KeyboardEvent} event
+ */
+function wasForGone(event) {
+  const { held } = hand;
+  const { disabled } = /** @type {HTMLButtonElement} */ (held ?? {});
+  if (!held || focused() !== document.body) return false;
+  if ((disabled || !held.checkVisibility()) && focusUses({ key: event.key, target: held })
+    && event.key !== "Escape") return true;
+  if (event.type === "keydown" && !["Shift", "Tab"].includes(event.key)) hand.held = null;
+  return false;
+}
+
 /**
  * Every key of the page that nothing else uses goes to `take`, which says whether it meant
  * something. The same question is returned for frames that hand their keys up.
@@ -30,15 +48,26 @@ export function focusUses({ key, target }) {
  */
 export function listenToKeys(take) {
   const takes = (/** @type {KeyboardEvent} */ event) =>
-    !event.ctrlKey && !event.altKey && !event.metaKey && !focusUses(event) && take(event);
+    !event.ctrlKey && !event.altKey && !event.metaKey && !focusUses(event)
+    && (wasForGone(event) || take(event));
   for (const type of /** @type {const} */ (["keydown", "keyup"])) {
     window.addEventListener(type, (event) => {
       if (takes(event)) event.preventDefault();
     }, true);
   }
+  window.addEventListener("focusin", ({ target }) => {
+    hand.held = /** @type {HTMLElement} */ (target);
+  });
+  for (const type of ["pointerdown", "close"]) {
+    window.addEventListener(type, () => {
+      hand.held = null;
+    }, true);
+  }
   // A button pressed by pointer does not keep the keys; by key it does, for the next press.
   window.addEventListener("click", ({ detail }) => {
-    if (detail && focused()?.tagName === "BUTTON") focused()?.blur();
+    if (!detail) return;
+    hand.held = null;
+    if (focused()?.tagName === "BUTTON") focused()?.blur();
   });
   return takes;
 }

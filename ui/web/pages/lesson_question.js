@@ -42,9 +42,10 @@ export async function showQuestion(room, lesson, text) {
     else judged(answer);
   } }, field, element("span", { class: "unit" }, asked.unit),
   element("button", { class: "on", type: "submit", id: "check" }, word("teach.check")));
-  const next = () => {
+  const next = async () => {
     state.which += 1;
-    showQuestion(room, lesson, text);
+    await showQuestion(room, lesson, text);
+    document.getElementById("answer")?.focus();
   };
   const acts = element("div", { class: "acts" },
     act("hint", () => { said.textContent = text(`hint.${asked.name}`); }),

@@ -77,8 +77,9 @@ export function showMask(found) {
   state.found = found;
   if (!now()) state.current = found.photos[0]?.photo ?? "";
   state.pane ??= new Pane(paneElement("mask-room"), state.view, HAND);
-  const rooms = element("div", { class: "two-rooms" }, state.pane.room, side(found));
-  renew(first(".view-body", sheet), head(), rooms);
+  const { pane } = state;
+  renew(first(".view-body", sheet), () =>
+    [head(), element("div", { class: "two-rooms" }, pane.room, side(found))]);
   const one = now();
   if (one && state.fitted !== one.photo) fit();
   redraw();

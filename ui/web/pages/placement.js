@@ -62,8 +62,9 @@ export function showPlacement(found) {
     state.current = found.photos[0]?.photo ?? "";
   }
   state.pane ??= new Pane(paneElement("map-room"), state.view, HAND);
-  const rooms = element("div", { class: "two-rooms placement" }, state.pane.room, side(found));
-  renew(first(".view-body", sheet), head(found), rooms);
+  const { pane } = state;
+  renew(first(".view-body", sheet), () =>
+    [head(found), element("div", { class: "two-rooms placement" }, pane.room, side(found))]);
   first(".shifts", sheet).scrollTop = kept;
   if (fresh) fit();
   redraw();

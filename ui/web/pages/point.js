@@ -1,6 +1,6 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
-  MARKED_SIGMA, all, between, byId, element, first, number, numbers, roleGlyph, shortName,
+  MARKED_SIGMA, all, between, byId, element, first, number, numbers, renew, roleGlyph, shortName,
   shortPoint, shows, start, stateGlyph, tip, word,
 } from "./words.js";
 import { ellipseRadius } from "./expected.js";
@@ -47,18 +47,18 @@ export function showPoint(point) {
 function showHistory(history) {
   const room = byId("history");
   if (shows(room, history)) return;
-  room.replaceChildren();
-  if (!history.length) return;
+  if (!history.length) return room.replaceChildren();
   const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
     const title = by ? `${when} \u00b7 ${word("history.by", { who: by })}` : when;
     const turn = stands ? "history.back" : "history.again";
     const back = () => send({ kind: "back", decision: id });
-    const button = { class: "small", title: word(`${turn}.tip`), onclick: back };
+    const button = { class: "small", title: word(`${turn}.tip`), onclick: back,
+      "data-decision": id };
     return element("li", { class: stands ? "" : "withdrawn", title },
       span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""),
       span(word(...detail), "faint"), span(who, "muted"), element("button", button, word(turn)));
   });
-  room.append(element("h3", {}, word("history")), element("ul", {}, ...lines));
+  return renew(room, element("h3", {}, word("history")), element("ul", {}, ...lines));
 }
 
 /** @param {Pair | null} pair */
@@ -195,22 +195,22 @@ function showCoordinates({ surveyed, surveyed_sigma: sigma }, others) {
 function showPeaks(point) {
   const room = byId("peaks");
   if (shows(room, point && [point.key, point.peaks])) return;
-  room.replaceChildren();
-  if (!point?.peaks.length) return;
+  if (!point?.peaks.length) return room.replaceChildren();
   const { key, peaks } = point;
-  room.append(element("h3", {}, word("peaks")));
-  peaks.forEach(({ away, operator, score }, index) => {
+  const lines = peaks.map(({ away, operator, score }, index) => {
     const here = away < 0.05;
     const place = here ? word("mark.measured")
       : word("peak.away", { distance: number(away, 1) });
     const title = `${operator} \u00b7 ${word("peak.tip")}`;
     const choose = () => send({ kind: "peak", key, index });
-    room.append(element("button",
-      { class: `peak${here ? " on" : ""}`, "aria-pressed": `${here}`, title, onclick: choose },
+    return element("button",
+      { class: `peak${here ? " on" : ""}`, "aria-pressed": `${here}`, title, onclick: choose,
+        "data-peak": index },
       element("span", {}, `${index + 1}`),
       element("b", {}, operator === "operator" ? word("peak.hand") : number(score, 1)),
-      element("span", {}, place)));
+      element("span", {}, place));
   });
+  return renew(room, element("h3", {}, word("peaks")), ...lines);
 }
 
 /** @param {Point | null} point */
@@ -219,11 +219,10 @@ function showOthers(point) {
   // Who measures goes from scan to scan; who judges unfolds them.
   strip.classList.toggle("always", Boolean(point?.ellipse));
   if (shows(strip, point && [point.key, point.others, point.marks.surveyed])) return;
-  strip.replaceChildren();
-  if (!point) return;
+  if (!point) return strip.replaceChildren();
   const { key: [name, current], marks: { surveyed } } = point;
   const pixel = Math.max(start.ortho_pixel, point.scan.pixel) * 0.8;
-  for (const { at, hidden, misfit, photo, score, state, version } of point.others) {
+  const scans = point.others.map(({ at, hidden, misfit, photo, score, state, version }) => {
     const here = photo === current;
     const [east, north] = at ?? surveyed;
     const place = `${east}/${north}/${pixel.toFixed(4)}?e=${start.edition}`;
@@ -236,13 +235,15 @@ function showOthers(point) {
       {
         class: `other ${state}${here ? " on" : ""}${hidden ? " unseen" : ""}`,
         "aria-pressed": `${here}`, title: `${photo} \u00b7 ${said}`, onclick: select,
+        "data-photo": photo,
       },
       element("img", { src, alt: "", draggable: "false" }),
       element("span", {}, stateGlyph(state, 11), element("em", {}, shortName(photo)),
         figure));
-    strip.append(button);
     if (here) queueMicrotask(() => {
       strip.scrollLeft = Math.max(0, button.offsetLeft - strip.clientWidth / 2);
     });
-  }
+    return button;
+  });
+  return renew(strip, ...scans);
 }

@@ -1,7 +1,7 @@
 // Tables and report, to be opened or taken away.
 import { mosaicButton } from "./mosaic.js";
 import { post } from "./run.js";
-import { again, byId, element, fileSize, start, word } from "./words.js";
+import { again, byId, element, fileSize, focused, start, word } from "./words.js";
 
 export function setUpResults() {
   const button = byId("results-open");
@@ -57,6 +57,19 @@ function link(name) {
   return element("a", { href, ...how }, text);
 }
 
+/**
+ * A button that cannot be pressed for a while; what is returned gives it back, with the focus.
+ * @param {HTMLButtonElement} button
+ */
+function held(button) {
+  const focus = focused() === button;
+  button.disabled = true;
+  return () => {
+    button.disabled = false;
+    if (focus && focused() === document.body) button.focus();
+  };
+}
+
 /** Map sheets of the mosaic, with what is done of them; others may have begun them. */
 function sheets() {
   if (start.guest) return [];
@@ -68,14 +81,14 @@ function sheets() {
     element("p", {}, begin, " ", stop), said];
 
   async function make() {
-    /** @type {HTMLButtonElement} */ (begin).disabled = true;
+    const goOn = held(/** @type {HTMLButtonElement} */ (begin));
     stop.hidden = false;
     const timer = setInterval(showShare, 700);
     said.replaceChildren(word("sheets.making", { share: 0, what: "" }));
     const answer = await post("/sheets");
     clearInterval(timer);
-    /** @type {HTMLButtonElement} */ (begin).disabled = false;
     stop.hidden = true;
+    goOn();
     if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
     else if (answer.said) said.replaceChildren(
       element("p", {}, again(answer.said), " ", link(answer.file)));
@@ -110,11 +123,11 @@ function exporting() {
 
   async function write() {
     const format = /** @type {HTMLSelectElement} */ (chosen).value;
-    /** @type {HTMLButtonElement} */ (begin).disabled = true;
+    const goOn = held(/** @type {HTMLButtonElement} */ (begin));
     said.replaceChildren(word("export.writing"));
     const { checked } = /** @type {HTMLInputElement} */ (pictures);
     const answer = await post(`/export/${format}`, { pictures: checked && !upright.hidden });
-    /** @type {HTMLButtonElement} */ (begin).disabled = false;
+    goOn();
     if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
     else said.replaceChildren(element("p", {}, link(answer.file)),
       ...answer.notes.map((/** @type {any} */ note) => element("p", {}, again(note))));

@@ -283,7 +283,7 @@ async function run() {
 
 function showRun() {
   const lines = runLines("placing.done");
-  byId("run").replaceChildren(element("h2", {}, word("start.run")),
+  renew(byId("run"), element("h2", {}, word("start.run")),
     ...(lines.length ? lines : [element("p", { class: "muted" }, word("start.run.idle"))]));
   if (state.found) showGo(state.found.form);
   const { state: now } = runNow();

@@ -21,7 +21,8 @@ export function showStatus(status) {
     : [word("status.mp.short", { count: checks.count }), ...change(status.mp_before, mp, "m")]),
     count ? `\u00b7 ${word("status.kept.short", short)}` : "");
   byId("tally").replaceChildren(...TALLY.map((name) =>
-    element("span", { class: "part", "data-tally": name, title: word(`state.${name}.long`) },
+    element("span", { class: "part", "data-tally": name,
+      title: `${word(`status.${name}`)} \u00b7 ${word(`state.${name}.long`)}` },
       stateGlyph(name, 12), element("b", {}, `${status.counts[name]}`),
       element("span", { class: "muted" }, word(`status.${name}`)))));
   byId("drafts").textContent = status.drafts ? word("status.drafts", { count: status.drafts }) : "";
@@ -66,7 +67,7 @@ function showMaking({ remaking, stale, written }) {
   const said = old ? word("remake.stale", { count: stale.length })
     : word(written ? "remake.fresh" : "remake.unwritten");
   byId("stale").textContent = remaking ? "" : said;
-  byId("stale").title = stale.map(shortName).join(", ");
+  byId("stale").title = [said, stale.map(shortName).join(", ")].filter(Boolean).join(": ");
   byId("stale").classList.toggle("some", old || !written);
   byId("remake-start").hidden = remaking !== null;
   byId("remake-start").disabled = !old && written;

@@ -2,7 +2,7 @@
 import { cleared, crosshair } from "./overlay.js";
 import { drawLayer, layerFromGround, orthoLayer, scanLayer } from "./tiles.js";
 import { View } from "./view.js";
-import { all, byId, element, number, shortName, stateGlyph, word } from "./words.js";
+import { all, byId, element, number, renew, shortName, stateGlyph, word } from "./words.js";
 import { send } from "./wire.js";
 
 /** @param {Point} point */
@@ -37,11 +37,11 @@ function build(room, point) {
   const scans = others.map(({ photo, state, misfit }) => {
     const here = photo === current;
     return element("button", {
-      class: here ? "on" : "", "aria-pressed": `${here}`, title: photo,
+      class: here ? "on" : "", "aria-pressed": `${here}`, title: photo, "data-photo": photo,
       onclick: () => send({ kind: "select", key: [name, photo] }),
     }, element("canvas"), element("span", {}, stateGlyph(state, 12),
       `${shortName(photo)} \u00b7 ${number(misfit, 1)} px`));
   });
-  room.replaceChildren(
+  renew(room,
     element("div", {}, element("canvas"), element("span", {}, word("pane.ortho"))), ...scans);
 }

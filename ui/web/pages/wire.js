@@ -144,5 +144,6 @@ function showLost(text) {
 function showWire(on) {
   byId("wire").classList.toggle("lost", !on);
   const text = word(on ? "status.connected" : "status.lost");
+  byId("wire").title = text;
   byId("wire").replaceChildren(element("span", { class: "dot" }), text);
 }

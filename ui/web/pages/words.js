@@ -144,25 +144,52 @@ export function shows(room, what) {
   return same;
 }
 
+const STOPS = "button, input, select, textarea, summary, a[href], [tabindex='0']";
+
 /**
  * Made anew, a part keeps the focus on the control that had it: the same one or, made again, the
- * one that says the same. Who goes by keys must not find another button under Enter.
- * @param {HTMLElement} room @param {(Node | string)[]} children
+ * one that says the same. Where that is gone nothing takes its place: who goes by keys must not
+ * find another button under Enter. What was being written in a field stays. Parts that are used
+ * again come from a function: taken out of the page before, they would have lost the focus.
+ * @param {HTMLElement} room
+ * @param {(Node | string)[] | [() => (Node | string)[]]} children
  */
 export function renew(room, ...children) {
-  const stops = () => all("button, input, select, summary", room);
   const before = focused();
-  const place = before ? stops().indexOf(before) : -1;
-  room.replaceChildren(...children);
-  if (!before || place < 0) return;
-  const after = stops();
-  const same = after.includes(before) ? before
-    : after.find((stop) => identity(stop) !== "" && identity(stop) === identity(before));
-  (same ?? after[place])?.focus({ preventScroll: true });
+  const stops = () => all(STOPS, room);
+  const had = stops();
+  const held = before && had.includes(before) ? identity(before) : "";
+  const alike = (/** @type {HTMLElement[]} */ of) => of.filter((stop) => identity(stop) === held);
+  const twins = held ? alike(had) : [];
+  const field = before && held ? keptField(before) : null;
+  const [made] = children;
+  room.replaceChildren(...(typeof made === "function" ? made()
+    : /** @type {(Node | string)[]} */ (children)));
+  if (!before || !held) return;
+  const now = alike(stops());
+  const same = room.contains(before) ? before
+    : now.length === twins.length ? now[twins.indexOf(before)] : null;
+  same?.focus({ preventScroll: true });
+  if (same && same !== before) field?.(/** @type {HTMLInputElement} */ (same));
 }
 
 /** What tells a control from its neighbours. @param {HTMLElement} stop */
-const identity = ({ id, dataset }) => id || Object.entries(dataset).flat().join(" ");
+const identity = ({ id, dataset, tagName, textContent }) =>
+  `${tagName} ${id || Object.entries(dataset).flat().join(" ") || (textContent ?? "").trim()}`;
+
+/**
+ * What a field that is being written in hands on to the one in its place.
+ * @param {HTMLElement} before
+ */
+function keptField(before) {
+  const { tagName, type, value, defaultValue, selectionStart, selectionEnd } =
+    /** @type {HTMLInputElement} */ (before);
+  if (tagName !== "TEXTAREA" && (tagName !== "INPUT" || type !== "text")) return null;
+  return (/** @type {HTMLInputElement} */ fresh) => {
+    if (value !== defaultValue) fresh.value = value;
+    fresh.setSelectionRange(selectionStart, selectionEnd);
+  };
+}
 
 export const focused = () => /** @type {HTMLElement | null} */ (document.activeElement);
 

@@ -1,0 +1,181 @@
+"""Who works by keys: what arrives from the desk leaves the focus, and Enter means nothing else."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from app.check_plan import PlanWish, plan_checks
+from app.project import read_project
+from sessions.decisions import ReadCheck
+from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS, RealDesk, toured
+from tests.browser.hands import settled, unfold
+
+pytestmark = pytest.mark.browser
+Sit = Callable[..., Any]
+OVERHEAR = """(() => {
+  const Plain = window.WebSocket;
+  window.WebSocket = class extends Plain {
+    constructor(...how) {
+      super(...how);
+      window.wire = this;
+      this.addEventListener("message", ({ data }) => {
+        const { answered, notices, ...told } = JSON.parse(data);
+        window.told = { ...window.told, ...told };
+      });
+    }
+  };
+})()"""
+ARRIVES = """() => {
+  window.turn = (window.turn ?? 0) + 1;
+  const told = structuredClone(window.told);
+  const by = window.turn / 1000;
+  told.status.decided += window.turn;
+  if (told.quality) told.quality.sigma += by;
+  if (told.mosaic) told.mosaic.stale = window.turn % 2 ? told.mosaic.seams.map(s => s.photo) : [];
+  for (const one of told.point?.others ?? []) one.misfit = (one.misfit ?? 0) + by;
+  for (const one of told.point?.peaks ?? []) one.score += by;
+  for (const one of told.point?.history ?? []) one.who = `ada ${window.turn}`;
+  window.wire.onmessage({ data: JSON.stringify(told) });
+}"""
+"""All that the desk has told comes once more, with other figures."""
+LOST = """() => {
+  const room = document.querySelector("dialog[open]") ?? document.body;
+  const nameOf = e => `${e.tagName} ${e.id || Object.values(e.dataset).join(" ")
+    || e.getAttribute("aria-label") || e.textContent.trim().slice(0, 30)}`;
+  const stops = () => [...room.querySelectorAll(
+    "button, select, input, textarea, summary, a[href], [tabindex='0']")]
+    .filter(e => !e.disabled && e.checkVisibility({ visibilityProperty: true }));
+  const names = [...new Set(stops().map(nameOf))];
+  return names.filter(name => {
+    stops().find(e => nameOf(e) === name)?.focus();
+    if (nameOf(document.activeElement) !== name) return false;
+    (ARRIVES)();
+    return nameOf(document.activeElement) !== name;
+  });
+}""".replace("ARRIVES", ARRIVES)
+"""Controls that lose the focus when something arrives."""
+SHEETS = {
+    "": "", "quality": "b", "board": "i", "mask": "Shift+I", "placement": "g",
+    "mosaic": "Shift+O", "checks": "Shift+B", "results": "#results-open",
+    "points": "#points-open", "naming": "#who", "help": "h",
+}  # fmt: skip
+
+
+@pytest.fixture
+def planned(run_folder: Any) -> None:
+    """Places to be checked, drawn before the desk is opened."""
+    with Session.open(run_folder, "ada") as session:
+        plan_checks(read_project(run_folder), session, PlanWish())
+
+
+@pytest.fixture
+def page(planned: None, real_desk: RealDesk, chromium: Any, sit_at: Sit) -> Any:
+    """The desk of a block with a plan, and all that it tells."""
+    found = sit_at(real_desk.desk.url, scene=False, storage_state=toured(real_desk.desk.url))
+    found.context.add_init_script(OVERHEAR)
+    found.reload()
+    found.wait_for_selector(".row.current")
+    settled(found)
+    return found
+
+
+def show(page: Any, sheet: str) -> None:
+    """Open a sheet, and wait for what is in it."""
+    opener = SHEETS[sheet]
+    if opener.startswith("#"):
+        page.click(opener)
+    elif opener:
+        page.keyboard.press(opener)
+    if sheet:
+        page.wait_for_selector(f"#{sheet}[open]:not(:has([aria-busy])) button", timeout=PATIENCE_MS)
+
+
+def test_what_arrives_leaves_the_focus_where_it_is__law(page: Any) -> None:
+    """On the desk with all unfolded, and on every sheet."""
+    page.keyboard.press("y")
+    page.wait_for_function("gruber.parts.status.decided > 0 && !gruber.isAhead()")
+    page.click('.chip[data-state="accepted"]')
+    page.select_option("#sieve-role", "control")
+    page.wait_for_function("gruber.parts.point?.history.length")
+    unfold(page)
+    settled(page)
+    page.wait_for_function("!gruber.isAhead()")
+    lost = {}
+    for sheet in SHEETS:
+        show(page, sheet)
+        lost[sheet] = page.evaluate(LOST)
+        page.evaluate("document.querySelectorAll('dialog[open]').forEach(one => one.close())")
+        page.evaluate("document.activeElement.blur()")
+    assert {sheet: names for sheet, names in lost.items() if names} == {}
+
+
+def test_a_button_that_went_away_leaves_no_other_under_enter__law(
+    page: Any, real_desk: RealDesk
+) -> None:
+    """In the checks: N shows its reasons where the focus was, and they go when one is chosen."""
+    show(page, "checks")
+    page.focus("#checks [data-step=back]")
+    page.keyboard.press("n")
+    assert page.evaluate("document.activeElement.dataset.step") == "back"
+    page.focus("#checks [data-reason=blurred]")
+    before = len(real_desk.session.decisions())
+    for _ in range(4):
+        page.keyboard.press("Enter")
+    page.wait_for_function("!gruber.isAhead()")
+    page.wait_for_timeout(300)
+    made = [item.decision for item in real_desk.session.decisions()[before:]]
+    assert [type(one) for one in made] == [ReadCheck]
+
+
+def test_enter_on_a_draft_that_is_kept_does_not_refine_the_next_point__law(page: Any) -> None:
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_function("gruber.parts.point.draft")
+    shown = page.evaluate("gruber.parts.point.key.join('|')")
+    page.focus("#keep button:last-of-type")
+    for _ in range(3):
+        page.keyboard.press("Enter")
+        page.wait_for_function("!gruber.isAhead()")
+    page.wait_for_timeout(300)
+    assert page.evaluate("gruber.parts.point.key.join('|')") == shown
+    assert not page.evaluate("gruber.parts.point.draft")
+    # Any other key goes on: then Enter is the desk's own again.
+    page.keyboard.press("k")
+    page.wait_for_function("!gruber.isAhead()")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".notice")
+
+
+def test_a_remark_is_typed_on_while_the_block_is_adjusted__law(page: Any) -> None:
+    show(page, "quality")
+    page.focus("#sign-remark")
+    page.keyboard.type("shifted nrth")
+    for _ in range(3):
+        page.keyboard.press("ArrowLeft")
+    page.evaluate(ARRIVES)
+    page.keyboard.type("o")
+    assert page.input_value("#sign-remark") == "shifted north"
+
+
+def test_checks_are_read_by_keys_alone__law(page: Any, real_desk: RealDesk) -> None:
+    show(page, "checks")
+    before = len(real_desk.session.decisions())
+    place = page.evaluate("gruber.checksState().current")
+    page.keyboard.press("y")
+    for side in (0, 1):
+        page.focus(f".check-room >> nth={side}")
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("Shift+ArrowUp")
+        assert page.evaluate(f"gruber.checksState().marks[{side}]")
+    page.keyboard.press("y")
+    page.wait_for_function("name => gruber.checksState().current !== name", arg=place)
+    page.wait_for_function("!gruber.isAhead()")
+    made = [item.decision for item in real_desk.session.decisions()[before:]]
+    assert [one.place_id for one in made if isinstance(one, ReadCheck)] == [place]
+    assert len(made) == 1
+    page.keyboard.press("u")
+    page.wait_for_function(
+        "name => gruber.checksState().found.places.find(p => p.place === name).state === 'open'",
+        arg=place,
+    )
