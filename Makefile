@@ -10,12 +10,14 @@ OUT    ?= gruber-demo
 export OPENBLAS_NUM_THREADS ?= 1
 # A user's habit of installing beside the system would break an installation into .venv.
 export PIP_USER := 0
+# Modules are compiled once, not at every start of the program, of which the tests make hundreds.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Two files of tests at a time; those in a browser watch the clock and run alone.
 UNSEEN := $(BIN)/python -m pytest -m "not browser" -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check lint browser bench prove clean
+.PHONY: help install demo test check lint style types contracts pages browser bench prove clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*##/ {printf "%-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,11 +51,19 @@ test: install $(TOOLS)/.installed  ## run all tests, in a real browser too
 	made=$$(mktemp -d) && trap 'rm -rf "$$made"' EXIT && export GRUBER_MADE="$$made" && \
 	    $(UNSEEN) && $(BIN)/python -m pytest -m browser
 
-lint: install $(TOOLS)/.installed  ## format, style, types, import contracts; of the pages too
+lint: style types contracts pages  ## format, style, types, import contracts; of the pages too
+
+style: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+
+types: install
 	$(BIN)/basedpyright
+
+contracts: install
 	$(BIN)/lint-imports
+
+pages: install $(TOOLS)/.installed
 	$(NODE) $(TOOLS)/node_modules/typescript/bin/tsc --project ui/web
 	$(NODE) $(TOOLS)/node_modules/eslint/bin/eslint.js --config ui/web/eslint.config.js ui/web tests/web
 
