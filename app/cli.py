@@ -1,27 +1,24 @@
-"""The verbs: arguments in, exit code out."""
+"""The verbs: arguments in, exit code out.
+
+What a verb does is imported once it is asked for: `gruber --help` waits for no engine and no desk.
+"""
 
 import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from pathlib import Path
+from pkgutil import resolve_name
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from app import verbs
-from app.batch import EXECUTORS
-from app.bring_points import POINT_TABLE
-from app.exchange import format_names
-from app.settings import Settings
+from app.arguments import VERBS, add_language, add_log, wrong_use
 from app.terminal import JsonLines, Terminal, Voice
-from app.usage import OPTION, Parser, Verbs, asked_language, teller_of_usage
+from app.usage import Parser, Verbs, asked_language, asked_verb, teller_of_usage
 from core.errors import Cancelled, PhotogrammetryError
-from core.said import say
 from ui.words.catalogue import LANGUAGES
 
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
-MOST_RELIEF_M = 2000.0
 CANCELS = {
     **dict.fromkeys(("run", "batch", "report", "export", "demo"), "terminal.cancelled.stages"),
     "review": "terminal.cancelled.review",
@@ -55,23 +52,23 @@ def program() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; 0 done, 1 the data cannot be used, 2 wrong use, 130 cancelled."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    top = parser(asked_language(arguments))
+    top = parser(asked_language(arguments), asked_verb(arguments, VERBS))
     given = top.parse_args(arguments)
     if wrong := wrong_use(given):
         top.error(top.tell.again(wrong))
     voice: Voice = (
         JsonLines() if given.log_json else Terminal(language=given.language or LANGUAGES[0])
     )
-    verb: Callable[[argparse.Namespace, Voice], None] = given.verb
+    act: Callable[[argparse.Namespace, Voice], None] = resolve_name(VERBS[given.verb].act)
     try:
-        verb(given, voice)
+        act(given, voice)
     except PhotogrammetryError as error:
         voice.failed(error)
         print(f"gruber: {voice.tell.again(error.told)}", file=sys.stderr)
         return UNUSABLE
     except (KeyboardInterrupt, Cancelled):
         voice.close()
-        kept = CANCELS.get(verb.__name__, "terminal.cancelled")
+        kept = CANCELS.get(given.verb, "terminal.cancelled")
         print(f"gruber: {voice.tell(kept)}", file=sys.stderr)
         return CANCELLED
     finally:
@@ -79,8 +76,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return DONE
 
 
-def parser(language: str = LANGUAGES[0]) -> Parser:
-    """All verbs with their arguments, told in a language."""
+def parser(language: str = LANGUAGES[0], asked: str | None = None) -> Parser:
+    """All verbs, told in a language.
+
+    Args:
+        language: The language of the help.
+        asked: The verb whose arguments are needed, empty for none; None adds those of all.
+    """
     tell = teller_of_usage(language)
     again = tell.again
     top = Parser(tell, prog="gruber", description=again(DESCRIPTION), epilog=again(ENDING))
@@ -91,339 +93,12 @@ def parser(language: str = LANGUAGES[0]) -> Parser:
     add_log(top, default=False)
     add_language(top, default="")
     added = Verbs(tell, top.add_subparsers(title=again("verbs"), required=True, metavar="VERB"))
-    for build in (
-        add_new, add_run, add_batch, add_review, add_report, add_export, add_import, add_check,
-        add_teach, add_demo, add_doctor,
-    ):  # fmt: skip
-        build(added)
+    for name, known in VERBS.items():
+        verb = added.add(name, known.summary, known.examples)
+        # Understood before the verb and after it; left out here, what stood before it holds.
+        add_log(verb, default=argparse.SUPPRESS)
+        add_language(verb, default=argparse.SUPPRESS)
+        verb.set_defaults(verb=name)
+        if asked in (None, name):
+            known.add(verb)
     return top
-
-
-def add_verb(added: Verbs, name: str, summary: str, examples: dict[str, str]) -> Parser:
-    """One verb with its help and what all verbs take."""
-    verb = added.add(name, summary, examples)
-    # Understood before the verb and after it; left out here, what stood before it holds.
-    add_log(verb, default=argparse.SUPPRESS)
-    add_language(verb, default=argparse.SUPPRESS)
-    verb.set_defaults(verb=getattr(verbs, "bring" if name == "import" else name))
-    return verb
-
-
-def add_new(added: Verbs) -> None:
-    """`new`."""
-    summary = "look through a folder and write the block.toml of what it holds"
-    examples = {
-        "gruber new kobyli-1938": "says what it lacks, too",
-        "gruber new flight --from metashape --project cameras.xml": "a block of another program",
-    }
-    verb = add_verb(added, "new", summary, examples)
-    verb.add_argument("folder", type=Path, metavar="FOLDER", help="folder of scans and reference")
-    foreign, project = format_names(reads=True), "make the block from another program's project"
-    verb.add_option("--from FORMAT", project, dest="format", choices=foreign, default="")
-    verb.add_option("--project PATH", "file or folder of that project (FOLDER)", type=Path)
-    verb.add_option("--crs CRS", "its CRS, where the project names none", default="")
-    verb.add_switch("--read-margin", "say what is printed beside the pictures")
-    accepted = "the same, and write into block.toml on what all scans agree"
-    verb.add_switch("--accept-margin", accepted)
-    add_operator(verb)
-
-
-def add_run(added: Verbs) -> None:
-    """`run`."""
-    examples = {
-        "gruber run kobyli-1938": "every stage; what is fresh is kept",
-        "gruber run kobyli-1938 --until georeference": "stop once the photos are placed",
-        "gruber run kobyli-1938 --from ties": "make the tie points anew, and what follows",
-    }
-    summary = "run the automatic stages, resuming where the last run stopped"
-    verb = add_verb(added, "run", summary, examples)
-    add_block(verb)
-    names = verbs.stage_names()
-    anew = say("make this stage and all after it anew; one of {names}", names=names)
-    verb.add_option("--from STAGE", anew, dest="first", choices=names)
-    verb.add_option("--until STAGE", "stop after this stage", dest="last", choices=names)
-    add_workers(verb)
-    verb.add_argument(
-        "--executor", choices=["threads", "local"], default="threads",
-        help="where the pieces of a stage run; `gruber batch` knows more (%(default)s)",
-    )  # fmt: skip
-
-
-def add_batch(added: Verbs) -> None:
-    """`batch`."""
-    examples = {
-        "gruber batch archive": "every block below a folder, one after another",
-        "gruber batch blocks.csv --executor processes": "blocks side by side",
-        "gruber batch blocks.txt --executor dask --scheduler tcp://host:8786": "on many machines",
-    }
-    summary = "run many blocks; what fails in one stops no other, and the table batch.csv says why"
-    verb = add_verb(added, "batch", summary, examples)
-    verb.add_argument(
-        "list", type=Path, metavar="LIST",
-        help="a folder of blocks, a text file with one path a line, or a CSV table with columns "
-        "block, priority, until",
-    )  # fmt: skip
-    add_workers(verb)
-    verb.add_argument(
-        "--executor", choices=EXECUTORS, default=EXECUTORS[0],
-        help="one block after another in threads, blocks side by side in processes, or the "
-        "workers of a Dask cluster (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--scheduler", default="", metavar="ADDRESS",
-        help="address of the Dask scheduler (a cluster on this machine)",
-    )  # fmt: skip
-
-
-def add_review(added: Verbs) -> None:
-    """`review`."""
-    examples = {
-        "gruber review kobyli-1938": "opens the desk in the browser",
-        "gruber review kobyli-1938 --operator anna": "decisions are recorded under this name",
-        "gruber review kobyli-1938 --language cs": "texts in Czech",
-        "gruber review kobyli-1938 --no-browser": "prints the address only",
-    }
-    verb = add_verb(added, "review", "open the review desk in the browser", examples)
-    add_block(verb)
-    add_desk(verb)
-
-
-def add_report(added: Verbs) -> None:
-    """`report`."""
-    summary = "write results/report.html and report.json; what is not fresh is computed first"
-    examples = {
-        "gruber report kobyli-1938": "prints where it is",
-        "gruber report kobyli-1938 --language cs": "in Czech",
-    }
-    verb = add_verb(added, "report", summary, examples)
-    add_block(verb)
-    verb.set_defaults(workers=Settings().workers)
-
-
-def add_export(added: Verbs) -> None:
-    """`export`."""
-    examples = {
-        "gruber export kobyli-1938 --to micmac": "into results/export",
-        "gruber export kobyli-1938 --to colmap --pictures": "the scans laid upright go along",
-        "gruber export kobyli-1938 --to odm --out gcp_list.txt": "one file where you want it",
-    }
-    summary = "write the block as it stands in the format of another program"
-    verb = add_verb(added, "export", summary, examples)
-    add_block(verb)
-    names = format_names(reads=False)
-    known = say("one of {names}", names=names)
-    verb.add_option("--to FORMAT", known, dest="format", choices=names, required=True)
-    verb.add_option("--out PATH", "file or folder to write (results/export/...)", type=Path)
-    frames = "coordinates of the map, or of a plane that touches the Earth there (%(default)s)"
-    verb.add_argument("--frame", choices=["map", "tangent"], default="map", help=frames)
-    pictures = "write the scans laid upright, where the format cannot hold film"
-    verb.add_switch("--pictures", pictures)
-    add_workers(verb)
-
-
-def add_import(added: Verbs) -> None:
-    """`import`."""
-    examples = {
-        "gruber import kobyli-1938 --from points list.csv": "surveyed points of any table",
-        "gruber import kobyli-1938 --from odm gcp_list.txt": "points and their measurements",
-        "gruber import kobyli-1938 --from micmac project": "orientations and fiducials, too",
-    }
-    summary = "take over points, measurements, orientations and fiducials from another program"
-    verb = add_verb(added, "import", summary, examples)
-    add_block(verb)
-    # Both belong to the option: argparse finds no second place behind one.
-    what = say(
-        "a file or folder of that program; FORMAT is one of {names}", names=imported_formats()
-    )
-    verb.add_argument(
-        "--from", dest="source", nargs=2, required=True, metavar=("FORMAT", "PATH"), help=what
-    )
-    answered = (
-        "how a table of points is to be read, as its questions name it, such as "
-        "columns=id,Y,X,Z or axes='-E -N'; again for each"
-    )
-    verb.add_option("--answer WHAT=VALUE", answered, action="append", default=[])
-    add_operator(verb)
-
-
-def imported_formats() -> tuple[str, ...]:
-    """What `import --from` takes."""
-    return tuple(dict.fromkeys((POINT_TABLE, *format_names(reads=True))))
-
-
-def add_check(added: Verbs) -> None:
-    """`check`."""
-    examples = {
-        "gruber check plan kobyli-1938": "before its first run: nothing is known of its accuracy",
-        "gruber check plan kobyli-1938 --cells 8x5 --seed 7": "another grid, other places",
-        "gruber check plan kobyli-1938 --points survey.csv": "surveyed points instead",
-    }
-    verb = add_verb(added, "check", "plan places at which the mosaic is to be checked", examples)
-    verb.add_argument("what", choices=["plan"], metavar="plan", help="choose the places")
-    add_block(verb)
-    verb.add_argument(
-        "--cells", type=grid_size, default=None, metavar="6x5",
-        help="columns and rows of the grid, a place for each cell (enough for 30 places)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--seed", type=whole_number(0), default=1, metavar="N",
-        help="decides between places that are shown equally well (%(default)s)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--points", type=Path, default=None, metavar="FILE",
-        help="a list of surveyed points, as [control] points",
-    )  # fmt: skip
-    add_operator(verb)
-
-
-def add_teach(added: Verbs) -> None:
-    """`teach`."""
-    examples = {
-        "gruber teach": "opens the lessons in the browser",
-        "gruber teach --lesson relief": "begins with one of them",
-        "gruber teach --list": "names them all",
-        "gruber teach --own tower.py": "a teacher's own lesson among them",
-    }
-    summary = "open lessons of photogrammetry whose formulas can be moved"
-    verb = add_verb(added, "teach", summary, examples)
-    verb.add_option("--lesson NAME", "the lesson to begin with", default="")
-    verb.add_switch("--list", "name the lessons and end")
-    verb.add_option("--own FILE", "a Python file with one more lesson", type=Path)
-    add_address(verb)
-
-
-def add_demo(added: Verbs) -> None:
-    """`demo`."""
-    examples = {
-        "gruber demo": "six scans of 1938, run, compared with their truth, opened",
-        "gruber demo --size tiny --headless": "the quickest look, without a browser",
-        "gruber demo --epoch 1984 --seed 7 --out other": "another place, flight and film",
-    }
-    summary = "make a synthetic block with known truth, run it and open the desk"
-    verb = add_verb(added, "demo", summary, examples)
-    sides = "scans of about 1100, 3200 or 12 900 pixels a side (%(default)s)"
-    verb.add_argument("--size", choices=["tiny", "small", "full"], default="small", help=sides)
-    changed = "much has changed since 1938, little since 1984 (%(default)s)"
-    verb.add_argument("--epoch", type=int, choices=[1938, 1984], default=1938, help=changed)
-    relief = "highest minus lowest ground, metres (%(default)g)"
-    verb.add_option("--relief M", relief, type=metres, default=60.0)
-    verb.add_option("--seed N", "any number (%(default)s)", type=whole_number(0), default=1)
-    place = "where the block is made (%(default)s)"
-    verb.add_option("--out FOLDER", place, type=Path, default=Path("gruber-demo"))
-    verb.add_switch("--headless", "end with the results instead of opening the desk")
-    add_workers(verb)
-    add_desk(verb)
-
-
-def add_doctor(added: Verbs) -> None:
-    """`doctor`."""
-    examples = {
-        "gruber doctor": "GDAL drivers, PROJ grids, browser, memory",
-        "gruber doctor kobyli-1938": "its files and the disk as well",
-    }
-    summary = "say what this machine and a block lack; lines with ! need attention"
-    verb = add_verb(added, "doctor", summary, examples)
-    add_block(verb, default=None)
-
-
-def add_block(verb: Parser, default: Path | None = Path()) -> None:
-    """The block: a folder or its block.toml; the current folder when left out."""
-    place = "the block's folder or its block.toml"
-    verb.add_argument("block", type=Path, nargs="?", default=default, metavar="BLOCK", help=place)
-
-
-def add_workers(verb: Parser) -> None:
-    """How much runs side by side."""
-    pieces = "pieces of a stage that run side by side (%(default)s)"
-    verb.add_option("--workers N", pieces, type=whole_number(1), default=Settings().workers)
-
-
-def add_desk(verb: Parser) -> None:
-    """Where the desk is served, and who sits at it."""
-    add_address(verb)
-    add_operator(verb)
-
-
-def add_address(verb: Parser) -> None:
-    """Where a page is served."""
-    settings = Settings()
-    port = "port of the desk; 0 takes any that is free (%(default)s)"
-    verb.add_option("--port P", port, type=whole_number(0, 65535), default=settings.port)
-    host = "address the desk listens at (%(default)s: this machine only)"
-    verb.add_option("--host H", host, default=settings.host)
-    verb.add_switch("--no-browser", "print the address only")
-
-
-def add_operator(verb: Parser) -> None:
-    """Who decides."""
-    name = "name under which decisions are recorded (%(default)s)"
-    verb.add_option("--operator NAME", name, default=Settings().operator)
-
-
-def add_language(parsed: Parser, default: str) -> None:
-    """In which language it is told."""
-    language = "language of messages and report (English), and of the desk (that of each browser)"
-    parsed.add_argument(OPTION, choices=LANGUAGES, default=default, help=language)
-
-
-def add_log(parsed: Parser, default: object) -> None:
-    """How it is told."""
-    parsed.add_switch(
-        "--log-json", "tell everything as one JSON object a line, for machines", default
-    )
-
-
-def wrong_use(given: argparse.Namespace) -> str:
-    """What is wrong with options that hang together; empty when nothing is."""
-    source = getattr(given, "source", None)
-    if source and source[0] not in imported_formats():
-        wrong = "--from {name} is no format; it is one of {names}"
-        return say(wrong, name=source[0], names=imported_formats())
-    if lesson := getattr(given, "lesson", ""):
-        lessons = verbs.lesson_names(given.own)
-        if lesson not in lessons:
-            wrong = "--lesson {name} is no lesson; it is one of {names}"
-            return say(wrong, name=lesson, names=lessons)
-    first, last = getattr(given, "first", None), getattr(given, "last", None)
-    names = verbs.stage_names()
-    if first and last and names.index(last) < names.index(first):
-        wrong = "--until {last} comes before --from {first}; the stages are {names}"
-        return say(wrong, last=last, first=first, names=names)
-    return ""
-
-
-def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Reads a whole number within limits."""
-
-    def number(text: str) -> int:
-        if not text.lstrip("-").isdecimal():
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
-        if int(text) < least or (most is not None and int(text) > most):
-            limits = f"{least} or more" if most is None else f"from {least} to {most}"
-            raise argparse.ArgumentTypeError(f"must be {limits}, not {text}")
-        return int(text)
-
-    return number
-
-
-def grid_size(text: str) -> tuple[int, int]:
-    """Columns and rows of a grid, such as 6x5."""
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdecimal() and 1 <= int(part) <= 99 for part in parts):
-        raise argparse.ArgumentTypeError(f"must be like 6x5, not {text}")
-    return int(parts[0]), int(parts[1])
-
-
-def metres(text: str) -> float:
-    """Metres of relief, from flat to mountains."""
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from error
-    if not 0 <= value <= MOST_RELIEF_M:
-        raise argparse.ArgumentTypeError(f"must be from 0 to {MOST_RELIEF_M:.0f}, not {text}")
-    return value
-
-
-if __name__ == "__main__":
-    program()

@@ -1,7 +1,7 @@
 """Help and error messages of the command line, in the operator's language."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,6 +83,11 @@ def asked_language(arguments: Sequence[str]) -> str:
         name, given, value = word.partition("=")
         asked += [value if given else following] * (name == OPTION)
     return asked[-1] if asked[-1] in LANGUAGES else LANGUAGES[0]
+
+
+def asked_verb(arguments: Sequence[str], verbs: Container[str]) -> str:
+    """The first argument that is a verb; empty without one."""
+    return next((word for word in arguments if word in verbs), "")
 
 
 def teller_of_usage(language: str) -> Teller:

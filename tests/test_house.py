@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from app.arguments import stage_names
 from app.cli import parser
 from app.report.tables import (
     CHECK_COLUMNS,
@@ -16,7 +17,6 @@ from app.report.tables import (
     INTERIOR_COLUMNS,
     TIE_COLUMNS,
 )
-from app.verbs import stage_names
 from core.doubts import GRAVITY
 from sessions import replay
 from sessions.decisions import DECISIONS

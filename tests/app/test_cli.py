@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from app import verbs
 from app.cli import CANCELLED, DONE, UNUSABLE, main, parser
 from core.errors import Cancelled, ScanError
 
@@ -17,7 +16,7 @@ def ends(monkeypatch, error: BaseException | None, *before: str) -> int:
         if error is not None:
             raise error
 
-    monkeypatch.setattr(verbs, "run", run)
+    monkeypatch.setattr("app.verbs.run.run", run)
     return main([*before, "run", "somewhere"])
 
 
@@ -49,8 +48,7 @@ def test_cancelled_says_what_is_kept_and_how_to_go_on__law(monkeypatch, capsys, 
     def cancelled(given, voice):
         raise KeyboardInterrupt
 
-    cancelled.__name__ = verb
-    monkeypatch.setattr(verbs, verb, cancelled)
+    monkeypatch.setattr(f"app.verbs.{verb}.{verb}", cancelled)
     assert main([verb, "somewhere", "--language", "cs"]) == CANCELLED
     told = capsys.readouterr().err
     assert kept in told

@@ -1,13 +1,14 @@
 """What the command says of itself, and how wrong use ends."""
 
 import argparse
+import subprocess
+import sys
 from importlib.metadata import version
 
 import pytest
 
+from app.arguments import VERBS
 from app.cli import main, parser
-
-VERBS = ("new", "run", "batch", "review", "report", "teach", "demo", "doctor")
 
 
 def help_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -25,6 +26,13 @@ def test_help_names_every_verb_and_exit_code__truth(capsys: pytest.CaptureFixtur
     told = help_of(["--help"], capsys)
     assert all(f"    {verb} " in told for verb in VERBS)
     assert all(f"{code} " in told for code in (0, 1, 2, 130))
+
+
+def test_help_waits_for_no_engine_and_no_desk__law() -> None:
+    asks = "import sys; from app.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass"
+    told = "print(*sorted({'viser', 'scipy', 'core.pipeline', 'rasterio'} & set(sys.modules)))"
+    out = subprocess.check_output([sys.executable, "-c", f"{asks}\n{told}"], text=True)
+    assert out.splitlines()[-1] == ""
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -2,8 +2,8 @@
 
 import pytest
 
-import app.verbs
-from app.verbs import make_demo, truth_lines
+import app.verbs.demo
+from app.verbs.demo import make_demo, truth_lines
 from core.errors import StorageError
 from core.synthetic.options import SyntheticOptions
 from sessions.session import Session
@@ -22,7 +22,7 @@ def made(monkeypatch):
         (folder / "block.toml").write_text("[block]\n")
         calls.append(options)
 
-    monkeypatch.setattr(app.verbs, "make_block", make)
+    monkeypatch.setattr(app.verbs.demo, "make_block", make)
     return calls
 
 
@@ -57,11 +57,11 @@ def test_a_demo_that_was_broken_off_is_made_anew__law(made, monkeypatch, tmp_pat
         (folder / "scans").mkdir()
         raise KeyboardInterrupt
 
-    whole = app.verbs.make_block
-    monkeypatch.setattr(app.verbs, "make_block", breaks)
+    whole = app.verbs.demo.make_block
+    monkeypatch.setattr(app.verbs.demo, "make_block", breaks)
     with pytest.raises(KeyboardInterrupt):
         make_demo(tmp_path / "demo", TINY, Listener())
-    monkeypatch.setattr(app.verbs, "make_block", whole)
+    monkeypatch.setattr(app.verbs.demo, "make_block", whole)
     make_demo(tmp_path / "demo", TINY, Listener())
     assert made == [TINY]
 

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-import app.verbs
-from app.verbs import examine
+from app.verbs import doctor
+from app.verbs.doctor import examine
 from core.errors import PhotogrammetryError
 from tests.app.test_block_input import own_toml
 
@@ -38,12 +38,14 @@ def test_what_a_block_lacks_is_told__truth(tiny_block, tmp_path):
 
 def test_a_full_disk_a_small_memory_and_no_browser_need_attention__truth(tiny_block, monkeypatch):
     usage = type(shutil.disk_usage("/"))(10**9, 10**9, 10**6)
-    monkeypatch.setattr(app.verbs.shutil, "disk_usage", lambda path: usage)
-    monkeypatch.setattr(app.verbs.shutil, "which", lambda name: None)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: usage)
+    monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
     real = os.sysconf
     pages = 2 * 1024**3 // real("SC_PAGE_SIZE")
     monkeypatch.setattr(
-        app.verbs.os, "sysconf", lambda name: pages if name == "SC_PHYS_PAGES" else real(name)
+        doctor.os,
+        "sysconf",
+        lambda name: pages if name == "SC_PHYS_PAGES" else real(name),
     )
     grave = [line for line in examine(tiny_block) if line.startswith("! ")]
     for word in ("Disk: 0.0 GiB", "Memory: 2 GiB", "No browser"):
@@ -61,9 +63,9 @@ def test_missing_drivers_are_told_with_their_use__truth(monkeypatch):
         def drivers(self):
             return {"GTiff": "GeoTIFF"}
 
-    monkeypatch.setattr(app.verbs.rasterio, "Env", Bare)
-    monkeypatch.setattr(app.verbs.pyogrio, "list_drivers", lambda: {"GPKG": "rw"})
-    text = "\n".join(app.verbs.drivers())
+    monkeypatch.setattr(doctor.rasterio, "Env", Bare)
+    monkeypatch.setattr(doctor.pyogrio, "list_drivers", lambda: {"GPKG": "rw"})
+    text = "\n".join(doctor.drivers())
     assert "JP2OpenJPEG (JPEG 2000)" in text
     assert "ESRI Shapefile" in text
     assert "GTiff" not in text

@@ -8,7 +8,7 @@ import pytest
 
 from app.report.model import ReportContent, gather
 from app.report.page import write_report
-from app.verbs import signed_lines
+from app.verbs.run import signed_lines
 from core.quality.check_plan import CheckPlace
 from sessions.checks import new_plan
 from sessions.decisions import Decision, ReadCheck, Recorded, SignBlock

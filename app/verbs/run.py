@@ -1,0 +1,49 @@
+"""The automatic stages of one block or of many, and the report."""
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from app.batch import Batch, run_block
+from app.run import RunOptions
+from app.terminal import Voice
+from ui.words.catalogue import Teller
+
+
+def run(given: argparse.Namespace, voice: Voice) -> None:
+    """The automatic stages."""
+    run_block(
+        given.block, voice, RunOptions(given.first, given.last, given.workers, given.language)
+    )
+
+
+def batch(given: argparse.Namespace, voice: Voice) -> None:
+    """The automatic stages of many blocks."""
+    Batch(given.list, voice).run(given.executor, given.workers, given.scheduler)
+
+
+def report(given: argparse.Namespace, voice: Voice) -> None:
+    """The accuracy report of the block as it stands; what is not fresh is computed first."""
+    walk = run_block(given.block, voice, run_options(given))
+    voice.say(str(walk.session.results / "report.html"))
+    for line in signed_lines(walk.session.results / "report.json", voice.tell):
+        voice.say(line)
+
+
+def run_options(given: argparse.Namespace) -> RunOptions:
+    """All stages, as a verb asks that is no run."""
+    return RunOptions(workers=given.workers, language=given.language)
+
+
+def signed_lines(figures: Path, tell: Teller) -> Iterator[str]:
+    """Who has signed the block of a report, and what has changed since."""
+    if not figures.is_file():
+        return
+    written = json.loads(figures.read_text(encoding="utf-8"))
+    for one in written["checked"]["signatures"]:
+        verdict = tell(f"accepted.{one['verdict']}")
+        values = {"verdict": verdict, "who": one["who"], "when": one["when"]}
+        values["changed"] = ", ".join(tell(f"signed.part.{name}") for name in one["changed"])
+        key = "signed.line.outdated" if one["changed"] else "signed.line"
+        yield tell(key, **values, digest=one["digest"])
