@@ -16,15 +16,15 @@ from jaxtyping import Float32, Float64
 from core.arrays import Mask, PixelPoints, Position
 from core.frames import HALF_PIXEL
 from core.geometry.resection import PhotoModel
-from core.matching.local_search import LEAST_KNOWN, LEAST_USABLE, RIM_PX
+from core.matching.local_search import LEAST_USABLE, RIM_PX, SEPARATION_PX
 from core.matching.operators import FusedOperator, HighPassOperator, Operator
 from core.matching.patches import OpenPhoto, ScanPart, Window, filled, read_scan
 from core.matching.peaks import ScoreMap, level_and_spread
-from core.matching.precision import place_covariance, sharpness_of
+from core.matching.precision import paired_covariance
 from core.matching.template_search import Image
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
-from core.ties.refinement import PatchSize, patch_centres, refine_rays
+from core.ties.refinement import SHEAR, PatchSize, laid_upon, patch_centres, refine_rays
 
 OPERATORS: tuple[Operator, ...] = (HighPassOperator(), FusedOperator())
 """Grey values, as of photos of one day, and directions of edges, which outlast contrast and years.
@@ -32,16 +32,17 @@ OPERATORS: tuple[Operator, ...] = (HighPassOperator(), FusedOperator())
 # design: windows of 51 px are safe after warping, as those of control (METHODS 4.2).
 HALF_PX = 35
 """Templates are 2 n + 1 pixels wide."""
-# design: detail as fine as the scan's pixels at one end, pictures of which compression left little
-# at the other.
-PASSES = (14, 7, 1)
-"""Least squares matching is done with the patches of features from scans so far reduced, the
-smoothest first."""
-FINEST_PX = PatchSize.at_reduction(PASSES[-1]).radius_px
-# design: a peak is a whole pixel or two off where the ground is not the plane.
-MOST_SHIFT_PX = 2.0
-"""So far a place may move from the peak of likeness by least squares, scan pixels."""
+# design: detail of a few pixels at one end, pictures of which compression left little at the other.
+SIZES = tuple(PatchSize(*size) for size in ((48, 6.4), (48, 3.2), (24, 3.2), (24, 1.6)))
+"""Patches of least squares matching, the smoothest first."""
+# design: 25 pixels hold texture enough.
+LEAST_RADIUS_PX = 12
+"""Patches at the edge of the photograph are no smaller."""
+MOST_SHIFT_PX = float(SEPARATION_PX)
+"""So far a place may move from the peak of likeness by least squares, scan pixels: what lies
+further off is another peak."""
 
+Affinity = Float64[np.ndarray, "2 3"]
 Plane = Float64[np.ndarray, "2 2"]
 Wider = Float32[np.ndarray, "wide_rows wide_columns"]
 Surfaces = tuple[ScoreMap, ...]
@@ -62,11 +63,6 @@ class Source(Protocol):
         ...
 
     @property
-    def half_px(self) -> int:
-        """So far about it the picture shows what belongs to the place, pixels of the pass."""
-        ...
-
-    @property
     def name(self) -> str:
         """Of the picture."""
         ...
@@ -84,8 +80,6 @@ class ShownInOrtho:
     """The ortho."""
     plane: Float64[np.ndarray, "2"]
     """Easting and northing, metres."""
-    half_px: int = HALF_PX
-    """As of any source."""
     name: str = "ortho"
     """As of any source."""
 
@@ -121,8 +115,6 @@ class Shown:
     """Where it is measured or expected, scan pixels, (1, 2)."""
     by_plane: Plane
     """Scan pixels (column, row) for a metre of its ground plane east and north."""
-    half_px: int = HALF_PX
-    """So far about it the scan shows what belongs to the place, pixels of the pass."""
 
     @staticmethod
     def of(opened: OpenPhoto, position: Position, slope: Float64[np.ndarray, "2"]) -> "Shown":
@@ -146,8 +138,15 @@ class Shown:
         return self.opened.photo.photo_id
 
     def read(self, window: Window) -> ScanPart:
-        """A window of the scan."""
-        return read_scan(self.opened, window)
+        """A window of the scan; beyond it nothing is usable."""
+        part = read_scan(self.opened, window)
+        across, down = (
+            start + window.reduction * np.arange(count)
+            for start, count in ((window.column, window.columns), (window.row, window.rows))
+        )
+        columns, rows = self.opened.photo.size_px
+        inside = ((down >= 0) & (down < rows))[:, None] & (across >= 0) & (across < columns)
+        return replace(part, usable=part.usable & inside)
 
     def at(self, pixel: PixelPoints) -> "Shown":
         """The same place elsewhere in the scan."""
@@ -166,7 +165,7 @@ class Template:
     def within(self, half: int) -> bool:
         """Whether enough of its middle is photograph."""
         side = self.usable.shape[0] // 2
-        return bool(self.usable[side - half : side + half + 1].mean() >= LEAST_KNOWN)
+        return bool(self.usable[side - half : side + half + 1].mean() >= LEAST_USABLE)
 
 
 def template_of(source: Source, target: Shown, half: int, reduction: int) -> Template:
@@ -229,24 +228,23 @@ def looked(
     Returns:
         The surface; None where too little of either is photograph.
     """
-    inner_px = min(source.half_px for source in sources)
-    margin = max(inner_px // 2, RIM_PX)
-    reach = inner_px + margin
+    margin = max(HALF_PX // 2, RIM_PX)
+    reach = HALF_PX + margin
     templates = [template_of(source, target, reach, reduction) for source in sources]
-    templates = [template for template in templates if template.within(inner_px)]
+    templates = [template for template in templates if template.within(HALF_PX)]
     corner = np.floor(target.pixel[0] / reduction).astype(np.int64) - reach - np.array(search)
     size = 2 * (np.array(search) + reach) + 1
     low = corner * reduction
     window = Window(int(low[0]), int(low[1]), int(size[0]), int(size[1]), reduction)
     part = target.read(window)
     middle = np.array(part.usable.shape) // 2
-    first, last = middle - inner_px, middle + inner_px + 1
+    first, last = middle - HALF_PX, middle + HALF_PX + 1
     inside = part.usable[first[0] : last[0], first[1] : last[1]]
     if not templates or inside.mean() < LEAST_USABLE:
         return None
     inner = slice(margin, -margin)
     scans = [
-        tuple(layer[inner, inner] for layer in operator.of_scan(part.grey, inner_px))
+        tuple(layer[inner, inner] for layer in operator.of_scan(part.grey, HALF_PX))
         for operator in OPERATORS
     ]
     flips = (np.s_[:, :], np.s_[:, ::-1], np.s_[::-1, :])
@@ -291,25 +289,36 @@ class FinePlace:
 def finely(source: Source, target: Shown) -> FinePlace | None:
     """Lay what one photo shows of a place onto another by least squares.
 
-    Done with smooth, wide patches first and with fine ones from where these lie; the place that is
-    known best stands.
+    Done with patches of several sizes, smooth and wide ones first and finer ones from where these
+    lie. All of them tell the place, each by how well it knows it; where they differ by more than
+    they say, the place is known so much worse.
 
     Args:
         source: Where the place is measured.
         target: Where it lies to a pixel or two.
     """
-    best: FinePlace | None = None
-    for reduction in PASSES:
-        size = PatchSize.at_reduction(reduction)
-        if size.radius_px > max(source.half_px, FINEST_PX):
-            continue
-        start = target.at(best.pixel) if best is not None else target
+    places: list[FinePlace] = []
+    start = target
+    for size in SIZES:
         found = _refined(source, start, size)
         if found is None or np.hypot(*(found.pixel - target.pixel)[0]) > MOST_SHIFT_PX:
             continue
-        if best is None or found.sigma_px < best.sigma_px:
-            best = found
-    return best
+        if all(found.sigma_px < other.sigma_px for other in places):
+            start = target.at(found.pixel)
+        places.append(found)
+    return agreed(places) if places else None
+
+
+def agreed(places: Sequence[FinePlace]) -> FinePlace:
+    """The place that is known best, as well as all others let it be known (Birge's ratio)."""
+    best = min(places, key=lambda place: place.sigma_px)
+    if len(places) < 2:
+        return best
+    pixels = np.concatenate([place.pixel for place in places])
+    weights = np.array([place.sigma_px for place in places]) ** -2.0
+    mean = weights @ pixels / weights.sum()
+    ratio = weights @ np.sum((pixels - mean) ** 2, axis=1) / (2 * (len(places) - 1))
+    return replace(best, sigma_px=best.sigma_px * float(np.sqrt(max(1.0, ratio))))
 
 
 def peak_sigma_px(source: Source, target: Shown) -> float:
@@ -319,41 +328,74 @@ def peak_sigma_px(source: Source, target: Shown) -> float:
         source: Where the place is measured.
         target: Where its peak lies.
     """
-    size = PatchSize.at_reduction(PASSES[-2])
-    fixed, searched, middle = _patches(source, target, size)
-    return _sigma_px(fixed, searched, (target.pixel - middle)[0], size)
+    sigmas = [np.inf]
+    for size in SIZES:
+        pair = _patches(source, target, size)
+        if pair is not None:
+            start = np.column_stack([np.eye(2), (target.pixel - pair.middle)[0]])
+            sigmas.append(_sigma_px(pair, start))
+    return float(min(sigmas))
 
 
-def _patches(source: Source, target: Shown, size: PatchSize) -> tuple[Image, Wider, PixelPoints]:
-    """What the source shows as the target lies, a wider window of the target, and its middle."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Patches:
+    """What two pictures show of a place."""
+
+    fixed: Image
+    """The source, as the target lies."""
+    searched: Wider
+    """A wider window of the target."""
+    middle: PixelPoints
+    """Scan pixel of its middle, (1, 2)."""
+    size: PatchSize
+    """So much of both is photograph."""
+
+
+def _patches(source: Source, target: Shown, size: PatchSize) -> _Patches | None:
+    """Patches of a size, or of what of it is photograph; None where that is too little."""
     fixed = template_of(source, target, size.radius_px, 1)
     wide = size.searched_radius_px
     left, top = (np.floor(target.pixel[0]).astype(np.int64) - wide).tolist()
-    searched = target.read(Window(left, top, 2 * wide + 1, 2 * wide + 1, 1))
-    return fixed.grey, searched.grey, patch_centres(target.pixel)
+    part = target.read(Window(left, top, 2 * wide + 1, 2 * wide + 1, 1))
+    radius = min(_whole(fixed.usable), _whole(part.usable) - int(np.ceil(MOST_SHIFT_PX)))
+    if radius < LEAST_RADIUS_PX:
+        return None
+    fitting = PatchSize(min(radius, size.radius_px), size.smooth_px)
+    inner = _middle_of(size.radius_px, fitting.radius_px)
+    outer = _middle_of(wide, min(wide, fitting.searched_radius_px))
+    return _Patches(fixed.grey[inner], part.grey[outer], patch_centres(target.pixel), fitting)
+
+
+def _middle_of(half: int, less: int) -> tuple[slice, slice]:
+    """The middle of a square picture."""
+    line = slice(half - less, half + less + 1)
+    return line, line
+
+
+def _whole(usable: Mask) -> int:
+    """How far about its middle a square picture is all photograph, pixels; -1 for not even that."""
+    half = usable.shape[0] // 2
+    line = np.abs(np.arange(usable.shape[0]) - half)
+    away = np.maximum(line[:, None], line)[~usable]
+    return int(away.min()) - 1 if len(away) else half
 
 
 def _refined(source: Source, target: Shown, size: PatchSize) -> FinePlace | None:
     """With patches of one size; None where they do not agree."""
-    fixed, searched, middle = _patches(source, target, size)
-    start = np.column_stack([np.eye(2), (target.pixel - middle)[0]])
-    found = refine_rays(
-        fixed[None], searched[None], start[None], max_shift_px=MOST_SHIFT_PX, size=size
-    )
+    pair = _patches(source, target, size)
+    if pair is None:
+        return None
+    start = np.column_stack([np.eye(2), (target.pixel - pair.middle)[0]])
+    rays = (pair.fixed[None], pair.searched[None], start[None])
+    found = refine_rays(*rays, max_shift_px=MOST_SHIFT_PX, size=pair.size, bend_sigma=SHEAR)
     if not found.good[0]:
         return None
-    sigma = _sigma_px(fixed, searched, found.pixels[0], size)
-    return FinePlace(middle + found.pixels, sigma, float(found.correlation[0]))
+    sigma = _sigma_px(pair, np.column_stack([found.linear[0], found.pixels[0]]))
+    return FinePlace(pair.middle + found.pixels, sigma, float(found.correlation[0]))
 
 
-def _sigma_px(fixed: Image, searched: Wider, shift: np.ndarray, size: PatchSize) -> float:
-    """Standard deviation per axis of a match, from what the fixed patch leaves of the other."""
-    smooth = [cv2.GaussianBlur(grey, (0, 0), size.smooth_px) for grey in (fixed, searched)]
-    side, middle = fixed.shape[0], (searched.shape[0] - 1) / 2
-    place = (middle + float(shift[0]), middle + float(shift[1]))
-    shown = cv2.getRectSubPix(smooth[1], (side, side), place)
-    sharpness = sharpness_of((smooth[0] - smooth[0].mean(),))
-    if sharpness is None:
-        return float("inf")
-    covariance = place_covariance(sharpness, (shown - shown.mean(),))
-    return float(np.sqrt(np.trace(covariance) / 2))
+def _sigma_px(pair: _Patches, bent: Affinity) -> float:
+    """Standard deviation per axis of a match, from what both patches share and what they do not."""
+    own, other = laid_upon(pair.fixed, pair.searched, bent, pair.size)
+    covariance = paired_covariance(own, other, pair.size.smooth_px, SHEAR)
+    return float(np.sqrt(max(np.trace(covariance), 0.0) / 2))

@@ -40,6 +40,7 @@ from core.control.search import decoys_outside
 from core.doubts import Failure
 from core.matching.local_search import SEPARATION_PX
 from core.matching.peaks import ScorePeak, detect_peaks, level_and_spread
+from core.matching.precision import FREEDOM
 from core.matching.probability import GATE, Searches, probabilities
 from core.raster.ortho import Ortho
 from core.said import say
@@ -337,8 +338,8 @@ def _measurement(
     others = [_peak(search, number) for number in range(len(search.peaks)) if number != best]
     if not sigma < MOST_SIGMA_PX:
         return Failure("nothing there looks like the place that was measured")
-    # source: Rayleigh's law of the length of a normal error in the plane.
-    near = 1.0 - np.exp(-0.5 * (RIGHT_PX / sigma) ** 2)
+    # source: Student's law in the plane, of an error whose deviation is estimated.
+    near = 1.0 - (1.0 + (RIGHT_PX / sigma) ** 2 / FREEDOM) ** (-FREEDOM / 2)
     probability = float(right[best] * near)
     names = ", ".join(sorted(source.name for source in sources))
     reason = say(

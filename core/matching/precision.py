@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Complex64, Float32, Float64
 from scipy import fft
 
-from core.matching.template_search import Description
+from core.matching.template_search import Description, Image
 
 Layers = Float32[np.ndarray, "layers rows columns"]
 Covariance = Float64[np.ndarray, "2 2"]
@@ -30,6 +30,13 @@ REACH_PX = 3
 LEAST_DETERMINANT = 1e-10
 """A template is an edge that slides along itself where the determinant of H is less, of its trace
 squared."""
+
+# source: ITU-T T.81 compresses 8 x 8 pixels together; 49 pixels are five cells of nine.
+CELLS = 5
+"""Cells a side by which two pictures say how much their errors are alike."""
+# design: by definition; shift, affinity, brightness and contrast are estimated from the cells.
+FREEDOM = CELLS**2 - 8
+"""Degrees of freedom of a deviation that the cells tell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +88,83 @@ def place_covariance(sharpness: Sharpness, window: Description) -> Covariance:
     pixels = template.shape[1] * template.shape[2]
     noise = np.einsum("abkluv,kluv->ab", sharpness.spread, left) / pixels
     return sharpness.inverse @ noise.astype(np.float64) @ sharpness.inverse / gain**2
+
+
+def paired_covariance(
+    first: Image, second: Image, smooth_px: float, bend_sigma: float
+) -> Covariance:
+    """Covariance (column, row) of the place of one noisy picture on another, square pixels.
+
+    Scans of film carry grain, and compressed ones blocks: both have gradients. Only what the
+    pictures share says how sharp the place is, so H is the product of the gradients of both: noise
+    of one has no part in the other's. How far errors of neighbouring pixels are alike differs from
+    film to film, so nothing is presumed of it: each cell of the picture pulls the place by itself,
+    and the cells tell by how much they disagree (clustered errors, Liang and Zeger 1986). The
+    affinity by which one was bent onto the other is unknown as well, and takes its share.
+
+    Args:
+        first: Smoothed grey values, square.
+        second: The same of the other, bent onto the first.
+        smooth_px: Gaussian radius by which both were smoothed.
+        bend_sigma: Standard deviation of the affinity's four linear terms beforehand.
+
+    Returns:
+        The covariance, of `FREEDOM` degrees of freedom; infinite where they share nothing that
+        fixes a place. A place beside the best one is off by the way to it as well.
+    """
+    nowhere = np.full((2, 2), np.inf)
+    own, other = (grey.astype(np.float64) for grey in (first, second))
+    own, other = own - own.mean(), other - other.mean()
+    # design: numerical safety; grey values are whole numbers.
+    gain = float(np.sum(own * other)) / max(float(np.sum(own**2)), 1e-9)
+    if gain <= 0:
+        return nowhere
+    other = other / gain
+    tone = own.ravel() / np.linalg.norm(own)
+    left = (other - own).ravel()
+    left -= tone * (tone @ left)
+    terms, shared = _affine_terms(own, tone), _affine_terms(other, tone)
+    normal = terms.T @ shared
+    normal = (normal + normal.T) / 2
+    # source: the autocorrelation of white noise smoothed by a Gaussian sums to 4 pi sigma squared.
+    alike = max(1.0, 4 * np.pi * smooth_px**2)
+    prior = np.diag([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    prior *= alike * float(np.mean(left**2)) / bend_sigma**2
+    if np.linalg.eigvalsh(normal[:2, :2])[0] <= 0 or np.linalg.eigvalsh(normal + prior)[0] <= 0:
+        return nowhere
+    cells = _by_cell(terms * left[:, None], own.shape[0])
+    pull = cells.sum(axis=0)
+    cells = cells - pull / len(cells)
+    noise = cells.T @ cells * (len(cells) / FREEDOM)
+    inverse = np.linalg.inv(normal + prior)
+    away = (inverse @ pull)[:2, None]
+    spread = (inverse @ (noise + prior**2 * bend_sigma**2) @ inverse)[:2, :2]
+    return spread + away @ away.T
+
+
+def _affine_terms(
+    picture: Float64[np.ndarray, "rows columns"], tone: Float64[np.ndarray, "pixels"]
+) -> Float64[np.ndarray, "pixels 6"]:
+    """Change of grey values with shift (2) and the four terms of an affinity.
+
+    What a change of brightness and contrast explains is taken out.
+    """
+    down, across = np.gradient(picture)
+    rows, columns = (np.arange(side) - (side - 1) / 2 for side in picture.shape)
+    x, y = np.meshgrid(columns, rows)
+    terms = np.stack([across, down, across * x, across * y, down * x, down * y])
+    flat = terms.reshape(6, -1).T
+    flat = flat - flat.mean(axis=0)
+    return flat - np.outer(tone, tone @ flat)
+
+
+def _by_cell(
+    values: Float64[np.ndarray, "pixels terms"], side: int
+) -> Float64[np.ndarray, "cells terms"]:
+    """Sums over the cells of a square picture."""
+    line = np.arange(side) * CELLS // side
+    cell = (line[:, None] * CELLS + line).ravel()
+    return np.stack([np.bincount(cell, column) for column in values.T], axis=1)
 
 
 def _layers(description: Description) -> Layers:

@@ -53,6 +53,8 @@ RELIEF_PX = 4.0  # design: trees and houses among the matches
 """Standard deviation of a match about the plane of its neighbourhood."""
 SHEAR = 0.1  # design: slopes of the ground of some ten degrees
 """Standard deviation of a local affinity's terms about those of the whole pair."""
+LINEAR = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])  # design: by definition, shift first
+"""Which of the six terms bend a patch."""
 TINY = 1e-9  # design: numerical safety; grey values are whole numbers
 NOWHERE_PX2 = 1e6  # design: a variance that no ray is taken with
 """Variance of a place whose patch left the picture."""
@@ -99,6 +101,8 @@ class FineMatches:
     """How alike the patches are in the end."""
     good: Flags
     """Which of them may be used."""
+    linear: Float64[np.ndarray, "n 2 2"]
+    """How each searched patch lies about its place, against the fixed one."""
 
 
 def read_patches(
@@ -166,6 +170,7 @@ def refine_rays(
     *,
     max_shift_px: float,
     size: PatchSize,
+    bend_sigma: float | None = None,
 ) -> FineMatches:
     """Bend the searched patches onto the fixed ones by least squares.
 
@@ -176,13 +181,15 @@ def refine_rays(
             searched patch, pixels.
         max_shift_px: How far the point may move from its start.
         size: Size of the patches.
+        bend_sigma: Standard deviation of the start's four linear terms; None where nothing is known
+            of them. Without it a weak texture bends until it fits, and the place goes along.
 
     Returns:
         Places as offsets (column, row) from the middle of the searched patch.
     """
     batch = max(1, BATCH_PX // fixed[0].size) if len(fixed) else 1
     parts = [
-        _refine_batch(fixed[rows], searched[rows], start[rows], max_shift_px, size=size)
+        _refine_batch(fixed[rows], searched[rows], start[rows], max_shift_px, size, bend_sigma)
         for rows in (slice(first, first + batch) for first in range(0, len(fixed), batch))
     ]
     return FineMatches(
@@ -190,7 +197,28 @@ def refine_rays(
         np.concatenate([np.zeros(0), *(part.sigma_px for part in parts)]),
         np.concatenate([np.zeros(0), *(part.correlation for part in parts)]),
         np.concatenate([np.zeros(0, dtype=np.bool_), *(part.good for part in parts)]),
+        np.concatenate([np.zeros((0, 2, 2)), *(part.linear for part in parts)]),
     )
+
+
+def laid_upon(
+    fixed: Float32[np.ndarray, "side side"],
+    searched: Float32[np.ndarray, "wide wide"],
+    bent: Float64[np.ndarray, "2 3"],
+    size: PatchSize,
+) -> tuple[Float32[np.ndarray, "side side"], Float32[np.ndarray, "side side"]]:
+    """A fixed patch and what a searched one shows there, both smoothed.
+
+    Args:
+        fixed: A patch of radius `radius_px`.
+        searched: A larger patch, odd sides.
+        bent: Affinity from offsets about the fixed point to offsets about the middle of the
+            searched patch, pixels.
+        size: Size of the patches.
+    """
+    own, other = _smoothed(fixed[None], size), _smoothed(searched[None], size)
+    shown = _sampled(other, bent[None], _grid(size.radius_px))
+    return own[0], shown[0].reshape(fixed.shape)
 
 
 def _refine_batch(
@@ -198,28 +226,26 @@ def _refine_batch(
     searched: Wider,
     start: Affinities,
     max_shift_px: float,
-    *,
     size: PatchSize,
+    bend_sigma: float | None,
 ) -> FineMatches:
     """Gauss-Newton on the fixed patch's gradients (inverse compositional), all rays at once."""
     grid = _grid(size.radius_px)
     smooth_fixed, smooth_searched = _smoothed(fixed, size), _smoothed(searched, size)
-    template, scale = _normed(smooth_fixed.reshape(len(fixed), -1))
-    design = _design(smooth_fixed, grid) / scale[:, None, None]
-    # Gain and offset are eliminated: what a change of brightness can explain says nothing.
-    design -= design.mean(axis=1, keepdims=True)
-    design -= template[:, :, None] * (template[:, None, :] @ design)
-    normal = np.swapaxes(design, 1, 2) @ design
-    # design: numerical safety; a patch without texture is singular, and refused later
-    ridge = TINY * np.trace(normal, axis1=1, axis2=2) + 1e-30
-    normal += np.eye(6) * ridge[:, None, None]
+    template, design, normal = _linearised(smooth_fixed, grid)
+    known = np.linalg.inv(start[:, :, :2])
     inverse = np.linalg.inv(normal)
     bent = start.copy()
     step = np.full(len(fixed), np.inf)
     for _ in range(STEPS):
         sample, _ = _normed(_sampled(smooth_searched, bent, grid))
         misclosure = sample - template
-        change = (inverse @ (np.swapaxes(design, 1, 2) @ misclosure[:, :, None]))[:, :, 0]
+        right = np.swapaxes(design, 1, 2) @ misclosure[:, :, None]
+        if bend_sigma is not None:
+            weight = _noise(misclosure, size) / bend_sigma**2
+            inverse = np.linalg.inv(normal + weight[:, None, None] * np.diag(LINEAR))
+            right -= weight[:, None, None] * _bend(known @ bent[:, :, :2])
+        change = (inverse @ right)[:, :, 0]
         moving = step > MOVING_PX
         shorter = np.minimum(1.0, MOST_STEP_PX / np.maximum(_shift(change), TINY))
         change *= (moving * shorter)[:, None]
@@ -244,7 +270,37 @@ def _refine_batch(
     good &= (moved <= max_shift_px) & (step < SETTLED_PX)
     good &= (largest <= MOST_SIGMA_PX) & (sigma > 0)
     good &= np.abs(linear - start[:, :, :2]).max(axis=(1, 2)) < MOST_BEND
-    return FineMatches(bent[:, :, 2], sigma, np.nan_to_num(correlation), good)
+    return FineMatches(bent[:, :, 2], sigma, np.nan_to_num(correlation), good, linear)
+
+
+def _linearised(
+    fixed: Patches, grid: Float64[np.ndarray, "p 2"]
+) -> tuple[Float64[np.ndarray, "n p"], Float64[np.ndarray, "n p 6"], Float64[np.ndarray, "n 6 6"]]:
+    """The smoothed fixed patches normed, their derivatives by the six terms, the normal matrix."""
+    template, scale = _normed(fixed.reshape(len(fixed), -1))
+    design = _design(fixed, grid) / scale[:, None, None]
+    # Gain and offset are eliminated: what a change of brightness can explain says nothing.
+    design -= design.mean(axis=1, keepdims=True)
+    design -= template[:, :, None] * (template[:, None, :] @ design)
+    normal = np.swapaxes(design, 1, 2) @ design
+    # design: numerical safety; a patch without texture is singular, and refused later
+    ridge = TINY * np.trace(normal, axis1=1, axis2=2) + 1e-30
+    normal += np.eye(6) * ridge[:, None, None]
+    return template, design, normal
+
+
+def _noise(misclosure: Float64[np.ndarray, "n p"], size: PatchSize) -> Scalars:
+    """Variance of a pixel that stood alone, of smoothed pixels that err alike."""
+    # source: the autocorrelation of white noise smoothed by a Gaussian sums to 4 pi sigma squared.
+    alike = max(1.0, 4 * np.pi * size.smooth_px**2)
+    return alike * np.mean(misclosure**2, axis=1)
+
+
+def _bend(linear: Float64[np.ndarray, "n 2 2"]) -> Float64[np.ndarray, "n 6 1"]:
+    """How far a patch has been bent from its start, as the six terms count it; shifts are free."""
+    bend = np.zeros((len(linear), 6, 1))
+    bend[:, 2:, 0] = (np.eye(2) - linear).reshape(-1, 4)
+    return bend
 
 
 def _grid(radius: int) -> Float64[np.ndarray, "p 2"]:

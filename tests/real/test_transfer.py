@@ -23,22 +23,27 @@ RIGHT_PX = 2.0
 
 @pytest.fixture(scope="module")
 def around(shared_data: Path, tmp_path_factory) -> Surroundings:
+    return strasbourg(shared_data, tmp_path_factory.mktemp("scans"))
+
+
+def strasbourg(data: Path, folder: Path) -> Surroundings:
     """The adjusted block without its published picks, and its pictures."""
-    given = read_sxb(shared_data / SXB)
+    given = read_sxb(data / SXB)
     report = adjust_block(given, AdjustmentOptions(estimate_cameras=False, robust=False))
     scans = {}
     for name in given.photos:
         # Once decoded: windows of a JPEG of this size are read from its beginning each time.
-        copy = tmp_path_factory.mktemp("scans") / f"{name}.tif"
-        grey = cv2.imread(str(shared_data / PICTURES / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
+        copy = folder / f"{name}.tif"
+        grey = cv2.imread(str(data / PICTURES / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
         write(copy, grey)
         scans[name] = open_scan(copy)
     return Surroundings(report.block, scans, report.exterior_sigmas)
 
 
 def proposed(around: Surroundings, votes: int) -> np.ndarray:
-    """Distance from the published pick, and probability, of every pick that can be proposed."""
-    rows: list[tuple[float, float]] = []
+    """Distance from the published pick, probability and stated standard deviation of every pick
+    that can be proposed."""
+    rows: list[tuple[float, float, float]] = []
     picks: dict[str, list[Measurement]] = {}
     for pick in around.block.measurements.values():
         picks.setdefault(pick.point_id, []).append(pick)
@@ -54,25 +59,26 @@ def proposed(around: Surroundings, votes: int) -> np.ndarray:
             for name, pick in others.items():
                 if name in places:
                     off = np.hypot(*(places[name].pixel - pick.pixel)[0])
-                    rows.append((float(off), places[name].score))
+                    rows.append((float(off), places[name].score, places[name].sigma_px))
                 else:
-                    rows.append((np.inf, 0.0))
+                    rows.append((np.inf, 0.0, np.nan))
     return np.array(rows)
 
 
 def test_most_proposals_lie_on_the_published_picks__real(around):
-    # The picks were made in pictures that were not compressed and differ by 0.6 px themselves; what
-    # is left of these places them to 1.2 px per axis. The run gives 59 % within 2 px, 82 % within
-    # 3 px and 92 % within 5 px; of 43 said to be surer than 0.9, 81 % within 2 px and 95 % within
-    # 3 px. Probabilities are too high here: 0.79 in the mean.
-    off, probability = proposed(around, votes=1).T
+    # Hardly more than the means of 8 x 8 pixels, in steps of 32 grey values, outlived compression.
+    # The picks were made in pictures that were not compressed, and differ by 0.6 px themselves. The
+    # run gives 65 % within 2 px, 79 % within 3 px and 90 % within 5 px, where 0.63 is said in the
+    # mean; of 37 said to be surer than 0.9, 92 % within 2 px. Three binomial deviations are 0.14.
+    off, probability, _ = proposed(around, votes=1).T
     assert len(off) == 102
-    assert np.mean(off < RIGHT_PX) >= 0.5
-    assert np.mean(off < 5.0) >= 0.9
-    assert np.mean(off[probability >= 0.9] < RIGHT_PX) >= 0.7
+    assert np.mean(off < RIGHT_PX) >= 0.6
+    assert np.mean(off < 5.0) >= 0.85
+    assert np.mean(off[probability >= 0.9] < RIGHT_PX) >= 0.85
+    assert probability.mean() == pytest.approx(np.mean(off < RIGHT_PX), abs=0.14)
 
 
 def test_two_photos_propose_better_than_one__real(around):
     # The run gives 71 %.
-    off, _ = proposed(around, votes=2).T
-    assert np.mean(off < RIGHT_PX) >= 0.6
+    off, *_ = proposed(around, votes=2).T
+    assert np.mean(off < RIGHT_PX) >= 0.65

@@ -6,8 +6,9 @@ import pytest
 
 from core.matching.operators import doubled_angle_field
 from core.matching.peaks import detect_peaks
-from core.matching.precision import place_covariance, sharpness_of
+from core.matching.precision import paired_covariance, place_covariance, sharpness_of
 from core.matching.template_search import correlation_scores, cosine_scores
+from core.ties.refinement import PatchSize, refine_rays
 
 SIDE, HALF = 141, 20
 MIDDLE = SIDE // 2
@@ -75,3 +76,50 @@ def test_a_picture_without_the_template_says_nothing__law():
     sharpness = sharpness_of((template,))
     assert sharpness is not None
     assert np.isinf(place_covariance(sharpness, (-template,))).all()
+
+
+def grainy_pair(rng, quality):
+    """Two grainy pictures of one ground, and by how much the second is displaced."""
+    # Faint beside its grain, and smooth, as a field is: little of the gradients is ground.
+    ground = 12 * textured(rng, 4.0)
+    shift = rng.uniform(-0.5, 0.5, 2)
+    affinity = np.array([[1, 0, shift[0]], [0, 1, shift[1]]])
+    moved = cv2.warpAffine(ground, affinity, (SIDE, SIDE), flags=cv2.INTER_CUBIC)
+    pictures = []
+    for grey in (ground, moved):
+        scan = np.clip(np.rint(120 + grey + 6 * textured(rng, 0.7)), 0, 255).astype(np.uint8)
+        packed = cv2.imencode(".jpg", scan, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        pictures.append(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE).astype(np.float32))
+    return *pictures, shift
+
+
+@pytest.mark.parametrize("quality", [100, 12])
+@pytest.mark.parametrize("reduction", [7, 14])
+def test_a_place_between_two_grainy_scans_is_known_as_well_as_is_stated__truth(quality, reduction):
+    """Grain and blocks have gradients as well: taken for ground, they halve what is stated."""
+    rng, size, bend = np.random.default_rng(23), PatchSize.at_reduction(reduction), 0.1
+    inner, wide = (
+        np.s_[MIDDLE - half : MIDDLE + half + 1, MIDDLE - half : MIDDLE + half + 1]
+        for half in (size.radius_px, size.searched_radius_px)
+    )
+    errors, stated, alone = [], [], []
+    start = np.eye(2, 3)[None]
+    for _ in range(60):
+        first, second, shift = grainy_pair(rng, quality)
+        rays = (first[inner][None], second[wide][None], start)
+        found = refine_rays(*rays, max_shift_px=3.0, size=size, bend_sigma=bend)
+        if not found.good[0]:
+            continue
+        smooth = [cv2.GaussianBlur(grey, (0, 0), size.smooth_px) for grey in (first, second)]
+        place = (MIDDLE + found.pixels[0]).tolist()
+        shown = cv2.getRectSubPix(smooth[1], (2 * size.radius_px + 1,) * 2, place)
+        pair = [np.ascontiguousarray(grey - grey.mean()) for grey in (smooth[0][inner], shown)]
+        errors.append(found.pixels[0] - shift)
+        stated.append(np.diag(paired_covariance(pair[0], pair[1], size.smooth_px, bend)))
+        sharpness = sharpness_of((pair[0],))
+        assert sharpness is not None
+        alone.append(np.diag(place_covariance(sharpness, (pair[1],))))
+    assert len(errors) > 30
+    error = np.sqrt(np.median(np.square(errors)))
+    assert 0.6 < np.sqrt(np.median(stated)) * 0.674 / error < 1.6
+    assert np.median(alone) < 0.6 * np.median(stated)
