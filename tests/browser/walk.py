@@ -42,7 +42,7 @@ from tests.browser.monkey import (
     OPERATOR,
     PATIENCE_S,
     DeskWalk,
-    LessonsWalk,
+    PageWalk,
     PlacingWalk,
     ReportWalk,
     Room,
@@ -59,6 +59,20 @@ def remake(photo_ids: tuple[str, ...], progress: Progress, report: object) -> No
     for step in range(3):
         progress.report(step, 3, photo_ids[0] if photo_ids else "")
         time.sleep(0.1)
+
+
+class LessonsWalk(PageWalk):
+    """Over the lessons, which keep everything in the browser."""
+
+    ready = "#figures b"
+
+    def end(self) -> None:
+        super().end()
+        self.page.click("[data-lesson] >> nth=1")
+        self.expect(
+            "document.querySelectorAll('[data-lesson]')[1].getAttribute('aria-current') === 'true'",
+            "a lesson is clicked and not shown",
+        )
 
 
 @contextmanager
