@@ -179,6 +179,16 @@ def kept(hand: Hand, yes: Hand) -> Hand:
     return keeping
 
 
+def shown(hand: Hand, selector: str) -> Hand:
+    """A gesture, and the wait for what it shows."""
+
+    def wait(page: Page) -> None:
+        hand(page)
+        page.wait_for_selector(selector)
+
+    return wait
+
+
 def unfolded(hand: Hand) -> Hand:
     """With everything shown that is folded away at first."""
 
@@ -343,7 +353,7 @@ LOOKING = (
     Looks("all kinds again", choose("#sieve-role", 0), FILTER),
     Looks("sorting chosen", choose("#sort-column", 2), SORT),
     Looks("sorting turned", click("#sort-turn"), SORT),
-    Looks("heading clicked", click('[data-column="score"]'), SORT),
+    Looks("heading clicked", click('[data-column="misfit"]'), SORT),
     Looks("+", key("+"), SCALE), Looks("-", key("-"), SCALE), Looks("wheel", wheel, SCALE),
     Looks("picture dragged", lambda page: drag(page, in_pane(page, "left", -60, 40), (50, 30)),
           f"{LOOK}.view.east"),
@@ -372,7 +382,7 @@ LOOKING = (
     Looks("theme again", button("theme"), "document.documentElement.dataset.theme"),
     Looks("H", key("h"), OPEN), Looks("H again", key("h"), OPEN),
     Looks("help button", button("help"), OPEN), Looks("Escape", key("Escape"), OPEN),
-    Looks("B", key("b"), OPEN),
+    Looks("B", shown(key("b"), "#quality .quality-part"), OPEN),
     Looks("adjustments compared", choose('[data-pair="0"]', 1), COMPARED),
     Looks("B again", key("b"), OPEN),
     Looks("quality button", button("quality"), OPEN),
@@ -384,6 +394,12 @@ LOOKING = (
     Looks("after clicked", click('[data-mode="both"]'), "gruber.placementState().mode"),
     Looks("map closed", click("#placement-close"), OPEN),
     Looks("placement button", button("placement"), OPEN), Looks("G again", key("g"), OPEN),
+    *(look for opener in ("Shift+O", "Shift+B", "Shift+I")
+      for look in (Looks(opener, key(opener), OPEN),
+                   Looks(f"Esc after {opener}", key("Escape"), OPEN))),
+    *(look for name in ("points", "results")
+      for look in (Looks(f"{name} button", click(f"#{name}-open"), OPEN),
+                   Looks(f"Esc after {name}", key("Escape"), OPEN))),
 )  # fmt: skip
 BOARD_LOOKING = (
     Looks("board button", button("board"), OPEN),

@@ -342,7 +342,8 @@ class DeskWalk(PageWalk):
             self.press(what)
             seen = self.page.evaluate("walk.seen.splice(0)")
             meaning = next(iter(self.meant(seen[-1:])), None)
-            if meaning and ahead:
+            # The reason is that of the rejection which is asked about, wherever the hand is.
+            if meaning and ahead and meaning.what != "reason":
                 sure = aim is not None and not meaning.what.endswith(" all")
                 meaning = replace(meaning, key=aim or "", must=meaning.must and sure, state="")
             meant += [meaning] if meaning else []

@@ -191,6 +191,10 @@ def test_tab_reaches_every_control_of_the_other_pages__law(rooms, enter, kind):
     assert press_everything(page, again, lambda: files_of(room.folder)) == []
 
 
+def test_tab_reaches_every_control_of_the_lessons__law(rooms, enter):
+    assert unseen_or_unreached(enter(rooms["LessonsWalk"])) == []
+
+
 def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter):
     """Each seen with the focus, each doing what it says by Enter and Space, nothing decided."""
     room = rooms["DeskWalk"]
@@ -262,6 +266,13 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
         decided("Withdraw", f"[data-act={act}]", len(session.decisions()))
 
 
+DROPPED = """() => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File(["id;X;Y;Z\\na;1;2;3\\nb;here;2;3\\n"], "list.csv"));
+  dispatchEvent(new DragEvent("drop", { dataTransfer, cancelable: true }));
+}"""
+
+
 @pytest.mark.parametrize("language", ["en-GB", "cs-CZ"])
 def test_axe_finds_nothing_on_pages_with_content__oracle(rooms, enter, axe, language):
     """What only a block that was run has, in both themes."""
@@ -288,6 +299,25 @@ def test_axe_finds_nothing_on_pages_with_content__oracle(rooms, enter, axe, lang
     page.click("#results-open")
     page.wait_for_selector("#results[open] li")
     look("results", page)
+    page.keyboard.press("Escape")
+    page.keyboard.press("Shift+O")
+    page.wait_for_selector("#mosaic[open] aside:not([aria-busy])")
+    page.keyboard.press("l")
+    look("mosaic", page)
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    page.keyboard.press("Shift+B")
+    page.wait_for_selector("#checks[open] .check-room >> nth=1")
+    page.keyboard.press("n")
+    look("checks", page)
+    page.evaluate("document.getElementById('checks').close()")
+    page.evaluate(DROPPED)
+    page.wait_for_selector("#points[open] .points-table")
+    look("points", page)
+    page = enter(rooms["LessonsWalk"], language=language)
+    page.evaluate(axe)
+    page.wait_for_selector("#check")
+    look("lessons", page)
     assert {name: lines for name, lines in found.items() if lines} == {}
 
 
