@@ -9,9 +9,8 @@ from app.project import Project
 from core.block import Block
 from core.control.stage import ControlFound
 from core.errors import ProjectError
-from core.formats.listed_point import ListedPoint, PointList, PointListReading
+from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
 from core.formats.point_axes import Surroundings
-from core.formats.point_columns import QUANTITIES, Quantity
 from core.formats.point_list import read_point_list
 from core.georeference.stage import Georeferenced
 from core.said import say

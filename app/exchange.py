@@ -23,7 +23,7 @@ from core.formats.exchange import (
 )
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import USUAL_SIGMA_M, ListedPoint
-from core.formats.micmac_measures import image_measures_name, write_image_measures
+from core.formats.micmac_points import image_measures_name, write_image_measures
 from core.formats.records import scan_stem
 from core.formats.tangent_frame import in_tangent_frame
 from core.formats.tie_list import write_ties

@@ -1,4 +1,7 @@
-"""The mosaic in a block's results: edited seams are kept, tiles that are still right taken over."""
+"""The mosaic in a block's results, and the layer of what has changed since.
+
+Edited seams are kept, and tiles that are still right are taken over.
+"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -16,6 +19,7 @@ from core.block import Photo
 from core.formats.vectors import read_layers
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds, parse_crs
+from core.mosaic.change import find_change, write_change
 from core.mosaic.composition import (
     FormerMosaic,
     MosaicOptions,
@@ -23,15 +27,15 @@ from core.mosaic.composition import (
     compose_mosaic,
     mosaic_grid,
 )
-from core.mosaic.edited_seams import read_edited
 from core.mosaic.radiometry import FilmPlane, film_plane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seam_edits import SeamEdit, with_edits
-from core.mosaic.seams import Seam, read_seams
+from core.mosaic.seams import Seam, read_edited, read_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress
+from core.raster.ortho import open_ortho
 from sessions.atomic_write import whole_file
-from sessions.seam_decisions import standing_seam_edits
+from sessions.decisions import standing_seam_edits
 from sessions.session import Session
 
 FILE, SEAMS = "mosaic.tif", "seams.gpkg"
@@ -41,6 +45,8 @@ SEAMS_DRAWN = "seams-drawn"
 """Product that keeps the seams before any edit at the desk, and the edits of the mosaic."""
 DRAWN = "mosaic-seams"
 """Product that keeps the digest of the seams that the program drew last."""
+
+CHANGE = "change.gpkg"
 
 
 def make_mosaic(
@@ -185,3 +191,41 @@ def _content(session: Session, seams: Path) -> str:
         return session.products.digest_of(DRAWN, list(read_seams(seams)))
     except (DataSourceError, DataLayerError, KeyError):
         return session.products.digest_of(DRAWN, seams)
+
+
+def make_change(
+    session: Session,
+    project: Project,
+    mosaic: MosaicProduct,
+    progress: Progress,
+    *,
+    anew: bool = False,
+) -> Mapping[str, float]:
+    """Write the layer unless it is fresh.
+
+    Args:
+        session: Where results are kept.
+        project: For the reference.
+        mosaic: The mosaic, on disk.
+        progress: Told per tile.
+        anew: Make it again.
+
+    Returns:
+        Share of the ground that is the same, and that is different; nothing without a reference.
+    """
+    crs, reference = project.block.crs, project.reference.ortho
+    if not reference:
+        return {}
+    target = session.results / CHANGE
+    digest = session.products.digest_of("change", 1, mosaic.path, reference)
+    kept = None if anew else session.products.load_value("change", digest)
+    if kept is not None and target.is_file():
+        return kept
+    found = find_change(
+        open_ortho([mosaic.path], crs), open_ortho(reference, crs), mosaic.grid.bounds,
+        progress=progress,
+    )  # fmt: skip
+    with whole_file(target) as temporary:
+        write_change(found, temporary, crs)
+    session.products.save_value("change", digest, found.shares)
+    return found.shares

@@ -11,20 +11,21 @@ import numpy as np
 
 from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
 from app.block_sections import (
+    SheetsSection,
     adjustment_options,
     check_attribute,
     read_camera,
+    sheets_section,
     surface_options,
 )
 from app.block_toml import FILE, Document, Table
-from app.sheet_settings import SheetsSection, sheets_section
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
 from core.doubts import Failure
 from core.errors import CrsError, ProjectError
 from core.formats.listed_point import ListedPoint
-from core.formats.micmac_measures import read_image_measures
+from core.formats.micmac_points import read_image_measures
 from core.formats.point_list import read_control_points
 from core.formats.stac import time_span
 from core.geometry.camera import Camera

@@ -8,9 +8,8 @@ from typing import Any, cast
 import shapely
 
 from app.bring_points import brought_points
-from app.change import make_change
 from app.height_checks import doubts_after
-from app.mosaic import make_mosaic
+from app.mosaic import make_change, make_mosaic
 from app.project import Project, described
 from app.report.model import ReportContent, written_now
 from app.report.page import write_report
@@ -20,7 +19,6 @@ from app.report.wording import remarks
 from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
-from app.stage_lines import STAGE_LINES, adjusted_line
 from app.surface import (
     chosen_ground,
     make_block_surface,
@@ -28,7 +26,7 @@ from app.surface import (
     surface_line,
     usable_parts,
 )
-from app.terminal import Interruption, Voice, interruptible
+from app.terminal import STAGE_LINES, Interruption, Voice, adjusted_line, interruptible
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
@@ -50,9 +48,7 @@ from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
 from sessions.checks import version_on_disk
-from sessions.drawn_masks import standing_masks
-from sessions.marks import Films, judged_scans, said_of_scans
-from sessions.placed_photos import with_clicks
+from sessions.scan_decisions import Films, judged_scans, said_of_scans, standing_masks, with_clicks
 from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from ui.words.catalogue import LANGUAGES

@@ -17,9 +17,8 @@ from core.mosaic.composition import MosaicProduct
 from core.progress import Progress
 from core.said import Said, say
 from core.sheets.delivery import CHECK_SUMS, INDEX, Delivery, SheetFile
-from core.sheets.map_sheets import MapSheet, only_areas, read_sheet_index
+from core.sheets.map_sheets import MapSheet, only_areas, read_sheet_index, state_map_sheets
 from core.sheets.stage import VERSION, SheetOptions, cut_sheets
-from core.sheets.state_map import state_map_sheets
 from sessions.atomic_write import whole_file, whole_folder
 from sessions.disk import explain_disk_errors
 from sessions.session import Session

@@ -18,8 +18,8 @@ from core.matching.reference import open_reference
 from core.mosaic.composition import MosaicProduct
 from core.pipeline import STAGES, Stage
 from core.raster.scan_file import check_fits_camera, open_scan
-from sessions.marks import said_of_scans
 from sessions.products import Products
+from sessions.scan_decisions import said_of_scans
 from sessions.session import Session
 
 Check = list[Any]

@@ -66,8 +66,7 @@ from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
 from core.scans.stage import ScanSet
 from core.sheets.delivery import Delivery, SheetFile
-from core.surface.ground import GroundProduct
-from core.surface.relief import SystematicPart
+from core.surface.ground import GroundProduct, SystematicPart
 from core.surface.stage import SurfaceFiles, SurfaceProduct
 from core.ties.stage import Tied
 from sessions.decisions import DECISIONS, Recorded

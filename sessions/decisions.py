@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from core.block import Measurement, Role
 from core.formats.listed_point import ListedPoint
-from core.mosaic.seam_edits import SeamEdit
+from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
 
@@ -380,3 +380,9 @@ def last_to_redo(decisions: Sequence[Recorded], operator: str) -> Recorded | Non
         if item.who == operator and undoes and item.decision_id > last_decided:
             return item
     return None
+
+
+def standing_seam_edits(decisions: Sequence[Recorded]) -> tuple[SeamEdit, ...]:
+    """What stands of all that was drawn on the mosaic, in order."""
+    said = (item.decision for item in standing(decisions))
+    return tuple(one for one in said if isinstance(one, SeamLine | SeamArea))

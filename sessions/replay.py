@@ -51,10 +51,16 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
-from sessions.drawn_masks import knows_subject, standing_masks, with_masks
-from sessions.marks import Films, knows, with_marks
-from sessions.placed_photos import with_placed
 from sessions.readings import SAME_PLACE_PX, placed
+from sessions.scan_decisions import (
+    Films,
+    knows,
+    knows_subject,
+    standing_masks,
+    with_marks,
+    with_masks,
+    with_placed,
+)
 
 SAME_RAY_PX = 1.0
 """Two rays of a photo nearer than this, scan pixels, are the same."""

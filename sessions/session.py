@@ -28,10 +28,10 @@ from sessions.decisions import (
 )
 from sessions.disk import explain_disk_errors
 from sessions.layers import write_layers
-from sessions.marks import Films
 from sessions.processes import only_run
 from sessions.products import Products
 from sessions.replay import Replayed, replay, with_place
+from sessions.scan_decisions import Films
 from sessions.store import Row, Store
 
 FILE = "session.gpkg"

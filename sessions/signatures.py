@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.quality.job_rules import RULES
+from core.quality.readings import RULES
 from sessions.checks import DIGEST_SIGNS
 from sessions.decisions import (
     PlanChecks,

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from core.geometry.robust import robust_sigma
-from core.georeference.camera_types import FILE, HEAD
+from core.georeference.principal_distance import FILE, HEAD
 
 LEAST = 5
 """Certificates of a type of which something is told."""

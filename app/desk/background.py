@@ -1,11 +1,11 @@
-"""Background work of the desk: adjusting (newest wins), measuring in scans, making orthos."""
+"""Background work of the desk: adjusting (newest wins) and what follows, measuring, orthos."""
 
 import logging
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from app.desk.messages import (
@@ -28,9 +28,14 @@ from core.doubts import Failure
 from core.errors import Cancelled, PhotogrammetryError
 from core.progress import Progress
 from sessions.decisions import FillMarks
+from ui.review.compare import redrawn, stale_photos
+from ui.review.doubtful import extra_of
 from ui.review.gestures import Gesture, MarkPlaced
+from ui.review.history import with_adjustment
+from ui.review.scene import Footprints, tie_vectors
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Notice
+from ui.review.state import Evidence, Notice
+from ui.review.to_measure import with_predictions, with_waiting
 
 logger = logging.getLogger(__name__)
 Adjust = Callable[[Block, Progress], AdjustmentReport]
@@ -38,7 +43,6 @@ BEGIN_AFTER_S = 0.1
 """An adjustment begins this much later: first the picture of what was decided goes out."""
 REPORT_EVERY_S = 0.15
 """Progress is passed on no more often than this."""
-
 
 Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
 """(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
@@ -178,6 +182,44 @@ class Measurer:
         self._deliver(found)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AfterAdjustment:
+    """Captured beside a block that is adjusted: finds what follows from the report."""
+
+    desk: DeskSnapshot
+    """The desk as the block was handed over."""
+    evidence: Callable[[AdjustmentReport], Evidence]
+    """What the equations tell beside the report."""
+    stale_m: float
+    """An ortho is stale when the photo moved by more than this on the ground, metres."""
+    footprints: Footprints
+    """Outlines found before; only one thread at a time asks for more."""
+
+    def block(self) -> Block:
+        """What is adjusted."""
+        return self.desk.state.block
+
+    def conclude(self, report: AdjustmentReport) -> DeskSnapshot:
+        """The captured desk with all that follows from the report."""
+        desk = self.desk
+        state = replace(
+            desk.state, report=report, before=desk.state.report, adjusting=False,
+            evidence=self.evidence(report),
+        )  # fmt: skip
+        extra = extra_of(state, desk.base, desk.recorded, desk.doubts, desk.dem)
+        state = with_predictions(replace(state, extra=extra), desk.dem)
+        drawn = redrawn(desk.drawn, state.oriented)
+        return replace(
+            desk,
+            state=state,
+            drawn=drawn,
+            stale=stale_photos(state, self.stale_m),
+            outlines=self.footprints.of(drawn, state.oriented.origin),
+            tie_vectors=tie_vectors(state),
+            table=desk.table.renewed(state),
+        )
+
+
 def _not_measured(gesture: Gesture | ProposalsWanted, why: str) -> Measured:
     return Measured(gesture.seat_id, None, Notice("notice.not-done", {"why": why}, grave=True))
 
@@ -311,3 +353,28 @@ def survived(function: Callable[[Any], None], argument: Any) -> str:
         logger.exception("%s could not be handled.", type(argument).__name__)
         return f"{type(error).__name__}: {error}"
     return ""
+
+
+def adopt_adjustment(now: DeskSnapshot, found: DeskSnapshot, stale_m: float) -> DeskSnapshot:
+    """The desk as it stands now, with what follows from the newest adjustment."""
+    then = found.state
+    measured = replace(then.to_measure, proposals=now.state.to_measure.proposals)
+    state = with_waiting(replace(
+        now.state, report=then.report, before=then.before, adjusting=False, extra=then.extra,
+        evidence=then.evidence, to_measure=measured,
+    ))  # fmt: skip
+    # Orthos may have been made meanwhile.
+    same = now.state.made is then.made
+    fresh = replace(
+        now,
+        state=state,
+        stale=found.stale if same else stale_photos(state, stale_m),
+        drawn=found.drawn,
+        outlines=found.outlines,
+        tie_vectors=found.tie_vectors,
+        trials={},
+        adjustments=with_adjustment(now.adjustments, then.report, state),
+    )
+    # Proposals may have come meanwhile.
+    same = state.to_measure.waiting == then.to_measure.waiting
+    return fresh.with_table(found.table if same else found.table.renewed(state))

@@ -10,14 +10,11 @@ import numpy as np
 from aiohttp import web
 
 from app.bring_points import brought_points
-from app.change import make_change
 from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import export_routes
-from app.desk.filling import Filling
-from app.desk.measuring import Errors, PhotoToPhoto
-from app.desk.mosaic import MosaicFile
-from app.desk.sheets import sheet_routes
-from app.mosaic import make_mosaic
+from app.desk.measuring import Errors, Filling, PhotoToPhoto
+from app.desk.mosaic import MosaicFile, sheet_routes
+from app.mosaic import make_change, make_mosaic
 from app.placing import Placeable, standing_block
 from app.project import Project, described
 from app.run import Run, RunOptions, make_orthos, terrain_of, write_all
@@ -25,9 +22,8 @@ from app.running import Running
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
-from core.adjustment.expected_gain import expected_gains
+from core.adjustment.expected_gain import expected_gains, measuring_gains
 from core.adjustment.influence import influence_of
-from core.adjustment.measuring_gain import measuring_gains
 from core.adjustment.weights import Terrain
 from core.arrays import ObjectPoints
 from core.block import Block, Measurement, Photo

@@ -14,9 +14,8 @@ from app.project import read_project
 from core.block import UNKNOWN_M, Block, footprint
 from core.errors import PhotogrammetryError
 from core.formats.exchange_formats import FORMATS
-from core.formats.listed_point import PointList, PointListReading
+from core.formats.listed_point import QUANTITIES, PointList, PointListReading
 from core.formats.point_axes import AXES
-from core.formats.point_columns import QUANTITIES
 from core.formats.point_list import read_point_list
 from sessions.decisions import BringPoints
 from sessions.session import Session

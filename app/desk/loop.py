@@ -6,8 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from app.desk.after_adjustment import AfterAdjustment, adopt_adjustment
-from app.desk.background import Filler, Measurer, Remaker, Worker, survived
+from app.desk.background import (
+    AfterAdjustment,
+    Filler,
+    Measurer,
+    Remaker,
+    Worker,
+    adopt_adjustment,
+    survived,
+)
 from app.desk.inputs import DeskInputs, first_snapshot
 from app.desk.measuring import (
     MeasuringTool,
@@ -44,8 +51,8 @@ from sessions.decisions import (
     Withdraw,
     changing,
     standing,
+    standing_seam_edits,
 )
-from sessions.seam_decisions import standing_seam_edits
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.gestures import AnswerAsked, Freed, Gesture, MarkPlaced

@@ -1,21 +1,28 @@
 """Measurements in scans that a gesture asked for, computed outside the review thread."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from app.desk.messages import Deliver, Measured, MeasuringBegun, ProposalsWanted, Proposed
+from app.settings import Threads
 from core.adjustment.adjusted import ExteriorSigmas
 from core.block import HAND_SIGMA_PX, Block, Measurement, Peak
 from core.control.likeness import OPERATOR, Likeness
 from core.control.prediction import EDGE_MM, JointErrors, shown_in
 from core.doubts import Failure
+from core.geometry.camera import Camera
+from core.progress import Progress, Work
 from core.scans.centring import Centre
-from core.scans.corrected_marks import Example, snap_mark
-from sessions.decisions import AddPoint, Place, PlaceFiducial, Recorded
+from core.scans.corrected_marks import Example, corrected_scan, snap_mark
+from core.scans.filled_marks import fill_marks
+from core.scans.interior_orientation import ScanOrientation
+from core.scans.judging import FiducialSet
+from sessions.decisions import AddPoint, FillMarks, Place, PlaceFiducial, Recorded
 from sessions.readings import SAME_PLACE_PX
+from sessions.scan_decisions import mark_changes, with_effect
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import apply_draft
 from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
@@ -176,6 +183,59 @@ class MeasuringTool:
             return place
         column, row = (float(value) for value in place[0])
         return replace(start, column=column, row=row)
+
+
+FindLike = Callable[
+    [Mapping[str, ScanOrientation], Camera, Mapping[str, float], str, tuple[float, float], Work],
+    Mapping[str, FiducialSet],
+]
+"""(scans, camera, pixels in mm, photo, place, work): the marks like the one at a place."""
+WORKERS = 2
+"""Scans that are searched side by side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filling:
+    """Finds and names the marks like an example, in all scans of its camera."""
+
+    find: FindLike
+    """What searches the scans."""
+
+    def __call__(
+        self, gesture: MarkPlaced, desk: DeskSnapshot, progress: Progress
+    ) -> tuple[FillMarks | None, Notice]:
+        """The decision to record, and what to tell the operator.
+
+        Raises:
+            ScanError: A scan cannot be read.
+            Cancelled: The operator stopped it.
+        """
+        initial, name = desk.initial, desk.state.block.photos[gesture.photo_id].camera
+        films = _standing(desk, name)
+        if gesture.photo_id not in films:
+            return None, Notice("notice.not-filled", {"why": "the scan is not at hand"})
+        camera = initial.cameras.get(name, desk.state.block.cameras[name])
+        pixels_mm = {photo: initial.pixel_mm[photo] for photo in films}
+        place, threads = (gesture.column, gesture.row), Threads(WORKERS)
+        try:
+            work = Work(progress, threads.map)
+            found = self.find(films, camera, pixels_mm, gesture.photo_id, place, work)
+        finally:
+            threads.close()
+        filled = fill_marks(films, found, camera, pixels_mm)
+        if isinstance(filled, Failure):
+            return None, Notice("notice.not-filled", {"why": filled.reason})
+        values = {
+            "marks": str(sum(len(marks) for marks in filled.found.values())),
+            "scans": str(len(filled.found)),
+            "all": str(len(films)),
+        }
+        bare = [photo for photo in filled.found if not films[photo].interior.names]
+        told = "notice.filled-anew" if bare else "notice.filled"
+        decision = FillMarks(
+            name, gesture.photo_id, *place, filled.found, filled.places_mm, filled.sigma_mm
+        )
+        return decision, Notice(told, {**values, "bare": str(len(bare))})
 
 
 def _errors(state: DeskState) -> Errors:
@@ -360,3 +420,20 @@ def _example(initial: InitialState, photo_id: str, name: str) -> Example | None:
         and name in film.interior.names
     ]
     return max(candidates, key=lambda pair: pair[0])[1] if candidates else None
+
+
+def _standing(desk: DeskSnapshot, camera: str) -> dict[str, ScanOrientation]:
+    """The scans of a camera with all that was said about their marks."""
+    block, films = desk.state.block, desk.initial.films
+    changes = with_effect(mark_changes(desk.recorded))
+    standing: dict[str, ScanOrientation] = {}
+    for name, photo in block.photos.items():
+        film = films.get(name)
+        if film is None or photo.camera != camera:
+            continue
+        if name in changes:
+            pixel_mm = desk.initial.pixel_mm[name]
+            film = corrected_scan(film, block.cameras[camera], pixel_mm, changes[name])
+        used = tuple(mark for mark in film.fiducials if mark.name in film.interior.names)
+        standing[name] = replace(film, fiducials=used)
+    return standing

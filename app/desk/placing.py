@@ -14,7 +14,7 @@ from core.errors import ScanError
 from core.formats.world_file import world_file_suffix, write_world_file
 from sessions.atomic_write import whole_file
 from sessions.decisions import PlacePhoto
-from sessions.placed_photos import clicked_pairs
+from sessions.scan_decisions import clicked_pairs
 from sessions.session import RESULTS, Session
 from ui.review.state import Notice
 from ui.web.placing import Pair, placing_routes, with_pairs

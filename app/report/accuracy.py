@@ -1,13 +1,16 @@
-"""Statistics of independent differences, as METHODS 9.1 defines them; JSON-able."""
+"""Statistics of differences, residuals and pointing, as METHODS 9.1 defines them; JSON-able."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
 from core.adjustment.adjusted import AdjustmentReport, CheckResult
-from core.arrays import ObjectPoints
+from core.arrays import ObjectPoints, Scalars
+from core.block import Measurement, Reading
 from core.geometry.robust import robust_sigma
 from core.mosaic.comparison import (
     OUTLIER_RULE,
@@ -15,6 +18,15 @@ from core.mosaic.comparison import (
 )
 from core.quality.check_points import CHECKS, STANDARD_LEAST, independent_checks, kept_out
 from core.quality.readings import circular_error_90, rms_interval
+from core.quality.residuals import film_patterns, residual_trends
+from sessions.readings import SAME_PLACE_PX
+
+FEW = 3
+"""A mean of fewer residuals is not drawn."""
+BINS = 24
+"""Bars of a histogram, over four times the RMS to either side."""
+REACH = 4.0
+"""Residuals beyond so many times the RMS are counted in the outermost bars."""
 
 
 def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
@@ -138,3 +150,93 @@ def _differs_from_nought(values: np.ndarray) -> bool:
         return False
     t = abs(float(values.mean())) / (float(values.std(ddof=1)) / np.sqrt(count))
     return bool(t > stdtrit(count - 1, 0.975))
+
+
+def residual_figures(report: AdjustmentReport) -> dict[str, Any]:
+    """Histograms by class, trends, and the mean residuals of each photo by parts of its film."""
+    ties = report.tie_residuals_px
+    used = [report.residuals_px[key] for key in report.redundancy_numbers]
+    classes = {
+        "tie": ties[np.isfinite(ties).all(axis=1)].ravel(),
+        "control": np.array(used, dtype=np.float64).ravel(),
+    }
+    return {
+        "histograms": {name: _histogram(values) for name, values in classes.items() if len(values)},
+        "trends": {
+            name: {
+                "along": trend.along.tolist(),
+                "mean_px": trend.mean_px.tolist(),
+                "sigma_px": trend.sigma_px.tolist(),
+                "count": trend.count,
+            }
+            for name, trend in residual_trends(report).items()
+        },
+        "films": _films(report),
+    }
+
+
+def parameter_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
+    """What cameras and positions turned out to be, and what each is mixed up with."""
+    fields = ("owner", "name", "value", "sigma", "test", "correlation", "partner", "held")
+    return [{name: getattr(one, name) for name in fields} for one in report.parameters]
+
+
+def _histogram(values: Scalars) -> dict[str, Any]:
+    """Counts of coordinates in bars of equal width about nought, pixels."""
+    rms = float(np.sqrt(np.mean(values**2)))
+    reach = REACH * rms or 1.0
+    edges = np.linspace(-reach, reach, BINS + 1)
+    counts, _ = np.histogram(np.clip(values, -reach, reach), edges)
+    return {"count": len(values), "rms_px": rms, "reach_px": reach, "counts": counts.tolist()}
+
+
+def _films(report: AdjustmentReport) -> Mapping[str, Any]:
+    """By photo: mean residual (column, row) of each cell, pixels; null where few make it."""
+    found: dict[str, Any] = {}
+    for name, (mean, counts) in film_patterns(report).items():
+        told = np.where(counts[..., None] >= FEW, mean, np.nan)
+        found[name] = {"mean_px": told.tolist(), "counts": counts.tolist()}
+    return found
+
+
+def pointing_figures(measurements: Iterable[Measurement]) -> list[dict[str, Any]]:
+    """One row for each operator who measured what somebody else measured too.
+
+    Args:
+        measurements: Of the block with its decisions.
+
+    Returns:
+        `who`; `count` of differences to others; `sigma_px`, the standard deviation per axis of one
+        reading (both being alike, the RMS difference over the root of two); the mean difference,
+        own minus others', `column_px` and `row_px`; and `other_detail`, how many lay too far apart
+        to be of the same detail, which count in none of these.
+    """
+    differences: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    apart: dict[str, int] = defaultdict(int)
+    for item in measurements:
+        for own, other in permutations(item.readings, 2):
+            off = _difference(own, other)
+            if np.hypot(*off) <= SAME_PLACE_PX:
+                differences[own.operator].append(off)
+            else:
+                apart[own.operator] += 1
+    return [
+        _row(who, np.array(differences[who]).reshape(-1, 2), apart[who])
+        for who in sorted({*differences, *apart})
+    ]
+
+
+def _difference(own: Reading, other: Reading) -> tuple[float, float]:
+    return own.column - other.column, own.row - other.row
+
+
+def _row(who: str, off: np.ndarray, apart: int) -> dict[str, Any]:
+    some = len(off) > 0
+    return {
+        "who": who,
+        "count": len(off),
+        "sigma_px": float(np.sqrt(np.mean(off**2) / 2)) if some else float("nan"),
+        "column_px": float(off[:, 0].mean()) if some else float("nan"),
+        "row_px": float(off[:, 1].mean()) if some else float("nan"),
+        "other_detail": apart,
+    }

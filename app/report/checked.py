@@ -1,17 +1,18 @@
-"""What was checked by hand: plans, readings with their figures, rules and signatures; JSON-able."""
+"""What people did: decisions, plans of checks, readings, rules and signatures; JSON-able."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.quality.job_rules import judge_rules
-from core.quality.reading_rules import reading_findings
 from core.quality.readings import (
     Foretold,
     PlanFigures,
     ReadingFigures,
     compare_with_prediction,
+    judge_rules,
+    reading_findings,
 )
 from core.quality.rules import Finding, release_limit_m
 from sessions.checks import (
@@ -22,7 +23,7 @@ from sessions.checks import (
     readings_of,
     standing_plans,
 )
-from sessions.decisions import Recorded
+from sessions.decisions import Recorded, Withdraw, standing
 from sessions.signatures import judged_parts, standing_signatures
 from ui.words.catalogue import Teller
 
@@ -39,6 +40,32 @@ class Checked:
     """What was predicted of them."""
     findings: tuple[Finding, ...]
     """What follows."""
+
+
+KINDS = {
+    "Accept": "accepted",
+    "ChoosePeak": "accepted",
+    "Place": "placed",
+    "Reject": "rejected",
+    "MarkNotVisible": "rejected",
+    "MarkDubious": "unsure",
+    "AddPoint": "points added",
+    "BringPoints": "points brought",
+    "SetRole": "roles set",
+    "JudgeTie": "ties judged",
+    "JudgePhoto": "photos judged",
+    "JudgeFiducial": "fiducials",
+    "PlaceFiducial": "fiducials",
+    "DrawMask": "masks drawn",
+    "PlacePhoto": "photos placed",
+    "FillMarks": "fiducials",
+    "SeamLine": "seams drawn",
+    "SeamArea": "seams drawn",
+    "PlanChecks": "checks planned",
+    "ReadCheck": "checks read",
+    "SignBlock": "signatures",
+}
+"""What each kind of decision is counted as."""
 
 
 def checked_by_hand(
@@ -237,3 +264,34 @@ def _readings(
         for (_, who), (item, one) in sorted(read.items())
         if one.place_id in names
     ]
+
+
+def decision_figures(recorded: Sequence[Recorded]) -> dict[str, Any]:
+    """Decisions that stand, by operator and kind; how many were taken back.
+
+    Args:
+        recorded: Every decision of the session, withdrawals included.
+    """
+    plain = [one for one in recorded if not isinstance(one.decision, Withdraw)]
+    kept = [one for one in standing(recorded) if not isinstance(one.decision, Withdraw)]
+    operators = sorted({one.who for one in kept})
+    counts = {
+        who: Counter(KINDS[type(one.decision).__name__] for one in kept if one.who == who)
+        for who in operators
+    }
+    used = {kind for counter in counts.values() for kind in counter}
+    return {
+        "count": len(kept),
+        "taken_back": len(plain) - len(kept),
+        "kinds": [kind for kind in dict.fromkeys(KINDS.values()) if kind in used],
+        "operators": [
+            {
+                "who": who,
+                "first": min(one.when for one in kept if one.who == who),
+                "last": max(one.when for one in kept if one.who == who),
+                "count": sum(counts[who].values()),
+                "by_kind": dict(counts[who]),
+            }
+            for who in operators
+        ],
+    }

@@ -13,12 +13,15 @@ import rasterio
 import shapely
 from shapely.geometry import Polygon
 
-from app.report.accuracy import check_accuracy, comparison_accuracy
-from app.report.checked import Checked, checked_by_hand, checked_part
-from app.report.decided import decision_figures
-from app.report.pointing import pointing_figures
+from app.report.accuracy import (
+    check_accuracy,
+    comparison_accuracy,
+    parameter_figures,
+    pointing_figures,
+    residual_figures,
+)
+from app.report.checked import Checked, checked_by_hand, checked_part, decision_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
-from app.report.residuals import parameter_figures, residual_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence

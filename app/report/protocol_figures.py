@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from app.report.residuals import parameter_figures
+from app.report.accuracy import parameter_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
 from core.adjustment.reliability import TestLimits
 from core.literature.methods import compare_methods
-from core.quality.control_count import ControlSpread, count_control
+from core.quality.control_count import ControlSpread, RayCounts, count_control, ray_counts_of
 from core.quality.control_design import Want, wanted_control
-from core.quality.ray_counts import RayCounts, ray_counts_of
 from core.quality.rules import EDGE_BASES, PER_MODEL, STRIP_POINTS, doubts_of
 
 AXES = ("X", "Y", "Z")

@@ -8,7 +8,7 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
-from core.formats.micmac_measures import (
+from core.formats.micmac_points import (
     image_measures_name,
     write_camera_measures,
     write_image_measures,

@@ -1,4 +1,4 @@
-"""What looking at a control measurement is expected to bring: is it wrong, what does it bend.
+"""What looking at a control measurement, or making one, is expected to bring.
 
 Every measurement that takes part is taken for wrong with a probability that follows from how far it
 lies from where all others put it. The others may be wrong themselves, so this is found for all of
@@ -15,7 +15,7 @@ over nine places of every photo, times the probability, is what its decision tak
 where errors are independent of each other.
 """
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from scipy.special import expit
 
 from core.adjustment.influence import BATCH, Influence, Key
 from core.arrays import Indices, Scalars
-from core.block import Measurement
+from core.block import HAND_SIGMA_PX, Measurement, SurveyedPoint, position_sigma_m
 
 # design: one in ten is what a reviewer expects of an automatic search; data outweigh it soon.
 PRIOR_WRONG = 0.1
@@ -214,3 +214,83 @@ def _probability(errors: Pairs, variances: Blocks, share: float) -> np.ndarray:
 def _log_density(errors: Pairs, variances: Blocks) -> np.ndarray:
     squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(variances), errors)
     return -0.5 * (squares + np.log(np.linalg.det(variances)))
+
+
+def measuring_gains(
+    influence: Influence, wanted: Sequence[tuple[SurveyedPoint, str]], checks: int
+) -> dict[Key, float]:
+    """What each measurement of a point that nobody has measured yet would bring alone, metres.
+
+    A measurement of a control point takes off the ground's variance, with A its rows over photos
+    and cameras, B those over the point, S the covariance of its coordinates and Q the cofactors,
+
+        Q A^T (I + A Q A^T + B S B^T)^-1 A Q,
+
+    of which the mean over nine places of every photo is m_p squared before less m_p squared after:
+    the same measure as that of a decision. A check point moves nothing; it tells how good the block
+    is. The m_p that n points show is known to m_p / sqrt(4 n + 1), so that one more brings the
+    difference to n + 1 of them, the most where the block is known least.
+
+    Args:
+        influence: The equations of the adjusted block.
+        wanted: Points, each with the name of a photo that shows it.
+        checks: Number of check points that are measured already.
+    """
+    numbers = {photo.photo_id: row for row, photo in enumerate(influence.solution.network.photos)}
+    found = {
+        (point.point_id, name): position_sigma_m(influence.block.photos[name])
+        for point, name in wanted
+        if name not in numbers
+    }
+    inside = [(point, name) for point, name in wanted if name in numbers]
+    for first in range(0, len(inside), BATCH):
+        found |= _photo_gains(influence, inside[first : first + BATCH], numbers, checks)
+    return found
+
+
+def _photo_gains(
+    influence: Influence,
+    some: Sequence[tuple[SurveyedPoint, str]],
+    numbers: dict[str, int],
+    checks: int,
+) -> dict[Key, float]:
+    """Those in photos that took part."""
+    equations = influence.equations
+    rays = [
+        equations.of_free_ray(numbers[name], _ray(point.point_id, name), point.position)
+        for point, name in some
+    ]
+    rows = np.concatenate([row for row, _ in rays])
+    columns = equations.cofactors(rows).reshape(equations.unknowns, len(some), 2)
+    moved = influence.ground.of(columns.reshape(equations.unknowns, -1))
+    steps = moved.reshape(*moved.shape[:3], len(some), 2)
+    found: dict[Key, float] = {}
+    for number, ((point, name), (row, by_point)) in enumerate(zip(some, rays, strict=True)):
+        known = row @ columns[:, number]
+        if not np.isfinite(known).all():
+            continue
+        if point.role == "check":
+            gain = _told(influence, name, known, checks)
+        else:
+            ground = by_point * point.sigma_m**2 @ by_point.T
+            root = np.linalg.cholesky(np.linalg.inv(np.eye(2) + known + ground))
+            gain = float(np.sqrt(2 * np.mean(np.sum((steps[:, :, :, number] @ root) ** 2, axis=3))))
+        found[point.point_id, name] = gain
+    return found
+
+
+def _ray(point_id: str, photo_id: str) -> Measurement:
+    return Measurement(point_id, photo_id, 0.0, 0.0, HAND_SIGMA_PX)
+
+
+def _told(influence: Influence, name: str, known: Float64[np.ndarray, "2 2"], checks: int) -> float:
+    """What one check point more tells of m_p, from how well the block knows its place."""
+    block = influence.block
+    pixel_m = block.photos[name].ground_pixel_m(block.camera_of(name))
+    position_error_m = float(np.sqrt(np.trace(known))) * HAND_SIGMA_PX * pixel_m
+    return position_error_m * (_unsure(checks) - _unsure(checks + 1))
+
+
+def _unsure(checks: int) -> float:
+    """Relative standard deviation of an RMS of two coordinates of so many points; 1 of none."""
+    return float(1 / np.sqrt(4 * checks + 1))

@@ -16,9 +16,8 @@ from core.matching.local_search import (
 )
 from core.matching.operators import FusedOperator
 from core.matching.patches import OpenPhoto, Window
-from core.matching.peaks import detect_peaks, level_and_spread
+from core.matching.peaks import Image, detect_peaks, level_and_spread
 from core.matching.reference import Reference
-from core.matching.template_search import Image
 
 OPERATOR = FusedOperator()
 """What the desk compares with."""

@@ -19,9 +19,8 @@ from core.geometry.resection import PhotoModel
 from core.matching.local_search import LEAST_USABLE, RIM_PX, SEPARATION_PX
 from core.matching.operators import FusedOperator, HighPassOperator, Operator
 from core.matching.patches import OpenPhoto, ScanPart, Window, filled, read_scan
-from core.matching.peaks import ScoreMap, level_and_spread
+from core.matching.peaks import Image, ScoreMap, level_and_spread
 from core.matching.precision import paired_covariance
-from core.matching.template_search import Image
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.ties.refinement import SHEAR, PatchSize, laid_upon, patch_centres, refine_rays

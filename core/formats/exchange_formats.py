@@ -15,8 +15,7 @@ from core.formats.inpho import INPHO_FORMAT
 from core.formats.metashape import METASHAPE
 from core.formats.micmac import MICMAC
 from core.formats.mmvii import MMVII
-from core.formats.odm import ODM
-from core.formats.opensfm import OPENSFM
+from core.formats.opensfm import ODM, OPENSFM
 from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
 from core.formats.point_files import POINT_FORMATS

@@ -21,16 +21,6 @@ from core.formats.exchange import (
 )
 from core.formats.frame_interiors import without_orientation
 from core.formats.micmac_lens import DOWN, fit_held_lens, lens_of
-from core.formats.micmac_measures import PREFIX as MEASURES_OF_IMAGE
-from core.formats.micmac_measures import (
-    corner_of,
-    film_from_written,
-    image_measures_name,
-    read_camera_measures,
-    read_image_measures,
-    write_camera_measures,
-    write_image_measures,
-)
 from core.formats.micmac_orientation import (
     PREFIX,
     SAME,
@@ -48,13 +38,21 @@ from core.formats.micmac_points import (
     MEASURES,
     POINTS,
     by_name,
+    corner_of,
+    film_from_written,
+    image_measures_name,
     one_set,
+    read_camera_measures,
+    read_image_measures,
     read_measures,
     read_points_text,
     read_points_xml,
+    write_camera_measures,
+    write_image_measures,
     write_measures,
     write_points,
 )
+from core.formats.micmac_points import PREFIX as MEASURES_OF_IMAGE
 from core.formats.micmac_ties import FOLDER as TIES
 from core.formats.micmac_ties import read_homol, write_couples, write_homol
 from core.formats.outlines import ground_height

@@ -11,6 +11,8 @@ from pyproj import CRS
 
 from core.errors import CrsError
 from core.formats.listed_point import (
+    EAST_NORTH,
+    GEOGRAPHIC,
     Axes,
     Choice,
     PointList,
@@ -18,8 +20,8 @@ from core.formats.listed_point import (
     Question,
     ReadRow,
     RefusedRow,
+    plain_word,
 )
-from core.formats.point_columns import EAST_NORTH, GEOGRAPHIC, plain_word
 from core.geometry.crs import KROVAK, KROVAK_RANGE, Bounds, PlanePoints, operation_between
 from core.said import say
 

@@ -16,7 +16,7 @@ from core.block import ExteriorPrior
 from core.doubts import Doubt
 from core.errors import CrsError, ProjectError, ScanError
 from core.formats.eo_list import EoRecord
-from core.formats.footprints import Footprint
+from core.formats.outlines import Footprint
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile
 from core.geometry.camera import Camera

@@ -10,7 +10,7 @@ import shapely
 
 from core.doubts import Doubt, Failure
 from core.formats.eo_list import EoRecord, read_eo_list
-from core.formats.footprints import Footprint, Footprints, read_footprints
+from core.formats.outlines import Footprint, Footprints, read_footprints
 from core.formats.qgis_points import QgisPoints, find_qgis_points, read_qgis_points
 from core.formats.world_file import read_georeference
 from core.geometry.camera import Camera

@@ -2,10 +2,15 @@
 
 Proposals come from the type of the camera, else from the usual lenses; flying height and photo
 scale, where the archive gives both, determine it for this very camera.
+
+`camera_types.csv` beside this file is written by `tests/camera_types.py`.
 """
 
+import csv
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
@@ -15,9 +20,33 @@ from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
 from core.georeference.approximation import LISTED
 from core.georeference.archive import Archive, georeference_photo, mean_height_under
-from core.georeference.camera_types import CameraType, camera_types
 from core.raster.dem import Dem
 from core.scans.interior_orientation import ScanOrientation
+
+FILE = Path(__file__).with_name("camera_types.csv")
+HEAD = (
+    "make", "model", "lens", "first_year", "last_year", "certificates",
+    "distance_mm", "distance_spread_mm", "marks_apart_mm", "marks_spread_mm",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class CameraType:
+    """One kind of lens of a camera type."""
+
+    make: str
+    """Who made it; `any` for all cameras together."""
+    model: str
+    """Name of the type."""
+    certificates: int
+    """How many certificates there are of it."""
+    distance_mm: float
+    """Median of their principal distances, millimetres."""
+    spread_mm: float
+    """Standard deviation of one camera's about it, millimetres."""
+    marks_apart_mm: float
+    """Median distance of opposite marks, millimetres; NaN where nobody measured it."""
+
 
 ANY = "any"
 """Make of what the table tells of all cameras together."""
@@ -139,3 +168,20 @@ def _at_heights(camera: Camera, told: Float64[np.ndarray, "photos 2"]) -> Camera
     lenses = sorted(camera.distances_mm, key=lambda lens: abs(np.log(lens[0] / distance)))
     best = lenses[0] if lenses[0][1] < sigma else (distance, sigma)
     return replace(camera.at_distance(*best), distances_mm=(best,))
+
+
+@cache
+def camera_types() -> tuple[CameraType, ...]:
+    """All lenses of all types, of each type the most frequent first."""
+    with FILE.open(encoding="utf-8", newline="") as rows:
+        return tuple(
+            CameraType(
+                row["make"],
+                row["model"],
+                int(row["certificates"]),
+                float(row["distance_mm"]),
+                float(row["distance_spread_mm"]),
+                float(row["marks_apart_mm"] or "nan"),
+            )
+            for row in csv.DictReader(rows)
+        )

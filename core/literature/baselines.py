@@ -23,10 +23,10 @@ from core.matching.operators import (
     squared_length,
     without_means,
 )
-from core.matching.peaks import ScoreMap
-from core.matching.template_search import (
+from core.matching.peaks import (
     Description,
     Image,
+    ScoreMap,
     channel_scores,
     correlation_scores,
     cosine_scores,

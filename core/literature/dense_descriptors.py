@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
 from core.matching.operators import without_means
-from core.matching.peaks import ScoreMap
-from core.matching.template_search import Description, Field, Image, Template, TemplateField
+from core.matching.peaks import Description, Field, Image, ScoreMap, Template, TemplateField
 
 # source: Lowe 2004, section 6.1.
 ORIENTATIONS, BINS = 8, 4

@@ -19,7 +19,7 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.transforms import apply_affine, fit_similarity, rotation_and_scale
 from core.localisation.free_block import connected_photos
 from core.localisation.initial_orientation import vertical_over
-from core.localisation.loose_prior import free_from_archive
+from core.localisation.priors import free_from_archive
 
 # source: three points give six equations for six unknowns; the fourth checks them.
 LEAST_RESECTED = 4

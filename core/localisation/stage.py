@@ -24,7 +24,6 @@ from core.localisation.initial_orientation import (
     stand_up,
     weak_control,
 )
-from core.localisation.loose_prior import free_from_archive
 from core.localisation.photo_orientation import (
     OrientationOptions,
     OrientedPhoto,
@@ -32,7 +31,7 @@ from core.localisation.photo_orientation import (
     orient_placed_photo,
     sure_of,
 )
-from core.localisation.presumed_distance import at_distances
+from core.localisation.priors import at_distances, free_from_archive
 from core.localisation.tied_block import on_tied_ground, stand_by_ties
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, ReferenceFiles, open_reference

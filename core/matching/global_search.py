@@ -17,8 +17,7 @@ from core.arrays import Mask, PlanPosition
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.matching.operators import doubled_angle_field
 from core.matching.patches import filled
-from core.matching.peaks import ScoreMap, highest_places, level_and_spread
-from core.matching.template_search import Image
+from core.matching.peaks import Image, ScoreMap, highest_places, level_and_spread
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from core.errors import ProjectError
-from core.matching.peaks import ScoreMap
-from core.matching.template_search import Description, Image, channel_scores
+from core.matching.peaks import Description, Image, ScoreMap, channel_scores
 from core.said import say
 
 Features = Float32[np.ndarray, "channels rows columns"]

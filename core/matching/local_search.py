@@ -20,10 +20,9 @@ from core.matching.patches import (
     read_scan,
     read_templates,
 )
-from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
+from core.matching.peaks import Description, ScoreMap, ScorePeak, detect_peaks
 from core.matching.precision import place_covariance, sharpness_of
 from core.matching.reference import Reference
-from core.matching.template_search import Description
 from core.progress import Progress, Silent
 
 Members = Int[np.ndarray, "members"]

@@ -13,11 +13,12 @@ from typing import Protocol, runtime_checkable
 import cv2
 import numpy as np
 
-from core.matching.peaks import FLAT, ScoreMap
-from core.matching.template_search import (
+from core.matching.peaks import (
+    FLAT,
     Description,
     Field,
     Image,
+    ScoreMap,
     correlation_scores,
     cosine_scores,
     normalised,

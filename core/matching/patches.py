@@ -11,8 +11,8 @@ from core.block import Photo
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
+from core.matching.peaks import Image
 from core.matching.reference import Reference
-from core.matching.template_search import Image
 from core.raster.dem import HeightSource
 from core.raster.grid import Grid
 from core.raster.scan_file import ScanFile, read_window

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Complex64, Float32, Float64
 from scipy import fft
 
-from core.matching.template_search import Description, Image
+from core.matching.peaks import Description, Image
 
 Layers = Float32[np.ndarray, "layers rows columns"]
 Covariance = Float64[np.ndarray, "2 2"]

@@ -21,8 +21,7 @@ from core.arrays import Flags, Mask, Scalars, locked
 from core.errors import CrsError, ReferenceDataError
 from core.geometry.crs import shared_bounds
 from core.geometry.robust import robust_sigma
-from core.matching.peaks import highest_places
-from core.matching.template_search import correlation_scores
+from core.matching.peaks import correlation_scores, highest_places
 from core.progress import SILENT, Progress
 from core.quality.readings import circular_error_90, rms_interval
 from core.raster.grid import Grid

@@ -21,10 +21,9 @@ from shapely.geometry import box
 
 from core.mosaic.burning import burn
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
-from core.mosaic.edited_seams import EditedSeams
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
-from core.mosaic.seams import Seam, write_seams
+from core.mosaic.seams import EditedSeams, Seam, write_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import SILENT, Part, Progress
 from core.raster.grid import (

@@ -14,8 +14,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.positioning import MEASURED_M
 from core.arrays import ObjectPoints, Position
 from core.block import Block, footprint
-from core.quality.control_count import ControlCount, count_control, known_names
-from core.quality.ray_counts import ray_counts_of
+from core.quality.control_count import ControlCount, count_control, known_names, ray_counts_of
 from core.quality.residuals import (
     CELLS,
     CellCounts,

@@ -1,12 +1,15 @@
-"""Figures of a mosaic from readings: the same detail marked in it and in the reference.
+"""Figures of a mosaic from readings (one detail marked in it and in the reference), and rules.
 
 All differences are product minus reference, easting and northing, metres. Names are those of the
 report on the Czech orthophoto (tables 5 to 8): c the mean, m the root mean square about nought, m_p
 both axes together.
+
+Limits stand where findings are made (`core.quality.rules`, `core.quality.reading_rules`). Here
+every rule has the findings that tell of it and its source, and is judged by itself.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +18,7 @@ from scipy.special import chdtri, stdtr
 
 from core.geometry.robust import robust_sigma
 from core.quality.check_points import CHECKS, STANDARD_LEAST, TAILS
+from core.quality.rules import DOUBTFUL, POOR, SOUND, Finding
 
 PlaneShifts = Float64[np.ndarray, "n 2"]
 """Product minus reference (easting, northing), metres."""
@@ -170,6 +174,77 @@ class Foretold:
         if not np.isfinite([self.ratio, low, high]).all():
             return "unknown"
         return "worse" if self.ratio > high else "better" if self.ratio < low else "as-predicted"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One rule."""
+
+    name: str
+    """Key of its text."""
+    kinds: tuple[str, ...]
+    """Findings that tell of it, kept or broken."""
+    source: str
+    """Key of the text that says who asks it."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRule:
+    """A rule with what a block makes of it."""
+
+    rule: Rule
+    """The rule."""
+    finding: Finding
+    """The gravest finding about it."""
+    more: int
+    """Further findings about it that are not sound."""
+
+
+# source: the authority of each rule: ASPRS Positional Accuracy Standards, edition 2 (2023); Czech
+# instruction for the renewal of cadastral maps; national specifications for aerial survey; the
+# parameters of the Czech orthophoto (m_p, two observers); and what Gruber itself promises.
+ASPRS, INSTRUCTION, SURVEY, ORTHOPHOTO, GRUBER = (
+    "asprs",
+    "instruction",
+    "survey",
+    "orthophoto",
+    "gruber",
+)
+RULES: tuple[Rule, ...] = (
+    Rule("read", ("read", "read-few"), ASPRS),
+    Rule("position", ("read-within", "read-over", "predicted"), GRUBER),
+    Rule("shift", ("read-shifted", "read-unshifted"), ORTHOPHOTO),
+    Rule("second", ("second", "second-few", "second-none"), ORTHOPHOTO),
+    Rule("prediction", ("read-as-predicted", "read-worse", "read-better"), GRUBER),
+    Rule(
+        "checks",
+        (
+            "no-checks",
+            "one-check",
+            "checks-few",
+            "checks",
+            "checks-better",
+            "checks-worse",
+            "checks-over",
+        ),
+        ASPRS,
+    ),
+    Rule("against", ("contradicted", "contradicted-far", "contradicted-check", "agreed"), GRUBER),
+    Rule("sigma", ("sigma", "sigma-off", "sigma-far", "diverged"), GRUBER),
+    Rule("oriented", ("oriented", "loose"), GRUBER),
+    Rule("control", ("control", "control-gaps", "control-few", "control-on-a-line"), INSTRUCTION),
+    Rule("strips", ("strip-few",), INSTRUCTION),
+    Rule("edge", ("edge-plan", "edge-gap-plan", "edge-heights", "edge-gap-heights"), INSTRUCTION),
+    Rule("inside", ("inside-few-plan", "inside-few-heights"), INSTRUCTION),
+    Rule("rays", ("rays", "rays-few", "no-ties", "in-parts", "one-photo"), GRUBER),
+    Rule("pattern", ("no-pattern", "systematic"), GRUBER),
+    Rule("tilt", ("tilt", "tilt-over"), SURVEY),
+    Rule("crab", ("crab", "crab-over"), SURVEY),
+    Rule("along", ("along", "along-small"), SURVEY),
+    Rule("across", ("across", "across-small"), SURVEY),
+    Rule("holes", ("no-holes", "holes"), SURVEY),
+)
+"""In the order in which a reviewer reads them; one without findings does not concern the block."""
 
 
 def reading_figures(
@@ -332,3 +407,72 @@ def _chance(values: Float64[np.ndarray, "n"]) -> float:
 
 def _pair(values: Float64[np.ndarray, "2"]) -> Pair:
     return float(values[0]), float(values[1])
+
+
+def reading_findings(
+    found: ReadingFigures, limit_m: float, foretold: Foretold | None = None
+) -> Iterator[Finding]:
+    """Whether enough was read, how good the mosaic is, and whether that was predicted.
+
+    Args:
+        found: The readings of the plan that is read now.
+        limit_m: Position error on the ground up to which a block is released, metres.
+        foretold: What was predicted; None where that is not known.
+    """
+    told = {
+        "read": str(found.read),
+        "planned": str(found.planned),
+        "least": str(STANDARD_LEAST),
+        "unreadable": str(found.unreadable),
+    }
+    yield Finding("read" if found.enough else "read-few", int(not found.enough), told)
+    if not found.read:
+        return
+    together = found.together
+    low, high = together.m_p_interval
+    over = low > limit_m
+    values = {
+        "value": f"{together.product_m:.2f}",
+        "low": f"{low:.2f}",
+        "high": f"{high:.2f}",
+        "limit": f"{limit_m:.2f}",
+    }
+    yield Finding("read-over" if over else "read-within", POOR if over else SOUND, values)
+    shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
+    shifted = any(together.shifted)
+    yield Finding("read-shifted" if shifted else "read-unshifted", int(shifted), shift)
+    least = -(-found.read * int(100 * DOUBLED_SHARE) // 100)
+    second = {"doubled": str(found.doubled), "read": str(found.read), "least": str(least)}
+    if found.doubled:
+        second |= {
+            "value": f"{found.observer_m:.2f}",
+            "share": f"{100 * found.observer_share:.0f}",
+        }
+    kind = "second" if found.doubled_enough else "second-few"
+    yield Finding(kind if found.doubled else "second-none", int(kind != "second"), second)
+    if foretold is not None and foretold.said != "unknown":
+        yield _against_prediction(foretold)
+
+
+def _against_prediction(foretold: Foretold) -> Finding:
+    """Predicted against observed, in words."""
+    told = {
+        "predicted": f"{foretold.predicted_m:.2f}",
+        "ratio": f"{foretold.ratio:.2f}",
+        "low": f"{foretold.interval[0]:.2f}",
+        "high": f"{foretold.interval[1]:.2f}",
+    }
+    grave = DOUBTFUL if foretold.said == "worse" else SOUND
+    return Finding(f"read-{foretold.said}", grave, told)
+
+
+def judge_rules(findings: Sequence[Finding]) -> tuple[JudgedRule, ...]:
+    """Every rule that concerns a block, with the gravest finding about it."""
+    judged: list[JudgedRule] = []
+    for rule in RULES:
+        about = sorted(
+            (one for one in findings if one.kind in rule.kinds), key=lambda one: -one.grave
+        )
+        if about:
+            judged.append(JudgedRule(rule, about[0], sum(one.grave > 0 for one in about[1:])))
+    return tuple(judged)

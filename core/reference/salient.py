@@ -18,9 +18,8 @@ from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask, Position, locked
 from core.geometry.crs import Bounds, shared_bounds
-from core.matching.peaks import local_maxima
+from core.matching.peaks import correlation_scores, local_maxima
 from core.matching.reference import Reference
-from core.matching.template_search import correlation_scores
 from core.progress import SILENT, Progress, tracked
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho

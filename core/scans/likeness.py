@@ -12,9 +12,15 @@ from jaxtyping import Float32
 
 from core.doubts import Failure
 from core.geometry.robust import TINY
-from core.matching.peaks import ScoreMap, ScorePeak, level_and_spread, measure_peak
+from core.matching.peaks import (
+    ScoreMap,
+    ScorePeak,
+    correlation_scores,
+    cosine_scores,
+    level_and_spread,
+    measure_peak,
+)
 from core.matching.precision import place_covariance, sharpness_of
-from core.matching.template_search import correlation_scores, cosine_scores
 from core.scans.candidates import without_border
 from core.scans.centring import Centre, Gray, Weights, blur_as_scanned
 

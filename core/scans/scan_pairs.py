@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from core.doubts import Doubt
-from core.matching.template_search import correlation_scores
+from core.matching.peaks import correlation_scores
 from core.raster.scan_file import ScanFile, read_overview
 from core.said import say
 from core.scans.film_area import FilmArea

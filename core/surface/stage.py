@@ -26,17 +26,26 @@ from core.raster.grid import (
 )
 from core.said import say
 from core.surface.fusion import CellHeights, cell_heights, fuse_pairs, object_points
-from core.surface.ground import NODATA_M, CorrectedHeights, bridged
+from core.surface.ground import (
+    NODATA_M,
+    CorrectedHeights,
+    SystematicPart,
+    bridged,
+    fit_trend,
+    hillshade,
+)
 from core.surface.matching import match_pair
-from core.surface.pairs import Pair, pairs_over, part_of, sound_pairs
 from core.surface.rectified import (
+    Pair,
     Picture,
     RectifiedPair,
     Scans,
     open_scans,
+    pairs_over,
+    part_of,
     rectify_pair,
+    sound_pairs,
 )
-from core.surface.relief import SystematicPart, fit_trend, hillshade
 
 # source: METHODS 8, height range of the search about the DEM
 REACH_M = 40.0

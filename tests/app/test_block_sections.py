@@ -8,7 +8,7 @@ import pytest
 from app.project import described, read_project
 from app.report.tables import write_fiducials
 from core.errors import PhotogrammetryError
-from core.formats.micmac_measures import (
+from core.formats.micmac_points import (
     read_camera_measures,
     read_image_measures,
     write_camera_measures,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from core.surface.relief import nmad
 
 from app.project import read_project
 from app.run import WHEN_ASKED, Run, RunOptions
@@ -19,7 +20,6 @@ from app.surface import (
 from core.doubts import Failure
 from core.progress import Work
 from core.raster.dem import open_dem
-from core.surface.relief import nmad
 from core.surface.stage import SurfaceFiles, SurfaceOptions
 from sessions.session import Session
 from tests.app.test_run import Listener

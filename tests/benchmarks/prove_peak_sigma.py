@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 
 from core.matching.operators import doubled_angle_field
-from core.matching.peaks import detect_peaks
+from core.matching.peaks import cosine_scores, detect_peaks
 from core.matching.precision import place_covariance, sharpness_of
-from core.matching.template_search import cosine_scores
 
 HALF, SIDE, AROUND = 20, 141, 10
 CHANGED = 0.7

@@ -19,6 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rasterio
+from core.surface.relief import nmad
 from scipy import ndimage
 
 import core.surface.matching as matching
@@ -31,7 +32,6 @@ from core.progress import Work
 from core.raster.dem import open_dem
 from core.surface.matching import Parallaxes
 from core.surface.rectified import RectifiedPair
-from core.surface.relief import nmad
 from core.surface.stage import SurfaceFiles, SurfaceOptions, SurfaceProduct, make_surface
 from sessions.session import Session
 from tests.benchmarks.large_desk import say

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.report.pointing import pointing_figures
+from app.report.accuracy import pointing_figures
 from core.block import HAND_SIGMA_PX, Block, Measurement, Reading
 from sessions.codec import decode, encode
 from sessions.decisions import Accept, ChoosePeak, Decision, Place, Recorded, Reject, Withdraw

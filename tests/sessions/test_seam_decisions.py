@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from core.mosaic.seam_edits import SeamArea, SeamLine
-from sessions.decisions import Accept
-from sessions.seam_decisions import standing_seam_edits
+from sessions.decisions import Accept, standing_seam_edits
 from sessions.session import Session
 
 LINE = SeamLine("A", "B", ((1.0, 2.0), (3.5, 4.0)))

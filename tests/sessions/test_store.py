@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 
 from core.errors import StorageError
-from sessions import migrations, store
-from sessions.migrations import Migration
-from sessions.store import Store
+from sessions import store
+from sessions.store import Migration, Store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -220,7 +219,7 @@ def test_an_older_session_is_brought_up_with_its_decisions__truth(
     append(file)
     file.close()
     later = Migration(2, ("CREATE TABLE notes (note TEXT)",))
-    monkeypatch.setattr(migrations, "MIGRATIONS", (*migrations.MIGRATIONS, later))
+    monkeypatch.setattr(store, "MIGRATIONS", (*store.MIGRATIONS, later))
     file = Store.open(path)
     assert len(file.rows()) == 1
     file.close()

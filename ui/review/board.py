@@ -16,7 +16,7 @@ from core.scans.corrected_marks import MarkChange, corrected_scan
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
 from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial, Recorded, standing
-from sessions.marks import mark_changes
+from sessions.scan_decisions import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
 from ui.review.looks import round_all, short

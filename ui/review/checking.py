@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from core.quality.check_plan import CheckPlace
-from core.quality.job_rules import judge_rules
-from core.quality.readings import PlanFigures, ReadingFigures
+from core.quality.readings import PlanFigures, ReadingFigures, judge_rules
 from core.quality.rules import Finding
 from sessions.checks import StandingPlan, checked_figures, readings_of, standing_plans
 from sessions.decisions import (

@@ -10,7 +10,7 @@ import shapely
 from core.block import Block
 from core.geometry.drawn_mask import Area, outlines
 from sessions.decisions import DrawMask, Recorded, standing
-from sessions.drawn_masks import Inside, inside
+from sessions.scan_decisions import Inside, inside
 from ui.review.compare import Drawn
 from ui.review.state import DeskState
 

@@ -6,8 +6,7 @@ import numpy as np
 import shapely
 
 from core.quality.assessment import BlockQuality, assess_block
-from core.quality.reading_rules import reading_findings
-from core.quality.readings import ReadingFigures
+from core.quality.readings import ReadingFigures, reading_findings
 from core.quality.rules import judge_block, release_limit_m
 from ui.review.checking import figures_told, rules_part
 from ui.review.history import AdjustmentRecord, record_line, shifts_m

@@ -8,8 +8,8 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import USED, Block, Measurement
 from core.scans.corrected_marks import MarkChange
 from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
-from sessions.marks import with_changes
 from sessions.replay import judged
+from sessions.scan_decisions import with_changes
 from ui.review.compare import shift_px
 from ui.review.doubtful import verdict_on
 from ui.review.drafts import apply_draft

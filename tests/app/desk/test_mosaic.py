@@ -1,22 +1,29 @@
 """The mosaic on disk as the desk shows it, and as edited seams will make it."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rasterio
 
-from app.desk.mosaic import MosaicFile
+from app.desk.mosaic import MosaicFile, SheetMaker, sheet_routes
 from app.mosaic import make_mosaic
 from app.project import BlockSection, ListedScan, Project, ReferenceSection, ScansSection
+from core.errors import Cancelled
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.orthos.rectification import OrthoProduct
 from core.progress import SILENT
 from core.raster.grid import Grid
 from sessions.session import Session
+from tests.app.test_sheets import folder as folder
+from tests.app.test_sheets import product, project_in
 from tests.core.mosaic.conftest import CRS, write_ortho
+from tests.ui.web.visits import visited
 from ui.review.mosaic import with_seam_edits
+from ui.web.front import result_routes
 
 WEST, SOUTH = 500_000.0, 5_500_000.0
 GRID = Grid.over((WEST, SOUTH, WEST + 200.0, SOUTH + 150.0), 1.0)
@@ -163,3 +170,78 @@ def test_what_is_seen_before_is_what_the_file_holds_after__law(tmp_path: Path) -
         stamp = again.path.stat().st_mtime_ns
         make_mosaic(session, project, orthos, SILENT)
         assert again.path.stat().st_mtime_ns == stamp
+
+
+def asked(
+    block: Path, address: str = "/sheets", guest: bool = False
+) -> tuple[int, Mapping[str, Any], int]:
+    """Status, answer, and the status of the file that it names."""
+
+    async def visit(client: Any) -> tuple[int, Mapping[str, Any], int]:
+        answer = await client.post(address, json={})
+        said = await answer.json() if "json" in answer.headers["Content-Type"] else {}
+        file = (await client.get(f"/results/{said['file']}")).status if "file" in said else 0
+        return answer.status, said, file
+
+    routes = [*sheet_routes(block / "block.toml"), *result_routes(block / "results")]
+    return visited(routes, visit, guest)
+
+
+def with_mosaic(block: Path) -> None:
+    with Session.open(block, "tester") as session:
+        session.products.save_value("mosaic", "0" * 64, product(block))
+
+
+def test_sheets_of_a_block_are_one_button__truth(folder: Path) -> None:
+    project_in(folder)
+    with_mosaic(folder)
+    status, said, file = asked(folder)
+    assert (status, file) == (200, 200)
+    assert said["said"]["values"] == {"count": 4, "files": 4, "made": 4}
+    assert (folder / "results/sheets/HUST25.tif").is_file()
+    assert asked(folder)[1]["said"]["values"]["made"] == 0
+
+
+def test_guests_make_and_stop_none__truth(folder: Path) -> None:
+    project_in(folder)
+    assert asked(folder, guest=True)[0] == 403
+    assert asked(folder, "/sheets/cancel", guest=True)[0] == 403
+
+
+@pytest.mark.parametrize("index", [True, False])
+def test_what_is_lacking_is_told__truth(folder: Path, index: bool) -> None:
+    project_in(folder)
+    if not index:
+        text = (folder / "block.toml").read_text()
+        (folder / "block.toml").write_text(text.replace('sheets = "klad.gpkg"\n', ""))
+    status, said, _ = asked(folder)
+    assert status == 409
+    cause = "there is no mosaic to cut yet." if index else "names no map sheets."
+    assert cause in str(said["error"])
+
+
+def test_it_stops_when_asked_and_keeps_whole_sheets__law(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project_in(folder)
+    with_mosaic(folder)
+    maker = SheetMaker(folder / "block.toml")
+    seen: list[dict[str, Any]] = []
+
+    def watched(done: float, total: float, what: str = "") -> None:
+        seen.append(maker.status())
+        if done / total > 0.5:
+            maker.cancel()
+        SheetMaker.report(maker, done, total, what)
+
+    monkeypatch.setattr(maker, "report", watched)
+    assert maker.make() == {}
+    assert seen[0]["busy"]
+    assert not maker.status()["busy"]
+    made = {path.name for path in (folder / "results/sheets").glob("*.tif")}
+    assert 0 < len(made) < 4
+    assert not list((folder / "results/sheets").glob(".*"))
+    with pytest.raises(Cancelled):
+        SheetMaker.report(maker, 1, 2)
+    monkeypatch.undo()
+    assert maker.make()["said"].values["made"] == 4 - len(made)

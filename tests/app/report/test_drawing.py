@@ -7,11 +7,13 @@ import pytest
 from app.report.drawing import (
     draw_bars,
     draw_coverage,
+    draw_film,
+    draw_histogram,
     draw_map,
     draw_mosaic,
     draw_symbols,
+    longest_mean,
 )
-from app.report.plots import draw_film, draw_histogram, longest_mean
 from ui.words.catalogue import Teller
 
 TELL = Teller()

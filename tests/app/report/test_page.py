@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from app.report.model import ReportContent
-from app.report.page import render, write_report
-from app.report.summary import requirements
+from app.report.page import render, requirements, write_report
 from app.report.wording import fine
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of

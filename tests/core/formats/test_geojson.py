@@ -14,9 +14,8 @@ from pyogrio import raw
 
 from core.errors import ProjectError
 from core.formats.exchange import ExchangeBlock
-from core.formats.footprints import read_footprints
 from core.formats.geojson import read_geojson, write_geojson
-from core.formats.outlines import ground_outline, off_nadir, write_footprints
+from core.formats.outlines import ground_outline, off_nadir, read_footprints, write_footprints
 from core.geometry.exterior import ExteriorOrientation
 from tests.exchanged import (
     RECIPES,

@@ -12,7 +12,7 @@ from shapely.geometry import Polygon, box
 from core.doubts import Failure
 from core.errors import CrsError, ProjectError, ScanError
 from core.formats.eo_list import EoRecord
-from core.formats.footprints import Footprint, Footprints
+from core.formats.outlines import Footprint, Footprints
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile, write_world_file
 from core.geometry.camera import Camera

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.georeference.camera_types import camera_types
-from core.georeference.principal_distance import proposed_distances, types_named
+from core.georeference.principal_distance import camera_types, proposed_distances, types_named
 from core.results import BlockInput
 from core.scans.stage import ScanSet
 from tests.core.georeference.placing import georeference

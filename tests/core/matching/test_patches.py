@@ -20,8 +20,7 @@ from core.matching.patches import (
     side_by_side,
     upsampled,
 )
-from core.matching.peaks import detect_peaks
-from core.matching.template_search import correlation_scores
+from core.matching.peaks import correlation_scores, detect_peaks
 
 SIDE, ROOM = 161, 8
 PLACES = [(0.35, 0.35), (0.65, 0.35), (0.5, 0.5), (0.35, 0.65), (0.68, 0.6)]

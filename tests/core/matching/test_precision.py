@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from core.matching.operators import doubled_angle_field
-from core.matching.peaks import detect_peaks
+from core.matching.peaks import correlation_scores, cosine_scores, detect_peaks
 from core.matching.precision import paired_covariance, place_covariance, sharpness_of
-from core.matching.template_search import correlation_scores, cosine_scores
 from core.ties.refinement import PatchSize, refine_rays
 
 SIDE, HALF = 141, 20

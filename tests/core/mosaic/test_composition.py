@@ -6,9 +6,8 @@ import rasterio
 import shapely
 
 from core.mosaic.composition import FormerMosaic, MosaicOptions, compose_mosaic, mosaic_grid
-from core.mosaic.edited_seams import EditedSeams
 from core.mosaic.radiometry import FilmPlane
-from core.mosaic.seams import Seam
+from core.mosaic.seams import EditedSeams, Seam
 from core.raster.grid import Grid
 from tests.core.mosaic.conftest import write_ortho
 

@@ -9,10 +9,9 @@ import pytest
 from core.block import Block
 from core.raster.grid import Grid
 from core.surface.fusion import cell_heights, fuse_pairs
+from core.surface.ground import fit_trend, hillshade
 from core.surface.matching import match_pair
-from core.surface.pairs import pairs_over, sound_pairs
-from core.surface.rectified import LaidPhoto, RectifiedPair, Turned
-from core.surface.relief import fit_trend, hillshade
+from core.surface.rectified import LaidPhoto, RectifiedPair, Turned, pairs_over, sound_pairs
 from tests.flights import FlightPlan, fly
 
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from core.doubts import Failure
 from core.progress import Work
-from core.surface.relief import nmad
+from core.surface.ground import nmad
 from core.surface.stage import SurfaceFiles, SurfaceOptions, make_surface
 from tests.surface_scene import SurfacePlan, make_scene
 

@@ -12,8 +12,8 @@ from app.project import described, read_project
 from core.geometry.interior import fit_interior
 from core.scans.stage import ScanSet
 from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, Withdraw
-from sessions.marks import judged_scans, mark_changes
 from sessions.replay import replay
+from sessions.scan_decisions import judged_scans, mark_changes
 from sessions.session import Session
 from ui.review.board import board_part
 from ui.review.compare import drawn_from_block

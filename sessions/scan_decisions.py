@@ -1,14 +1,20 @@
-"""Decisions on fiducials, applied to the scans and to the block."""
+"""Decisions on fiducials, masks and photos placed by clicks, applied to scans and block."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block import Block
+from core.arrays import Flags
+from core.block import Block, Measurement, TiePoints
+from core.errors import PhotogrammetryError
 from core.geometry.camera import Camera
+from core.geometry.drawn_mask import DrawnMask, Stroke, drawn_mask
 from core.geometry.interior import InteriorOrientation
+from core.georeference.approximation import Ground, approximate_from_points
+from core.georeference.archive import Pairs, clicked_points
 from core.results import BlockInput
+from core.said import say
 from core.scans.camera_group import EstimatedMarks, marks_estimated
 from core.scans.corrected_marks import (
     MarkChange,
@@ -20,14 +26,15 @@ from core.scans.corrected_marks import (
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanSet
 from sessions.decisions import (
+    DrawMask,
     FiducialDecision,
     FillMarks,
     JudgeFiducial,
     PlaceFiducial,
+    PlacePhoto,
     Recorded,
     standing,
 )
-from sessions.drawn_masks import masks_of, standing_masks
 
 MarkChanges = dict[str, dict[str, MarkChange]]
 """By photo and by the name of the mark."""
@@ -35,6 +42,25 @@ Films = Mapping[str, ScanOrientation]
 """Scans with their marks as they were found, by photo."""
 ESTIMATED = "fiducials-estimated"
 """Kind of the doubt about marks whose places only their photos tell."""
+
+Lying = Mapping[str, tuple[str, InteriorOrientation]]
+"""Camera and interior orientation by photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inside:
+    """What a mask covers of what is in use."""
+
+    control: tuple[Measurement, ...]
+    """Measurements the program made: they are left out."""
+    held: tuple[Measurement, ...]
+    """Measurements an operator stands by: they stay."""
+    ties: int
+    """Rays of tie points: they are left out."""
+
+
+SAME_M = 0.01  # design: rounding; clicks differ by far more
+"""Two places of a perspective centre no further apart are the same."""
 
 
 def mark_changes(decisions: Sequence[Recorded]) -> MarkChanges:
@@ -220,3 +246,155 @@ def with_marks(
         if photo.camera in shown:
             marks.setdefault(name, {})
     return with_changes(replace(block, cameras=cameras) if shown else block, marks, found)
+
+
+def standing_masks(decisions: Sequence[Recorded]) -> tuple[DrawMask, ...]:
+    """What stands of all that was drawn, in order."""
+    said = (item.decision for item in standing(decisions))
+    return tuple(one for one in said if isinstance(one, DrawMask))
+
+
+def masks_of(drawn: Iterable[DrawMask], lying: Lying) -> dict[str, DrawnMask]:
+    """The mask of every photo on which anything was drawn."""
+    every = tuple(drawn)
+    masks = {
+        name: drawn_mask(
+            (
+                (Stroke(one.outline, one.width, one.hides), one.on_film)
+                for one in every
+                if one.subject == (camera if one.on_film else name)
+            ),
+            interior.pixel_from_film,
+        )
+        for name, (camera, interior) in lying.items()
+    }
+    return {name: mask for name, mask in masks.items() if mask}
+
+
+def knows_subject(block: Block, decision: DrawMask | PlacePhoto) -> bool:
+    """True when a block has the photo, or photos of the camera."""
+    if isinstance(decision, PlacePhoto):
+        return decision.photo_id in block.photos
+    if not decision.on_film:
+        return decision.subject in block.photos
+    return any(photo.camera == decision.subject for photo in block.photos.values())
+
+
+def lying(block: Block) -> Lying:
+    """Photos of a block as masks ask for them."""
+    return {name: (photo.camera, photo.interior) for name, photo in block.photos.items()}
+
+
+def with_masks(block: Block, drawn: Iterable[DrawMask]) -> Block:
+    """The block with masks on its photos, and without what the program found under them."""
+    masks = masks_of(drawn, lying(block))
+    photos = {
+        name: replace(photo, mask=masks.get(name, DrawnMask()))
+        for name, photo in block.photos.items()
+    }
+    if not masks:
+        return (
+            block if not any(p.mask for p in block.photos.values()) else block.with_photos(photos)
+        )
+    covered = inside(block, masks)
+    left_out = {
+        item.key: replace(
+            item,
+            status="unused",
+            reason=say("it lies in a part of the scan that is masked by hand"),
+        )
+        for item in covered.control
+    }
+    return replace(
+        block.with_photos(photos),
+        measurements={**block.measurements, **left_out},
+        ties=block.ties.kept(~_hidden_rays(block.ties, masks)),
+    )
+
+
+def inside(block: Block, masks: Mapping[str, DrawnMask]) -> Inside:
+    """What of the block's measurements and ties in use lies in masks."""
+    found = [
+        item
+        for item in block.measurements.values()
+        if item.used and item.photo_id in masks and masks[item.photo_id].hides(item.pixel)[0]
+    ]
+    return Inside(
+        tuple(item for item in found if item.status == "auto"),
+        tuple(item for item in found if item.status != "auto"),
+        int(_hidden_rays(block.ties, masks).sum()),
+    )
+
+
+def _hidden_rays(ties: TiePoints, masks: Mapping[str, DrawnMask]) -> Flags:
+    """Which rays of tie points lie in masks."""
+    hidden = np.zeros(len(ties.photo), dtype=np.bool_)
+    for number, name in enumerate(ties.photo_ids):
+        if name in masks:
+            own = ties.photo == number
+            hidden[own] = masks[name].hides(ties.pixels[own])
+    return hidden
+
+
+def clicked_pairs(decisions: Sequence[Recorded]) -> dict[str, Pairs]:
+    """The pairs of every photo as they were clicked last; none of those that were given back."""
+    said = (item.decision for item in standing(decisions))
+    last = {one.photo_id: one.pairs for one in said if isinstance(one, PlacePhoto)}
+    return {name: pairs for name, pairs in last.items() if pairs}
+
+
+def with_clicks(given: BlockInput, decisions: Sequence[Recorded]) -> BlockInput:
+    """The block as its owner describes it, with photos placed at the desk."""
+    clicked = clicked_pairs(decisions)
+    if not clicked:
+        return given
+    return replace(given, georeference=replace(given.georeference, clicked=clicked))
+
+
+def with_placed(block: Block, decisions: Sequence[Recorded]) -> Block:
+    """The block with every photo that was placed by clicks where those put it."""
+    for photo_id, pairs in clicked_pairs(decisions).items():
+        if photo_id in block.photos:
+            block = place_photo_again(block, photo_id, pairs)
+    return block
+
+
+def place_photo_again(block: Block, photo_id: str, pairs: Pairs) -> Block:
+    """The block with one photo where its clicks put it.
+
+    A photo that the run began from these very clicks, and found its place, is left as it is.
+    Else what the program measured in it was measured at another place, and is left out; what an
+    operator stands by stays.
+    """
+    photo = block.photos[photo_id]
+    ground = Ground(block.crs, photo.ground_height_m)
+    points = clicked_points(photo.scan, block.crs, pairs)
+    try:
+        found = approximate_from_points(points, photo.interior, block.camera_of(photo_id), ground)
+    except PhotogrammetryError:
+        # Only what can be placed is recorded; a film turned since may say otherwise.
+        return block
+    away = np.hypot(*(photo.approximate.centre - found.exterior.centre)[:2])
+    if away < SAME_M and photo.oriented:
+        return block
+    ties = block.ties
+    placed = replace(
+        photo, exterior=found.exterior, approximate=found.exterior, prior=found.prior, oriented=True
+    )
+    left_out = {
+        key: _left_out(item)
+        for key, item in block.measurements.items()
+        if item.photo_id == photo_id and item.status == "auto"
+    }
+    return replace(
+        block.with_photos({**block.photos, photo_id: placed}),
+        measurements={**block.measurements, **left_out},
+        ties=ties
+        if photo_id not in ties.photo_ids
+        else ties.kept(ties.photo != ties.photo_ids.index(photo_id)),
+    )
+
+
+def _left_out(item: Measurement) -> Measurement:
+    reason = say("its photo was placed by hand since: a new run finds it again")
+    return replace(item, status="unused", reason=reason)

@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry import MultiPolygon, Polygon, box
 
 from core.errors import ProjectError
-from core.formats.footprints import Footprint, read_footprints
+from core.formats.outlines import Footprint, read_footprints
 from tests.core.raster_files import write_footprints
 
 

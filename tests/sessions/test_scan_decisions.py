@@ -15,9 +15,8 @@ from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanInput, ScanSet
 from sessions.codec import encode, from_json, to_json
 from sessions.decisions import Accept, Decision, DrawMask, PlacePhoto, Recorded, Withdraw
-from sessions.marks import judged_scans
-from sessions.placed_photos import with_clicks
 from sessions.replay import replay
+from sessions.scan_decisions import judged_scans, with_clicks
 from tests.sessions.conftest import CAMERA
 
 

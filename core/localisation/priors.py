@@ -1,11 +1,11 @@
-"""Remove the georeference from photos that were found on the reference.
+"""Priors in localisation: presumed principal distances, and the georeference that is removed.
 
 A georeference that is hundreds of metres off would bias the adjustment and widen the search for
 pairs and points. Once a photo has been found on the reference, it keeps only what holds for any
 aerial photo: it was taken nearly vertically, from where its own picture says.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +14,9 @@ from core.adjustment.positioning import MEASURED_M
 from core.block import Block, ExteriorPrior, Photo, ground_of
 from core.geometry.crs import Bounds
 from core.geometry.exterior import ExteriorOrientation
-from core.georeference.approximation import TILT
+from core.georeference.approximation import TILT, Approximation
 from core.georeference.archive import UNDER_M
+from core.georeference.stage import Georeferenced
 
 # design: relief under one photo; it is to have no say against measurements.
 HEIGHT_SHARE = 0.03
@@ -65,3 +66,56 @@ def _with_loose_prior(photo: Photo, block: Block, mean_height: Callable[[Bounds]
         np.array([plan, plan, HEIGHT_SHARE * above]), np.array([TILT, TILT, TILT])
     )
     return replace(photo, approximate=vertical, prior=prior, ground_height_m=ground)
+
+
+def at_distances(placed: Georeferenced, chosen: Mapping[str, int]) -> Georeferenced:
+    """The photos as the archive places them, their cameras at some principal distances.
+
+    What tells the scale of a photo leaves it over the same ground, seen from another height; a
+    listed perspective centre stays.
+
+    Args:
+        placed: The photos with the principal distances that were proposed first.
+        chosen: By camera, which of its `distances_mm` is taken.
+    """
+    block = placed.block
+    cameras = {
+        name: camera.at_distance(*camera.distances_mm[chosen[name]]) if name in chosen else camera
+        for name, camera in block.cameras.items()
+    }
+    photos: dict[str, Photo] = {}
+    approximations: dict[str, Approximation] = {}
+    for name, photo in block.photos.items():
+        before, now = block.cameras[photo.camera], cameras[photo.camera]
+        ratio = now.principal_distance_mm / before.principal_distance_mm
+        known = placed.approximations[name]
+        if known.source == "exterior":
+            ratio = 1.0
+        ground = photo.ground_height_m
+        prior = _stretched(known.prior, ratio)
+        photos[name] = replace(
+            photo,
+            exterior=_lifted(photo.exterior, ground, ratio),
+            approximate=_lifted(photo.approximate, ground, ratio),
+            prior=prior,
+        )
+        approximations[name] = replace(
+            known,
+            exterior=_lifted(known.exterior, ground, ratio),
+            prior=prior,
+            hypotheses=tuple(_lifted(one, ground, ratio) for one in known.hypotheses),
+        )
+    block = replace(block, cameras=cameras, photos=photos)
+    return replace(placed, block=block, approximations=approximations)
+
+
+def _lifted(exterior: ExteriorOrientation, ground_m: float, ratio: float) -> ExteriorOrientation:
+    """An orientation so many times as high above the ground."""
+    centre = exterior.centre.copy()
+    centre[2] = ground_m + ratio * (centre[2] - ground_m)
+    return replace(exterior, centre=centre)
+
+
+def _stretched(prior: ExteriorPrior, ratio: float) -> ExteriorPrior:
+    """The height so many times as unsure."""
+    return replace(prior, sigma_centre_m=prior.sigma_centre_m * np.array([1.0, 1.0, ratio]))

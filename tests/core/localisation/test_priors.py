@@ -8,7 +8,7 @@ import pytest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.block import ExteriorPrior
-from core.localisation.loose_prior import HEIGHT_SHARE, TILT, free_from_archive
+from core.localisation.priors import HEIGHT_SHARE, TILT, free_from_archive
 from tests.flights import FlightPlan, fly
 
 MEASURED = ExteriorPrior(np.full(3, 5.0), np.radians([0.5, 0.5, 0.5]))
