@@ -17,7 +17,7 @@ from core.block import (
     surveyed_point,
 )
 from core.geometry.camera import Camera
-from core.localisation.on_points import stand_on_points
+from core.localisation.tied_block import stand_on_points
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from sessions.decisions import (
     NOT_VISIBLE,

@@ -19,12 +19,13 @@ from sessions.checks import (
     StandingPlan,
     checked_figures,
     difference_m,
+    judged_parts,
     outdated_readings,
     readings_of,
     standing_plans,
+    standing_signatures,
 )
 from sessions.decisions import Recorded, Withdraw, standing
-from sessions.signatures import judged_parts, standing_signatures
 from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]

@@ -32,7 +32,7 @@ from core.geometry.camera import Camera
 from core.mosaic.comparison import MosaicAccuracy
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
-from core.quality.displacement import displacement
+from core.quality.residuals import displacement
 from core.quality.rules import Finding, Release, check_release, judge_block
 from core.raster.holes import Hole
 from core.sheets.delivery import Delivery, sheet_figures

@@ -19,7 +19,6 @@ from jaxtyping import Float32, Int32
 from shapely import STRtree
 from shapely.geometry import box
 
-from core.mosaic.burning import burn
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
@@ -32,6 +31,7 @@ from core.raster.grid import (
     Grid,
     Pixels,
     Tile,
+    burn,
     refuse_incomplete,
     tell_full_disk,
     tiled_profile,

@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from core.mosaic.overview import Overview, read_overview
+from core.mosaic.overview import Overview, SeamView, read_overview, seam_view
 from core.mosaic.radiometry import Balance, FilmPlane, balance_orthos
 from core.mosaic.seam_cut import SeamGuides, label_ground
-from core.mosaic.seam_views import SeamView, seam_view
 from core.mosaic.seams import EditedSeams, Seam, fill_gaps, outline_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress

@@ -19,10 +19,9 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Flags, Mask
-from core.mosaic.burning import burn
-from core.mosaic.seam_views import Cells, Part, SeamLevel, SeamView, seam_levels
+from core.mosaic.overview import Cells, Part, SeamLevel, SeamView, seam_levels
 from core.progress import SILENT, Progress
-from core.raster.grid import Grid
+from core.raster.grid import Grid, burn
 
 Labels = Int16[np.ndarray, "_ _"]
 """Number of the photo that shows each cell, -1 where none does."""

@@ -21,8 +21,8 @@ from shapely.geometry.base import BaseGeometry
 from core.errors import ReferenceDataError
 from core.formats.vectors import VectorLayer, read_layers, write_polygons
 from core.geometry.crs import parse_crs, same_coordinates
-from core.mosaic.burning import RASTERIZING
 from core.mosaic.seam_cut import LabelledGround, Labels
+from core.raster.grid import RASTERIZING
 from core.said import say
 
 Area = Polygon | MultiPolygon

@@ -1,25 +1,29 @@
 """A north-up raster product: where its pixels lie on the ground, and its file, tile by tile.
 
-Tiles are computed side by side and written in order as tiled GeoTIFFs.
+Tiles are computed side by side and written in order as tiled GeoTIFFs. Shapes are burnt into its
+cells.
 """
 
 import errno
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
 import rasterio
+import rasterio.features
 from affine import Affine
-from jaxtyping import Float64, Shaped
+from jaxtyping import Float64, Int32, Shaped
 from rasterio._err import CPLE_BaseError
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
+from shapely.geometry.base import BaseGeometry
 
 from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
@@ -120,6 +124,10 @@ class Grid:
             self.west + (np.arange(self.columns) + HALF_PIXEL) * gsd,
             self.north - (np.arange(self.rows) + HALF_PIXEL) * gsd,
         )
+
+
+RASTERIZING = Lock()
+"""rasterio silences a warning of its own while it rasterizes, which is one thread's business."""
 
 
 def tiles_of(grid: Grid, tile_px: int) -> Iterator[Tile]:
@@ -258,3 +266,30 @@ def _compute_in_order(
         finally:
             for _, future in waiting:
                 future.cancel()
+
+
+def burn(
+    shapes: Iterable[tuple[BaseGeometry, int]], grid: Grid, *, empty: int, touched: bool = False
+) -> Int32[np.ndarray, "rows columns"]:
+    """The number of the last shape in each cell.
+
+    Args:
+        shapes: Shapes in the block's CRS, each with its number.
+        grid: The cells.
+        empty: What stands where there is none.
+        touched: Whether a cell counts that a shape only touches; else its middle must lie inside.
+    """
+    kept = [(shape, number) for shape, number in shapes if not shape.is_empty]
+    if not kept:
+        return np.full((grid.rows, grid.columns), empty, dtype=np.int32)
+    transform = Affine.from_gdal(*grid.geotransform)
+    with RASTERIZING:
+        burnt = rasterio.features.rasterize(
+            kept,
+            (grid.rows, grid.columns),
+            empty,
+            transform=transform,
+            all_touched=touched,
+            dtype="int32",
+        )
+    return np.asarray(burnt, dtype=np.int32)

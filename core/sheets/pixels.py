@@ -27,8 +27,7 @@ from core.geometry.crs import (
     read_crs,
     short_name,
 )
-from core.mosaic.burning import burn
-from core.raster.grid import ROUNDING_PX, Grid
+from core.raster.grid import ROUNDING_PX, Grid, burn
 from core.raster.sampling import between_nodes, node_places
 
 # design: an edge between two CRS bends by less than a millimetre between places so near.

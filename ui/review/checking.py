@@ -12,7 +12,14 @@ import numpy as np
 from core.quality.check_plan import CheckPlace
 from core.quality.readings import PlanFigures, ReadingFigures, judge_rules
 from core.quality.rules import Finding
-from sessions.checks import StandingPlan, checked_figures, readings_of, standing_plans
+from sessions.checks import (
+    StandingPlan,
+    checked_figures,
+    judged_parts,
+    readings_of,
+    standing_plans,
+    standing_signatures,
+)
 from sessions.decisions import (
     Decision,
     ReadCheck,
@@ -20,7 +27,6 @@ from sessions.decisions import (
     SignBlock,
 )
 from sessions.products import digest_of
-from sessions.signatures import judged_parts, standing_signatures
 from ui.review.check_gestures import BlockSigned, CheckRead
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice

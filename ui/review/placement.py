@@ -10,7 +10,7 @@ import numpy as np
 from core.block import Photo, ground_of
 from core.doubts import Doubt
 from core.geometry.camera import Camera
-from core.quality.displacement import displacement
+from core.quality.residuals import displacement
 from ui.review.state import DeskState, InitialState
 
 Part = dict[str, Any]

@@ -10,9 +10,8 @@ from app.report.model import ReportContent, gather
 from app.report.page import write_report
 from app.verbs.run import signed_lines
 from core.quality.check_plan import CheckPlace
-from sessions.checks import new_plan
+from sessions.checks import judged_parts, new_plan
 from sessions.decisions import Decision, ReadCheck, Recorded, SignBlock
-from sessions.signatures import judged_parts
 from ui.words.catalogue import Teller
 
 BIAS, SCATTER, OBSERVER = np.array([0.2, -0.1]), 0.3, 0.1

@@ -8,7 +8,7 @@ import pytest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.control.common_shift import common_shift, weigh_salient_points
-from core.quality.displacement import displacement
+from core.quality.residuals import displacement
 from tests.flights import FlightPlan, fly
 
 PLAIN = AdjustmentOptions(estimate_cameras=False)

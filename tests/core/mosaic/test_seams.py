@@ -10,8 +10,8 @@ import shapely
 from pyproj import Transformer
 
 from core.errors import ReferenceDataError
+from core.mosaic.overview import SeamView
 from core.mosaic.seam_cut import SeamGuides, label_ground
-from core.mosaic.seam_views import SeamView
 from core.mosaic.seams import (
     EditedSeams,
     Seam,

@@ -7,7 +7,8 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.quality.residuals import MEAN_OF, TREND_PARTS, residual_trends
+from core.geometry.exterior import ExteriorOrientation
+from core.quality.residuals import MEAN_OF, TREND_PARTS, displacement, residual_trends
 from tests.flights import FlightPlan, fly
 
 
@@ -52,3 +53,23 @@ def test_too_few_residuals_are_no_trend__law(report):
     none = np.full_like(report.tie_residuals_px, np.nan)
     none[: TREND_PARTS * MEAN_OF - 1] = 0.0
     assert residual_trends(replace(report, tie_residuals_px=none, residuals_px={})) == {}
+
+
+def test_a_shift_turn_and_scale_put_in_are_told__truth():
+    flight = fly(FlightPlan(ties=10, camera_errors=False), np.random.default_rng(0))
+    name, photo = next(iter(flight.truth.photos.items()))
+    camera, true = (
+        flight.truth.camera_of(name),
+        ExteriorOrientation(photo.exterior.centre, 0.0, 0.0, photo.exterior.kappa),
+    )
+    above = true.centre[2] - photo.ground_height_m
+    off = ExteriorOrientation(
+        true.centre + np.array([120.0, -80.0, 0.05 * above]), 0.0, 0.0, true.kappa + 0.1
+    )
+    found = displacement(replace(photo, exterior=true, approximate=off), camera)
+    np.testing.assert_allclose(found.shift_m, [-120.0, 80.0], atol=3.0)
+    assert found.turn == pytest.approx(-0.1, abs=1e-3)
+    assert found.scale == pytest.approx(1 / 1.05, abs=1e-3)
+    assert found.rms_m > 144.0
+    same = displacement(replace(photo, exterior=true, approximate=true), camera)
+    assert (same.rms_m, same.turn, same.scale) == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)

@@ -11,7 +11,7 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.quality.assessment import assess_block
-from core.quality.displacement import displacement
+from core.quality.residuals import displacement
 from core.quality.rules import (
     HOLDING_BACK,
     NAMED,
