@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from core.surface.relief import nmad
 
 from app.project import read_project
 from app.run import WHEN_ASKED, Run, RunOptions
@@ -20,6 +19,7 @@ from app.surface import (
 from core.doubts import Failure
 from core.progress import Work
 from core.raster.dem import open_dem
+from core.surface.ground import nmad
 from core.surface.stage import SurfaceFiles, SurfaceOptions
 from sessions.session import Session
 from tests.app.test_run import Listener

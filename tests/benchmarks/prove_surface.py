@@ -19,7 +19,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rasterio
-from core.surface.relief import nmad
 from scipy import ndimage
 
 import core.surface.matching as matching
@@ -30,6 +29,7 @@ from core.doubts import Failure
 from core.matching.reference import open_heights
 from core.progress import Work
 from core.raster.dem import open_dem
+from core.surface.ground import nmad
 from core.surface.matching import Parallaxes
 from core.surface.rectified import RectifiedPair
 from core.surface.stage import SurfaceFiles, SurfaceOptions, SurfaceProduct, make_surface
