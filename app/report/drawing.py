@@ -100,36 +100,22 @@ def draw_mosaic(mosaic: Figures, picture: str, tell: Teller) -> Markup:
     """
     west, south, east, north = mosaic["bounds"]
     names = short_names([seam["scan"] for seam in mosaic["seams"]])
-    wide, tall = WIDTH, WIDTH * (north - south) / (east - west)
+    wide, per_metre = WIDTH, WIDTH / (east - west)
+    tall = per_metre * (north - south)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return per_metre * (x - west), per_metre * (north - y)
+
     parts = [tag("image", href=picture, width=wide, height=tall)]
     for seam in mosaic["seams"]:
         for ring in seam["rings"]:
-            places = [
-                (wide * (x - west) / (east - west), tall * (north - y) / (north - south))
-                for x, y in ring
-            ]
+            places = [at(x, y) for x, y in ring]
             parts.append(tag("polygon", points=_points(places), class_="seam"))
         inside = Polygon(max(seam["rings"], key=len)).representative_point()
-        x, y = inside.x, inside.y
-        parts.append(
-            tag(
-                "text",
-                names[seam["scan"]],
-                class_="seamname",
-                x=wide * (x - west) / (east - west),
-                y=tall * (north - y) / (north - south),
-            )
-        )
-    parts += [
-        tag(
-            "circle",
-            cx=wide * (hole["east"] - west) / (east - west),
-            cy=tall * (north - hole["north"]) / (north - south),
-            r=max(sqrt(hole["area_m2"]) * wide / (east - west), HOLE),
-            class_="hole",
-        )
-        for hole in mosaic["holes"]
-    ]
+        parts.append(_text(at(inside.x, inside.y), names[seam["scan"]], "seamname"))
+    for hole in mosaic["holes"]:
+        radius = max(per_metre * sqrt(hole["area_m2"]), HOLE)
+        parts.append(_dot(at(hole["east"], hole["north"]), "hole", radius))
     drawn = tag("g", Markup("").join(parts), id=MOSAIC)
     return _picture(drawn, f"0 0 {wide:.0f} {tall:.0f}", tell("report.chapter.mosaic"))
 
@@ -156,19 +142,15 @@ def draw_bars(counts: dict[str, int], tell: Teller) -> Markup:
     for index, key in enumerate(keys):
         x, tall = 20 + index * step, 120.0 * counts[key] / most
         parts += [
-            tag("rect", x=x, y=base - tall, width=step - 22, height=max(tall, 0.8), class_="bar"),
-            tag(
-                "text",
-                tell.number(counts[key], ","),
-                x=x + (step - 22) / 2,
-                y=base - tall - 6,
-                class_="barcount",
+            _rect((x, base - tall), step - 22, max(tall, 0.8), "bar"),
+            _text(
+                (x + (step - 22) / 2, base - tall - 6), tell.number(counts[key], ","), "barcount"
             ),
-            tag("text", key, x=x + (step - 22) / 2, y=base + 17, class_="barname"),
+            _text((x + (step - 22) / 2, base + 17), key, "barname"),
         ]
     width = 20 + len(keys) * step + 60
-    parts.append(tag("line", x1=10, y1=base, x2=width - 60, y2=base, class_="axis"))
-    parts.append(tag("text", tell("report.rays"), x=width - 54, y=base + 17, class_="unit"))
+    parts.append(_line((10, base), (width - 60, base), "axis"))
+    parts.append(_text((width - 54, base + 17), tell("report.rays"), "unit"))
     return chart(parts, width, 176)
 
 
@@ -190,24 +172,18 @@ def draw_reliability(bins: Sequence[Figures], tell: Teller) -> Markup:
     side, edge = 200.0, 30.0
     most = max(one["proposals"] for one in bins)
     parts = [
-        tag("line", x1=edge, y1=side, x2=edge + side, y2=side, class_="axis"),
-        tag("line", x1=edge, y1=0, x2=edge, y2=side, class_="axis"),
-        tag("line", x1=edge, y1=side, x2=edge + side, y2=0, class_="axis"),
-        tag("text", "1", x=edge + side, y=side + 17, class_="barname"),
-        tag(
-            "text",
-            tell("report.reliability.stated"),
-            x=edge + side / 2,
-            y=side + 17,
-            class_="barname",
-        ),
-        tag("text", "0", x=edge, y=side + 17, class_="barname"),
-        tag("text", "1", x=edge - 10, y=10, class_="barname"),
+        _line((edge, side), (edge + side, side), "axis"),
+        _line((edge, 0), (edge, side), "axis"),
+        _line((edge, side), (edge + side, 0), "axis"),
+        _text((edge + side, side + 17), "1", "barname"),
+        _text((edge + side / 2, side + 17), tell("report.reliability.stated"), "barname"),
+        _text((edge, side + 17), "0", "barname"),
+        _text((edge - 10, 10), "1", "barname"),
     ]
     for one in bins:
         x, y = edge + side * one["stated"], side * (1.0 - one["borne_out"])
         radius = 2.0 + 7.0 * sqrt(one["proposals"] / most)
-        parts.append(tag("circle", cx=x, cy=y, r=radius, class_="bar"))
+        parts.append(_dot((x, y), "bar", radius))
     return chart(parts, edge + side + 40, side + 34, top=-10)
 
 
@@ -221,16 +197,10 @@ def draw_coverage(photo: Figures) -> Markup:
             count, ties = photo["control"][row][column], photo["ties"][row][column]
             x, y = column * side, row * side
             style = "cell full" if count else "cell empty"
-            parts.append(
-                tag("rect", x=x + 1, y=y + 1, width=side - 2, height=side - 2, class_=style)
-            )
-            parts.append(
-                tag("text", str(count), x=x + side / 2, y=y + side / 2 + 2, class_="cellcount")
-            )
+            parts.append(_rect((x + 1, y + 1), side - 2, side - 2, style))
+            parts.append(_text((x + side / 2, y + side / 2 + 2), str(count), "cellcount"))
             width = (side - 8) * ties / most
-            parts.append(
-                tag("rect", x=x + 4, y=y + side - 7, width=width, height=3, class_="celltie")
-            )
+            parts.append(_rect((x + 4, y + side - 7), width, 3, "celltie"))
     return tag("svg", Markup("").join(parts), viewBox="0 0 102 102", class_="nine")
 
 
@@ -265,53 +235,37 @@ def _enlargement(figures: Figures, sheet: _Sheet) -> float | None:
 def _frame(sheet: _Sheet, tell: Teller) -> Markup:
     """Neat line with coordinates at round distances, and grid north."""
     right, bottom = WIDTH - MARGIN, sheet.height - MARGIN - 34 + 0.0
-    parts = [
-        tag(
-            "rect",
-            x=MARGIN - 14,
-            y=MARGIN - 14,
-            width=right - MARGIN + 28,
-            height=bottom - MARGIN + 28,
-            class_="neat",
-        )
-    ]
+    parts = [_rect((MARGIN - 14, MARGIN - 14), right - MARGIN + 28, bottom - MARGIN + 28, "neat")]
     step = _round_down((right - MARGIN) / sheet.per_metre / 4)
     easting = ceil(sheet.west / step) * step
     while MARGIN + (easting - sheet.west) * sheet.per_metre <= right:
         x = MARGIN + (easting - sheet.west) * sheet.per_metre
-        parts.append(tag("line", x1=x, y1=MARGIN - 14, x2=x, y2=MARGIN - 20, class_="axis"))
-        parts.append(
-            tag("text", tell.number(easting, ",.0f"), x=x, y=MARGIN - 25, class_="coordinate")
-        )
+        parts.append(_line((x, MARGIN - 14), (x, MARGIN - 20), "axis"))
+        parts.append(_text((x, MARGIN - 25), tell.number(easting, ",.0f"), "coordinate"))
         easting += step
     northing = floor(sheet.north / step) * step
     while MARGIN + (sheet.north - northing) * sheet.per_metre <= bottom:
         y = MARGIN + (sheet.north - northing) * sheet.per_metre
-        parts.append(tag("line", x1=MARGIN - 14, y1=y, x2=MARGIN - 20, y2=y, class_="axis"))
+        parts.append(_line((MARGIN - 14, y), (MARGIN - 20, y), "axis"))
         parts.append(
-            tag(
-                "text",
+            _text(
+                (MARGIN - 25, y),
                 tell.number(northing, ",.0f"),
-                x=MARGIN - 25,
-                y=y,
-                class_="coordinate",
+                "coordinate",
                 transform=f"rotate(-90 {MARGIN - 25:.1f} {y:.1f})",
             )
         )
         northing -= step
     x = right - 6
     parts.append(tag("path", d=f"M{x} {MARGIN - 4} l6 20 l-6 -5 l-6 5 z", class_="north"))
-    parts.append(tag("text", tell("report.map.north"), x=x, y=MARGIN + 30, class_="northname"))
+    parts.append(_text((x, MARGIN + 30), tell("report.map.north"), "northname"))
     return Markup("").join(parts)
 
 
 def _centre(sheet: _Sheet, centre: Figures, name: str) -> list[Markup]:
     x, y = sheet.at(centre["position"])
     style = "centre" if centre["oriented"] else "centre loose"
-    return [
-        _triangle((x, y), style),
-        tag("text", name, x=x + 9, y=y + 5, class_="name"),
-    ]
+    return [_triangle((x, y), style), _text((x + 9, y + 5), name, "name")]
 
 
 def _triangle(at: tuple[float, float], style: str) -> Markup:
@@ -323,14 +277,27 @@ def _point(sheet: _Sheet, point: Figures, style: str, enlarged: float | None) ->
     if enlarged is not None and None not in point["vector_m"]:
         x, y = sheet.at(point["position"])
         east, north = point["vector_m"]
-        end = {"x2": x + east * enlarged, "y2": y - north * enlarged}
-        parts.insert(0, tag("line", x1=x, y1=y, **end, class_=f"vector {style}line"))
+        end = (x + east * enlarged, y - north * enlarged)
+        parts.insert(0, _line((x, y), end, f"vector {style}line"))
     return parts
 
 
 def _dot(at: tuple[float, float], style: str, radius: float, title: str = "") -> Markup:
     inner = tag("title", title) if title else Markup("")
     return tag("circle", inner, cx=at[0], cy=at[1], r=radius, class_=style)
+
+
+def _line(start: tuple[float, float], end: tuple[float, float], style: str) -> Markup:
+    (x1, y1), (x2, y2) = start, end
+    return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=style)
+
+
+def _rect(corner: tuple[float, float], width: float, height: float, style: str) -> Markup:
+    return tag("rect", x=corner[0], y=corner[1], width=width, height=height, class_=style)
+
+
+def _text(at: tuple[float, float], words: str, style: str, **more: str) -> Markup:
+    return tag("text", words, x=at[0], y=at[1], class_=style, **more)
 
 
 def _cross(at: tuple[float, float]) -> Markup:
@@ -350,7 +317,7 @@ def _scale_bar(sheet: _Sheet, tell: Teller) -> Markup:
     return Markup("").join(
         [
             tag("path", d=f"M{x} {y - 5} v5 h{metres * sheet.per_metre:.1f} v-5", class_="scale"),
-            tag("text", name, x=x, y=y - 9, class_="scalename"),
+            _text((x, y - 9), name, "scalename"),
         ]
     )
 
@@ -365,12 +332,10 @@ def _vector_bar(sheet: _Sheet, enlarged: float, tell: Teller) -> Markup:
                 d=f"M{x:.1f} {y - 5} v5 h{metres * enlarged:.1f} v-5",
                 class_="scale vectorscale",
             ),
-            tag(
-                "text",
+            _text(
+                (WIDTH - MARGIN, y - 9),
                 tell("report.map.residual", value=metres),
-                x=WIDTH - MARGIN,
-                y=y - 9,
-                class_="scalename right",
+                "scalename right",
             ),
         ]
     )
@@ -410,26 +375,26 @@ def draw_histogram(figures: Figures, tell: Teller) -> Markup:
     most = max(*counts, *expected, 1)
     step = WIDE / len(counts)
     parts = [
-        tag(
-            "rect", x=EDGE + number * step + 0.5, y=10 + TALL * (1 - count / most),
-            width=step - 1, height=max(TALL * count / most, 0.0), class_="bar",
-        )
-        for number, count in enumerate(counts)
-    ]  # fmt: skip
+        _rect((EDGE + n * step + 0.5, 10 + TALL - tall), step - 1, max(tall, 0.0), "bar")
+        for n, tall in enumerate(TALL * count / most for count in counts)
+    ]
     curve = " ".join(
         f"{EDGE + (number + 0.5) * step:.1f},{10 + TALL * (1 - value / most):.1f}"
         for number, value in enumerate(expected)
     )
     parts += [
         tag("polyline", points=curve, class_="curve"),
-        tag("line", x1=EDGE, y1=10 + TALL, x2=EDGE + WIDE, y2=10 + TALL, class_="axis"),
+        _line((EDGE, 10 + TALL), (EDGE + WIDE, 10 + TALL), "axis"),
         *(
-            tag("text", tell.number(share * reach, "+.2g"), class_="barname",
-                x=EDGE + WIDE * (1 + share) / 2, y=10 + TALL + 17)
+            _text(
+                (EDGE + WIDE * (1 + share) / 2, 10 + TALL + 17),
+                tell.number(share * reach, "+.2g"),
+                "barname",
+            )
             for share in (-1.0, -0.5, 0.5, 1.0)
         ),
-        tag("text", "0 px", x=EDGE + WIDE / 2, y=10 + TALL + 17, class_="barname"),
-    ]  # fmt: skip
+        _text((EDGE + WIDE / 2, 10 + TALL + 17), "0 px", "barname"),
+    ]
     return chart(parts, WIDE + 2 * EDGE, TALL + 34)
 
 
@@ -453,20 +418,18 @@ def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:
     def place(at: float, value: float) -> tuple[float, float]:
         return EDGE + WIDE * (at - low) / span, 10 + TALL * (1 - value / reach) / 2
 
-    parts = [
-        tag("line", x1=EDGE, y1=10 + TALL / 2, x2=EDGE + WIDE, y2=10 + TALL / 2, class_="axis")
-    ]
+    parts = [_line((EDGE, 10 + TALL / 2), (EDGE + WIDE, 10 + TALL / 2), "axis")]
     for at, mean, sigma in zip(along, means, sigmas, strict=True):
         (x, top), (_, foot) = place(at, mean + 2 * sigma), place(at, mean - 2 * sigma)
-        parts.append(tag("line", x1=x, y1=top, x2=x, y2=foot, class_="vector controlline"))
-        parts.append(tag("circle", cx=x, cy=place(at, mean)[1], r=2.5, class_="filmdot"))
+        parts.append(_line((x, top), (x, foot), "vector controlline"))
+        parts.append(_dot((x, place(at, mean)[1]), "filmdot", 2.5))
     for at in (along[0], along[-1]):
         text = f"{tell.number(at, '.0f')} {unit}"
-        parts.append(tag("text", text, x=place(at, 0)[0], y=10 + TALL + 17, class_="barname"))
+        parts.append(_text((place(at, 0)[0], 10 + TALL + 17), text, "barname"))
     for share in (1, -1):
         text = f"{tell.number(share * reach, '+.2g')} px"
         y = place(low, share * reach)[1] + 4
-        parts.append(tag("text", text, x=EDGE + WIDE / 2, y=y, class_="barname"))
+        parts.append(_text((EDGE + WIDE / 2, y), text, "barname"))
     return chart(parts, WIDE + 2 * EDGE, TALL + 34)
 
 
@@ -487,13 +450,13 @@ def draw_film(film: Figures, longest_px: float) -> Markup:
     lines = film["mean_px"]
     cell = FILM / len(lines)
     scale = 2 * LONGEST * cell / max(longest_px, 1e-9)
-    parts = [tag("rect", x=0.5, y=0.5, width=FILM, height=FILM, class_="film")]
+    parts = [_rect((0.5, 0.5), FILM, FILM, "film")]
     for row, line in enumerate(lines):
         for column, (across, down) in enumerate(line):
             if across is None or down is None:
                 continue
             x, y = (column + 0.5) * cell, (row + 0.5) * cell
-            end = {"x2": x + across * scale, "y2": y + down * scale}
-            parts.append(tag("line", x1=x, y1=y, **end, class_="vector controlline"))
-            parts.append(tag("circle", cx=x, cy=y, r=1.3, class_="filmdot"))
+            end = (x + across * scale, y + down * scale)
+            parts.append(_line((x, y), end, "vector controlline"))
+            parts.append(_dot((x, y), "filmdot", 1.3))
     return chart(parts, FILM + 1, FILM + 1)
