@@ -19,6 +19,7 @@ from app.report.wording import remarks
 from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
+from app.stage_lines import STAGE_LINES, adjusted_line
 from app.surface import (
     chosen_ground,
     make_block_surface,
@@ -26,7 +27,7 @@ from app.surface import (
     surface_line,
     usable_parts,
 )
-from app.terminal import STAGE_LINES, Interruption, Voice, adjusted_line, interruptible
+from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain

@@ -5,20 +5,13 @@ import json
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from rich.console import Console
 
 import app.terminal
-from app.terminal import STAGE_LINES, JsonLines, Terminal
-from core.doubts import Doubt
+from app.terminal import JsonLines, Terminal
 from core.errors import ScanError
-from core.georeference.stage import Georeferenced
 from core.progress import Progress
-from core.results import StageResults
-from core.scans.stage import ScanSet
-from core.ties.stage import Tied
-from tests.flights import FlightPlan, fly
 
 ERROR = ScanError("a.tif", "it is cut off.", "Scan it again.")
 
@@ -110,17 +103,3 @@ def test_work_goes_on_when_nobody_reads_any_more__law(voice):
         process.stdin.close()
         assert process.stderr.read() == "went on"
     assert process.returncode == 0
-
-
-def test_each_value_is_told_in_one_line__truth():
-    flight = fly(FlightPlan(ties=40, control=6, check=2), np.random.default_rng(0))
-    block = flight.block
-    doubts: tuple[Doubt, ...] = ()
-    results = StageResults(
-        scans=ScanSet({}, {}, doubts),
-        georeference=Georeferenced(block, {}, {"x": "why"}, doubts),
-        ties=Tied(block.ties, doubts, {}),
-    )
-    assert STAGE_LINES["georeference"](results) == "6 photos placed, 1 set aside"
-    assert STAGE_LINES["scans"](results) == "0 scans, 0 set aside, no fiducials"
-    assert STAGE_LINES["ties"](results).startswith("40 tie points")
