@@ -120,7 +120,6 @@ def write_layers(
     block: Block,
     report: AdjustmentReport,
     footprints: Mapping[str, shapely.Polygon],
-    residual_scale: float = RESIDUAL_SCALE,
 ) -> None:
     """Replace all layers in one transaction; the decisions are not touched.
 
@@ -129,7 +128,6 @@ def write_layers(
         block: The block with its measurements as they stand; orientations come from the report.
         report: The adjustment of the block.
         footprints: Ground polygon of each photo in the block's CRS.
-        residual_scale: How much longer than life a residual is drawn.
     """
     made = (
         (PHOTOS, list(_photos(block, report))),
@@ -137,7 +135,7 @@ def write_layers(
         (POINTS, list(_points(block, report))),
         (MEASUREMENTS, list(_measurements(block, report))),
         (NEW_POINTS, list(_new_points(report))),
-        (RESIDUAL_VECTORS, list(_residual_vectors(block, report, residual_scale))),
+        (RESIDUAL_VECTORS, list(_residual_vectors(block, report))),
         (MASKS, list(_masks(block, report))),
     )
     with store.writing() as transaction:
@@ -249,7 +247,7 @@ def _length(report: AdjustmentReport, item: Measurement) -> float:
     return math.hypot(*report.residuals_px.get(item.key, (math.nan, math.nan)))
 
 
-def _residual_vectors(block: Block, report: AdjustmentReport, scale: float) -> Iterable[Feature]:
+def _residual_vectors(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
     for key, item in block.measurements.items():
         residual, point = report.residuals_px.get(key), block.surveyed.get(item.point_id)
         status, _ = _status(report, item)
@@ -259,8 +257,8 @@ def _residual_vectors(block: Block, report: AdjustmentReport, scale: float) -> I
         if vector is None:
             continue
         start = point.position[:2]
-        line = shapely.LineString([start, start + scale * vector])
-        lengths = (math.hypot(*residual), float(np.hypot(*vector)), scale)
+        line = shapely.LineString([start, start + RESIDUAL_SCALE * vector])
+        lengths = (math.hypot(*residual), float(np.hypot(*vector)), RESIDUAL_SCALE)
         yield line, (*key, point.role, status, *lengths)
 
 

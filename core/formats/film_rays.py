@@ -334,14 +334,9 @@ def median_misfit(block: ExchangeBlock) -> float:
     return float(np.median(distances)) if distances else np.inf
 
 
-def numbered(names: Iterable[str], most: int = MOST_DIGITS) -> dict[str, str]:
-    """A number for every name, for programs that take nothing else: numbers stay what they are.
-
-    Args:
-        names: What is to be numbered.
-        most: Digits that a number may have.
-    """
+def numbered(names: Iterable[str]) -> dict[str, str]:
+    """A number for every name, for programs that take nothing else: numbers stay what they are."""
     every = list(dict.fromkeys(names))
-    plain = {name for name in every if name.isdecimal() and len(name) <= most}
+    plain = {name for name in every if name.isdecimal() and len(name) <= MOST_DIGITS}
     free = (str(number) for number in range(1, 2 * len(every) + 2) if str(number) not in plain)
     return {name: name if name in plain else next(free) for name in every}

@@ -334,7 +334,7 @@ def _mix(
 
 
 def small_gaps(
-    heights: Float32[np.ndarray, "rows columns"], largest_px: int = LARGEST_GAP_PX
+    heights: Float32[np.ndarray, "rows columns"],
 ) -> Bool[np.ndarray, "rows columns"]:
     """The gaps (NaN) that may be closed: small ones that do not reach the raster's edge."""
     empty = np.isnan(heights)
@@ -350,7 +350,7 @@ def small_gaps(
             and across.stop < heights.shape[1]
         )
         size = max(down.stop - down.start, across.stop - across.start)
-        small[label] = inside and size <= largest_px
+        small[label] = inside and size <= LARGEST_GAP_PX
     return small[labels]
 
 
