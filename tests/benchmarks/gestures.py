@@ -397,9 +397,8 @@ LOOKING = (
     *(look for opener in ("Shift+O", "Shift+B", "Shift+I")
       for look in (Looks(opener, key(opener), OPEN),
                    Looks(f"Esc after {opener}", key("Escape"), OPEN))),
-    *(look for name in ("points", "results")
-      for look in (Looks(f"{name} button", click(f"#{name}-open"), OPEN),
-                   Looks(f"Esc after {name}", key("Escape"), OPEN))),
+    Looks("points button", click("#points-open"), OPEN),
+    Looks("Esc after points", key("Escape"), OPEN),
 )  # fmt: skip
 BOARD_LOOKING = (
     Looks("board button", button("board"), OPEN),
