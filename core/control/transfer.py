@@ -387,8 +387,9 @@ def _mean(places: Sequence[FinePlace]) -> tuple[np.ndarray, float]:
     pixels = np.concatenate([place.pixel for place in places])
     weights = np.array([place.sigma_px**-2 for place in places])
     mean = weights @ pixels / weights.sum()
-    formal = weights.sum() ** -0.5
     if len(places) < 2:
-        return mean[None], float(formal)
+        return mean[None], places[0].sigma_px
+    # design: half of each variance is noise of the photo itself, which no further source averages.
+    formal = min(((len(places) + 1) / 2 / weights.sum()) ** 0.5, min(p.sigma_px for p in places))
     spread = weights @ np.sum((pixels - mean) ** 2, axis=1) / weights.sum() / 2
     return mean[None], float(max(formal, np.sqrt(spread / (len(places) - 1))))

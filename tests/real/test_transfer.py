@@ -79,6 +79,7 @@ def test_most_proposals_lie_on_the_published_picks__real(around):
 
 
 def test_two_photos_propose_better_than_one__real(around):
-    # The run gives 71 %.
+    # The run gives 68 %, and 88 % within 3 px where one photo gives 79 %.
     off, *_ = proposed(around, votes=2).T
-    assert np.mean(off < RIGHT_PX) >= 0.65
+    assert np.mean(off < RIGHT_PX) >= 0.6
+    assert np.mean(off < 3.0) >= 0.8
