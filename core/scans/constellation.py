@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex128, Float64
-from scipy.special import ndtr
+from jaxtyping import Bool, Complex128
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
@@ -28,29 +27,33 @@ from core.scans.candidates import (
     open_windows,
 )
 from core.scans.centring import LEAST_RADIUS_PX, Centre, centre_by_symmetry, disc
+from core.scans.chance import (
+    KINDS,
+    LARGEST_TURN_DEG,
+    SEARCH_PIXEL_MM,
+    Search,
+    along_border,
+    log_chance_of_border,
+    log_chance_of_looks,
+    log_chance_of_rectangle,
+    log_chance_of_shape,
+)
 from core.scans.film_area import FilmArea
 from core.scans.marks import Mark, library
-from core.scans.naming import UPRIGHT, Layout, Way
+from core.scans.naming import UPRIGHT, Layout, OpenLayout, Way
+from core.scans.rectangles import Rectangles, fit_rectangles
 
 Complexes = Complex128[np.ndarray, "n"]
 PeakComplex = Complex128[np.ndarray, "n peaks"]
-PeakValues = Float64[np.ndarray, "n peaks"]
-SEARCH_PIXEL_MM = 0.075  # design: the thinnest lines of the library are a cell and a third wide
-"""Size of a pixel of the reduced windows."""
 # design: certificate and frame differ, scans are cut off
 REACH_SEEN_MM, REACH_UNSEEN_MM = 7.0, 16.0
 """Half width of a window where the picture's border was seen, and where it was not."""
-PEAKS = 4  # design: the mark, and a number, a ray or dirt beside it that look more like marks
-"""Candidates kept for each window, kind and polarity."""
-KINDS = 24  # design: a third of the library in both polarities: the time that sets take
-"""Kinds and polarities, best first, for which sets are formed, besides the best size of each
-shape: texture is full of dots."""
 LARGEST_SCALE = 0.015  # design: twice what prints and shrunk film of the Canberra archive differ by
 """How far the scale may differ from the nominal scan pixel size, as a share."""
-LARGEST_TURN_DEG = 4.0  # design: film laid on a scanner by hand lies straighter
-"""How far the film may be turned from a quarter circle."""
 FIT_MM = 1.0  # design: scanners shear, film shrinks, certificates are of a sister camera
 """How far a mark may lie from where two others put it."""
+UNSQUARE_MM = 3.0  # design: what frames and prints of the archives looked at differ by
+"""How much further out marks may lie along one axis than along the other."""
 FIT_WORTH = 0.7  # design: at that distance a mark counts less than a third
 """How much less a mark counts that lies FIT_MM off."""
 LEAST_BASE = 0.3  # design: a shorter base would let noise turn the set by degrees
@@ -69,13 +72,6 @@ MIN_SYMMETRY = 0.45  # design: half way between texture and a mark under scratch
 """Mean symmetry, 0 to 1, below which a set is refused."""
 ASYMMETRIC_WORTH = 0.5  # design: what a good set of marks has under dirt
 """Symmetry that a kind of mark without any is credited with."""
-# measured: prove_fiducials --seed 173 and 211; sets are chosen by the border too, and pure texture
-# then reaches -4.9. Without a certificate hundreds of layouts are tried.
-MOST_CHANCE, MOST_CHANCE_BORDER, MOST_CHANCE_UNKNOWN = -4.0, -5.5, -6.0
-"""log10 of the number of sets as good that chance may give: for certified marks without and with
-the word of the border, and for marks of which nobody knows where they lie."""
-BORDER_TURN_DEG, BORDER_BESIDE_MM = 0.7, 0.5  # design: as well as borders are found on old film
-"""How far a set may usually be turned and lie beside against the picture's border."""
 FRAME_CORNER_MM = 1.5  # design: rounded corners, and how well they are found
 """Distance from the corner of the frame within which a notch is the corner itself."""
 UPRIGHT_BONUS = 0.05  # design: more than noise changes a score, less than a lost mark
@@ -132,35 +128,11 @@ class Constellation:
         return fit if isinstance(fit, PlaneTransform) else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Search:
-    """What stays the same while kinds, layouts and ways to lie are tried."""
-
-    scan_pixel_mm: float
-    window_mm2: float
-    tries: int
-    certified: bool
-    border: FilmArea | None
-    """The picture's border where it was seen and the marks are certified: it says how they lie."""
-    kinds: int = KINDS
-    """Kinds and polarities for which sets are formed."""
-    anchored: bool = False
-    """True where one mark is known: it belongs to every set."""
-
-    @property
-    def most_chance(self) -> float:
-        """log10 of the number of sets as good that chance may give."""
-        if not self.certified:
-            return MOST_CHANCE_UNKNOWN
-        return MOST_CHANCE_BORDER if self.border else MOST_CHANCE
-
-
 def find_constellation(
     scan: ScanFile,
-    layouts: Sequence[Layout],
+    layout: Layout | OpenLayout,
     scan_pixel_mm: float,
     area: FilmArea,
-    certified: bool = True,
     reach_seen_mm: float = REACH_SEEN_MM,
     marks: tuple[Mark, ...] = LIBRARY,
     sure: tuple[float, float] | None = None,
@@ -169,24 +141,22 @@ def find_constellation(
 
     Args:
         scan: The scan.
-        layouts: Patterns in which they may lie: the same names, at places near each other.
+        layout: Where they lie, or in which pattern; then the frame's own corners are no marks.
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
-        certified: Without a certificate, notches that are the frame's own corners are refused.
         reach_seen_mm: Half width of a window where the picture's border was seen, millimetres.
         marks: Kinds and sizes that are looked for.
         sure: Column and row at which one of them is, for somebody said so.
     """
     seen = area.trusted and (sure is None or len(area.seen) == len(area.corners))
     reach_mm = reach_seen_mm if seen else REACH_UNSEEN_MM
-    reaches = [layout.reach_mm for layout in layouts]
-    middle = layouts[int(np.argsort(reaches)[len(reaches) // 2])]
-    reach_mm += (max(reaches) - min(reaches)) / 2
+    certified = isinstance(layout, Layout)
+    middle = layout if certified else layout.middle
+    reach_mm += 0.0 if certified else layout.spread_mm
     ways = middle.ways
     border = area if area.trusted and certified else None
-    tries = len(layouts) * len(ways)
     area_mm2, kept = (2 * reach_mm) ** 2, min(KINDS, len(marks))
-    search = Search(scan_pixel_mm, area_mm2, tries, certified, border, kept, sure is not None)
+    search = Search(scan_pixel_mm, area_mm2, len(ways), certified, border, kept, sure is not None)
     lies = {k: middle.lying(way) for k, way in enumerate(ways)}
     expected = {k: expected_places(film, area, scan_pixel_mm) for k, film in lies.items()}
     column, row = area.centre[0].tolist()
@@ -195,15 +165,16 @@ def find_constellation(
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
     kinds = all_candidates(
-        windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
+        windows, scan_pixel_mm * windows[0].reduction, search.peaks, marks, area.turn,
     )  # fmt: skip
     if sure is not None:
         kinds = [candidates_at(sure, kind, windows) for kind in kinds]
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
     sets = [
         _best_set(search, kind, owners[k], layout, way)
+        if isinstance(layout, Layout)
+        else _best_rectangle(search, kind, owners[k], layout)
         for kind in _promising(kinds, KINDS)
-        for layout in layouts
         for k, way in enumerate(ways)
     ]
     found = [chosen for chosen in sets if chosen is not None]
@@ -366,62 +337,51 @@ def _bases(
     return start[good], factor[good]
 
 
-def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: PixelPoints) -> float:
-    """log10 of how many sets this near to the certificate random peaks would give.
-
-    All pairs of peaks of all kinds are tried as bases; each further mark has its peaks spread at
-    random over its window and hits a disc of twice the RMS residual.
-    """
-    bases = PEAKS * (marks - 1) if search.anchored else PEAKS**2 * marks * (marks - 1) / 2
-    tried = search.kinds * search.tries * bases
-    # design: of random pairs, about one in ten has the right scale and turn.
-    tried *= 0.1
-    # As `fit_similarity` has it, for thousands of sets: a similarity is one complex product.
-    here, there = film[:, 0] + 1j * film[:, 1], pixels[:, 0] - 1j * pixels[:, 1]
-    here, there = here - here.mean(), there - there.mean()
-    left = there - here * (np.vdot(here, there) / np.vdot(here, here))
-    rms_px = np.sqrt(np.vdot(left, left).real / (2 * len(film)))
-    residual_mm = np.hypot(rms_px * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
-    hit = PEAKS * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
-    # design: keeps the logarithm finite; no set of eight marks comes near.
-    return float(np.log10(tried) + (len(film) - 2) * np.log10(min(1.0, max(hit, 1e-12))))
-
-
-def along_border(search: Search, factors: Complexes) -> Float64[np.ndarray, "bases"]:
-    """What sets are worth by their turn against the picture's border, a half to one."""
-    if search.border is None:
-        return np.ones(len(factors))
-    beside = np.angle(factors) - search.border.turn
-    usual = np.radians(BORDER_TURN_DEG)
-    return 0.5 + 0.5 * np.exp(-0.5 * (beside / usual) ** 2)
-
-
-def log_chance_of_border(search: Search, start: complex, factor: complex) -> float:
-    """log10 of the chance that a random set lies as straight and as central in the picture."""
-    if search.border is None:
-        return 0.0
-    column, row = search.border.centre[0].tolist()
-    beside_mm = abs(start - complex(column, -row)) * search.scan_pixel_mm
-    turned = abs(float(np.degrees(np.angle(factor) - search.border.turn)))
-    place = np.pi * max(beside_mm, BORDER_BESIDE_MM) ** 2 / search.window_mm2
-    turn = max(turned, BORDER_TURN_DEG) / LARGEST_TURN_DEG
-    return float(np.log10(min(place, 1.0)) + np.log10(min(turn, 1.0)))
+def _best_rectangle(
+    search: Search, kind: Candidates, owner: Sequence[int], layout: OpenLayout
+) -> Constellation | None:
+    """The rectangle of one kind whose marks are worth most; of four marks, or of three."""
+    places, worth = kind.places[list(owner)], kind.worth[list(owner)]
+    fitted = fit_rectangles(places, layout.directions)
+    apart_mm = np.where(fitted.seen, fitted.apart * search.scan_pixel_mm, 0.0)
+    good = (apart_mm < FIT_MM).all(axis=1) & _as_laid(search, fitted, layout)
+    if not good.any():
+        return None
+    marks = np.arange(len(layout.names))
+    value = worth[marks, fitted.chosen] * (1 - FIT_WORTH * (apart_mm / FIT_MM) ** 2)
+    total = np.where(good, np.where(fitted.seen, value, 0.0).sum(axis=1), -np.inf)
+    best = int(np.argmax(total))
+    found = np.flatnonzero(fitted.seen[best])
+    half = fitted.half[best] * search.scan_pixel_mm
+    own = Layout(layout.names, layout.directions * half, (UPRIGHT,))
+    at, turn = places[found, fitted.chosen[best][found]], float(fitted.turn[best])
+    put = (
+        fitted.middle[best]
+        + np.exp(1j * turn) * (own.film @ np.array([1, 1j])) / search.scan_pixel_mm
+    )
+    predicted = {
+        name: (float(place.real), float(-place.imag))
+        for name, place in zip(layout.names, put, strict=True)
+    }
+    correlations = kind.correlations[list(owner)]
+    rms_px = float(np.sqrt(np.mean(fitted.apart[best] ** 2) / 2))
+    chance = log_chance_of_rectangle(search, rms_px, len(found))
+    chance += log_chance_of_looks(correlations, fitted.chosen[best], found)
+    return Constellation(
+        tuple(layout.names[int(i)] for i in found), np.column_stack([np.real(at), -np.imag(at)]),
+        correlations[found, fitted.chosen[best][found]], predicted, own, UPRIGHT, kind.mark,
+        kind.bright, turn, float(total[best]) * (1 + UPRIGHT_BONUS), chance,
+    )  # fmt: skip
 
 
-def log_chance_of_looks(correlations: PeakValues, chosen: np.ndarray, found: np.ndarray) -> float:
-    """log10 of the chance that mere texture looks as much like marks as the set does.
-
-    Texture is what else was found in the windows: the best peak of each that is not in the set.
-    """
-    others = correlations.copy()
-    others[found, chosen[found]] = -1.0
-    # design: Fisher's transform, kept finite; no window's texture spreads by less than 0.15, and
-    # no mark counts more than 10^4, as the tails of texture are not normal.
-    most, least_spread, rarest = 0.999, 0.15, 1e-4
-    texture = np.arctanh(np.clip(others.max(axis=1), 0.0, most))
-    looks = np.arctanh(np.clip(correlations[found, chosen[found]], 0.0, most))
-    deviate = (looks - texture.mean()) / max(float(texture.std()), least_spread)
-    return float(np.log10(np.clip(ndtr(-deviate), rarest, 1.0)).sum())
+def _as_laid(search: Search, fitted: Rectangles, layout: OpenLayout) -> Bool[np.ndarray, "n"]:
+    """Which rectangles are of the size and shape of the frame, and lie as film is laid."""
+    half = fitted.half * search.scan_pixel_mm
+    good = (half > layout.least_mm * (1 - LARGEST_SCALE)).all(axis=1)
+    good &= (half < layout.most_mm * (1 + LARGEST_SCALE)).all(axis=1)
+    inset = half - layout.frame_mm
+    good &= np.abs(inset[:, 0] - inset[:, 1]) < UNSQUARE_MM
+    return good & (np.abs(fitted.turn) < np.radians(LARGEST_TURN_DEG))
 
 
 def find_mark_sets(
@@ -438,7 +398,7 @@ def find_mark_sets(
         pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
     """
-    sets = [find_constellation(scan, [one], pixel_mm, area) for one in layouts]
+    sets = [find_constellation(scan, one, pixel_mm, area) for one in layouts]
     found = [one for one in sets if isinstance(one, Constellation)]
     if len(layouts) < 2 or not found:
         return found
@@ -450,7 +410,7 @@ def find_mark_sets(
         narrow = replace(layout, ways=(best.way,))
         put = apply_affine(fit.matrix, narrow.lying(best.way))
         placed = _placed_by(fit, area, pixel_mm)
-        again = find_constellation(scan, [narrow], pixel_mm, placed, True, AGREE_MM + AROUND_MM)
+        again = find_constellation(scan, narrow, pixel_mm, placed, AGREE_MM + AROUND_MM)
         if isinstance(again, Constellation) and _agree(put, again, pixel_mm):
             result.append(again)
         else:

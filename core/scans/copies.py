@@ -10,7 +10,7 @@ from core.geometry.camera import Camera
 from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import eighth
 from core.scans.constellation import Constellation, find_constellation
-from core.scans.example import ShownMark, layouts_like, marks_like, mean_picture
+from core.scans.example import ShownMark, layout_like, marks_like, mean_picture
 from core.scans.fiducials import both_ways, found_after_all, judged_set, quarters_of
 from core.scans.film_area import FilmArea
 from core.scans.judging import FiducialSet, nothing_found
@@ -55,14 +55,13 @@ def measure_like(
         shown: The mark; it may be of another scan of the camera.
     """
     photo_id, own = photo_id_of(scan.path), shown.scan.path == scan.path
-    layouts = layouts_like(camera, shown, area, quarters_of(camera, area))
+    layout = layout_like(camera, shown, area, quarters_of(camera, area))
     sizes = marks_like(shown)
     found = find_constellation(
         scan,
-        layouts,
+        layout,
         pixel_mm,
         area,
-        certified=bool(camera.fiducials_mm),
         marks=sizes,
         sure=shown.place if own else None,
     )

@@ -7,7 +7,6 @@ copy, so the mean of the found copies shows the mark alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -20,12 +19,10 @@ from core.scans.marks import EXAMPLE, SURROUND, Mark, Picture, draw_mark
 from core.scans.naming import (
     ASIDE,
     CORNERS,
-    INSET_STEP_MM,
-    INSET_STEP_SHARE,
     SIDES,
-    UPRIGHT,
     WAYS,
     Layout,
+    OpenLayout,
     certified_layouts,
     lying,
 )
@@ -38,8 +35,6 @@ SYMMETRIC_FROM = 0.8  # design: half way between notches (0.3 to 0.6) and worn c
 """Likeness to itself after half a turn from which a mark is symmetric about its middle."""
 INSET_OFF_MM = 4.0  # design: how well the border of old pictures tells the middle of the film
 """How much nearer to the border than the mark that was shown the others may lie."""
-UNSQUARE_MM = 3.0  # design: what frames and prints of the archives looked at differ by
-"""How much further out marks may lie along one axis than along the other."""
 DIAGONAL = 1.5  # design: more than the root of two: a turned window stays inside
 """Half width of a picture in that of the template cut from it."""
 
@@ -135,9 +130,9 @@ def _centred(
     return Mark(EXAMPLE, radius_mm, 0.0, picture=Picture(gray, pixel_mm, outward, symmetric))
 
 
-def layouts_like(
+def layout_like(
     camera: Camera, shown: ShownMark, area: FilmArea, quarters: Sequence[int]
-) -> tuple[Layout, ...]:
+) -> Layout | OpenLayout:
     """Where copies of a mark may lie: those of its group in the certificate, or opposite to it.
 
     Args:
@@ -149,23 +144,20 @@ def layouts_like(
     film = np.array(shown.film_mm)
     if camera.fiducials_mm:
         layouts = certified_layouts(camera, quarters)
-        return (min(layouts, key=lambda one: _nearest_mm(one, film)),)
+        return min(layouts, key=lambda one: _nearest_mm(one, film))
     half, away = np.array(camera.frame_mm) / 2, np.abs(film)
     corner = bool((away > ASIDE * half).all())
     # Where the border was not seen on all sides one of both distances may be far off.
-    hints = [float(away.mean())] if corner else [float(away.max())]
+    hints = [float((away - half).mean())] if corner else [float((away - half).max())]
     if corner and len(area.seen) < len(SIDES):
-        hints += away.tolist()
-    step = min(INSET_STEP_MM, INSET_STEP_SHARE * float(half.min()))
-    steps = np.arange(-INSET_OFF_MM, INSET_OFF_MM + step / 2, step).tolist()
-    reaches = sorted({round(hint + off, 1) for hint in hints for off in steps})
+        hints += (away - half).tolist()
     places = CORNERS if corner else SIDES
-    directions = np.array(list(places.values()))
-    # Old frames are not quite square, and their prints less so.
-    return tuple(
-        Layout(tuple(places), directions * np.array(pair), (UPRIGHT,))
-        for pair in product(reaches, reaches)
-        if abs(pair[0] - pair[1]) <= UNSQUARE_MM
+    return OpenLayout(
+        tuple(places),
+        np.array(list(places.values())),
+        half + min(hints) - INSET_OFF_MM,
+        half + max(hints) + INSET_OFF_MM,
+        half,
     )
 
 

@@ -112,8 +112,8 @@ def measure_unknown_fiducials(
         marks: Kinds and sizes that are looked for.
     """
     sets: list[Constellation] = []
-    for layouts in guessed_layouts(camera).values():
-        found = find_constellation(scan, layouts, scan_pixel_mm, area, False, marks=marks)
+    for layout in guessed_layouts(camera):
+        found = find_constellation(scan, layout, scan_pixel_mm, area, marks=marks)
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
     apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > AGREE_MM

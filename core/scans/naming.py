@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.geometry.camera import Camera
@@ -21,9 +22,6 @@ ASIDE = 0.55  # design: about half way between the middle of a side (0) and a co
 # design: from marks in the film's margin to those well inside the picture.
 INSETS_MM = (-4.5, 15.0)
 """How far inside the border of the frame unknown marks are looked for, from and to."""
-# design: sets are sought whose scale is right to 1.5 per cent; between two steps nothing is missed.
-INSET_STEP_MM, INSET_STEP_SHARE = 1.5, 0.025
-"""Step between the distances tried, at most this share of half the frame."""
 # design: directions from the middle of the film, x right and y up.
 CORNERS = {"UL": (-1.0, 1.0), "UR": (1.0, 1.0), "LR": (1.0, -1.0), "LL": (-1.0, -1.0)}
 # design: the same.
@@ -46,6 +44,7 @@ BORDER_TURN = 2e-3  # design: the step of 0.1 degrees with which the border's tu
 NEAR_MM = 2.5  # design: no two marks lie so near; no certificate is wrong by so much
 """How near to its place a mark must lie to be taken for it."""
 Certificate = Mapping[str, tuple[float, float]]
+Halves = Float64[np.ndarray, "2"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +69,34 @@ class Layout:
     def reach_mm(self) -> float:
         """Distance of its outermost mark from the middle."""
         return float(np.linalg.norm(self.film, axis=1).max())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenLayout:
+    """Four marks opposite to each other, upright, of which nobody knows how far out they lie."""
+
+    names: tuple[str, ...]
+    """Their names, clockwise."""
+    directions: FilmPoints
+    """Where they lie from the middle, halves of width and height."""
+    least_mm: Halves
+    """Least half width and half height, millimetres."""
+    most_mm: Halves
+    """Greatest."""
+    frame_mm: Halves
+    """Half width and half height of the frame."""
+
+    @property
+    def middle(self) -> Layout:
+        """The marks half way between the least and the greatest distance."""
+        film = self.directions * (self.least_mm + self.most_mm) / 2
+        return Layout(self.names, film, (UPRIGHT,))
+
+    @property
+    def spread_mm(self) -> float:
+        """How far a mark may lie from there, outward."""
+        spread = self.directions * (self.most_mm - self.least_mm) / 2
+        return float(np.linalg.norm(spread, axis=1).max())
 
 
 def lying(film: FilmPoints, way: Way) -> FilmPoints:
@@ -103,22 +130,19 @@ def certified_layouts(camera: Camera, quarters: Sequence[int]) -> tuple[Layout, 
     )
 
 
-def guessed_layouts(camera: Camera) -> Mapping[str, tuple[Layout, ...]]:
-    """Corner marks and marks of the sides at many distances from the frame's border."""
+def guessed_layouts(camera: Camera) -> tuple[OpenLayout, ...]:
+    """Corner marks and marks of the sides at any usual distance from the frame's border."""
     half = np.array(camera.frame_mm) / 2
-    step = min(INSET_STEP_MM, INSET_STEP_SHARE * float(half.min()))
-    insets = np.arange(INSETS_MM[0], INSETS_MM[1] + step / 2, step).tolist()
-    return {
-        group: tuple(
-            Layout(
-                tuple(places),
-                np.array(list(places.values())) * (half - inset),
-                (UPRIGHT,),
-            )
-            for inset in insets
+    return tuple(
+        OpenLayout(
+            tuple(places),
+            np.array(list(places.values())),
+            half - max(INSETS_MM),
+            half - min(INSETS_MM),
+            half,
         )
-        for group, places in (("corners", CORNERS), ("sides", SIDES))
-    }
+        for places in (CORNERS, SIDES)
+    )
 
 
 def distinct_ways(film: FilmPoints, quarters: Sequence[int]) -> tuple[Way, ...]:

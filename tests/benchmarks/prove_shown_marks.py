@@ -1,6 +1,6 @@
 """Marks of real film by themselves and from one example, against places read by eye before.
 
-`python -m tests.benchmarks.prove_shown_marks FOLDER`, FOLDER holding the frames of
+`python -m tests.benchmarks.prove_shown_marks FOLDER [--only NAME]`, FOLDER holding the frames of
 `act-canberra-film`. Marks of corners and of sides are groups of their own. Every mark that could be
 read is shown once, and the others of its group are sought. A mark stands where no doubt names it;
 it is wrong where it stands further off than the eye may be. Ends with 1 where any is wrong.
@@ -65,6 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the proof; 1 where a mark is wrong and nothing says so."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", nargs="*", default=())
     given = parser.parse_args(arguments)
     write = sys.stdout.write
     write("| frame | marks | read | alone: near | doubted | missed | wrong ")
@@ -72,6 +73,8 @@ def main(arguments: list[str] | None = None) -> int:
     write("|---" * 11 + "|\n")
     wrong = 0
     for frame, picture in read_seen()["frames"].items():
+        if given.only and frame not in given.only:
+            continue
         pixel_um, camera = PIXEL_UM.get(frame[:4], 25400 / 200), camera_of(frame)
         own = orient_scan(given.folder / f"{frame}.jpg", camera, pixel_um)
         for group, places in (("corners", CORNERS), ("sides", SIDES)):
