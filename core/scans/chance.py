@@ -15,8 +15,6 @@ SEARCH_PIXEL_MM = 0.075  # design: the thinnest lines of the library are a cell 
 """Size of a pixel of the reduced windows."""
 PEAKS = 4  # design: the mark, and a number, a ray or dirt beside it that look more like marks
 """Candidates kept for each window, kind and polarity."""
-PEAKS_SHOWN = 8  # design: dim marks of old film are seldom among the first four of a window
-"""The same where somebody showed one of the marks: few sizes are tried, and none by chance."""
 KINDS = 24  # design: a third of the library in both polarities: the time that sets take
 """Kinds and polarities, best first, for which sets are formed, besides the best size of each
 shape: texture is full of dots."""
@@ -47,11 +45,6 @@ class Search:
     """True where one mark is known: it belongs to every set."""
 
     @property
-    def peaks(self) -> int:
-        """Candidates kept for each window, kind and polarity."""
-        return PEAKS_SHOWN if self.anchored else PEAKS
-
-    @property
     def most_chance(self) -> float:
         """log10 of the number of sets as good that chance may give."""
         if not self.certified:
@@ -65,9 +58,7 @@ def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: Pi
     All pairs of peaks of all kinds are tried as bases; each further mark has its peaks spread at
     random over its window and hits a disc of twice the RMS residual.
     """
-    bases = (
-        search.peaks * (marks - 1) if search.anchored else search.peaks**2 * marks * (marks - 1) / 2
-    )
+    bases = PEAKS * (marks - 1) if search.anchored else PEAKS**2 * marks * (marks - 1) / 2
     tried = search.kinds * search.tries * bases
     # design: of random pairs, about one in ten has the right scale and turn.
     tried *= 0.1
@@ -77,7 +68,7 @@ def log_chance_of_shape(search: Search, marks: int, film: FilmPoints, pixels: Pi
     left = there - here * (np.vdot(here, there) / np.vdot(here, here))
     rms_px = np.sqrt(np.vdot(left, left).real / (2 * len(film)))
     residual_mm = np.hypot(rms_px * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
-    hit = search.peaks * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
+    hit = PEAKS * np.pi * (2 * residual_mm) ** 2 / search.window_mm2
     # design: keeps the logarithm finite; no set of eight marks comes near.
     return float(np.log10(tried) + (len(film) - 2) * np.log10(min(1.0, max(hit, 1e-12))))
 
@@ -89,9 +80,9 @@ def log_chance_of_rectangle(search: Search, residual_px: float, marks: int) -> f
     hits a disc of twice the RMS residual.
     """
     residual_mm = np.hypot(residual_px * search.scan_pixel_mm, SEARCH_PIXEL_MM / 4)
-    tried = search.kinds * search.peaks ** (2 if search.anchored else 3) * (4 if marks < 4 else 1)
+    tried = search.kinds * PEAKS ** (2 if search.anchored else 3) * (4 if marks < 4 else 1)
     square = min(1.0, 4 * residual_mm / np.sqrt(search.window_mm2))
-    hit = min(1.0, search.peaks * np.pi * (2 * residual_mm) ** 2 / search.window_mm2)
+    hit = min(1.0, PEAKS * np.pi * (2 * residual_mm) ** 2 / search.window_mm2)
     return float(np.log10(tried) + np.log10(square) + (marks - 3) * np.log10(hit))
 
 

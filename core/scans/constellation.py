@@ -30,6 +30,7 @@ from core.scans.centring import LEAST_RADIUS_PX, Centre, centre_by_symmetry, dis
 from core.scans.chance import (
     KINDS,
     LARGEST_TURN_DEG,
+    PEAKS,
     SEARCH_PIXEL_MM,
     Search,
     along_border,
@@ -165,7 +166,7 @@ def find_constellation(
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
     kinds = all_candidates(
-        windows, scan_pixel_mm * windows[0].reduction, search.peaks, marks, area.turn,
+        windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
     )  # fmt: skip
     if sure is not None:
         kinds = [candidates_at(sure, kind, windows) for kind in kinds]

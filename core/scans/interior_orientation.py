@@ -182,6 +182,9 @@ def _unknown(
     if len(measured.marks) < 3:
         return measured, area
     refined = refine_film_area(scan, camera, pixel_mm, area, measured.middle)
+    if len(refined.seen) < len(area.seen):
+        # Old pictures are not always as the frame is, and then their middle is not the marks'.
+        refined = area
     if refined is area or not measured.doubts:
         return measured, refined
     # Windows about the right places may show what windows about the wrong ones did not.
