@@ -28,8 +28,10 @@ def becomes(page, key: str, state: str) -> None:
 
 
 def look_at(page, key: str) -> None:
-    """Choose a measurement among all, decided or not."""
+    """Choose a measurement among all, decided or not, once the rows no longer move."""
+    page.wait_for_function("!gruber.isAhead()")
     page.click('.chip[data-state="all"]')
+    page.wait_for_function("!gruber.isAhead()")
     page.click(f'.row[data-key="{key}"]')
     page.wait_for_function("key => gruber.parts.point.key.join('|') === key", arg=key)
 
@@ -60,16 +62,6 @@ def press(page, key: str) -> tuple[str, float, float]:
 def settled(page) -> None:
     """Wait until no adjustment is under way."""
     page.wait_for_function("!gruber.parts.status.adjusting")
-
-
-def changed(page, key: str) -> float:
-    """Press a key; seconds until the figures of the queue or sigma nought are others."""
-    look = "JSON.stringify([gruber.parts.status.sigma, gruber.parts.rows.map(row => row[6])])"
-    page.evaluate(f"window.before = {look}")
-    begun = time.perf_counter()
-    page.keyboard.press(key)
-    page.wait_for_function(f"window.before !== {look}", polling=10)
-    return time.perf_counter() - begun
 
 
 def keep_draft(page) -> None:

@@ -1,7 +1,6 @@
 """The desk in a real Chromium: open, press a key, see the number change, reload and find it."""
 
 import re
-import statistics
 import time
 import urllib.error
 import urllib.request
@@ -129,18 +128,6 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
     assert sigma(page) == pytest.approx(first_sigma, abs=2e-4)
     press(page, "Shift+U")
     assert state_of(page, rejected) == "rejected"
-
-
-def test_sigma_nought_changes_with_every_key__law(sit):
-    page = sit()
-    took = []
-    for _ in range(3):
-        for key in ("n", "u"):
-            took.append(press(page, key)[2])
-            page.wait_for_timeout(200)
-    # The middle one: other work on the machine may hold up any single one.
-    # A second is the promise on an idle machine; a busy one may take longer without a defect.
-    assert statistics.median(took) < 4.0, took
 
 
 def test_a_key_held_down_decides_once__law(sit):
@@ -361,8 +348,8 @@ def test_orthos_are_made_again_with_progress_while_deciding_goes_on__law(chromiu
         page = sit(desk.url, scene=False)
         page.click("#remake-start")
         page.wait_for_selector("#making:not([hidden])")
-        point, _, took = press(page, "n")
-        assert took < 4.0
+        point, _, _ = press(page, "n")
+        assert not made
         assert state_of(page, point) == "rejected"
         page.wait_for_selector(REMADE)
         assert len(made) == 1

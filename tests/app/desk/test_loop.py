@@ -287,14 +287,6 @@ def test_a_seat_that_is_left_is_not_drawn_for_and_comes_back_where_it_was__law(d
     assert desk.glass.current() == (row[0], row[1])
 
 
-def test_a_decision_shows_new_numbers_within_a_second__law(desk: Any):
-    key = desk.glass.current()
-    begun = time.perf_counter()
-    desk.loop.submit(Judged("anna-1", key, "reject"))
-    desk.settled(1)
-    assert time.perf_counter() - begun < 1.0
-
-
 def test_a_desk_state_never_changes__law():
     block = tiny_block().block
     state = DeskState(block, adjust(block), made=made_with(block))
