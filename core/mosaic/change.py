@@ -15,6 +15,7 @@ import numpy as np
 import rasterio.features
 from affine import Affine
 from jaxtyping import Float32, Int8
+from numpy.lib.stride_tricks import as_strided
 from shapely.geometry import shape
 
 from core.arrays import Mask
@@ -150,12 +151,10 @@ def _tile(
         shape_px[0] + 2 * rim,
     )
     then, now = _field(mosaic, grid), _field(reference, grid)
-    middle = then[rim:-rim, rim:-rim]
-    power = _means(np.abs(middle) ** 2, size)
+    middle = np.ascontiguousarray(then[rim:-rim, rim:-rim])
+    power = _products(middle, middle, size)
     # Grain turns every way and cancels out; edges of fields and roads run on.
-    lasting = cv2.GaussianBlur(
-        np.ascontiguousarray(middle).view(np.float32).reshape(*middle.shape, 2), (0, 0), EDGE_PX
-    )
+    lasting = cv2.GaussianBlur(middle.view(np.float32).reshape(*middle.shape, 2), (0, 0), EDGE_PX)
     detail = _means(np.hypot(lasting[:, :, 0], lasting[:, :, 1]), size)
     known = _means((middle != 0).astype(np.float32), size) > 0.5
 
@@ -164,8 +163,8 @@ def _tile(
             rim + shift[0] : rim + shift[0] + shape_px[0],
             rim + shift[1] : rim + shift[1] + shape_px[1],
         ]
-        other = _means(np.abs(beside) ** 2, size)
-        common = _means(np.real(middle * np.conj(beside)), size)
+        other = _products(beside, beside, size)
+        common = _products(middle, beside, size)
         # design: no division by nought
         return np.where(other > 0, common / np.sqrt(power * other + 1e-9), np.float32(np.nan))
 
@@ -198,6 +197,21 @@ def _means(values: np.ndarray, size: int) -> Cells:
     rows, columns = values.shape[0] // size, values.shape[1] // size
     cells = np.asarray(values, np.float32).reshape(rows, size, columns, size)
     return np.asarray(cells.mean(axis=(1, 3)), np.float32)
+
+
+def _products(one: AngleField, other: AngleField, size: int) -> Float32[np.ndarray, "_ _"]:
+    """Means over cells of the real part of one times the conjugate of the other."""
+    # Cells side by side without a copy: real and imaginary parts follow one another.
+    parts = [
+        as_strided(
+            field.view(np.float32),
+            (field.shape[0] // size, size, field.shape[1] // size, 2 * size),
+            (size * field.strides[0], field.strides[0], size * field.itemsize, field.itemsize // 2),
+            writeable=False,
+        )
+        for field in (one, other)
+    ]
+    return np.asarray(np.einsum("aibj,aibj->ab", *parts) / size**2, np.float32)
 
 
 def _judge_cells(

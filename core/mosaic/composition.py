@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from threading import local
 from typing import Any
 
 import cv2
@@ -16,14 +17,14 @@ import numpy as np
 import rasterio
 import rasterio.shutil
 from jaxtyping import Float32, Int32
-from shapely import STRtree
+from shapely import STRtree, clip_by_rect
 from shapely.geometry import box
 
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seams import EditedSeams, Seam, write_seams
-from core.orthos.rectification import OrthoProduct
+from core.orthos.rectification import COMPRESSION_LEVEL, OrthoProduct
 from core.progress import SILENT, Part, Progress
 from core.raster.grid import (
     BLOCK_PX,
@@ -103,11 +104,33 @@ class MosaicProduct:
 COG = {
     "blocksize": BLOCK_PX,
     "compress": "deflate",
+    "level": COMPRESSION_LEVEL,
     "predictor": "yes",
     "overview_resampling": "average",
     "num_threads": 2,
     "bigtiff": "if_safer",
 }
+
+
+class _Files:
+    """Orthos, opened once by each thread that reads them."""
+
+    def __init__(self) -> None:
+        self._own = local()
+        self._opened: list[Any] = []
+
+    def read(self, path: Path, window: Tile) -> Pixels:
+        """A window of the one band of a file."""
+        mine: dict[Path, Any] = self._own.__dict__.setdefault("files", {})
+        if path not in mine:
+            mine[path] = rasterio.open(path)
+            self._opened.append(mine[path])
+        return mine[path].read(1, window=window_of(window))
+
+    def close(self) -> None:
+        """Close all files of all threads."""
+        for file in self._opened:
+            file.close()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +149,7 @@ class _Work:
     stamps: Mapping[str, str]
     digests: dict[str, str]
     composed: list[str]
+    files: _Files
 
 
 Redraw = Callable[[tuple[Seam, ...]], Sequence[Seam]]
@@ -234,7 +258,10 @@ def compose_window(
     with rasterio.open(orthos[0].path) as file:
         dtype = np.dtype(file.dtypes[0])
     work = _prepare(orthos, made.grid, seams, made.balances, dtype, None, None)
-    found = _compose(work, part)
+    try:
+        found = _compose(work, part)
+    finally:
+        work.files.close()
     return np.zeros((part[3], part[2]), dtype) if found is None else found
 
 
@@ -270,6 +297,7 @@ def _write(work: _Work, path: Path, crs: str, options: MosaicOptions, progress: 
             rasterio.shutil.copy(tiles_path, path, driver="COG", **COG)
         refuse_incomplete(path, -(-grid.columns // BLOCK_PX) * -(-grid.rows // BLOCK_PX))
     finally:
+        work.files.close()
         tiles_path.unlink(missing_ok=True)
     return covered
 
@@ -299,6 +327,7 @@ def _prepare(
         stamps or {},
         {},
         [],
+        _Files(),
     )
 
 
@@ -331,7 +360,8 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     layers = _Layers(work, part)
     _show(work, part, layers, labels, seams)
     inner = np.s_[halo : halo + rows, halo : halo + columns]
-    present = np.unique(labels[labels >= 0]).tolist()
+    near = sorted(int(k) for k in work.ortho_tree.query(box(*part.bounds)))
+    present = [k for k in near if (labels == k).any()]
     if not present or not (labels[inner] >= 0).any():
         return None
     if len(present) == 1:
@@ -389,7 +419,7 @@ class _Layers:
     def pixels(self, index: int) -> Pixels:
         """Gray values of an ortho over the tile, 0 outside it."""
         if index not in self._read:
-            self._read[index] = _read_part(self.work.orthos[index], self.part)
+            self._read[index] = _read_part(self.work, index, self.part)
         return self._read[index]
 
     def balanced(self, index: int) -> Float32[np.ndarray, "rows columns"]:
@@ -398,27 +428,29 @@ class _Layers:
         return balance.corrected(self.pixels(index).astype(np.float32), self.part)
 
 
-def _read_part(ortho: OrthoProduct, part: Grid) -> Pixels:
+def _read_part(work: _Work, index: int, part: Grid) -> Pixels:
+    ortho = work.orthos[index]
     corner = ortho.grid.grid_from_object(np.array([[part.west, part.north]]))[0]
     column, row = (int(value) for value in np.rint(corner))
     first, last = max(column, 0), min(column + part.columns, ortho.grid.columns)
     top, bottom = max(row, 0), min(row + part.rows, ortho.grid.rows)
-    with rasterio.open(ortho.path) as file:
-        values = np.zeros((part.rows, part.columns), dtype=file.dtypes[0])
-        if first < last and top < bottom:
-            window = window_of((first, top, last - first, bottom - top))
-            values[top - row : bottom - row, first - column : last - column] = file.read(
-                1, window=window
-            )
+    values = np.zeros((part.rows, part.columns), dtype=work.dtype)
+    if first < last and top < bottom:
+        place = np.s_[top - row : bottom - row, first - column : last - column]
+        values[place] = work.files.read(ortho.path, (first, top, last - first, bottom - top))
     return values
 
 
 def _burnt(work: _Work, part: Grid) -> tuple[Int32[np.ndarray, "rows columns"], list[int]]:
     """Index of the ortho that the seams give each pixel, -1 for none; the seams that are there."""
-    near = work.seam_tree.query(box(*part.bounds), predicate="intersects")
-    chosen = sorted(int(k) for k in near)
-    shapes = [(work.seams[k].area, work.seam_orthos[k]) for k in chosen]
     gsd = part.ground_sample_distance_m
+    here = box(*part.bounds).buffer(gsd, join_style="mitre")
+    near = work.seam_tree.query(here, predicate="intersects")
+    chosen = sorted(int(k) for k in near)
+    if len(chosen) == 1 and work.seams[chosen[0]].area.covers(here):
+        return np.full((part.rows, part.columns), work.seam_orthos[chosen[0]], np.int32), chosen
+    # Burning costs time for every vertex, wherever it lies.
+    shapes = [(clip_by_rect(work.seams[k].area, *here.bounds), work.seam_orthos[k]) for k in chosen]
     moved = replace(part, west=part.west + ASIDE_PX[0] * gsd, north=part.north + ASIDE_PX[1] * gsd)
     return burn(shapes, moved, empty=-1), chosen
 
@@ -446,9 +478,12 @@ def _fill(
     empty = labels < 0
     nearest = np.full(labels.shape, np.inf)
     for index in sorted(int(k) for k in work.ortho_tree.query(box(*part.bounds))):
+        shown = empty & (layers.pixels(index) != NODATA)
+        if not shown.any():
+            continue
         east, north = work.orthos[index].nadir
         distance = (eastings[None, :] - east) ** 2 + (northings[:, None] - north) ** 2
-        better = empty & (layers.pixels(index) != NODATA) & (distance < nearest)
+        better = shown & (distance < nearest)
         labels[better] = index
         nearest[better] = distance[better]
 

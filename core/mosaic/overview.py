@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float16, Float32, Float64
 
 from core.arrays import Mask, Scalars, locked
 from core.orthos.rectification import OrthoProduct
-from core.raster.grid import Grid, window_of
+from core.raster.grid import NODATA, Grid, sums_over_cells, window_of
 
 # design: some tens of megabytes of the widest orthos
 STRIP_CELLS = 128
@@ -61,11 +61,14 @@ class Overview:
         part = np.s_[row : row + self.grid.rows, column : column + self.grid.columns]
         sums[part] = np.where(self.touched, self.values * self.share, 0)
         shares[part] = self.share
-        cells = (grid.rows, factor, grid.columns, factor)
-        total, share = (band.reshape(cells).sum(axis=(1, 3)) for band in (sums, shares))
+        size = (grid.columns, grid.rows)
+        total, share = (
+            np.asarray(cv2.resize(band, size, interpolation=cv2.INTER_AREA), np.float32)
+            for band in (sums, shares)
+        )
         # design: no division by nought
         values = np.where(share > 0, total / np.maximum(share, 1e-6), np.nan)
-        return Overview(self.photo_id, self.nadir, grid, values, share / factor**2)
+        return Overview(self.photo_id, self.nadir, grid, values, share)
 
 
 Cells = Float32[np.ndarray, "rows columns"]
@@ -157,9 +160,9 @@ class SeamLevel:
         view, cell = self.views[number], self.grid.ground_sample_distance_m
         half = max(view.grid.columns, view.grid.rows) * cell / 2
         eastings, northings = self.grid.centres()
-        east = (eastings[part[1]] - view.nadir[0]) / half
-        north = (northings[part[0]] - view.nadir[1]) / half
-        return (north[:, None] ** 2 + east[None, :] ** 2).astype(np.float32)
+        east = ((eastings[part[1]] - view.nadir[0]) / half).astype(np.float32)
+        north = ((northings[part[0]] - view.nadir[1]) / half).astype(np.float32)
+        return (north**2)[:, None] + (east**2)[None, :]
 
 
 def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
@@ -178,22 +181,15 @@ def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
             tall = (cells.stop - top) * pixels_per_cell
             first = max(top * pixels_per_cell - row, 0)
             last = min(top * pixels_per_cell + tall - row, ortho.grid.rows)
-            strip = np.zeros((tall, columns_in_cells), dtype=np.float32)
+            strip = np.zeros((tall, columns_in_cells), dtype=file.dtypes[0])
             begin = first + row - top * pixels_per_cell
             window = window_of((0, first, ortho.grid.columns, last - first))
             place = np.s_[begin : begin + last - first, column : column + ortho.grid.columns]
             strip[place] = file.read(1, window=window)
-            sums[cells] = _sums(strip, pixels_per_cell)
-            counts[cells] = np.rint(_sums((strip > 0).astype(np.float32), pixels_per_cell))
+            sums[cells] = sums_over_cells(strip, pixels_per_cell)
+            counts[cells] = sums_over_cells((strip != NODATA).view(np.uint8), pixels_per_cell)
     values = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
     return Overview(ortho.photo_id, ortho.nadir, grid, values, counts / pixels_per_cell**2)
-
-
-def _sums(strip: Float32[np.ndarray, "_ _"], side: int) -> Float32[np.ndarray, "_ _"]:
-    """Sums over square cells."""
-    size = (strip.shape[1] // side, strip.shape[0] // side)
-    means = cv2.resize(strip, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(means, np.float32) * np.float32(side**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
 from scipy import sparse
@@ -132,7 +133,10 @@ class Balance:
         north = -(np.arange(rows[0], rows[-1] + 1) + HALF_PIXEL) * (gsd * side)
         squared = self.plane.radii(east[None, :], north[:, None])
         cells = 1 + (_powers(squared) * np.array(self.falloff)).sum(axis=-1)
-        return cells.astype(np.float32)[(rows - rows[0])[:, None], (columns - columns[0])[None, :]]
+        size = (len(cells[0]) * side, len(cells) * side)
+        wide = cv2.resize(cells.astype(np.float32), size, interpolation=cv2.INTER_NEAREST)
+        top, left = round(-part.north / gsd) % side, round(part.west / gsd) % side
+        return np.asarray(wide)[top : top + part.rows, left : left + part.columns]
 
 
 def film_plane(photo: Photo, camera: Camera) -> FilmPlane:
@@ -274,20 +278,20 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     every = np.concatenate([np.tile(sigmas, photos), np.full(OF_CAMERA * cameras, SIGMA_FALLOFF)])
     held = sparse.diags_array(every**-2.0) + _hold_means(photos, len(given))
     unknowns = given.copy()
+    apart, design = _differences(samples, unknowns, photos)
 
     def solve(weights: Scalars) -> tuple[Unknowns, Scalars]:
-        nonlocal unknowns
-        apart, design = _differences(samples, unknowns, photos)
+        nonlocal unknowns, apart, design
         # A large gain enlarges its own noise.
         scaled = weights / _noise_gains(samples, unknowns) ** 2
         normal = design.T @ sparse.diags_array(scaled) @ design + held
         right = design.T @ (scaled * apart) + held @ (unknowns - given)
         step = np.array(spsolve(sparse.csc_array(normal), right), dtype=np.float64).ravel()
         unknowns = unknowns - step
+        apart, design = _differences(samples, unknowns, photos)
         return unknowns, lengths()
 
     def lengths() -> Scalars:
-        apart, _ = _differences(samples, unknowns, photos)
         return np.abs(apart) / _noise_gains(samples, unknowns)
 
     # Ground that changed between two photos is no noise: it loses all its weight.

@@ -168,11 +168,12 @@ def _guiding(grid: Grid, guides: SeamGuides) -> tuple[Cells, Cells]:
 
 def _meeting(labels: Labels) -> Iterator[tuple[int, int]]:
     """Pairs of photos that have cells side by side, in order."""
-    codes: set[tuple[int, int]] = set()
+    codes, count = set[tuple[int, int]](), int(labels.max(initial=0)) + 1
     for one, other in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
         seam = (one != other) & (one >= 0) & (other >= 0)
-        both = np.sort(np.stack([one[seam], other[seam]], axis=1), axis=1)
-        codes.update((int(a), int(b)) for a, b in np.unique(both, axis=0))
+        low, high = np.minimum(one[seam], other[seam]), np.maximum(one[seam], other[seam])
+        found = np.unique(low.astype(np.int64) * count + high).tolist()
+        codes.update(divmod(code, count) for code in found)
     yield from sorted(codes)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import rasterio
 from jaxtyping import Int64
 
-from core.arrays import Mask
+from core.raster.grid import sums_over_cells
 
 # design: some megabytes, and a cell of two metres on a block of ten kilometres.
 LATTICE = 2048
@@ -70,8 +70,8 @@ def _missing(file: Any, side: int) -> Counts:
         top = first * side
         tall = min(BAND_CELLS * side, file.height - top)
         seen = file.read_masks(1, window=((top, top + tall), (0, file.width))) > 0
-        cells: Mask = np.zeros((-(-tall // side) * side, columns * side), dtype=np.bool_)
+        cells = np.zeros((-(-tall // side) * side, columns * side), dtype=np.uint8)
         cells[:tall, : file.width] = seen
-        shown = cells.reshape(-1, side, columns, side).sum(axis=(1, 3))
+        shown = sums_over_cells(cells, side)
         found[first : first + len(shown)] = side * side - shown
     return found

@@ -7,7 +7,14 @@ import pytest
 import rasterio
 
 from core.progress import Silent
-from core.raster.grid import Grid, refuse_incomplete, tiled_profile, tiles_of, write_tiles
+from core.raster.grid import (
+    Grid,
+    refuse_incomplete,
+    sums_over_cells,
+    tiled_profile,
+    tiles_of,
+    write_tiles,
+)
 
 GRID = Grid(-577_000.0, -1_192_000.0, 1.0, 1300, 900)
 
@@ -72,3 +79,12 @@ def test_a_grid_over_bounds_covers_them_and_no_more__law():
     assert GRID.covering(GRID.window(7, 5, 30, 20).bounds) == GRID.window(7, 5, 30, 20)
     assert GRID.covering(GRID.window(7, 5, 30, 20).bounds, 2) == GRID.window(5, 3, 34, 24)
     assert GRID.covering(GRID.window(-9, -9, 30, 20).bounds) == GRID.window(0, 0, 21, 11)
+
+
+@pytest.mark.parametrize(("dtype", "side"), [("uint8", 3), ("uint8", 17), ("uint16", 4)])
+def test_sums_over_cells_are_exact__law(dtype, side):
+    values = np.full((5 * side, 7 * side), np.iinfo(dtype).max, dtype)
+    values[:side, :side] = np.arange(side * side).reshape(side, side) % 251
+    sums = sums_over_cells(values, side)
+    assert sums[0, 0] == values[:side, :side].astype(np.int64).sum()
+    assert (sums.ravel()[1:] == int(np.iinfo(dtype).max) * side**2).all()
