@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from threading import local
 from typing import Any
 
 import cv2
@@ -21,6 +20,7 @@ from shapely import STRtree, clip_by_rect
 from shapely.geometry import box
 
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
+from core.mosaic.layers import Layers, OrthoFiles
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seams import EditedSeams, Seam, write_seams
@@ -112,27 +112,6 @@ COG = {
 }
 
 
-class _Files:
-    """Orthos, opened once by each thread that reads them."""
-
-    def __init__(self) -> None:
-        self._own = local()
-        self._opened: list[Any] = []
-
-    def read(self, path: Path, window: Tile) -> Pixels:
-        """A window of the one band of a file."""
-        mine: dict[Path, Any] = self._own.__dict__.setdefault("files", {})
-        if path not in mine:
-            mine[path] = rasterio.open(path)
-            self._opened.append(mine[path])
-        return mine[path].read(1, window=window_of(window))
-
-    def close(self) -> None:
-        """Close all files of all threads."""
-        for file in self._opened:
-            file.close()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Work:
     """What the tiles of one mosaic are composed from."""
@@ -149,7 +128,7 @@ class _Work:
     stamps: Mapping[str, str]
     digests: dict[str, str]
     composed: list[str]
-    files: _Files
+    files: OrthoFiles
 
 
 Redraw = Callable[[tuple[Seam, ...]], Sequence[Seam]]
@@ -327,7 +306,7 @@ def _prepare(
         stamps or {},
         {},
         [],
-        _Files(),
+        OrthoFiles(orthos, balances, dtype),
     )
 
 
@@ -357,7 +336,7 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     if work.former is not None and digest and work.former.tiles.get(name) == digest:
         return _taken_over(work.former.path, work.grid, tile)
     work.composed.append(name)
-    layers = _Layers(work, part)
+    layers = Layers(work.files, part)
     _show(work, part, layers, labels, seams)
     inner = np.s_[halo : halo + rows, halo : halo + columns]
     near = sorted(int(k) for k in work.ortho_tree.query(box(*part.bounds)))
@@ -409,38 +388,6 @@ def _taken_over(path: Path, grid: Grid, tile: Tile) -> Pixels | None:
     return values if values.any() else None
 
 
-class _Layers:
-    """The orthos over one tile, each read once when it is first needed."""
-
-    def __init__(self, work: _Work, part: Grid) -> None:
-        self.work, self.part = work, part
-        self._read: dict[int, Pixels] = {}
-
-    def pixels(self, index: int) -> Pixels:
-        """Gray values of an ortho over the tile, 0 outside it."""
-        if index not in self._read:
-            self._read[index] = _read_part(self.work, index, self.part)
-        return self._read[index]
-
-    def balanced(self, index: int) -> Float32[np.ndarray, "rows columns"]:
-        """Gray values after the correction of the photo."""
-        balance = self.work.balances[self.work.orthos[index].photo_id]
-        return balance.corrected(self.pixels(index).astype(np.float32), self.part)
-
-
-def _read_part(work: _Work, index: int, part: Grid) -> Pixels:
-    ortho = work.orthos[index]
-    corner = ortho.grid.grid_from_object(np.array([[part.west, part.north]]))[0]
-    column, row = (int(value) for value in np.rint(corner))
-    first, last = max(column, 0), min(column + part.columns, ortho.grid.columns)
-    top, bottom = max(row, 0), min(row + part.rows, ortho.grid.rows)
-    values = np.zeros((part.rows, part.columns), dtype=work.dtype)
-    if first < last and top < bottom:
-        place = np.s_[top - row : bottom - row, first - column : last - column]
-        values[place] = work.files.read(ortho.path, (first, top, last - first, bottom - top))
-    return values
-
-
 def _burnt(work: _Work, part: Grid) -> tuple[Int32[np.ndarray, "rows columns"], list[int]]:
     """Index of the ortho that the seams give each pixel, -1 for none; the seams that are there."""
     gsd = part.ground_sample_distance_m
@@ -458,7 +405,7 @@ def _burnt(work: _Work, part: Grid) -> tuple[Int32[np.ndarray, "rows columns"], 
 def _show(
     work: _Work,
     part: Grid,
-    layers: _Layers,
+    layers: Layers,
     labels: Int32[np.ndarray, "rows columns"],
     chosen: list[int],
 ) -> None:
@@ -471,7 +418,7 @@ def _show(
 
 
 def _fill(
-    work: _Work, part: Grid, layers: _Layers, labels: Int32[np.ndarray, "rows columns"]
+    work: _Work, part: Grid, layers: Layers, labels: Int32[np.ndarray, "rows columns"]
 ) -> None:
     """Where no seam gives a photo that shows the place, take the nearest nadir that does."""
     eastings, northings = part.centres()
@@ -489,7 +436,7 @@ def _fill(
 
 
 def _blend(
-    layers: _Layers, labels: Int32[np.ndarray, "rows columns"], present: list[int], width: int
+    layers: Layers, labels: Int32[np.ndarray, "rows columns"], present: list[int], width: int
 ) -> Float32[np.ndarray, "rows columns"]:
     """Weights fall from 1 to 0 across a seam; a photo never weighs where it shows nothing."""
     side = width // 2 * 2 + 1
