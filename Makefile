@@ -13,8 +13,10 @@ export PIP_USER := 0
 # Modules are compiled once, not at every start of the program, of which the tests make hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Two files of tests at a time; those in a browser watch the clock and run alone.
+# Two files of tests at a time. Those in a browser run alone, for it takes both cores; shapes, which
+# the others check, would take a fifth of their time.
 UNSEEN := $(BIN)/python -m pytest -m "not browser" -n 2 --dist loadfile --no-loadscope-reorder
+SEEN   := JAXTYPING_DISABLE=1 $(BIN)/python -m pytest -m browser
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint style types contracts pages browser bench prove clean
@@ -49,7 +51,7 @@ demo: install  ## make a synthetic block, run every stage, open the desk (HEADLE
 test: install $(TOOLS)/.installed  ## run all tests, in a real browser too
 	tests/browser/provide_chromium.sh
 	made=$$(mktemp -d) && trap 'rm -rf "$$made"' EXIT && export GRUBER_MADE="$$made" && \
-	    $(UNSEEN) && $(BIN)/python -m pytest -m browser
+	    $(UNSEEN) && $(SEEN)
 
 lint: style types contracts pages  ## format, style, types, import contracts; of the pages too
 
@@ -72,7 +74,7 @@ check: lint  ## everything that needs no browser
 
 browser: install $(TOOLS)/.installed  ## only the tests in a real browser
 	tests/browser/provide_chromium.sh
-	$(BIN)/python -m pytest -m browser
+	$(SEEN)
 
 bench: install  ## benchmarks, each beside its peer where one is installed
 	for bench in tests/benchmarks/bench_*.py; do $(BIN)/python $$bench || exit 1; done

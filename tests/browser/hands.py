@@ -27,11 +27,22 @@ def becomes(page, key: str, state: str) -> None:
     )
 
 
+def caught_up(page) -> None:
+    """Wait until the desk is done with every gesture: before, a key to decide is refused."""
+    page.wait_for_function("!gruber.isAhead()")
+
+
+def gone_on(page, key: str) -> None:
+    """Wait until the desk shows another point than this one and takes a decision on it."""
+    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=key)
+    caught_up(page)
+
+
 def look_at(page, key: str) -> None:
     """Choose a measurement among all, decided or not, once the rows no longer move."""
-    page.wait_for_function("!gruber.isAhead()")
+    caught_up(page)
     page.click('.chip[data-state="all"]')
-    page.wait_for_function("!gruber.isAhead()")
+    caught_up(page)
     page.click(f'.row[data-key="{key}"]')
     page.wait_for_function("key => gruber.parts.point.key.join('|') === key", arg=key)
 

@@ -12,7 +12,17 @@ from app.desk.wiring import open_desk
 from sessions.decisions import Accept, Reject, SetRole, Withdraw
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
-from tests.browser.hands import becomes, current, grow, look_at, press, sigma, state_of, unfold
+from tests.browser.hands import (
+    becomes,
+    current,
+    gone_on,
+    grow,
+    look_at,
+    press,
+    sigma,
+    state_of,
+    unfold,
+)
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
 from ui.views import block_view as names
@@ -215,7 +225,7 @@ def test_another_browser_sees_the_decision_and_keeps_its_place__law(sit):
     first = current(berta)
     assert first != current(anna)
     berta.keyboard.press("j")
-    berta.wait_for_function("first => gruber.parts.point.key.join('|') !== first", arg=first)
+    gone_on(berta, first)
     there = current(berta)
     point, _, _ = press(anna, "n")
     becomes(berta, point, "rejected")

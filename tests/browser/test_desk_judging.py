@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser.hands import current, unfold
+from tests.browser.hands import current, gone_on, unfold
 
 pytestmark = pytest.mark.browser
 INK = """([pane, [red, green, blue]]) => {
@@ -89,7 +89,7 @@ def test_all_scans_of_a_point_stand_in_equal_pictures__law(page):
     assert len(sizes) == scans + 1
     assert len(set(sizes)) == 1
     page.click("#together button:not(.on)")
-    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=point)
+    gone_on(page, point)
     assert current(page).split("|")[0] == point.split("|")[0]
     page.keyboard.press("z")
     page.wait_for_selector("#together", state="hidden")

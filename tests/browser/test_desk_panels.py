@@ -6,7 +6,7 @@ import pytest
 
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE
-from tests.browser.hands import becomes, current, grow, look_at, settled, state_of, unfold
+from tests.browser.hands import becomes, current, gone_on, grow, look_at, settled, state_of, unfold
 from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
@@ -32,7 +32,7 @@ def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     page = sit(scene=False)
     first = current(page)
     page.keyboard.press("m")
-    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=first)
+    gone_on(page, first)
     page.keyboard.press("y")
     page.wait_for_function("gruber.parts.status.decided === 2")
     look_at(page, first)
@@ -202,7 +202,7 @@ def test_what_is_decided_leaves_the_list_and_the_rest_is_counted__law(sit):
     page.keyboard.press("y")
     becomes(page, first, "accepted")
     # A key is of the row on screen: until the desk has gone on, N would turn the first one over.
-    page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=first)
+    gone_on(page, first)
     page.keyboard.press("n")
     page.wait_for_function("gruber.parts.status.decided === 2")
     said = words()["queue.progress"].format(left=shown - 2, done=2)

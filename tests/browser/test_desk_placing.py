@@ -7,7 +7,7 @@ import pytest
 
 from app.desk.wiring import open_desk
 from sessions.session import Session
-from tests.browser.hands import keep_draft
+from tests.browser.hands import gone_on, keep_draft
 from tests.ui.desk_block import desk_inputs
 
 pytestmark = pytest.mark.browser
@@ -62,7 +62,7 @@ def test_clicks_on_dots_place_within_a_tenth_of_a_pixel__truth(tmp_path, sit_at,
             errors.append(placed_error(page))
             before = page.get_attribute(".row.current", "data-key")
             keep_draft(page)
-            page.wait_for_function("k => gruber.parts.point.key.join('|') !== k", arg=before)
+            gone_on(page, before)
         settled_count = page.evaluate("gruber.parts.status.decided")
     with Session.open(tmp_path, "reader") as session:
         assert len(session.decisions()) == settled_count == len(errors)
