@@ -8,6 +8,7 @@ from collections.abc import Callable
 from fcntl import LOCK_EX, flock
 from pathlib import Path
 
+import jaxtyping
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -23,6 +24,13 @@ LONG = ("real", "journeys")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of minutes first, so that no worker waits at the end for the other's last one."""
     items.sort(key=lambda item: item.path.parent.name not in LONG)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Shapes are checked at every call, which takes a third of the time of the long tests."""
+    long = item.path.parent.name in LONG or item.get_closest_marker("slow")
+    jaxtyping.config.update("jaxtyping_disable", bool(long))
 
 
 @pytest.fixture(scope="session")

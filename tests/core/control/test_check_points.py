@@ -18,6 +18,8 @@ from core.quality.control_design import wanted_control
 from core.reference.stage import ReferencePoints
 from tests.flights import FlightPlan, fly
 
+pytestmark = pytest.mark.slow
+
 PLAN = FlightPlan(strips=2, photos_per_strip=3, ties=150, control=40, check=0)
 OPTIONS = st.fixed_dictionaries(
     {

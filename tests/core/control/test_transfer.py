@@ -21,7 +21,10 @@ from core.geometry.exterior import ExteriorOrientation
 from core.raster.scan_file import open_scan
 from tests.core.ties.rendered import CAMERA, rendered_block, terrain, write
 
-pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning"),
+]
 RELIEF_M = 40.0
 CENTRE_M, ANGLE = 0.5, 3e-4
 """How far the orientations are off, metres and radians."""

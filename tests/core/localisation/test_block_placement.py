@@ -26,6 +26,8 @@ from core.matching.global_search import Laid, Turn, angle_field, apart, distinct
 from core.matching.patches import OpenPhoto
 from core.raster.grid import Grid
 
+pytestmark = pytest.mark.slow
+
 OPTIONS = PlacementOptions(block_px=300, most_work=1e8)
 QUICK = replace(WIDE, photo_px=100, fine_px=430)
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
@@ -11,6 +12,8 @@ from core.localisation.stage import likelier, localise_again, localise_photos
 from core.progress import Work
 from core.reference.stage import find_reference_points
 from core.synthetic.truth import judge_orientations
+
+pytestmark = pytest.mark.slow
 
 
 def test_photos_that_are_off_are_found_and_again_where_they_were_put__truth(

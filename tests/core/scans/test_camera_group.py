@@ -16,6 +16,8 @@ from core.scans.naming import CORNERS, SIDES
 from core.scans.scan_pairs import front_is, same_photo
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Camera("little", 60.0, (60.0, 60.0))
 ODD = {"1": (-26.4, 26.0), "2": (26.0, 25.6), "3": (25.5, -26.0), "4": (-26.0, -26.3)}
 
