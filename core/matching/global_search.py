@@ -167,9 +167,11 @@ class Level:
         self.east_m = start.east_m + patch.grid.west - wanted.west
         self.north_m = start.north_m + patch.grid.north - wanted.north
         field = angle_field(filled(patch.values, patch.mask), patch.mask)
-        self.shape = tuple(fft.next_fast_len(side, real=True) for side in field.shape)
-        self.field = forward(field, self.shape)
-        self.energy = forward_real(np.abs(field) ** 2, self.shape)
+        fast: Any = [fft.next_fast_len(side, real=True) for side in field.shape]
+        self.shape: tuple[int, int] = (fast[0], fast[1])
+        self.east = spectrum(np.real(field), self.shape)
+        self.north = spectrum(np.imag(field), self.shape)
+        self.energy = spectrum(np.abs(field) ** 2, self.shape)
 
     def peaks(self, kappa: float, scale: float, count: int) -> list[Turn]:
         """The best shifts of one turn and scale, none where the picture or the ground is blank."""
@@ -191,15 +193,16 @@ class Level:
     def similarity(self, template: AngleField, mask: Mask) -> ScoreMap:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
-        common: Any = fft.ifft2(self.field * np.conj(forward(template, self.shape)))
-        covered = np.conj(forward_real(mask.astype(np.float32), self.shape))
-        under: Any = fft.irfft2(self.energy * covered, self.shape)
+        product = self.east * np.conj(spectrum(np.real(template), self.shape))
+        product += self.north * np.conj(spectrum(np.imag(template), self.shape))
+        common = corner(product, self.shape, reach)
+        covered = np.conj(spectrum(mask.astype(np.float32), self.shape))
+        under = corner(self.energy * covered, self.shape, reach)
         own = float(np.sum(np.abs(template) ** 2))
-        under = under[:reach, :reach]
         # design: three tenths of the greatest energy; without a floor blank ground and the rim
         # would look alike to anything.
         under = np.maximum(under, 0.3 * float(np.max(under)) + 1e-6)
-        return np.asarray(np.real(common[:reach, :reach]) / np.sqrt(own * under), np.float32)
+        return np.asarray(common / np.sqrt(own * under), np.float32)
 
     def search(
         self,
@@ -221,22 +224,29 @@ def turned(laid: Laid, kappa: float, scale: float) -> tuple[AngleField, Mask]:
     middle = ((columns - 1) / 2, (rows - 1) / 2)
     matrix = cv2.getRotationMatrix2D(middle, float(np.degrees(kappa)), scale)
     angles = np.ascontiguousarray(laid.field).view(np.float32).reshape(rows, columns, 2)
-    parts = np.dstack([angles, laid.mask.astype(np.float32)])
-    parts = np.asarray(cv2.warpAffine(parts, matrix, (columns, rows)), np.float32)
+    angles = np.asarray(cv2.warpAffine(angles, matrix, (columns, rows)), np.float32)
+    share = cv2.warpAffine(laid.mask.astype(np.float32), matrix, (columns, rows))
     # design: rounding of the resampling; less is a pixel that the rim has touched.
-    mask = parts[:, :, 2] > 0.99
-    field = (parts[:, :, 0] + 1j * parts[:, :, 1]) * mask * np.exp(-2j * kappa)
-    return np.asarray(field, np.complex64), np.asarray(mask)
+    mask = np.asarray(share) > 0.99
+    field = angles.view(np.complex64)[:, :, 0] * (np.complex64(np.exp(-2j * kappa)) * mask)
+    return np.asarray(field, np.complex64), mask
 
 
-def forward(values: np.ndarray, shape: Any) -> Any:
-    """Fourier transform, padded with noughts to a shape."""
-    return fft.fft2(values, shape)
-
-
-def forward_real(values: np.ndarray, shape: Any) -> Any:
+def spectrum(values: Image, shape: tuple[int, int]) -> Complex64[np.ndarray, "rows half"]:
     """Fourier transform of real values, half of it, padded with noughts to a shape."""
-    return fft.rfft2(values, shape)
+    rows, columns = shape
+    # Row by row first: those of the padding need no transform.
+    along: Any = fft.rfft(values, columns, axis=1)
+    return np.asarray(fft.fft(along, rows, axis=0), np.complex64)
+
+
+def corner(
+    half: Complex64[np.ndarray, "rows half"], shape: tuple[int, int], reach: int
+) -> ScoreMap:
+    """The first rows and columns, so many of each, of what has this half of a transform."""
+    rows: Any = fft.ifft(half, axis=0)
+    values: Any = fft.irfft(rows[:reach], shape[1], axis=1)
+    return np.asarray(values[:, :reach], np.float32)
 
 
 def angle_field(image: Image, mask: Mask) -> AngleField:
