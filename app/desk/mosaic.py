@@ -17,7 +17,8 @@ from core.arrays import Raster
 from core.errors import Cancelled, ProjectError
 from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
-from core.mosaic.composition import FEATHER_PX, MosaicProduct, compose_window
+from core.mosaic.blending import REACH_PX
+from core.mosaic.composition import MosaicProduct, compose_window
 from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
@@ -211,7 +212,7 @@ class EditedMosaic:
         west, south, east, north = grid.bounds
         low = np.maximum(changed[:2], (west, south))
         high = np.minimum(changed[2:], (east, north))
-        room = FEATHER_PX * whole.ground_sample_distance_m
+        room = REACH_PX * whole.ground_sample_distance_m
         if np.any(high + room <= low - room):
             return colour
         part = whole.covering((*(low - room).tolist(), *(high + room).tolist()))

@@ -19,6 +19,7 @@ from jaxtyping import Float32, Int32
 from shapely import STRtree, clip_by_rect
 from shapely.geometry import box
 
+from core.mosaic.blending import cells_about, spread, tone_corrections
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
 from core.mosaic.layers import Layers, OrthoFiles
 from core.mosaic.radiometry import Balance, FilmPlane
@@ -48,7 +49,7 @@ READ, LAID = 0.2, 0.4
 ASIDE_PX = (1.37e-3, 0.71e-3)
 """Seams are burnt that far aside: an edge through middles of pixels falls alike in all tiles."""
 # design: a change of what is composed from the same inputs
-TILE_VERSION = 1
+TILE_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,8 @@ class MosaicOptions:
     """Correct the tones of the photos."""
     seams_by_nadir: bool = False
     """Lay seams midway between nadirs, to compare with."""
+    feather_only: bool = False
+    """Leave tones beside seams as the balance makes them, to compare with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,8 +132,11 @@ class _Work:
     digests: dict[str, str]
     composed: list[str]
     files: OrthoFiles
+    even: bool
 
 
+Labels = Int32[np.ndarray, "_ _"]
+"""Index of the ortho that shows each pixel or cell, -1 for none."""
 Redraw = Callable[[tuple[Seam, ...]], Sequence[Seam]]
 """What is done to seams before the mosaic is composed by them."""
 
@@ -180,7 +186,6 @@ def compose_mosaic(
     Returns:
         The mosaic.
     """
-    assert orthos
     options, notes = options or MosaicOptions(), ()
     with rasterio.open(orthos[0].path) as first:
         crs, dtype = first.crs.to_string(), np.dtype(first.dtypes[0])
@@ -199,7 +204,8 @@ def compose_mosaic(
             progress=Part(progress, READ, LAID),
         )
     overviews.clear()
-    work = _prepare(orthos, grid, redraw(tuple(seams)), balances, dtype, former, stamps)
+    even = not options.feather_only
+    work = _prepare(orthos, grid, redraw(tuple(seams)), balances, dtype, former, stamps, even)
     if seams_path is not None:
         write_seams(work.seams, seams_path, crs)
     covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))
@@ -289,8 +295,11 @@ def _prepare(
     dtype: np.dtype[Any],
     former: FormerMosaic | None,
     stamps: Mapping[str, str] | None,
+    even: bool = True,
 ) -> _Work:
     """What the tiles need, with trees to find it by place."""
+    # Where tones are left untouched, every photo has the balance of nothing.
+    even = even and any(balance != Balance() for balance in balances.values())
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
     known = tuple(seam for seam in seams if seam.photo_id in index)
     return _Work(
@@ -307,6 +316,7 @@ def _prepare(
         {},
         [],
         OrthoFiles(orthos, balances, dtype),
+        even,
     )
 
 
@@ -331,7 +341,9 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     column, row, columns, rows = tile
     part = work.grid.window(column - halo, row - halo, columns + 2 * halo, rows + 2 * halo)
     labels, seams = _burnt(work, part)
-    name, digest = _digest(work, tile, part, labels)
+    cells, pixels, corner = cells_about(work.grid, part)
+    about = _burnt(work, cells)[0] if work.even else labels[:0]
+    name, digest = _digest(work, tile, pixels if work.even else part, (labels, about))
     work.digests[name] = digest
     if work.former is not None and digest and work.former.tiles.get(name) == digest:
         return _taken_over(work.former.path, work.grid, tile)
@@ -343,8 +355,11 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     present = [k for k in near if (labels == k).any()]
     if not present or not (labels[inner] >= 0).any():
         return None
+    if (about != about[:1, :1]).any():
+        for k, correction in tone_corrections(work.files, about, cells, pixels).items():
+            layers.corrections[k] = spread(correction, part, corner)
     if len(present) == 1:
-        values = layers.balanced(present[0])
+        values = layers.toned(present[0])
     else:
         values = _blend(layers, labels, present, FEATHER_PX)
     largest = np.iinfo(work.dtype).max
@@ -353,16 +368,16 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     return np.ascontiguousarray(whole[inner])
 
 
-def _digest(
-    work: _Work, tile: Tile, part: Grid, labels: Int32[np.ndarray, "rows columns"]
-) -> tuple[str, str]:
+def _digest(work: _Work, tile: Tile, part: Grid, labels: tuple[Labels, Labels]) -> tuple[str, str]:
     """Name of a tile by its place, and the digest of all that it is composed from."""
     corner = work.grid.on_multiples
     if corner is None or not work.stamps:
         return str(tile), ""
     column, row, columns, rows = tile
     name = f"{corner[0] + column} {corner[1] + row} {columns} {rows}"
-    total = hashlib.sha256(repr((TILE_VERSION, name, work.dtype.name, FEATHER_PX)).encode())
+    total = hashlib.sha256(
+        repr((TILE_VERSION, name, work.dtype.name, FEATHER_PX, work.even)).encode()
+    )
     # Numbers of orthos change when a photo is added; their order does not.
     ranks = np.full(len(work.orthos) + 1, -1, np.int16)
     near = sorted(
@@ -373,7 +388,8 @@ def _digest(
         ortho, ranks[k] = work.orthos[k], rank
         said = (ortho.photo_id, work.stamps[ortho.photo_id], ortho.nadir, ortho.grid)
         total.update(repr((*said, work.balances[ortho.photo_id])).encode())
-    total.update(ranks[labels].tobytes())
+    for kind in labels:
+        total.update(ranks[kind].tobytes())
     return name, total.hexdigest()
 
 
@@ -449,7 +465,7 @@ def _blend(
             own, -1, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE
         )
         weight = np.where(layers.pixels(index) != NODATA, np.asarray(weight), np.float32(0))
-        total += weight * layers.balanced(index)
+        total += weight * layers.toned(index)
         weights += weight
     # Where nothing has weight nothing is shown: 0 by 1.
     return total / np.maximum(weights, np.float32(1))

@@ -61,6 +61,7 @@ class Layers:
     def __init__(self, files: OrthoFiles, part: Grid) -> None:
         self.files, self.part = files, part
         self._read: dict[int, Pixels] = {}
+        self.corrections: dict[int, Float32[np.ndarray, "rows columns"]] = {}
 
     def pixels(self, index: int) -> Pixels:
         """Gray values of an ortho over the tile, 0 outside it."""
@@ -68,7 +69,10 @@ class Layers:
             self._read[index] = self.files.read(index, self.part)
         return self._read[index]
 
-    def balanced(self, index: int) -> Float32[np.ndarray, "rows columns"]:
-        """Gray values after the correction of the photo."""
+    def toned(self, index: int) -> Float32[np.ndarray, "rows columns"]:
+        """Gray values after the correction of the photo, and that beside seams."""
         balance = self.files.balances[self.files.orthos[index].photo_id]
-        return balance.corrected(self.pixels(index).astype(np.float32), self.part)
+        values = balance.corrected(self.pixels(index).astype(np.float32), self.part)
+        if index in self.corrections:
+            values += self.corrections[index]
+        return values

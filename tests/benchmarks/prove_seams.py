@@ -4,7 +4,10 @@ Takes blocks that have been run. Houses are those of `[reference] buildings`; of
 without any, those it was painted with. Both mosaics are composed of the same orthos with the same
 tones. The difference across a seam is that of the two photos' corrected gray values, every metre of
 it, mean of the absolute values: pixel by pixel, grain and all, and of means over squares of nine
-pixels a side, which is what an eye sees as a jump; of the latter the 95th percentile as well.
+pixels a side, which is what an eye sees as a jump; of the latter the 95th percentile as well. The
+step is what the mosaic itself shows: from nine pixels a side just beyond the feather to as many on
+the other side of the seam, less what the two photos show in the mean from there to there; mean and
+95th percentile.
 
 Run: python -m tests.benchmarks.prove_seams BLOCK ... [--out FOLDER]
 """
@@ -25,6 +28,7 @@ import shapely
 from app.mosaic import film_planes, seam_guides
 from app.project import Project, read_project
 from core.mosaic.composition import MosaicOptions, MosaicProduct, compose_mosaic, mosaic_grid
+from core.mosaic.drawing import FEATHER_PX
 from core.mosaic.radiometry import Balance
 from core.mosaic.seam_cut import BUILDING_M
 from core.mosaic.seams import Seam
@@ -40,6 +44,12 @@ MEAN_PX = 9
 STEP_M = 1.0
 """Places along seams lie so far apart, metres."""
 
+KINDS = {
+    "nadir, feathered": MosaicOptions(seams_by_nadir=True, feather_only=True),
+    "drawn, feathered": MosaicOptions(feather_only=True),
+    "drawn": MosaicOptions(),
+}
+
 
 def main() -> None:
     """Compose each block in both ways and print a row for each."""
@@ -47,8 +57,9 @@ def main() -> None:
     parser.add_argument("blocks", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, help="keep the mosaics here")
     asked = parser.parse_args()
-    say("| block | seams | length m | near houses | difference | of means | 95 % | s | holes |")
-    say("|---|---|---|---|---|---|---|---|---|")
+    heads = ["block", "seams", "length m", "near houses", "difference", "of means", "95 %"]
+    say("| " + " | ".join([*heads, "step", "95 %", "s", "holes"]) + " |")
+    say("|---|---|---|---|---|---|---|---|---|---|---|")
     for folder in asked.blocks:
         with tempfile.TemporaryDirectory() as name:
             out = Path(name) if asked.out is None else asked.out
@@ -69,9 +80,7 @@ def prove(folder: Path, out: Path) -> None:
     if not guides.buildings:
         guides = replace(guides, buildings=painted_houses(project))
     near = shapely.union_all(shapely.buffer(np.array(guides.buildings, dtype=object), BUILDING_M))
-    for by_nadir in (True, False):
-        kind = "nadir" if by_nadir else "drawn"
-        options = MosaicOptions(seams_by_nadir=by_nadir)
+    for kind, options in KINDS.items():
         paths = (out / f"{folder.name}-{kind}.tif", out / f"{folder.name}-{kind}.gpkg")
         started = process_time()
         made = compose_mosaic(orthos, grid, *paths, guides=guides, planes=planes, options=options)
@@ -79,9 +88,11 @@ def prove(folder: Path, out: Path) -> None:
         lines = borders(made.seams)
         share = lines.intersection(near).length / lines.length
         raw, jumps = (differences(made, orthos, side) for side in (1, MEAN_PX))
+        left = steps(made, orthos)
         say(
             f"| {folder.name} | {kind} | {lines.length:.0f} | {share:.1%} "
             f"| {np.mean(raw):.2f} | {np.mean(jumps):.2f} | {np.percentile(jumps, 95):.2f} "
+            f"| {np.mean(left):.2f} | {np.percentile(left, 95):.2f} "
             f"| {took:.1f} | {len(made.holes)} |"
         )
 
@@ -123,6 +134,41 @@ def differences(made: MosaicProduct, orthos: list[OrthoProduct], side: int) -> n
                     for s in (a, b)
                 ]
                 found.append(np.abs(grays[0] - grays[1]))
+    every = np.concatenate(found)
+    return every[np.isfinite(every)]
+
+
+def steps(made: MosaicProduct, orthos: list[OrthoProduct]) -> np.ndarray:
+    """Absolute steps of the mosaic across all seams beyond what the photos show there."""
+    by_name = {ortho.photo_id: ortho for ortho in orthos}
+    whole = OrthoProduct("mosaic", made.path, made.grid, 1.0, (0.0, 0.0))
+    aside = (FEATHER_PX + MEAN_PX + 1) / 2 * made.grid.ground_sample_distance_m
+    found: list[np.ndarray] = []
+    for k, a in enumerate(made.seams):
+        for b in made.seams[:k]:
+            line = a.area.intersection(b.area)
+            for piece in (p for p in shapely.get_parts(line) if p.length > 2 * STEP_M):
+                along = np.arange(STEP_M, piece.length - STEP_M, STEP_M)
+                ends = [
+                    shapely.get_coordinates(shapely.line_interpolate_point(piece, along + d))
+                    for d in (-STEP_M, STEP_M)
+                ]
+                course = ends[1] - ends[0]
+                across = np.column_stack([-course[:, 1], course[:, 0]])
+                across *= aside / np.maximum(np.hypot(*across.T), 1e-9)[:, None]
+                middle = (ends[0] + ends[1]) / 2
+                contrasts: list[np.ndarray] = []
+                for ortho, balance in (
+                    (whole, Balance()),
+                    (by_name[a.photo_id], made.balances[a.photo_id]),
+                    (by_name[b.photo_id], made.balances[b.photo_id]),
+                ):
+                    left, right = (
+                        shown_at(ortho, balance, middle + sign * across, MEAN_PX)
+                        for sign in (1, -1)
+                    )
+                    contrasts.append(left - right)
+                found.append(np.abs(contrasts[0] - (contrasts[1] + contrasts[2]) / 2))
     every = np.concatenate(found)
     return every[np.isfinite(every)]
 
