@@ -9,6 +9,7 @@ import shapely
 
 from app.bring_points import brought_points
 from app.height_checks import doubts_after
+from app.misfit import make_misfit
 from app.mosaic import make_change, make_mosaic
 from app.project import Project, described
 from app.report.model import ReportContent, written_now
@@ -343,7 +344,7 @@ class Run:
             walked = {"seconds": self.seconds, "digests": self.digests}
             products.save_value(WALKED, digest, walked)
         self.seconds = walked["seconds"]
-        write_all(self.session, self.content(), self.dem())
+        write_all(self.session, self.content(progress), self.dem())
         return str(self.session.results / PAGE)
 
     @property
@@ -355,9 +356,13 @@ class Run:
             products.save_value(LANGUAGE, self.digest_of(LANGUAGE, asked), asked)
         return products.latest_value(LANGUAGE) or LANGUAGES[0]
 
-    def content(self) -> ReportContent:
-        """What the report tells."""
+    def content(self, progress: Progress) -> ReportContent:
+        """What the report tells; the mosaic is compared with the reference for it."""
         mosaic, files = made(self.results.mosaic), self.given.reference
+        anew = self.anew("report")
+        misfit = make_misfit(
+            self.session, self.given, mosaic, self.adjusted, self.dem(), progress, anew=anew
+        )
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
@@ -372,6 +377,7 @@ class Run:
             seams=mosaic.seams,
             holes=mosaic.holes,
             change=made(self.results.change),
+            misfit=misfit,
             sheets=self.results.sheets,
             timings_s=self.seconds,
             written=written_now(self.session.operator),
@@ -459,7 +465,7 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     write_results(session.results, content.report)
     ahead = influence_of(content.report, content.adjustment, terrain=terrain_of(dem))
     write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
-    session.write_layers(block, content.report, outlines)
+    session.write_layers(block, content.report, outlines, content.misfit)
     write_report(session.results, replace(content, footprints=outlines, influence=ahead))
     west, south, east, north = shapely.total_bounds(list(outlines.values())).tolist()
     with whole_file(session.results / QGIS_PROJECT) as temporary:

@@ -52,6 +52,8 @@ from core.georeference.stage import Georeferenced
 from core.localisation.initial_orientation import WeakControl
 from core.localisation.stage import Localised
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.misfit import MisfitVectors
+from core.mosaic.misfit_places import Misfit, MisfitPlace, SystematicMisfit
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
@@ -80,6 +82,7 @@ REGISTERED: tuple[type, ...] = (
     AdjustmentReport,
     Approximation,
     Atmosphere,
+    Balance,
     Bin,
     Block,
     Camera,
@@ -97,6 +100,7 @@ REGISTERED: tuple[type, ...] = (
     Failure,
     FiducialMeasurement,
     FilmArea,
+    FilmPlane,
     Georeferenced,
     Grid,
     GroundProduct,
@@ -105,8 +109,11 @@ REGISTERED: tuple[type, ...] = (
     ListedPoint,
     Localised,
     Measurement,
-    NewPoint,
+    Misfit,
+    MisfitPlace,
+    MisfitVectors,
     MosaicProduct,
+    NewPoint,
     OrthoProduct,
     Peak,
     Photo,
@@ -117,18 +124,17 @@ REGISTERED: tuple[type, ...] = (
     ScanFile,
     ScanOrientation,
     ScanSet,
-    Balance,
-    FilmPlane,
+    Scratch,
     Seam,
     SharedParameter,
     SheetFile,
     SurfaceFiles,
     SurfaceProduct,
-    SystematicPart,
     SurveyedPoint,
-    Tied,
+    SystematicMisfit,
+    SystematicPart,
     TiePoints,
-    Scratch,
+    Tied,
     UsableArea,
     WeakControl,
 )

@@ -17,6 +17,7 @@ from core.arrays import Position, locked
 from core.block import Block, Measurement, Status
 from core.geometry.crs import read_crs
 from core.geometry.drawn_mask import outlines
+from core.mosaic.misfit_places import Misfit
 from sessions.store import Store, Transaction
 
 CUSTOM_SRS_ID = 100_000
@@ -45,6 +46,8 @@ Feature = tuple[BaseGeometry, tuple[Any, ...]]
 
 RESIDUAL_SCALE = 100.0
 """How much longer than life a residual vector is drawn."""
+MISFIT_SCALE = 20.0
+"""How much longer than life a misfit vector is drawn."""
 BEST_FIRST: tuple[Status, ...] = ("accepted", "auto", "dubious", "rejected", "unused")
 """Order in which the states of a point's measurements stand for the point."""
 SHOWN: tuple[Status, ...] = ("auto", "accepted", "dubious")
@@ -114,12 +117,23 @@ MASKS = Layer(
     {"photo_id": "TEXT", "scan": "TEXT", "kind": "TEXT", "pixels": "TEXT", "area_m2": "DOUBLE"},
 )
 
+MISFIT = Layer(
+    "misfit",
+    "Mosaic less reference at details of both, drawn longer by scale; metres",
+    "LINESTRING",
+    False,
+    {"photo_id": "TEXT"}
+    | dict.fromkeys(("dX", "dY", "sigma", "predicted_X", "predicted_Y"), "DOUBLE")
+    | dict.fromkeys(("probability", "scale"), "DOUBLE"),
+)
+
 
 def write_layers(
     store: Store,
     block: Block,
     report: AdjustmentReport,
     footprints: Mapping[str, shapely.Polygon],
+    misfit: Misfit | None = None,
 ) -> None:
     """Replace all layers in one transaction; the decisions are not touched.
 
@@ -128,6 +142,7 @@ def write_layers(
         block: The block with its measurements as they stand; orientations come from the report.
         report: The adjustment of the block.
         footprints: Ground polygon of each photo in the block's CRS.
+        misfit: Of the mosaic; its layer is empty without one.
     """
     made = (
         (PHOTOS, list(_photos(block, report))),
@@ -137,6 +152,7 @@ def write_layers(
         (NEW_POINTS, list(_new_points(report))),
         (RESIDUAL_VECTORS, list(_residual_vectors(block, report))),
         (MASKS, list(_masks(block, report))),
+        (MISFIT, list(_misfit(misfit))),
     )
     with store.writing() as transaction:
         srs_id = register_crs(transaction, block.crs)
@@ -260,6 +276,17 @@ def _residual_vectors(block: Block, report: AdjustmentReport) -> Iterable[Featur
         line = shapely.LineString([start, start + RESIDUAL_SCALE * vector])
         lengths = (math.hypot(*residual), float(np.hypot(*vector)), RESIDUAL_SCALE)
         yield line, (*key, point.role, status, *lengths)
+
+
+def _misfit(misfit: Misfit | None) -> Iterable[Feature]:
+    if misfit is None:
+        return
+    vectors = misfit.vectors
+    for row, start in enumerate(vectors.positions):
+        shift, predicted = vectors.shifts_m[row], vectors.predicted_sigmas_m[row]
+        line = shapely.LineString([start, start + MISFIT_SCALE * shift])
+        told = (float(vectors.sigmas_m[row]), *predicted, float(vectors.probabilities[row]))
+        yield line, (vectors.photo_ids[row], *shift, *told, MISFIT_SCALE)
 
 
 def _on_ground(

@@ -14,6 +14,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
 from core.errors import StorageError
 from core.geometry.camera import Camera
+from core.mosaic.misfit_places import Misfit
 from core.said import say
 from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
@@ -171,10 +172,14 @@ class Session:
         return self.record_all(together, operator=last.who)[-1]
 
     def write_layers(
-        self, block: Block, report: AdjustmentReport, footprints: Mapping[str, shapely.Polygon]
+        self,
+        block: Block,
+        report: AdjustmentReport,
+        footprints: Mapping[str, shapely.Polygon],
+        misfit: Misfit | None = None,
     ) -> None:
         """Replace the layers QGIS shows by those of this block, all at once."""
-        write_layers(self._store, block, report, footprints)
+        write_layers(self._store, block, report, footprints, misfit)
 
     @contextmanager
     def running(self) -> Generator[None]:

@@ -10,6 +10,7 @@ import pytest
 
 from app.arguments import stage_names
 from app.cli import parser
+from app.misfit import COLUMNS as MISFIT_COLUMNS
 from app.report.tables import (
     CHECK_COLUMNS,
     CONTROL_COLUMNS,
@@ -277,6 +278,7 @@ def test_keys_in_the_manual_are_those_of_the_desk__law() -> None:
         ("interior_orientation.csv", INTERIOR_COLUMNS),
         ("exterior_orientation.csv", EXTERIOR_COLUMNS),
         ("tie_points.csv", TIE_COLUMNS),
+        ("misfit.csv", MISFIT_COLUMNS),
     ],
 )
 def test_columns_in_the_manual_are_those_of_the_files__law(file: str, columns: str) -> None:

@@ -395,11 +395,10 @@ class OrthoMaker:
                 only=frozenset(photo_ids),
             )
             mosaic = make_mosaic(session, self.project, orthos, Part(progress, orthos_end, 0.92))
-            change = make_change(session, self.project, mosaic, Part(progress, 0.92, 0.97))
-            progress.report(0.97, 1.0, "results")
+            change = make_change(session, self.project, mosaic, Part(progress, 0.92, 0.95))
             walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
             walk.stand_in(report, mosaic, change)
-            write_all(session, walk.content(), self.reference.dem)
+            write_all(session, walk.content(Part(progress, 0.95, 1.0)), self.reference.dem)
             decisions = session.changing()
             products = session.products
             products.save_value("adjustment", products.digest_of("desk", decisions), report)

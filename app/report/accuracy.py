@@ -161,7 +161,7 @@ def residual_figures(report: AdjustmentReport) -> dict[str, Any]:
         "control": np.array(used, dtype=np.float64).ravel(),
     }
     return {
-        "histograms": {name: _histogram(values) for name, values in classes.items() if len(values)},
+        "histograms": {name: histogram(values) for name, values in classes.items() if len(values)},
         "trends": {
             name: {
                 "along": trend.along.tolist(),
@@ -181,7 +181,7 @@ def parameter_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
     return [{name: getattr(one, name) for name in fields} for one in report.parameters]
 
 
-def _histogram(values: Scalars) -> dict[str, Any]:
+def histogram(values: Scalars) -> dict[str, Any]:
     """Counts of coordinates in bars of equal width about nought, pixels."""
     rms = float(np.sqrt(np.mean(values**2)))
     reach = REACH * rms or 1.0

@@ -17,6 +17,8 @@ MARGIN = 46.0
 TALLEST = 1100.0
 MAP, MOSAIC = "blockmap", "mosaicmap"
 """Names of both drawings in the page."""
+PROBABLE = 0.9
+"""Misfit vectors of this probability are drawn strongly."""
 HOLE = 9.0
 """Smallest ring about a hole of the mosaic."""
 VECTOR_SHARE = 0.045
@@ -67,6 +69,29 @@ def draw_map(figures: Figures, tell: Teller) -> tuple[Markup, float | None]:
     scale = None if enlarged is None else enlarged / sheet.per_metre
     drawn = tag("g", Markup("").join(parts), id=MAP)
     return _picture(drawn, box, tell("report.chapter.block")), scale
+
+
+def draw_misfit(figures: Figures, misfit: Figures, tell: Teller) -> tuple[Markup, float | None]:
+    """Misfit vectors over the footprints, worst places ringed; and how often they are enlarged."""
+    shown = {**figures, "control": misfit["vectors"], "checks": []}
+    sheet = _sheet(shown)
+    enlarged = _enlargement(shown, sheet)
+    parts = [_frame(sheet, tell)]
+    parts += [_ring(sheet, ring, "footprint") for ring in figures["footprints"].values()]
+    for vector in misfit["vectors"]:
+        kind = "control" if vector["probability"] >= PROBABLE else "tie"
+        parts += _point(sheet, {**vector, "point_id": ""}, kind, enlarged)
+    for number, place in enumerate(misfit["places"], 1):
+        at = sheet.at(place["position"])
+        if place["significant"]:
+            parts.append(_dot(at, "hole", max(HOLE, place["radius_m"] * sheet.per_metre)))
+        parts.append(_text((at[0], at[1] - 5), str(number), "seamname"))
+    parts.append(_scale_bar(sheet, tell))
+    if enlarged is not None:
+        parts.append(_vector_bar(sheet, enlarged, tell))
+    box = f"0 0 {WIDTH:.0f} {sheet.height:.0f}"
+    scale = None if enlarged is None else enlarged / sheet.per_metre
+    return _picture(Markup("").join(parts), box, tell("report.chapter.misfit")), scale
 
 
 def draw_map_again(figures: Figures, tell: Teller) -> Markup:
@@ -368,7 +393,7 @@ def tag(name: str, inner: str | Markup = "", **attributes: str | float) -> Marku
     return Markup("<{0}{1}>{2}</{0}>").format(Markup(name), told, inner)
 
 
-def draw_histogram(figures: Figures, tell: Teller) -> Markup:
+def draw_histogram(figures: Figures, tell: Teller, unit: str = "px") -> Markup:
     """Residuals by size, and the normal curve of the same RMS."""
     counts, reach = figures["counts"], figures["reach_px"]
     expected = [_expected(figures, number) for number in range(len(counts))]
@@ -393,7 +418,7 @@ def draw_histogram(figures: Figures, tell: Teller) -> Markup:
             )
             for share in (-1.0, -0.5, 0.5, 1.0)
         ),
-        _text((EDGE + WIDE / 2, 10 + TALL + 17), "0 px", "barname"),
+        _text((EDGE + WIDE / 2, 10 + TALL + 17), f"0 {unit}", "barname"),
     ]
     return chart(parts, WIDE + 2 * EDGE, TALL + 34)
 

@@ -21,6 +21,7 @@ from app.report.accuracy import (
     residual_figures,
 )
 from app.report.checked import Checked, checked_by_hand, checked_part, decision_figures
+from app.report.misfit import misfit_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -30,6 +31,7 @@ from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.mosaic.comparison import MosaicAccuracy
+from core.mosaic.misfit_places import Misfit
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
 from core.quality.residuals import displacement
@@ -96,6 +98,8 @@ class ReportContent:
     """Holes inside it, largest first; None where there is no mosaic."""
     change: Mapping[str, float] = field(default_factory=dict[str, float])
     """Share of the ground that is `same` as today and that is `different`; empty: not known."""
+    misfit: Misfit | None = None
+    """The mosaic against the reference; None where there is none."""
     sheets: Delivery | None = None
     """Map sheets that were cut from it; None where there are none."""
     comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
@@ -165,8 +169,9 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "map": _map_figures(report, footprints),
         "mosaic": None
         if content.mosaic is None
-        else {**_mosaic_figures(content.mosaic, content.seams), **_hole_figures(content.holes)},
+        else _mosaic_figures(content.mosaic, content.seams, content.holes or ()),
         "change": dict(content.change),
+        "misfit": misfit_figures(content.misfit),
         "sheets": [] if content.sheets is None else sheet_figures(content.sheets.files),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
@@ -462,7 +467,7 @@ def _map_figures(report: AdjustmentReport, footprints: Mapping[str, Polygon]) ->
     }
 
 
-def _mosaic_figures(path: Path, seams: Sequence[Seam]) -> dict[str, Any]:
+def _mosaic_figures(path: Path, seams: Sequence[Seam], holes: Sequence[Hole]) -> dict[str, Any]:
     with rasterio.open(path) as file:
         bounds, columns, rows, gsd = file.bounds, file.width, file.height, file.res[0]
     return {
@@ -471,6 +476,7 @@ def _mosaic_figures(path: Path, seams: Sequence[Seam]) -> dict[str, Any]:
         "rows": rows,
         "ground_sample_distance_m": gsd,
         "bounds": list(bounds),
+        "holes": [asdict(hole) for hole in holes],
         "seams": [
             {
                 "scan": seam.photo_id,
@@ -484,11 +490,6 @@ def _mosaic_figures(path: Path, seams: Sequence[Seam]) -> dict[str, Any]:
             for seam in seams
         ],
     }
-
-
-def _hole_figures(holes: Sequence[Hole] | None) -> dict[str, Any]:
-    """Ground inside the mosaic that no photo shows."""
-    return {"holes": [asdict(hole) for hole in holes or ()]}
 
 
 def _level_footprint(photo: Photo, camera: Camera) -> Polygon:

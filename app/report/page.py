@@ -35,6 +35,7 @@ from app.report.drawing import (
     longest_mean,
     short_names,
 )
+from app.report.misfit import misfit_shown
 from app.report.model import ReportContent, gather
 from app.report.wording import (
     WORST,
@@ -58,7 +59,7 @@ LONGEST_TABLE = 300
 CHAPTERS = (
     "verdict", "doubts", "block", "accuracy", "readings", "residuals", "control", "distribution",
     "ties",
-    "exterior", "georeference", "interior", "cameras", "mosaic", "scans", "decisions",
+    "exterior", "georeference", "interior", "cameras", "mosaic", "misfit", "scans", "decisions",
     "provenance",
 )  # fmt: skip
 """In the order of the page; those of readings and of the mosaic only where there are any."""
@@ -140,7 +141,6 @@ def render(
     block_map, enlarged = draw_map(figures["map"], tell)
     caption = "report.map.caption.plain" if enlarged is None else "report.map.caption"
     mosaic, films = figures["mosaic"], figures["residuals"]["films"]
-    shown = {"mosaic": bool(mosaic), "readings": bool(figures["checked"]["plans"])}
     return _page(tell).render(
         f=figures,
         found=findings(figures, tell),
@@ -148,8 +148,9 @@ def render(
         tell=tell,
         again=again,
         requirements=requirements(figures, tell),
-        chapters=[name for name in CHAPTERS if shown.get(name, True)],
+        chapters=_chapters(figures),
         **readings_told(figures["checked"], tell),
+        **misfit_shown(figures, tell),
         short=short_names([row["scan"] for row in figures["exterior"]]),
         block_map=block_map,
         small_map=draw_map_again(figures["map"], tell),
@@ -175,6 +176,13 @@ def render(
         longest=LONGEST_TABLE,
         least=STANDARD_LEAST,
     )
+
+
+def _chapters(figures: Figures) -> list[str]:
+    """Those there is anything to tell in."""
+    shown = {name: bool(figures[name]) for name in ("mosaic", "misfit")}
+    shown["readings"] = bool(figures["checked"]["plans"])
+    return [name for name in CHAPTERS if shown.get(name, True)]
 
 
 def thumbnail(path: Path) -> str:

@@ -221,6 +221,42 @@ def pixel_spreads(
     return to_pixels @ film @ np.swapaxes(to_pixels, 1, 2)
 
 
+def plan_covariances(
+    photo: Photo,
+    camera: Camera,
+    positions: ObjectPoints,
+    own: Covariance,
+    sigmas_m: Float64[np.ndarray, "3"],
+) -> Float64[np.ndarray, "points 2 2"]:
+    """Covariances (east, north) of where the ortho of a photo shows object points, square metres.
+
+    Args:
+        photo: The photo.
+        camera: Its camera.
+        positions: The points, metres.
+        own: Covariance of the photo.
+        sigmas_m: Standard deviations of the points themselves; an error of the height of the ground
+            displaces them.
+    """
+    back = np.linalg.inv(pixels_by_plan(photo, camera, positions))
+    spaces = np.broadcast_to(np.diag(sigmas_m**2), (len(positions), 3, 3))
+    spreads = pixel_spreads(photo, camera, positions, own, spaces)
+    return back @ spreads @ np.swapaxes(back, 1, 2)
+
+
+def pixels_by_plan(
+    photo: Photo, camera: Camera, positions: ObjectPoints
+) -> Float64[np.ndarray, "points 2 2"]:
+    """Scan pixels per metre east and per metre north at object points."""
+    # design: a metre, over which no photo bends.
+    columns = [
+        photo.pixel_from_object(positions + step, camera)
+        - photo.pixel_from_object(positions, camera)
+        for step in np.eye(3)[:2]
+    ]
+    return np.stack(columns, axis=2)
+
+
 def _pixels_by_film(
     photo: Photo, film: Float64[np.ndarray, "points 2"]
 ) -> Float64[np.ndarray, "points 2 2"]:

@@ -6,7 +6,7 @@ correlation finds the whole pixel, least-squares matching (shift, gain and offse
 unlike a parabola through the peak it does not lean towards whole pixels.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -173,8 +173,15 @@ def compare_orthos(
         ReferenceDataError: The two have nothing in common that could be compared.
     """
     options = options or ComparisonOptions()
-    view = _open_both(product_path, truth_path)
-    centres = _choose_places(view, options)
+    for path in (product_path, truth_path):
+        with rasterio.open(path) as file:
+            if file.crs is None:
+                raise CrsError(path, "It has no CRS.", "Write one with gdal_edit.py -a_srs.")
+    with rasterio.open(product_path) as file:
+        crs = str(file.crs.to_wkt())
+    view = open_both(product_path, [truth_path], crs)
+    margin = options.patch_px // 2 + options.search_px + 2
+    centres = choose_places(view, options.places, options.patch_px, margin)
     found: list[tuple[Shift | None, str]] = []
     for done, (column, row) in enumerate(centres.tolist()):
         found.append(_measure(view, column, row, options))
@@ -190,7 +197,7 @@ def compare_orthos(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _CommonView:
+class CommonView:
     """A product and a truth on one grid, on the pixels of the coarser of the two."""
 
     product: Ortho
@@ -202,43 +209,58 @@ class _CommonView:
         return self.product.read(grid), self.truth.read(grid)
 
 
-def _open_both(product_path: Path, truth_path: Path) -> _CommonView:
-    """Both in the CRS of the product; the coarser one is not interpolated at all."""
-    for path in (product_path, truth_path):
-        with rasterio.open(path) as file:
-            if file.crs is None:
-                raise CrsError(path, "It has no CRS.", "Write one with gdal_edit.py -a_srs.")
-    with rasterio.open(product_path) as file:
-        crs = str(file.crs.to_wkt())
-    product, truth = open_ortho([product_path], crs), open_ortho([truth_path], crs)
+def open_both(
+    product_path: Path, truth_paths: Sequence[Path], crs: str, least_gsd_m: float = 0.0
+) -> CommonView:
+    """Both on one grid; the coarser one is not interpolated at all.
+
+    Args:
+        product_path: Ortho or mosaic that is judged.
+        truth_paths: Sheets of the ortho it is compared with.
+        crs: CRS of the grid, that of the product.
+        least_gsd_m: Finer detail is not compared, metres.
+
+    Raises:
+        ReferenceDataError: A file is damaged, or they have nothing in common.
+    """
+    product, truth = open_ortho([product_path], crs), open_ortho(truth_paths, crs)
     own = max(
         (product.sheets.grid, truth.sheets.grid), key=lambda grid: grid.ground_sample_distance_m
     )
     west, south, east, north = shared_bounds(product.bounds, truth.bounds)
-    gsd = own.ground_sample_distance_m
+    gsd = max(own.ground_sample_distance_m, least_gsd_m)
     if west + gsd >= east or south + gsd >= north:
         raise ReferenceDataError(
             product_path,
-            say("It has no area in common with {truth_path}.", truth_path=truth_path),
+            say("It has no area in common with {truth_path}.", truth_path=truth_paths[0]),
             "Check the CRS of both.",
         )
-    grid = own.covering((west, south, east, north))
-    return _CommonView(product, truth, grid)
+    common = (west, south, east, north)
+    coarser = gsd > own.ground_sample_distance_m
+    grid = Grid.over(common, gsd) if coarser else own.covering(common)
+    return CommonView(product, truth, grid)
 
 
-def _choose_places(view: _CommonView, options: ComparisonOptions) -> np.ndarray:
-    """Column and row of the place with most texture in every cell of the common area, (n, 2)."""
+def choose_places(view: CommonView, places: int, patch_px: int, margin_px: int) -> np.ndarray:
+    """Column and row of the place with most texture in every cell of the common area, (n, 2).
+
+    Args:
+        view: Product and truth.
+        places: Number of cells the common area is divided into.
+        patch_px: Side of the patches whose texture counts, pixels of the common grid.
+        margin_px: So far around a place both are seen, pixels of the common grid.
+    """
     grid = view.grid
     # design: texture is judged on some two million pixels, a few megabytes
     reduction = max(1, round(max(grid.columns, grid.rows) / 1500))
     step = grid.ground_sample_distance_m * reduction
     small = Grid(grid.west, grid.north, step, grid.columns // reduction, grid.rows // reduction)
     product, truth = view.read(small)
-    half = int(np.ceil((options.patch_px / 2 + options.search_px + 2) / reduction))
+    half = int(np.ceil(margin_px / reduction))
     inside = _inside(product.mask & truth.mask, half)
     area = int(np.count_nonzero(inside))
-    side = max(1, int(np.sqrt(area / options.places)))
-    block = max(3, options.patch_px // reduction)
+    side = max(1, int(np.sqrt(area / places)))
+    block = max(3, patch_px // reduction)
     texture = np.asarray(cv2.cornerMinEigenVal(truth.values, block, ksize=3))
     texture = np.where(inside, texture, -1.0)
     centres: list[tuple[int, int]] = []
@@ -258,7 +280,7 @@ def _inside(seen: Mask, half: int) -> Mask:
 
 
 def _measure(
-    view: _CommonView, column: int, row: int, options: ComparisonOptions
+    view: CommonView, column: int, row: int, options: ComparisonOptions
 ) -> tuple[Shift | None, str]:
     """Find the truth's patch in the product and back; the shift and a verdict."""
     half, search = options.patch_px // 2, options.search_px

@@ -147,7 +147,7 @@ def test_a_report_without_a_walk_tells_digests_and_times_of_the_last_one__truth(
 ):
     """After orthos were made again at the desk the report had lost them."""
     monkeypatch.setattr(app.run, "write_all", lambda *_: None)
-    monkeypatch.setattr(Run, "content", lambda walk: None)
+    monkeypatch.setattr(Run, "content", lambda walk, progress: None)
     monkeypatch.setattr(Run, "dem", lambda walk: None)
     kitchen.walk()
     with Session.open(kitchen.folder, "cook") as session:

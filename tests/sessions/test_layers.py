@@ -19,6 +19,8 @@ from core.adjustment.adjusted import AdjustmentReport, NewPoint
 from core.block import Block
 from core.errors import CrsError
 from core.geometry.drawn_mask import DrawnMask
+from core.mosaic.misfit import MisfitVectors
+from core.mosaic.misfit_places import Misfit
 from sessions.layers import write_layers
 from sessions.store import Store
 
@@ -60,6 +62,7 @@ def test_gdal_lists_every_layer_with_its_kind_and_no_other__oracle(written: Path
         "residual_vectors": "LineString",
         "masks": "Polygon",
         "decisions": None,
+        "misfit": "LineString",
     }
 
 
@@ -247,3 +250,26 @@ def test_masks_are_polygons_on_the_ground_with_their_outline_in_pixels__oracle(
     assert shapely.equals(shapely.from_wkt(fields["pixels"][0]), hidden)
     pixel_m = photo.ground_pixel_m(masked.camera_of("A"))
     assert shapes[0].area == pytest.approx(hidden.area * pixel_m**2, rel=0.05)
+
+
+def test_misfit_vectors_are_drawn_longer__law(
+    tmp_path: Path, block: Block, report_of: ReportOf
+) -> None:
+    vectors = MisfitVectors(
+        np.array([[100.0, 200.0]]),
+        np.array([[0.5, -1.0]]),
+        np.array([0.4]),
+        np.array([0.9]),
+        ("a",),
+        np.eye(2)[None],
+        0.5,
+        60.0,
+        1,
+    )
+    path = tmp_path / "session.gpkg"
+    file = Store.open(path)
+    write_layers(file, block, report_of(block), FOOTPRINTS, Misfit(vectors, None, (), 0))
+    file.close()
+    _, shapes, fields = read(path, "misfit")
+    assert shapely.get_coordinates(shapes[0]).tolist() == [[100, 200], [110, 180]]
+    assert fields["probability"].tolist() == [0.9]

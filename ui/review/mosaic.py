@@ -8,11 +8,9 @@ from zlib import crc32
 
 import numpy as np
 import shapely
-from jaxtyping import Float64
 
 from core.arrays import Position
-from core.block import Block, SurveyedPoint
-from core.control.prediction import predict_points
+from core.control.prediction import LEAST_UNIT, pixels_by_plan, plan_covariances, shown_in
 from core.doubts import Failure
 from core.mosaic.seam_edits import (
     SeamArea,
@@ -40,8 +38,6 @@ HOLES_TOLD = 60
 """Holes in the list; the largest come first."""
 STRAIGHT_PX = 1.0
 """Seams are drawn to so many pixels of the mosaic."""
-STEPS_M = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""East and north of a place, metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +214,7 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
     name = seam.photo_id
     photo = block.photos[name]
     position = np.array([east, north, height if np.isfinite(height) else photo.ground_height_m])
-    pixel_from_plane = _pixel_from_plane(block, name, position)
+    pixel_from_plane = pixels_by_plan(photo, block.camera_of(name), position[None])[0]
     sigma = ground_sigma_m(desk, name, position)
     near = nearest_keys(desk, name, east, north)
     return {
@@ -256,24 +252,17 @@ def ground_sigma_m(
     block, covariances = state.oriented, state.evidence.covariances
     if photo_id not in covariances:
         return None
-    sigmas = np.array([0.0, 0.0, desk.height_sigma_m])
-    place = SurveyedPoint("", position, sigmas, "new", "hand")
-    alone = block.with_photos({photo_id: block.photos[photo_id]})
-    found = predict_points(alone, [place], covariances, state.report.sigma_nought)
-    if ("", photo_id) not in found:
-        return None
-    back = np.linalg.inv(_pixel_from_plane(block, photo_id, position))
-    spread = back @ found["", photo_id].covariance @ back.T
-    return float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))
-
-
-def _pixel_from_plane(
-    block: Block, photo_id: str, position: Position
-) -> Float64[np.ndarray, "2 2"]:
-    """Scan pixels per metre east and per metre north at a place."""
     photo, camera = block.photos[photo_id], block.camera_of(photo_id)
-    pixels = photo.pixel_from_object(position + STEPS_M, camera)
-    return np.column_stack([pixels[1] - pixels[0], pixels[2] - pixels[0]])
+    if shown_in(photo, camera, position[None])[1][0] <= 0:
+        return None
+    spread = plan_covariances(
+        photo,
+        camera,
+        position[None],
+        max(state.report.sigma_nought, LEAST_UNIT) ** 2 * covariances[photo_id],
+        np.array([0.0, 0.0, desk.height_sigma_m]),
+    )[0]
+    return float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))
 
 
 def nearest_keys(

@@ -1,0 +1,108 @@
+"""The misfit of the mosaic against the reference: the product, its table, and what tells of it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from app.report.tables import Cell, write_table
+from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.influence import influence_of
+from core.control.prediction import covariances_of
+from core.matching.reference import ReferenceFiles
+from core.mosaic.composition import MosaicProduct
+from core.mosaic.misfit import BlockErrors, measure_misfit
+from core.mosaic.misfit_places import Misfit, judge_misfit
+from core.progress import Progress
+from core.raster.dem import Dem
+from core.raster.ortho import open_ortho
+from core.results import BlockInput
+from sessions.session import Session
+
+PRODUCT, TABLE = "misfit", "misfit.csv"
+COLUMNS = "X,Y,dX,dY,sigma,predicted_X,predicted_Y,probability,scan"
+CENTI, MILLI = 2, 3
+"""Decimal places of coordinates, and of metres and probabilities."""
+
+
+def make_misfit(
+    session: Session,
+    given: BlockInput,
+    mosaic: MosaicProduct,
+    report: AdjustmentReport,
+    dem: Dem,
+    progress: Progress,
+    *,
+    anew: bool = False,
+) -> Misfit | None:
+    """Compare the mosaic with the reference all over the block, unless that is fresh.
+
+    Args:
+        session: Where product and table are kept.
+        given: The reference, and how control is searched and the block adjusted.
+        mosaic: The mosaic, on disk.
+        report: The adjusted block, which predicts the misfit.
+        dem: Heights.
+        progress: Told per tile; may raise `Cancelled`.
+        anew: Compare again.
+
+    Returns:
+        Vectors and places; None where no reference lies under the mosaic.
+    """
+    files, orientation = given.reference, given.control.orientation
+    if not files.ortho or not _overlap(mosaic.path, files):
+        return None
+    products = session.products
+    digest = products.digest_of(
+        PRODUCT, 1, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
+    )
+    misfit: Misfit | None = None if anew else products.load_value(PRODUCT, digest)
+    if misfit is None:
+        misfit = judge_misfit(
+            measure_misfit(
+                mosaic.path,
+                files.ortho,
+                mosaic.seams,
+                _errors(given, report, dem),
+                orientation,
+                progress,
+            )
+        )
+        products.save_value(PRODUCT, digest, misfit)
+    write_table(session.results / TABLE, COLUMNS, misfit_rows(misfit))
+    return misfit
+
+
+def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockErrors:
+    """What block and reference predict of the misfit."""
+    influence = influence_of(
+        report, given.adjustment, terrain=lambda points: dem.heights(points[:, :2])
+    )
+    covariances = {} if influence is None else covariances_of(influence)
+    files = given.reference
+    return BlockErrors(report, covariances, dem, files.ortho_sigma_m, files.dem_sigma_m)
+
+
+def _overlap(mosaic: Path, files: ReferenceFiles) -> bool:
+    """Whether any of the reference lies under the mosaic."""
+    one, other = (open_ortho(paths, files.crs).bounds for paths in ([mosaic], files.ortho))
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return bool((low < high).all())
+
+
+def misfit_rows(misfit: Misfit) -> list[tuple[Cell, ...]]:
+    """One row for each vector."""
+    vectors = misfit.vectors
+    columns = (
+        (vectors.positions, CENTI),
+        (vectors.shifts_m, MILLI),
+        (vectors.sigmas_m[:, None], MILLI),
+        (vectors.predicted_sigmas_m, MILLI),
+        (vectors.probabilities[:, None], MILLI),
+    )
+    return [
+        (
+            *(f"{value:.{places}f}" for values, places in columns for value in values[row]),
+            vectors.photo_ids[row],
+        )
+        for row in range(len(vectors.positions))
+    ]

@@ -1,0 +1,120 @@
+"""What the report tells of the mosaic's misfit against the reference: figures and sentences."""
+
+from typing import Any
+
+import numpy as np
+
+from app.report.accuracy import histogram
+from app.report.drawing import draw_histogram, draw_misfit
+from core.geometry.robust import robust_sigma
+from core.mosaic.misfit_places import SURE, Misfit, MisfitPlace
+from ui.words.catalogue import Teller
+
+Figures = dict[str, Any]
+LIKELY = 0.5
+"""Vectors of at least this probability are drawn and counted."""
+
+
+def misfit_figures(misfit: Misfit | None) -> Figures | None:
+    """Vectors, their systematic part, and places, worst first; None where nothing was compared."""
+    if misfit is None:
+        return None
+    vectors, found = misfit.vectors, misfit.vectors.found
+    shifts, trend = vectors.shifts_m[found], misfit.systematic
+    return {
+        "tried": vectors.tried,
+        "compared": len(found),
+        "count": int(found.sum()),
+        "ground_sample_distance_m": vectors.ground_sample_distance_m,
+        "nmad_m": [robust_sigma(axis - np.median(axis)) for axis in shifts.T]
+        if len(shifts)
+        else None,
+        "median_m": np.median(shifts, axis=0).tolist() if len(shifts) else None,
+        "predicted_m": np.nanmedian(vectors.predicted_sigmas_m[found], axis=0).tolist()
+        if np.isfinite(vectors.predicted[found]).any()
+        else None,
+        "histogram": histogram(shifts.ravel()) if len(shifts) else None,
+        "systematic": None
+        if trend is None
+        else {
+            "shift_m": list(trend.shift_m),
+            "shift_sigma_m": list(trend.shift_sigma_m),
+            "scale_ppm": 1e6 * trend.scale,
+            "rotation_deg": float(np.degrees(trend.rotation)),
+            "scale_sigma_ppm": 1e6 * trend.scale_sigma,
+            "rotation_sigma_deg": float(np.degrees(trend.scale_sigma)),
+            "rms_m": trend.rms_m,
+            "largest_m": trend.largest_m,
+            "remainder_m": trend.remainder_m,
+        },
+        "judged": misfit.judged,
+        "sure": SURE,
+        "significant": sum(place.significant for place in misfit.places),
+        "places": [place_figures(place) for place in misfit.places],
+        "vectors": [
+            {
+                "position": vectors.positions[row].tolist(),
+                "vector_m": vectors.shifts_m[row].tolist(),
+                "sigma_m": float(vectors.sigmas_m[row]),
+                "probability": float(vectors.probabilities[row]),
+                "scan": vectors.photo_ids[row],
+            }
+            for row in np.flatnonzero(found).tolist()
+        ],
+    }
+
+
+def place_figures(place: MisfitPlace) -> Figures:
+    """One place."""
+    return {
+        "position": [place.east, place.north],
+        "scan": place.photo_id,
+        "shift_m": list(place.shift_m),
+        "length_m": place.length_m,
+        "sigma_m": place.sigma_m,
+        "predicted_m": list(place.predicted_m),
+        "probability": place.probability,
+        "significant": place.significant,
+        "vectors": place.vectors,
+        "radius_m": place.radius_m,
+    }
+
+
+def misfit_shown(figures: Figures, tell: Teller) -> Figures:
+    """What the page shows of the misfit: its sentences, its map, and the caption of that."""
+    misfit = figures["misfit"]
+    if not misfit:
+        return {}
+    drawn, times = draw_misfit(figures["map"], misfit, tell)
+    return {
+        "misfit_told": misfit_told(misfit, tell),
+        "misfit_map": drawn,
+        "misfit_caption": tell("report.misfit.caption", scale=times) if times else "",
+        "misfit_bars": draw_histogram(misfit["histogram"], tell, "m")
+        if misfit["histogram"]
+        else "",
+    }
+
+
+def misfit_told(misfit: Figures, tell: Teller) -> list[str]:
+    """How far the mosaic is off, what of it is systematic, and the worst places, in sentences."""
+    told = [tell("report.misfit.compared", compared=misfit["compared"], count=misfit["count"],
+                 gsd=misfit["ground_sample_distance_m"])]  # fmt: skip
+    if misfit["nmad_m"] is not None:
+        east, north = misfit["nmad_m"]
+        told.append(tell("report.misfit.nmad", east=east, north=north))
+    if misfit["predicted_m"] is not None:
+        east, north = misfit["predicted_m"]
+        told.append(tell("report.misfit.predicted", east=east, north=north))
+    trend = misfit["systematic"]
+    if trend is not None:
+        (east, north), (sigma_east, sigma_north) = trend["shift_m"], trend["shift_sigma_m"]
+        told.append(
+            tell(
+                "report.misfit.systematic", east=east, north=north, sigma_east=sigma_east,
+                sigma_north=sigma_north, scale=trend["scale_ppm"], rotation=trend["rotation_deg"],
+                sigma_scale=trend["scale_sigma_ppm"], sigma_rotation=trend["rotation_sigma_deg"],
+                largest=trend["largest_m"], remainder=trend["remainder_m"],
+            )
+        )  # fmt: skip
+    return told

@@ -1,0 +1,319 @@
+"""Misfit of the mosaic against the reference: one vector in every cell of the block.
+
+Patches of the reference are searched in the mosaic as control is searched in a scan: by the same
+operator, peaks, precision and probability, so that what has changed over decades counts little.
+Control is not looked at, and nothing found here steers the adjustment.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import shapely
+from jaxtyping import Float64, Shaped
+
+from core.adjustment.adjusted import AdjustmentReport
+from core.arrays import Flags, Indices, Mask, Scalars, locked
+from core.block import Peak
+from core.control.prediction import LEAST_UNIT, Covariances, plan_covariances
+from core.control.search import (
+    PREDICTION_SIGMA_M,
+    Chance,
+    Plan,
+    best_sigma_px,
+    candidates_near,
+    decoys_outside,
+)
+from core.localisation.photo_orientation import OrientationOptions
+from core.matching.local_search import (
+    DULL,
+    MATCH_FLOOR_PX,
+    RIM_PX,
+    SEPARATION_PX,
+    Images,
+    MatchingOptions,
+    PointView,
+)
+from core.matching.patches import ScanPart, Templates, Window, filled
+from core.matching.probability import GATE, Searches, posterior, probabilities
+from core.mosaic.comparison import CommonView, choose_places, open_both
+from core.mosaic.seams import Seam
+from core.progress import SILENT, Progress
+from core.raster.dem import HeightSource
+
+Vectors = Float64[np.ndarray, "n 2"]
+Spreads = Float64[np.ndarray, "n 2 2"]
+Names = Shaped[np.ndarray, "n"]
+Tile = tuple[int, int, int, int]
+
+# design: a photo that control holds at all is off by less; a wider search finds more by chance.
+SEARCH_M = 10.0
+"""The mosaic is searched so far about every place along either axis, metres."""
+# design: as for control (core/control/search.py): what lies further off is certainly wrong.
+DECOYS_M = 24.0
+"""Half-width of the whole search, metres."""
+# design: time; two minutes of one processor.
+MOST_PLACES = 4000
+"""The block is divided into no more cells than this."""
+# design: memory; two described tiles of a thousand pixels a side take some hundred megabytes.
+TILE_PX = 1024
+# design: half as many displacements as a search of a few templates has, to tell a height from.
+LEAST_DECOY_SHARE = 0.25
+"""A place at the edge is compared while the mosaic fills this share of the search about it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MisfitVectors:
+    """Where the mosaic shows details of the reference, as parallel arrays."""
+
+    positions: Vectors
+    """Easting, northing in the reference, metres."""
+    shifts_m: Vectors
+    """Mosaic minus reference (east, north), metres."""
+    sigmas_m: Scalars
+    """Standard deviation per axis of a shift, were it right, metres."""
+    probabilities: Scalars
+    """Probability that the same detail was found."""
+    photo_ids: tuple[str, ...]
+    """Photo that the mosaic shows there; empty where that is not known."""
+    predicted: Spreads
+    """Covariance (east, north) that the adjusted block and the accuracy of the reference predict
+    of a shift, square metres; NaN where the photo took no part in the adjustment."""
+    ground_sample_distance_m: float
+    """Pixel size at which both were compared, metres."""
+    patch_m: float
+    """Side of the patches that were compared, metres."""
+    tried: int
+    """Places that were tried."""
+
+    def __post_init__(self) -> None:
+        for name in ("positions", "shifts_m", "sigmas_m", "probabilities", "predicted"):
+            object.__setattr__(self, name, locked(getattr(self, name)))
+
+    @property
+    def found(self) -> Flags:
+        """True for the vectors that are more probably right than wrong."""
+        return self.probabilities > 0.5
+
+    @property
+    def predicted_sigmas_m(self) -> Vectors:
+        """Predicted standard deviations east and north, metres."""
+        return np.sqrt(self.predicted[:, [0, 1], [0, 1]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockErrors:
+    """What a block says of how well the mosaic lies."""
+
+    report: AdjustmentReport
+    """The adjusted block."""
+    covariances: Covariances
+    """Of its photos."""
+    heights: HeightSource
+    """The ground."""
+    ortho_sigma_m: float
+    """Standard deviation of the reference per axis, metres."""
+    dem_sigma_m: float
+    """Standard deviation of a height, metres."""
+
+
+def measure_misfit(
+    mosaic: Path,
+    reference: Sequence[Path],
+    seams: Sequence[Seam],
+    errors: BlockErrors,
+    orientation: OrientationOptions | None = None,
+    progress: Progress = SILENT,
+) -> MisfitVectors:
+    """Compare a mosaic with the reference all over the block.
+
+    Args:
+        mosaic: The mosaic.
+        reference: Sheets of the reference ortho.
+        seams: Which photo the mosaic shows where.
+        errors: What is predicted of the misfit.
+        orientation: Operator and sizes with which control is searched.
+        progress: Told per tile; may raise `Cancelled`.
+
+    Raises:
+        PhotogrammetryError: A file is damaged, or they have nothing in common.
+    """
+    orientation = orientation or OrientationOptions()
+    view = open_both(mosaic, reference, errors.report.block.crs, orientation.finest_gsd_m)
+    plan = _plan(view, orientation)
+    half = plan.matching.template_half_px
+    side = 2 * half + 1
+    # A cell of a patch each: neighbours then have little in common.
+    places = min(MOST_PLACES, max(1, view.grid.columns * view.grid.rows // side**2))
+    centres = choose_places(view, places, side, half + plan.inner)
+    rows: list[tuple[int, Peak]] = []
+    chances: dict[int, Chance] = {}
+    for number, peaks, chance in _searched(view, centres, plan, progress):
+        chances[number] = chance
+        rows += [(number, peak) for peak in peaks]
+    return _vectors(view, centres, plan, rows, chances, (seams, errors))
+
+
+def _plan(view: CommonView, orientation: OrientationOptions) -> Plan:
+    gsd = view.grid.ground_sample_distance_m
+    # design: room for decoys about the middle also where pixels are coarse.
+    inner = max(int(np.ceil(SEARCH_M / gsd)), 2 * SEPARATION_PX)
+    wide = max(int(np.ceil(DECOYS_M / gsd)), inner + 2 * SEPARATION_PX)
+    matching = MatchingOptions(
+        template_half_px=orientation.template_half_px, operators=orientation.operators[:1]
+    )
+    return Plan(matching, gsd, wide, inner, np.zeros(0))
+
+
+def _searched(
+    view: CommonView, centres: Indices | np.ndarray, plan: Plan, progress: Progress
+) -> Iterator[tuple[int, tuple[Peak, ...], Chance]]:
+    """Candidates and decoys of every place that can be searched, tile by tile."""
+    cells = centres // TILE_PX
+    tiles = np.unique(cells, axis=0)
+    for done, tile in enumerate(tiles):
+        progress.report(done, len(tiles), "misfit")
+        members = np.flatnonzero((cells == tile).all(axis=1))
+        margin = plan.matching.template_half_px + plan.wide + RIM_PX
+        low = centres[members].min(axis=0) - margin
+        size = centres[members].max(axis=0) + margin + 1 - low
+        images, seen = _described(view, (*low.tolist(), *size.tolist()), plan)
+        for number in members.tolist():
+            found = _search_place(images, seen, centres[number] - low, plan)
+            if found is not None:
+                yield number, *found
+
+
+def _described(view: CommonView, tile: Tile, plan: Plan) -> tuple[Images, Mask]:
+    """Mosaic and reference of a tile as the operator compares them, and where templates fit in."""
+    product, truth = view.read(view.grid.window(*tile))
+    half, operator = plan.matching.template_half_px, plan.matching.operators[0]
+    grey, ortho = filled(product.values, product.mask), filled(truth.values, truth.mask)
+    roads = np.zeros_like(ortho)
+    column, row, columns, rows = tile
+    images = Images(
+        ScanPart(Window(column, row, columns, rows, 1), grey, product.mask),
+        Templates(columns, 1, ortho, truth.mask, roads),
+        half,
+        {operator.name: operator},
+        {operator.name: operator.of_scan(grey, half)},
+        {operator.name: operator.of_reference(ortho, roads, half)},
+    )
+    whole = np.ones((2 * half + 1, 2 * half + 1), np.uint8)
+    seen = cv2.erode(product.mask.astype(np.uint8), whole, borderValue=0)
+    return images, np.asarray(seen, dtype=bool)
+
+
+def _search_place(
+    images: Images, seen: Mask, place: np.ndarray, plan: Plan
+) -> tuple[tuple[Peak, ...], Chance] | None:
+    """Peaks about one place of a tile, and what chance brings about it; None at an edge."""
+    column, row = (int(value) for value in place)
+    half, wide, inner = plan.matching.template_half_px, plan.wide, plan.inner
+    patch, around, steps = (
+        np.s_[row - reach : row + reach + 1, column - reach : column + reach + 1]
+        for reach in (half, half + wide, wide)
+    )
+    outside = seen[steps].copy()
+    outside[wide - inner : wide + inner + 1, wide - inner : wide + inner + 1] = False
+    if outside.mean() < LEAST_DECOY_SHARE or not images.templates.known[patch].all():
+        return None
+    view = PointView(images, around, patch, np.array([[column, row]]) + 0.5)
+    surface = view.scores(plan.matching.operators[0].name)
+    heights, middle, spread = decoys_outside(surface, outside, SEPARATION_PX)
+    m2 = plan.pixel_m**2
+    chance = Chance(heights, float(outside.sum()) * m2, middle, spread, (2 * inner + 1) ** 2 * m2)
+    peaks = candidates_near(surface, plan, chance)
+    sigma = best_sigma_px(view, surface, peaks, plan, chance)
+    return tuple(Peak(p.column, p.row, sigma, p.score, p.operator) for p in peaks), chance
+
+
+def _vectors(
+    view: CommonView,
+    centres: np.ndarray,
+    plan: Plan,
+    rows: Sequence[tuple[int, Peak]],
+    chances: Mapping[int, Chance],
+    block: tuple[Sequence[Seam], BlockErrors],
+) -> MisfitVectors:
+    """The likeliest candidate of every place, with its probability."""
+    gsd = plan.pixel_m
+    order = {number: index for index, number in enumerate(sorted(chances))}
+    search = np.array([order[number] for number, _ in rows], dtype=np.int64)
+    offsets = np.array([[p.column, -p.row] for _, p in rows], dtype=np.float64).reshape(-1, 2) * gsd
+    heights = np.array([peak.score for _, peak in rows], dtype=np.float64)
+    numbers = np.array([number for number, _ in rows], dtype=np.int64)
+    positions = view.grid.object_from_grid(centres[numbers] + 0.5)
+    photos = photos_shown(positions, block[0])
+    predicted = predicted_misfit(positions, photos, block[1])
+    sigma_px = np.array([peak.sigma_px for _, peak in rows])
+    sigmas = np.clip(sigma_px, MATCH_FLOOR_PX, DULL * MATCH_FLOOR_PX) * gsd
+    about = np.sqrt(np.trace(predicted, axis1=1, axis2=2) / 2)
+    near = np.hypot(sigmas, np.where(np.isfinite(about), about, PREDICTION_SIGMA_M))
+    searches = Searches(search, heights, np.hypot(*offsets.T), near, len(chances), np.zeros(0), 0.0)
+    right = _probabilities(searches, sum(one.inner_m2 for one in chances.values()))
+    best = np.array(
+        [
+            np.flatnonzero(search == one)[np.argmax(right[search == one])]
+            for one in np.unique(search)
+        ],
+        dtype=np.int64,
+    )
+    return MisfitVectors(
+        positions[best],
+        offsets[best],
+        sigmas[best],
+        right[best],
+        tuple(photos[index] for index in best.tolist()),
+        predicted[best],
+        gsd,
+        (2 * plan.matching.template_half_px + 1) * gsd,
+        len(centres),
+    )
+
+
+def _probabilities(searches: Searches, searched_m2: float) -> Scalars:
+    """Probability of every candidate to be right, wherever in the search it lies.
+
+    What right peaks look like is learnt where the block predicts them, as for control; what chance
+    brings, beside that: crowns and shadows are found some metres off, where decoys further out
+    would not show them. Then the prediction is given up: whatever is wrong with a photo may
+    displace all that it shows. Where much of a block is off, this asks for higher peaks.
+    """
+    if not len(searches.height):
+        return np.zeros(0)
+    limit_m = GATE * float(searches.sigma_m.mean())
+    beside = searches.distance_m > limit_m
+    area = searched_m2 - searches.count * np.pi * limit_m**2
+    _, found = probabilities(replace(searches, decoys=searches.height[beside], decoy_area_m2=area))
+    if found is None:
+        return np.zeros(len(searches.height))
+    wide = np.full(len(searches.height), SEARCH_M * np.sqrt(2) / GATE)
+    return posterior(replace(searches, sigma_m=wide), replace(found, wider=1.0))
+
+
+def photos_shown(positions: Vectors, seams: Sequence[Seam]) -> tuple[str, ...]:
+    """The photo that a mosaic shows at each place; empty beside all seams."""
+    names = [""] * len(positions)
+    for seam in seams:
+        for index in np.flatnonzero(shapely.contains_xy(seam.area, positions)).tolist():
+            names[index] = seam.photo_id
+    return tuple(names)
+
+
+def predicted_misfit(positions: Vectors, photos: Sequence[str], errors: BlockErrors) -> Spreads:
+    """Covariances that block and reference predict of the misfit at places, square metres."""
+    block, shown = errors.report.block, np.array(photos)
+    unit = max(errors.report.sigma_nought, LEAST_UNIT) ** 2
+    found = np.full((len(positions), 2, 2), np.nan)
+    sigmas = np.array([errors.ortho_sigma_m, errors.ortho_sigma_m, errors.dem_sigma_m])
+    for name in sorted(set(photos) & set(errors.covariances) & set(block.photos)):
+        photo, members = block.photos[name], np.flatnonzero(shown == name)
+        heights = errors.heights.heights(positions[members])
+        heights = np.where(np.isfinite(heights), heights, photo.ground_height_m)
+        places = np.column_stack([positions[members], heights])
+        own = unit * errors.covariances[name]
+        found[members] = plan_covariances(photo, block.camera_of(name), places, own, sigmas)
+    return found

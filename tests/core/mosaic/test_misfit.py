@@ -1,0 +1,178 @@
+"""Misfit of a mosaic, with shifts that were put in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.features import rasterize
+
+from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.influence import influence_of
+from core.control.prediction import covariances_of
+from core.mosaic.comparison import ComparisonOptions, compare_orthos
+from core.mosaic.misfit import BlockErrors, MisfitVectors, measure_misfit, photos_shown
+from core.mosaic.misfit_places import NEIGHBOUR_SIZES, judge_misfit
+from sessions.session import Session
+
+SIDE = 12
+"""Places along either side of a made block."""
+
+
+def made_vectors(rng, shift_of, right=0.9, predicted_m=0.3):
+    """Vectors of two photos side by side: right ones by `shift_of`, wrong ones anywhere."""
+    step = 60.0
+    across, up = np.meshgrid(np.arange(SIDE) * step, np.arange(SIDE) * step)
+    positions = np.column_stack([across.ravel(), up.ravel()])
+    count = len(positions)
+    photos = tuple("west" if east < SIDE * step / 2 else "east" for east in positions[:, 0])
+    sound = rng.random(count) < right
+    true = np.array([shift_of(*place) for place in positions])
+    shifts = np.where(
+        sound[:, None], true + rng.normal(0, 0.4, (count, 2)), rng.uniform(-10, 10, (count, 2))
+    )
+    return MisfitVectors(
+        positions,
+        shifts,
+        np.full(count, 0.4),
+        np.full(count, right),
+        photos,
+        np.tile(predicted_m**2 * np.eye(2), (count, 1, 1)),
+        0.5,
+        step,
+        count,
+    )
+
+
+@pytest.mark.parametrize("seed", [7001, 7002, 7003])
+def test_a_bad_corner_is_the_worst_place__truth(seed):
+    def corner(east, north):
+        return (2.0, -2.0) if east > 450 and north > 450 else (0.1, 0.0)
+
+    misfit = judge_misfit(made_vectors(np.random.default_rng(seed), corner))
+    worst = misfit.places[0]
+    assert worst.significant
+    assert worst.photo_id == "east"
+    assert min(worst.east, worst.north) > 400
+    # A third of a metre: the steps in which shifts are weighed.
+    assert worst.shift_m == pytest.approx((2.0, -2.0), abs=0.5)
+    assert sum(place.significant for place in misfit.places) == 1
+
+
+def test_a_sound_block_has_no_significant_place__truth():
+    """Ten blocks with errors as predicted: at 5 % each, three would be one in ninety."""
+    false = 0
+    for seed in range(7100, 7110):
+        rng = np.random.default_rng(seed)
+        off = {name: rng.normal(0, 0.3, 2) for name in ("west", "east")}
+
+        def shift_of(east, north, off=off):
+            return off["west" if east < 360 else "east"]
+
+        vectors = made_vectors(rng, shift_of)
+        false += any(place.significant for place in judge_misfit(vectors).places)
+    assert false <= 2
+
+
+def test_what_the_block_predicts_is_not_significant__law():
+    """The same shift is no surprise where the block knows little."""
+    vectors = made_vectors(np.random.default_rng(7004), lambda east, north: (2.0, 0.0))
+    unsure = replace(vectors, predicted=4.0 * np.tile(np.eye(2), (len(vectors.positions), 1, 1)))
+    assert judge_misfit(vectors).places[0].significant
+    found = judge_misfit(unsure).places
+    assert found
+    assert not any(place.significant for place in found)
+
+
+def test_the_systematic_part_is_the_affinity_put_in__truth():
+    middle, rng = (SIDE - 1) * 30.0, np.random.default_rng(7005)
+
+    def turned(east, north):
+        return 0.5 - 1e-3 * (north - middle), -0.25 + 1e-3 * (east - middle)
+
+    trend = judge_misfit(made_vectors(rng, turned)).systematic
+    sigma = 5 * 0.4 / np.sqrt(SIDE**2)
+    assert trend.shift_m == pytest.approx((0.5, -0.25), abs=sigma)
+    assert trend.rotation == pytest.approx(1e-3, abs=sigma / 200)
+    assert trend.scale == pytest.approx(0, abs=sigma / 200)
+    assert 0.3 < trend.remainder_m < 0.5
+
+
+def test_few_vectors_tell_nothing__law():
+    vectors = made_vectors(np.random.default_rng(7006), lambda east, north: (3.0, 0.0))
+    few = replace(
+        vectors,
+        **{
+            name: getattr(vectors, name)[: min(NEIGHBOUR_SIZES) - 1]
+            for name in (
+                "positions", "shifts_m", "sigmas_m", "probabilities", "photo_ids", "predicted",
+            )
+        },
+    )  # fmt: skip
+    misfit = judge_misfit(few)
+    assert (misfit.systematic, misfit.places, misfit.judged) == (None, (), 0)
+
+
+@pytest.fixture(scope="module")
+def run(tiny_run):
+    """Mosaic, seams and errors of the tiny block as it was run."""
+    with Session.open(tiny_run.folder, "test") as session:
+        report = session.products.latest_value("adjustment")
+        seams = session.products.latest_value("mosaic").seams
+    covariances = covariances_of(influence_of(report, AdjustmentOptions()))
+    errors = BlockErrors(report, covariances, tiny_run.reference.dem, 0.25, 0.5)
+    return tiny_run, seams, errors
+
+
+def shifted(source, target, area, pixels):
+    """A copy of a mosaic that shows an area so many pixels (right, down) off."""
+    with rasterio.open(source) as file:
+        values, transform = file.read(1), file.transform
+        kept = {key: file.profile[key] for key in ("width", "height", "crs", "dtype", "nodata")}
+    inside = rasterize([area], values.shape, transform=transform).astype(bool)
+    moved = np.roll(values, (pixels[1], pixels[0]), (0, 1))
+    with rasterio.open(target, "w", driver="GTiff", count=1, transform=transform, **kept) as file:
+        file.write(np.where(inside, moved, values), 1)
+    return target
+
+
+def test_vectors_are_as_right_as_they_say__truth(run):
+    """Where the mosaic truly lies is told by the archival ortho, which a present one is not."""
+    tiny, seams, errors = run
+    mosaic = tiny.folder / "results/mosaic.tif"
+    sheets = sorted((tiny.folder / "ortho").glob("*.tif"))
+    vectors = measure_misfit(mosaic, sheets, seams, errors)
+    true = compare_orthos(mosaic, tiny.truth.archival_ortho, ComparisonOptions(places=400))
+    away = np.hypot(*(vectors.shifts_m - true.median_shift).T)
+    likely = vectors.probabilities > 0.8
+    assert likely.sum() > 30
+    # Local errors of the mosaic and three standard deviations of a match.
+    right = away[likely] < 1.5
+    expected = float(vectors.probabilities[likely].mean())
+    # Three standard deviations of a share.
+    spread = np.sqrt(expected * (1 - expected) / likely.sum())
+    assert right.mean() > expected - 3 * spread - 0.05
+    again = measure_misfit(mosaic, sheets, seams, errors)
+    assert np.array_equal(again.shifts_m, vectors.shifts_m)
+    assert np.array_equal(again.probabilities, vectors.probabilities)
+
+
+def test_a_photo_three_metres_off_is_the_worst_place__truth(run, tmp_path):
+    tiny, seams, errors = run
+    sheets = sorted((tiny.folder / "ortho").glob("*.tif"))
+    mosaic = tiny.folder / "results/mosaic.tif"
+    sound = judge_misfit(measure_misfit(mosaic, sheets, seams, errors))
+    assert not any(place.significant for place in sound.places)
+    seam = next(one for one in seams if one.photo_id.endswith("543"))
+    spoilt = shifted(mosaic, tmp_path / "spoilt.tif", seam.area, (3, 0))
+    worst = judge_misfit(measure_misfit(spoilt, sheets, seams, errors)).places[0]
+    assert worst.significant
+    assert worst.photo_id == seam.photo_id
+    assert worst.shift_m == pytest.approx((3, 0), abs=0.7)
+
+
+def test_places_beside_all_seams_have_no_photo__law(run):
+    _, seams, _ = run
+    inside = seams[0].area.representative_point()
+    names = photos_shown(np.array([[inside.x, inside.y], [0.0, 0.0]]), seams)
+    assert names == (seams[0].photo_id, "")
