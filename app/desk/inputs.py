@@ -19,6 +19,7 @@ from app.placing import Placeable, standing_block
 from app.project import Project, described
 from app.run import Run, RunOptions, make_orthos, terrain_of, write_all
 from app.running import Running
+from app.sheets import check_sheets, make_sheets
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
@@ -383,7 +384,13 @@ class OrthoMaker:
     def __call__(
         self, photo_ids: Sequence[str], progress: Progress, report: AdjustmentReport
     ) -> None:
-        """Orthos of these photos, then the mosaic and all that is written beside it."""
+        """Orthos of these photos, the mosaic, sheets where asked for, and all written beside them.
+
+        Raises:
+            PhotogrammetryError: Sheets are asked for that cannot be made; nothing has changed.
+        """
+        if self.project.sheets.asked:
+            check_sheets(self.project)
         orthos_end = len(photo_ids) / (len(photo_ids) + MOSAIC_WORK)
         with Session.open(self.project.folder, self.operator) as session, session.running():
             orthos = make_orthos(
@@ -394,8 +401,10 @@ class OrthoMaker:
                 Part(progress, 0.0, orthos_end),
                 only=frozenset(photo_ids),
             )
-            mosaic = make_mosaic(session, self.project, orthos, Part(progress, orthos_end, 0.92))
-            change = make_change(session, self.project, mosaic, Part(progress, 0.92, 0.95))
+            mosaic = make_mosaic(session, self.project, orthos, Part(progress, orthos_end, 0.88))
+            change = make_change(session, self.project, mosaic, Part(progress, 0.88, 0.91))
+            if self.project.sheets.asked:
+                make_sheets(session, self.project, mosaic, Part(progress, 0.91, 0.95))
             walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
             walk.stand_in(report, mosaic, change)
             write_all(session, walk.content(Part(progress, 0.95, 1.0)), self.reference.dem)

@@ -16,7 +16,7 @@ import argparse
 import json
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from time import process_time
 
@@ -86,11 +86,13 @@ def prove(folder: Path, out: Path) -> None:
         made = compose_mosaic(orthos, grid, *paths, guides=guides, planes=planes, options=options)
         took = process_time() - started
         lines = borders(made.seams)
-        share = lines.intersection(near).length / lines.length
+        houses = "-"
+        if guides.buildings:
+            houses = f"{lines.intersection(near).length / lines.length:.1%}"
         raw, jumps = (differences(made, orthos, side) for side in (1, MEAN_PX))
         left = steps(made, orthos)
         say(
-            f"| {folder.name} | {kind} | {lines.length:.0f} | {share:.1%} "
+            f"| {folder.name} | {kind} | {lines.length:.0f} | {houses} "
             f"| {np.mean(raw):.2f} | {np.mean(jumps):.2f} | {np.percentile(jumps, 95):.2f} "
             f"| {np.mean(left):.2f} | {np.percentile(left, 95):.2f} "
             f"| {took:.1f} | {len(made.holes)} |"
@@ -104,6 +106,8 @@ def painted_houses(project: Project) -> tuple[shapely.Polygon, ...]:
         return ()
     said = json.loads(truth.read_text(encoding="utf-8"))["args"]
     plain = {name: value for name, value in said.items() if isinstance(value, str | int | float)}
+    if not plain.keys() <= {field.name for field in fields(SyntheticOptions)}:
+        return ()
     options = SyntheticOptions(**plain)
     flight = make_flight(options)
     landscape = make_landscape(options, flight.terrain, flight.bounds)

@@ -6,7 +6,7 @@ import json
 import re
 import secrets
 import threading
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -53,6 +53,8 @@ RESULT_CONTENT = {
     ".tfw": "text/plain", ".jgw": "text/plain", ".j2w": "text/plain",
     ".prj": "text/plain", ".opk": "text/plain", ".gcp": "text/plain", ".qgs": "application/xml",
 }  # fmt: skip
+FOLDERS = 2
+"""So deep lie results: `sheets/FOLDER/` holds sheets of another CRS or format."""
 LISTED_FIRST = {".html": 0, ".tif": 1}
 """What is looked for most stands first: the report, then the mosaic."""
 REPORT_POLICY = (
@@ -407,17 +409,16 @@ def result_routes(folder: Path | None) -> list[web.RouteDef]:
 
 
 def _results(folder: Path) -> dict[str, Path]:
-    """Files with a plain name in the folder and in its folders, by name; no links."""
-    if not folder.is_dir():
-        return {}
-    plain = [path for path in folder.iterdir() if PLAIN_NAME.fullmatch(path.name)]
-    plain = [path for path in plain if not path.is_symlink()]
-    within = [path for one in plain if one.is_dir() for path in one.iterdir()]
-    return {
-        path.relative_to(folder).as_posix(): path
-        for path in (*plain, *within)
-        if PLAIN_NAME.fullmatch(path.name)
-        and path.suffix in RESULT_CONTENT
-        and path.is_file()
-        and not path.is_symlink()
-    }
+    """Files with a plain name in the folder and in folders below it, by name; no links."""
+    return {path.relative_to(folder).as_posix(): path for path in _plain_files(folder, FOLDERS)}
+
+
+def _plain_files(folder: Path, below: int) -> Iterator[Path]:
+    """Files that may be taken away, so many folders deep."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if path.is_symlink() or not PLAIN_NAME.fullmatch(path.name):
+            continue
+        if path.is_dir() and below:
+            yield from _plain_files(path, below - 1)
+        elif path.suffix in RESULT_CONTENT and path.is_file():
+            yield path

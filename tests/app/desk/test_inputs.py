@@ -1,5 +1,6 @@
 """What the desk begins with: sizes, orientations and the secret that a page is let in by."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,6 +8,8 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import rasterio
+from shapely.geometry import box
 
 from app.desk.inputs import (
     Adjusting,
@@ -16,12 +19,19 @@ from app.desk.inputs import (
     ortho_orientations,
     template_m,
 )
+from app.desk.inputs import desk_inputs as inputs_of
 from app.desk.measuring import Errors
+from app.project import read_project
 from core.adjustment.adjusted import AdjustmentOptions, ExteriorSigmas
 from core.block import Measurement
+from core.errors import PhotogrammetryError
 from core.localisation.photo_orientation import OrientationOptions
+from core.progress import SILENT
 from core.raster.scan_file import open_scan
+from sessions.session import Session
+from tests.core.sheets.test_map_sheets import write
 from tests.core.ties.rendered import rendered_block, terrain
+from tests.tiny import Tiny
 from tests.ui.desk_block import OPTIONS, desk_inputs, tiny_block, tiny_snapshot
 
 
@@ -114,3 +124,47 @@ def test_the_desk_opens_on_the_block_as_it_was_adjusted__law(tmp_path: Path):
     assert snapshot.base is inputs.block
     assert set(snapshot.drawn) == set(inputs.block.photos)
     inputs.session.close()
+
+
+def test_updated_orthos_bring_updated_sheets__truth(tiny_run: Tiny, tmp_path: Path) -> None:
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    mosaic, sheet = folder / "results" / "mosaic.tif", folder / "results" / "sheets" / "west.tif"
+    with rasterio.open(mosaic) as file:
+        west, south, east, north = (round(edge, -1) for edge in file.bounds)
+    middle = (west + east) / 2
+    halves = [box(west, south, middle, north), box(middle, south, east, north)]
+    write(folder / "klad.gpkg", halves, name=["west", "east"])
+    text = (folder / "block.toml").read_text(encoding="utf-8")
+    text = text.replace("[ortho]", '[ortho]\nsheets = "klad.gpkg"')
+    (folder / "block.toml").write_text(text, encoding="utf-8")
+    with Session.open(folder, "anna") as session:
+        inputs = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
+    report, name = inputs.report, min(inputs.report.block.photos)
+    inputs.remake((name,), SILENT, report)
+    assert np.array_equal(*shown(sheet, mosaic))
+    before = sheet.read_bytes()
+
+    photo = report.block.photos[name]
+    centre = photo.exterior.centre + np.array([8.0, 0.0, 0.0])
+    moved = replace(photo, exterior=replace(photo.exterior, centre=centre))
+    block = report.block.with_photos({**report.block.photos, name: moved})
+    inputs.remake((name,), SILENT, replace(report, block=block))
+    assert sheet.read_bytes() != before
+    assert np.array_equal(*shown(sheet, mosaic))
+
+    (folder / "klad.gpkg").unlink()
+    made = mosaic.stat().st_mtime_ns
+    with pytest.raises(PhotogrammetryError, match="klad"):
+        inputs.remake((name,), SILENT, report)
+    assert mosaic.stat().st_mtime_ns == made
+
+
+def shown(sheet: Path, mosaic: Path) -> tuple[np.ndarray, np.ndarray]:
+    """A sheet, and the mosaic in the same place."""
+    with rasterio.open(sheet) as one, rasterio.open(mosaic) as other:
+        size = other.res[0]
+        left = round((one.bounds.left - other.bounds.left) / size)
+        top = round((other.bounds.top - one.bounds.top) / size)
+        wide = np.pad(other.read(1), 20)
+        return one.read(1), wide[top + 20 :, left + 20 :][: one.height, : one.width]

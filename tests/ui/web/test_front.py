@@ -34,6 +34,10 @@ def inputs(tmp_path):
     (results / "adjustment.txt").write_text("sigma nought")
     (results / "ortho").mkdir()
     (results / "ortho" / "a.tif").write_bytes(b"II")
+    (results / "sheets" / "EPSG-5513").mkdir(parents=True)
+    (results / "sheets" / "HUST25.tif").write_bytes(b"II")
+    (results / "sheets" / "EPSG-5513" / "HUST25.tif").write_bytes(b"II*")
+    (results / "sheets" / "linked").symlink_to(results / "ortho")
     (results / "linked").symlink_to(results / "ortho")
     (results / "link.csv").symlink_to("/etc/hostname")
     yield FrontInputs(Access("127.0.0.1", "t" * 32), None, tiles, None, {"name": "kobyli"}, results)
@@ -95,6 +99,7 @@ def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs)
     with Visitor(inputs) as visitor:
         listed = json.loads(visitor.get("/results/")[1])
         names = ["report.html", "adjustment.txt", "control_points.csv", "ortho/a.tif"]
+        names += ["sheets/EPSG-5513/HUST25.tif", "sheets/HUST25.tif"]
         assert [name for name, _ in listed] == names
         ortho, _ = visitor.get("/results/ortho/a.tif")
         assert ortho.headers["Content-Disposition"] == 'attachment; filename="a.tif"'
@@ -105,7 +110,15 @@ def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs)
             "point_id",
             "attachment",
         )
-        for name in ("secret.key", "link.csv", "..%2Fblock.toml", "linked/a.tif"):
+        assert visitor.get("/results/sheets/EPSG-5513/HUST25.tif")[1] == "II*"
+        for name in (
+            "secret.key",
+            "link.csv",
+            "..%2Fblock.toml",
+            "linked/a.tif",
+            "sheets/linked/a.tif",
+            "sheets/EPSG-5513/../../../block.toml",
+        ):
             assert visitor.get(f"/results/{name}")[0].status == 404, name
 
 

@@ -41,7 +41,7 @@ async function open() {
 }
 
 /** @param {string} name */
-const folderOf = (name) => (name.includes("/") ? name.split("/")[0] : "");
+const folderOf = (name) => name.slice(0, Math.max(name.lastIndexOf("/"), 0));
 
 /** @param {[name: string, bytes: number]} file */
 const line = ([name, bytes]) => element("li", {}, link(name),
