@@ -36,6 +36,12 @@ MOST_PLACES = 2000
 """A line drawn by hand has no more corners."""
 HOLES_TOLD = 60
 """Holes in the list; the largest come first."""
+MISFITS_TOLD = 20
+"""Places that do not fit the reference in the list; the worst come first."""
+NEAR_TOLD = 6
+"""Measurements told about a place, the nearest ones."""
+NEAR_TIES = 20
+"""Ties told about a place together, the nearest ones."""
 STRAIGHT_PX = 1.0
 """Seams are drawn to so many pixels of the mosaic."""
 
@@ -175,6 +181,18 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
             for hole in product.holes[:HOLES_TOLD]
         ],
         "hole_count": len(product.holes),
+        "misfits": [
+            {
+                "place": [round(one.east, 1), round(one.north, 1)],
+                "photo": one.photo_id,
+                "shift": [short(value, 2) for value in one.shift_m],
+                "length": short(one.length_m, 2),
+                "sigma": short(one.sigma_m, 2),
+                "predicted": short(float(np.hypot(*one.predicted_m)), 2),
+                "significant": one.significant,
+            }
+            for one in shown.misfit[:MISFITS_TOLD]
+        ],
     }
 
 
@@ -230,6 +248,41 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
         ],
         "points": len(near),
         "nearest": short(near[0][0], 0) if near else None,
+        "control": [_control_near(desk, away, key) for away, key in near[:NEAR_TOLD]],
+        "ties": _ties_near(desk, name, position),
+    }
+
+
+def _control_near(desk: DeskSnapshot, away_m: float, key: Key) -> Part:
+    """A measurement that holds a photo, or does not, near a place."""
+    report, row = desk.state.report, desk.rows[key]
+    residual = report.residuals_px.get(key)
+    return {
+        "point": key[0],
+        "away": short(away_m, 0),
+        "residual": None if residual is None else short(float(np.hypot(*residual)), 1),
+        "state": row.state,
+    }
+
+
+def _ties_near(desk: DeskSnapshot, photo_id: str, position: Position) -> Part | None:
+    """What the nearest ties of a photo in use say: how many, how far, RMS and largest residual."""
+    report = desk.state.report
+    ties = report.block.ties
+    if photo_id not in ties.photo_ids:
+        return None
+    lengths = np.hypot(*report.tie_residuals_px.T)
+    own = (ties.photo == ties.photo_ids.index(photo_id)) & np.isfinite(lengths)
+    away = np.hypot(*(report.tie_positions[ties.point[own], :2] - position[:2]).T)
+    near = np.argsort(away, kind="stable")[:NEAR_TIES]
+    if not len(near):
+        return None
+    residuals = lengths[own][near]
+    return {
+        "count": len(near),
+        "away": short(float(away[near].max()), 0),
+        "rms": short(float(np.sqrt(np.mean(residuals**2))), 2),
+        "largest": short(float(residuals.max()), 2),
     }
 
 

@@ -329,6 +329,18 @@ interface Mosaic {
   /** Where: west, south, east, north, metres. */
   changed?: number[] | null;
   edits?: SeamEdited[];
+  /** Where the mosaic is off the reference, worst first; metres. */
+  misfits?: MisfitPlace[];
+}
+interface MisfitPlace {
+  place: Pair;
+  photo: string;
+  shift: Pair;
+  length: number;
+  sigma: number;
+  predicted: number;
+  /** Off by more than the block predicts. */
+  significant: boolean;
 }
 /** What a place on the mosaic leads to; photo is null where none shows it. */
 interface PickedPlace {
@@ -342,6 +354,8 @@ interface PickedPlace {
   others?: [photo: string, nadir: number, pixel: number][];
   points?: number;
   nearest?: number | null;
+  control?: { point: string, away: number, residual: number | null, state: string }[];
+  ties?: { count: number, away: number, rms: number, largest: number } | null;
 }
 /** A key of the catalogue with its values. */
 interface Notice { text: string; values: Record<string, string>; grave: boolean }

@@ -2,7 +2,9 @@
 import {
   drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
 } from "./mosaic_edit.js";
-import { CHOSEN, drawBorders, drawHoles, drawSeams, photoAt } from "./mosaic_marks.js";
+import {
+  CHOSEN, drawBorders, drawHoles, drawMisfits, drawSeams, photoAt,
+} from "./mosaic_marks.js";
 import { mosaicSide } from "./mosaic_side.js";
 import { cleared, crosshair, halo, line, scaleBar } from "./overlay.js";
 import {
@@ -231,7 +233,7 @@ export function showPicked(told) {
 function refresh() {
   const { found, picked, status } = state;
   if (!found?.version) return;
-  const parts = mosaicSide(found, picked, status, { goTo, remake, leave });
+  const parts = mosaicSide(found, picked, status, { goTo, remake, leave, ask });
   renew(first("aside", byId("mosaic")), ...parts);
   redraw();
 }
@@ -247,6 +249,12 @@ function leave(part) {
 function goTo(ground) {
   state.view.show(layerFromGround(ground), Math.max(state.view.scale, 1));
   redraw();
+}
+
+/** @param {Pair} ground */
+function ask(ground) {
+  goTo(ground);
+  pick(layerFromGround(ground));
 }
 
 function fit() {
@@ -361,6 +369,7 @@ function drawMarks(pane, found) {
   if (look.borders) drawBorders(context, found, onScreen, chosen);
   if (look.seams) drawSeams(context, found, onScreen, chosen);
   drawHoles(context, found, onScreen, view.scale);
+  drawMisfits(context, found, onScreen);
   if (picked) {
     const [east, north] = picked.place;
     const [x, y] = onScreen([east, north]);

@@ -7,6 +7,8 @@ import { number, shortName } from "./words.js";
 const [SEAM, BORDER, HOLE] = ["#ffd23f", "#56b4e9", "#ff6b6b"];
 export const CHOSEN = "#ffffff";
 const NAME_PX = 44; // design: a part narrower than its name on the screen has none
+const MISFIT = "#ff9a3d";
+const ARROW_PX = 34; // design: a direction that is seen; the length is written beside it
 const TOLD_PX = 24; // design: smaller holes are only ringed, their areas would lie over each other
 
 /**
@@ -68,6 +70,24 @@ export function drawHoles(context, { holes = [] }, onScreen, scale) {
     if (2 * radius > TOLD_PX) {
       text(context, number(area, 0, "m\u00b2"), [x + reach + 4, y + 4], HOLE);
     }
+  }
+}
+
+/**
+ * Shifts of places that are off by more than predicted, enlarged so that they are seen.
+ * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen
+ */
+export function drawMisfits(context, { misfits = [] }, onScreen) {
+  for (const { place, shift: [east, north], length, significant } of misfits) {
+    if (!significant) continue;
+    const [x, y] = onScreen(place);
+    const [right, down] = [east, -north].map((value) => (value / length) * ARROW_PX);
+    halo(context, MISFIT, 2, () => {
+      context.arc(x, y, 5, 0, 7);
+      context.moveTo(x, y);
+      context.lineTo(x + right, y + down);
+    });
+    text(context, number(length, 1, "m"), [x + right + 6, y + down + 4], MISFIT);
   }
 }
 

@@ -8,6 +8,7 @@ import { send } from "./wire.js";
  * @typedef {object} Acts
  * @property {(ground: Pair) => void} goTo @property {() => void} remake
  * @property {(part: string) => void} leave
+ * @property {(ground: Pair) => void} ask goes to a place and asks about it
  */
 
 /**
@@ -20,7 +21,8 @@ export function mosaicSide(found, picked, status, acts) {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
       count: found.seams?.length ?? 0, when: (found.written ?? "").replace("T", " "),
     })),
-    ...stale(found, status, acts), ...place(picked, acts), ...editSide(found, picked),
+    ...stale(found, status, acts), ...place(picked, acts), ...misfits(found, acts),
+    ...editSide(found, picked),
     ...holes(found, acts),
     element("p", { class: "muted" }, word("mosaic.hint")),
   ];
@@ -82,9 +84,38 @@ function place(picked, { leave }) {
       element("button", { id: "mosaic-scene", onclick: scene }, word("mosaic.scene")),
       element("button", { id: "mosaic-queue", onclick: queue, disabled: !picked.points },
         word("mosaic.queue"))),
+    ...cause(picked),
     element("h3", {}, word("sight.title")),
     element("table", { class: "film-table" }, element("tr", {}, ...heads), ...seen),
   ];
+}
+
+/** What holds the photo near by. @param {PickedPlace} picked */
+function cause({ control = [], ties }) {
+  const rows = control.map(({ point, away, residual, state }) => element("tr", {},
+    element("td", { class: "name" }, point), element("td", {}, number(away, 0, "m")),
+    element("td", {}, residual === null ? "" : number(residual, 1, "px")),
+    element("td", { class: state === "dubious" ? "doubted" : "" }, word(`state.${state}`))));
+  const held = ties ? word("mosaic.ties.of", { count: ties.count, metres: number(ties.away, 0),
+    rms: number(ties.rms, 2), largest: number(ties.largest, 2) }) : word("mosaic.ties.none");
+  return [element("h3", {}, word("mosaic.cause")),
+    element("table", { class: "film-table", id: "mosaic-cause" }, ...rows),
+    element("p", { id: "mosaic-ties", class: "muted" }, held)];
+}
+
+/** Places that are off the reference, worst first. @param {Mosaic} found @param {Acts} acts */
+function misfits({ misfits: places = [] }, { ask }) {
+  if (!places.length) return [element("p", { class: "muted" }, word("mosaic.misfit.none"))];
+  const lines = places.map(({ place: ground, photo, length, sigma, predicted, significant }) =>
+    element("button", { class: "scan", "data-misfit": "", onclick: () => ask(ground),
+      title: word("mosaic.misfit.tip", { length: number(length, 2), sigma: number(sigma, 2),
+        predicted: number(predicted, 2) }) },
+    element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} `,
+      significant ? word("mosaic.misfit.sure") : ""),
+    element("span", { class: "muted" }, shortName(photo))));
+  const count = places.filter(({ significant }) => significant).length;
+  return [element("h3", {}, word("mosaic.misfit", { count })),
+    element("div", { class: "scans", id: "mosaic-misfits" }, ...lines)];
 }
 
 /** @param {Mosaic} found @param {Acts} acts */
