@@ -236,3 +236,29 @@ def test_without_a_mosaic_the_sheet_says_what_to_do__law(sit_at: Sit, desk: Any)
     assert page.locator("#mosaic-panes").is_hidden()
     page.keyboard.press("Shift+O")
     page.wait_for_selector("#mosaic", state="hidden")
+
+
+def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    open_mosaic(page)
+    first = page.locator("[data-misfit]").first
+    worst = page.evaluate("gruber.mosaicState().found.misfits[0]")
+    first.click()
+    page.wait_for_selector("#mosaic-cause")
+    view = page.evaluate("(({ picked }) => picked.place)(gruber.mosaicState())")
+    assert view[:2] == pytest.approx(worst["place"], abs=0.2)
+    assert page.get_attribute("#mosaic-photo", "title") == worst["photo"]
+    assert page.locator("#mosaic-cause tr").count() > 0
+    # By keys: the second place, then the queue at its photo's points.
+    second = page.locator("[data-misfit]").nth(1)
+    other = page.evaluate("gruber.mosaicState().found.misfits[1].photo")
+    second.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function("p => gruber.mosaicState().picked.photo === p", arg=other)
+    page.focus("#mosaic-queue")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#mosaic", state="hidden")
+    page.wait_for_function("photo => gruber.parts.queue.filter.photo === photo", arg=other)
+    assert not page.evaluate(VIOLATIONS)

@@ -12,6 +12,7 @@ from core.control.prediction import covariances_of
 from core.geometry.collinearity import rotations_from_increments
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.misfit_places import MisfitPlace
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.mosaic.seams import Seam
 from core.raster.grid import Grid
@@ -228,3 +229,35 @@ def test_a_place_nowhere_is_no_gesture__truth(place: list[object]) -> None:
     for kind in ("pick", "near"):
         message = {"kind": kind, "number": 1, "photo": WEST, "place": place}
         assert gesture_from_message("s", message) is None
+
+
+def test_places_of_misfit_are_told_worst_first__law(desk: DeskSnapshot) -> None:
+    east, north = middle_of(desk)
+    places = tuple(
+        MisfitPlace(east, north, EAST, (length, 0.0), 0.3, (0.3, 0.4), probability, 5, 90.0)
+        for length, probability in ((3.0, 0.99), (1.5, 0.2))
+    )
+    mosaic = desk.state.mosaic
+    assert mosaic is not None
+    shown = replace(desk, state=replace(desk.state, mosaic=replace(mosaic, misfit=places)))
+    told = mosaic_part(shown)["misfits"]
+    assert [one["significant"] for one in told] == [True, False]
+    assert told[0]["length"] == 3.0
+    assert told[0]["predicted"] == 0.5
+
+
+def test_a_place_leads_to_what_holds_its_photo__truth(desk: DeskSnapshot) -> None:
+    """The nearest measurements with their residuals, and the ties about it."""
+    east, north = middle_of(desk)
+    told = picked_part(MosaicPicked("s", east, north, 1), desk)
+    near = nearest_keys(desk, told["photo"], east, north)
+    assert [one["point"] for one in told["control"]] == [key[0] for _, key in near[:6]]
+    report = desk.state.report
+    for one, (_, key) in zip(told["control"], near, strict=False):
+        residual = report.residuals_px.get(key)
+        expected = None if residual is None else pytest.approx(np.hypot(*residual), abs=0.06)
+        assert one["residual"] == expected
+    ties, number = report.block.ties, report.block.ties.photo_ids.index(told["photo"])
+    in_use = (ties.photo == number) & np.isfinite(report.tie_residuals_px).all(axis=1)
+    assert told["ties"]["count"] == min(20, int(in_use.sum()))
+    assert told["ties"]["rms"] <= told["ties"]["largest"]

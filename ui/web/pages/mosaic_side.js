@@ -93,7 +93,7 @@ function place(picked, { leave }) {
 /** What holds the photo near by. @param {PickedPlace} picked */
 function cause({ control = [], ties }) {
   const rows = control.map(({ point, away, residual, state }) => element("tr", {},
-    element("td", { class: "name" }, point), element("td", {}, number(away, 0, "m")),
+    element("td", { class: "name", title: point }, point), element("td", {}, number(away, 0, "m")),
     element("td", {}, residual === null ? "" : number(residual, 1, "px")),
     element("td", { class: state === "dubious" ? "doubted" : "" }, word(`state.${state}`))));
   const held = ties ? word("mosaic.ties.of", { count: ties.count, metres: number(ties.away, 0),
@@ -111,7 +111,7 @@ function misfits({ misfits: places = [] }, { ask }) {
       title: word("mosaic.misfit.tip", { length: number(length, 2), sigma: number(sigma, 2),
         predicted: number(predicted, 2) }) },
     element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} `,
-      significant ? word("mosaic.misfit.sure") : ""),
+      word(significant ? "mosaic.misfit.sure" : "mosaic.misfit.unsure")),
     element("span", { class: "muted" }, shortName(photo))));
   const count = places.filter(({ significant }) => significant).length;
   return [element("h3", {}, word("mosaic.misfit", { count })),
