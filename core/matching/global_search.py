@@ -232,7 +232,7 @@ def turned(laid: Laid, kappa: float, scale: float) -> tuple[AngleField, Mask]:
     return np.asarray(field, np.complex64), mask
 
 
-def spectrum(values: Image, shape: tuple[int, int]) -> Complex64[np.ndarray, "rows half"]:
+def spectrum(values: Image, shape: tuple[int, int]) -> Complex64[np.ndarray, "_ _"]:
     """Fourier transform of real values, half of it, padded with noughts to a shape."""
     rows, columns = shape
     # Row by row first: those of the padding need no transform.
@@ -240,9 +240,7 @@ def spectrum(values: Image, shape: tuple[int, int]) -> Complex64[np.ndarray, "ro
     return np.asarray(fft.fft(along, rows, axis=0), np.complex64)
 
 
-def corner(
-    half: Complex64[np.ndarray, "rows half"], shape: tuple[int, int], reach: int
-) -> ScoreMap:
+def corner(half: Complex64[np.ndarray, "_ _"], shape: tuple[int, int], reach: int) -> ScoreMap:
     """The first rows and columns, so many of each, of what has this half of a transform."""
     rows: Any = fft.ifft(half, axis=0)
     values: Any = fft.irfft(rows[:reach], shape[1], axis=1)

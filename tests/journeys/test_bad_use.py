@@ -240,7 +240,7 @@ def limited(kind: str, size: int, *arguments: object) -> Told:
         (500_000, "orthos", "results/ortho/"),
         (90_000, "mosaic", "results/mosaic.tif"),
         (500_000, "mosaic", "results/mosaic.tif"),
-        (2_000, "report", "results/control_points.csv"),
+        (2_000, "report", ".gruber/products/misfit/"),
         (130_000, "report", "session.gpkg"),
         (200_000, "report", "results/report.html"),
     ],
