@@ -181,13 +181,14 @@ def parameter_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
     return [{name: getattr(one, name) for name in fields} for one in report.parameters]
 
 
-def histogram(values: Scalars) -> dict[str, Any]:
-    """Counts of coordinates in bars of equal width about nought, pixels."""
+def histogram(values: Scalars, unit: str = "px") -> dict[str, Any]:
+    """Counts of coordinates in bars of equal width about nought; RMS and reach in their unit."""
     rms = float(np.sqrt(np.mean(values**2)))
     reach = REACH * rms or 1.0
     edges = np.linspace(-reach, reach, BINS + 1)
     counts, _ = np.histogram(np.clip(values, -reach, reach), edges)
-    return {"count": len(values), "rms_px": rms, "reach_px": reach, "counts": counts.tolist()}
+    sizes = {f"rms_{unit}": rms, f"reach_{unit}": reach}
+    return {"count": len(values), **sizes, "counts": counts.tolist()}
 
 
 def _films(report: AdjustmentReport) -> Mapping[str, Any]:

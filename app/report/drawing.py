@@ -395,8 +395,9 @@ def tag(name: str, inner: str | Markup = "", **attributes: str | float) -> Marku
 
 def draw_histogram(figures: Figures, tell: Teller, unit: str = "px") -> Markup:
     """Residuals by size, and the normal curve of the same RMS."""
-    counts, reach = figures["counts"], figures["reach_px"]
-    expected = [_expected(figures, number) for number in range(len(counts))]
+    counts, rms, reach = figures["counts"], figures[f"rms_{unit}"], figures[f"reach_{unit}"]
+    bars = len(counts)
+    expected = [figures["count"] * _expected(rms / reach, bar, bars) for bar in range(bars)]
     most = max(*counts, *expected, 1)
     step = WIDE / len(counts)
     parts = [
@@ -423,15 +424,14 @@ def draw_histogram(figures: Figures, tell: Teller, unit: str = "px") -> Markup:
     return chart(parts, WIDE + 2 * EDGE, TALL + 34)
 
 
-def _expected(figures: Figures, number: int) -> float:
-    """Residuals that a normal distribution of this RMS has in a bar; tails in the outermost."""
-    bars, reach, rms = len(figures["counts"]), figures["reach_px"], figures["rms_px"]
+def _expected(rms: float, number: int, bars: int) -> float:
+    """Share of a normal distribution in a bar; tails in the outermost; RMS as a share of reach."""
     if not rms:
         return 0.0
-    low, high = (reach * (2 * (number + side) / bars - 1) / rms / sqrt(2) for side in (0, 1))
+    low, high = ((2 * (number + side) / bars - 1) / rms / sqrt(2) for side in (0, 1))
     below = -1.0 if number == 0 else erf(low)
     above = 1.0 if number == bars - 1 else erf(high)
-    return figures["count"] * (above - below) / 2
+    return (above - below) / 2
 
 
 def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:

@@ -11,8 +11,6 @@ from core.mosaic.misfit_places import SURE, Misfit, MisfitPlace
 from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
-LIKELY = 0.5
-"""Vectors of at least this probability are drawn and counted."""
 
 
 def misfit_figures(misfit: Misfit | None) -> Figures | None:
@@ -33,7 +31,7 @@ def misfit_figures(misfit: Misfit | None) -> Figures | None:
         "predicted_m": np.nanmedian(vectors.predicted_sigmas_m[found], axis=0).tolist()
         if np.isfinite(vectors.predicted[found]).any()
         else None,
-        "histogram": histogram(shifts.ravel()) if len(shifts) else None,
+        "histogram": histogram(shifts.ravel(), "m") if len(shifts) else None,
         "systematic": None
         if trend is None
         else {

@@ -17,6 +17,9 @@ SMALLEST_SHARE = 1e-9  # design: far above rounding, far below any measurement.
 """The least scale of residuals, as a share of the largest: an exact fit has none."""
 TINY = 1e-12  # design: only keeps a division from failing.
 """The least scale where all residuals are nought."""
+# source: 95 % efficiency on normal errors (Holland and Welsch 1977, table 1)
+CAUCHY_LIMIT = 2.385
+"""Usual limit of `cauchy_weights`, standard deviations."""
 SETTLED = 1e-7  # design: a solution changes less than its weights do.
 """Relative change of weights that is no more."""
 

@@ -169,8 +169,7 @@ class Level:
         field = angle_field(filled(patch.values, patch.mask), patch.mask)
         fast: Any = [fft.next_fast_len(side, real=True) for side in field.shape]
         self.shape: tuple[int, int] = (fast[0], fast[1])
-        self.east = spectrum(np.real(field), self.shape)
-        self.north = spectrum(np.imag(field), self.shape)
+        self.field = [spectrum(part(field), self.shape) for part in (np.real, np.imag)]
         self.energy = spectrum(np.abs(field) ** 2, self.shape)
 
     def peaks(self, kappa: float, scale: float, count: int) -> list[Turn]:
@@ -193,8 +192,8 @@ class Level:
     def similarity(self, template: AngleField, mask: Mask) -> ScoreMap:
         """Normalised correlation of doubled angles at every shift within the radius."""
         reach = 2 * self.radius_px + 1
-        product = self.east * np.conj(spectrum(np.real(template), self.shape))
-        product += self.north * np.conj(spectrum(np.imag(template), self.shape))
+        product = self.field[0] * np.conj(spectrum(np.real(template), self.shape))
+        product += self.field[1] * np.conj(spectrum(np.imag(template), self.shape))
         common = corner(product, self.shape, reach)
         covered = np.conj(spectrum(mask.astype(np.float32), self.shape))
         under = corner(self.energy * covered, self.shape, reach)

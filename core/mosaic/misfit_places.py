@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from core.arrays import Scalars
-from core.geometry.robust import cauchy_weights, robust_sigma, solve_robustly
+from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, robust_sigma, solve_robustly
 from core.mosaic.misfit import SEARCH_M, MisfitVectors, Vectors
 
 # design: several that agree, and as many as a photo has at a usual pixel.
@@ -38,8 +38,6 @@ TWO_SIGMAS = 2.0
 # design: some pages of a list; more would not be looked at.
 MOST = 40
 """Places told at most."""
-# source: 95 % efficiency of Cauchy weights on normal errors (Holland and Welsch 1977, table 1)
-CAUCHY_LIMIT = 2.385
 # design: they settle in ten.
 PASSES = 20
 # design: numerical safety.

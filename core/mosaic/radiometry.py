@@ -21,7 +21,7 @@ from core.arrays import Scalars
 from core.block import Photo
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
-from core.geometry.robust import cauchy_weights, solve_robustly
+from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, solve_robustly
 from core.mosaic.overview import Overview, common_cells
 from core.raster.grid import Grid
 
@@ -30,8 +30,6 @@ Unknowns = Float64[np.ndarray, "unknowns"]
 Gray = Float32[np.ndarray, "rows columns"]
 # design: so many unknowns
 OF_PHOTO, OF_CAMERA = 4, 2
-# source: Holland and Welsch 1977: 95 % efficiency at the normal distribution
-CAUCHY = 2.385
 # design: a quarter of a gray value of 8 bits, which are rounded to one
 SMALLEST_SCALE = 1e-3
 # design: loose: nearly half a stop of exposure; overlaps decide
@@ -295,7 +293,7 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
         return np.abs(apart) / _noise_gains(samples, unknowns)
 
     # Ground that changed between two photos is no noise: it loses all its weight.
-    weigh = partial(cauchy_weights, limit=CAUCHY)
+    weigh = partial(cauchy_weights, limit=CAUCHY_LIMIT)
     return solve_robustly(solve, lengths(), weigh, passes=ITERATIONS, least_scale=SMALLEST_SCALE)
 
 

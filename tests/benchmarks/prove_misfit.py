@@ -12,8 +12,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import rasterio
-from rasterio.features import rasterize
 
 from app.project import described, read_project
 from core.adjustment.influence import influence_of
@@ -21,22 +19,10 @@ from core.control.prediction import covariances_of
 from core.matching.reference import level_of, open_heights
 from core.mosaic.misfit import BlockErrors, measure_misfit
 from core.mosaic.misfit_places import MisfitPlace, judge_misfit
-from core.mosaic.seams import Seam
 from sessions.session import Session
+from tests.core.mosaic.displaced import displaced
 
 AWAY_M = ((3.0, 0.0), (-2.0, 2.0))
-
-
-def displaced(source: Path, target: Path, seam: Seam, away_m: tuple[float, float]) -> None:
-    """A copy of a mosaic in which one photo's part lies elsewhere."""
-    with rasterio.open(source) as file:
-        values, transform = file.read(1), file.transform
-        kept = {key: file.profile[key] for key in ("width", "height", "crs", "dtype", "nodata")}
-    inside = rasterize([seam.area], values.shape, transform=transform).astype(bool)
-    right, up = (round(metres / transform.a) for metres in away_m)
-    moved = np.roll(values, (-up, right), (0, 1))
-    with rasterio.open(target, "w", driver="GTiff", count=1, transform=transform, **kept) as file:
-        file.write(np.where(inside, moved, values), 1)
 
 
 def significant(places: tuple[MisfitPlace, ...]) -> list[str]:
@@ -49,8 +35,9 @@ def spoil(folder: Path) -> tuple[int, int, int, int, int]:
     given = described(read_project(folder))
     with Session.open(folder, "benchmark") as session:
         report = session.products.latest_value("adjustment")
-        seams = session.products.latest_value("mosaic").seams
-    files, mosaic = given.reference, folder / "results/mosaic.tif"
+        product = session.products.latest_value("mosaic")
+    files, mosaic, seams = given.reference, folder / "results/mosaic.tif", product.seams
+    gsd = product.grid.ground_sample_distance_m
     influence = influence_of(report, given.adjustment)
     assert influence is not None
     errors = BlockErrors(
@@ -66,7 +53,8 @@ def spoil(folder: Path) -> tuple[int, int, int, int, int]:
         spoilt = Path(scratch) / "mosaic.tif"
         for seam in seams:
             for away in AWAY_M:
-                displaced(mosaic, spoilt, seam, away)
+                east, north = (round(metres / gsd) for metres in away)
+                displaced(mosaic, spoilt, seam, (east, north))
                 places = judge_misfit(measure_misfit(spoilt, files.ortho, seams, errors)).places
                 names = significant(places)
                 cases += 1

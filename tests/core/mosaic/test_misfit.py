@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import rasterio
-from rasterio.features import rasterize
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.influence import influence_of
@@ -14,6 +12,7 @@ from core.mosaic.comparison import ComparisonOptions, compare_orthos
 from core.mosaic.misfit import BlockErrors, MisfitVectors, measure_misfit, photos_shown
 from core.mosaic.misfit_places import NEIGHBOUR_SIZES, judge_misfit
 from sessions.session import Session
+from tests.core.mosaic.displaced import displaced
 
 SIDE = 12
 """Places along either side of a made block."""
@@ -124,18 +123,6 @@ def run(tiny_run):
     return tiny_run, seams, errors
 
 
-def shifted(source, target, area, pixels):
-    """A copy of a mosaic that shows an area so many pixels (right, down) off."""
-    with rasterio.open(source) as file:
-        values, transform = file.read(1), file.transform
-        kept = {key: file.profile[key] for key in ("width", "height", "crs", "dtype", "nodata")}
-    inside = rasterize([area], values.shape, transform=transform).astype(bool)
-    moved = np.roll(values, (pixels[1], pixels[0]), (0, 1))
-    with rasterio.open(target, "w", driver="GTiff", count=1, transform=transform, **kept) as file:
-        file.write(np.where(inside, moved, values), 1)
-    return target
-
-
 def test_vectors_are_as_right_as_they_say__truth(run):
     """Where the mosaic truly lies is told by the archival ortho, which a present one is not."""
     tiny, seams, errors = run
@@ -164,7 +151,7 @@ def test_a_photo_three_metres_off_is_the_worst_place__truth(run, tmp_path):
     sound = judge_misfit(measure_misfit(mosaic, sheets, seams, errors))
     assert not any(place.significant for place in sound.places)
     seam = next(one for one in seams if one.photo_id.endswith("543"))
-    spoilt = shifted(mosaic, tmp_path / "spoilt.tif", seam.area, (3, 0))
+    spoilt = displaced(mosaic, tmp_path / "spoilt.tif", seam, (3, 0))
     worst = judge_misfit(measure_misfit(spoilt, sheets, seams, errors)).places[0]
     assert worst.significant
     assert worst.photo_id == seam.photo_id
