@@ -8,6 +8,7 @@ from typing import Any
 from markupsafe import Markup
 from shapely.geometry import Polygon
 
+from ui.review.scene import short_names
 from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
@@ -364,12 +365,6 @@ def _vector_bar(sheet: _Sheet, enlarged: float, tell: Teller) -> Markup:
             ),
         ]
     )
-
-
-def short_names(names: list[str]) -> dict[str, str]:
-    """The last part of each name where that tells them apart."""
-    short = {name: name.replace("_", ".").split(".")[-1] for name in names}
-    return short if len(set(short.values())) == len(names) else {name: name for name in names}
 
 
 def _round_down(value: float) -> float:

@@ -33,7 +33,6 @@ from app.report.drawing import (
     draw_symbols,
     draw_trend,
     longest_mean,
-    short_names,
 )
 from app.report.misfit import misfit_shown
 from app.report.model import ReportContent, gather
@@ -51,6 +50,7 @@ from app.report.wording import (
 from core.quality.check_points import STANDARD_LEAST
 from core.said import Said
 from sessions.atomic_write import whole_file
+from ui.review.scene import short_names
 from ui.words.catalogue import Teller
 
 THUMBNAIL_PX = 1400

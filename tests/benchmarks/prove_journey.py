@@ -1,6 +1,7 @@
 """A real block from an empty folder to its report, in a browser, without terminal or editor.
 
 Run: python -m tests.benchmarks.prove_journey vovcha|ngi --pictures FOLDER [--data FOLDER]
+[--block FOLDER]
 
 Files are dropped on the start page as a hand drops them, the form is filled in, the block is run,
 ten points are judged by what the desk says of them, and the report is opened. Printed: clicks,
@@ -20,6 +21,7 @@ from playwright.sync_api import Page, expect
 
 from sessions.session import Session
 from tests.benchmarks.desk_browser import browser
+from tests.browser.hands import gone_on
 from tests.journeys.copies import reviewing
 from tests.real.blocks import write_blurred_positions
 
@@ -108,7 +110,6 @@ def ngi_files(data: Path, folder: Path) -> list[Path]:
 
 
 def fill_vovcha(hand: Hand, data: Path) -> None:
-    hand.type("#field-block-crs", "EPSG:26918")
     hand.type("#field-camera-film-principal_distance_mm", "151.92")
     hand.type("#field-camera-film-frame_mm", "180, 180")
     hand.type("#field-camera-film-fiducials_mm", "1 -84 84\n2 84 84\n3 84 -84\n4 -84 -84")
@@ -144,7 +145,7 @@ def judge(hand: Hand) -> None:
             "[gruber.parts.point.key.join('|'), gruber.parts.point.figures.ratio]"
         )
         hand.press("n" if (ratio or 0) > DOUBTED_SIGMA else "y")
-        page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=key)
+        gone_on(page, key)
     page.wait_for_function("!gruber.parts.status.adjusting")
 
 
@@ -186,10 +187,10 @@ def end(hand: Hand) -> str:
     return hand.page.locator("table").first.inner_text()
 
 
-def journey(name: str, data: Path, pictures: Path) -> int:
+def journey(name: str, data: Path, pictures: Path, kept_in: Path | None) -> int:
     """The whole way; the number of decisions that came into the session."""
     with tempfile.TemporaryDirectory() as made, browser() as chromium:
-        folder, source = Path(made) / name, Path(made) / "source"
+        folder, source = kept_in or Path(made) / name, Path(made) / "source"
         folder.mkdir()
         source.mkdir()
         with reviewing(folder) as url:
@@ -214,12 +215,13 @@ def journey(name: str, data: Path, pictures: Path) -> int:
 def main() -> None:
     """One block; ends with an error where a decision did not come into the session."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("block", choices=sorted(BLOCKS))
+    parser.add_argument("name", choices=sorted(BLOCKS))
     parser.add_argument("--pictures", type=Path, required=True)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--block", type=Path, help="a folder to be made; stays afterwards")
     given = parser.parse_args()
     given.pictures.mkdir(parents=True, exist_ok=True)
-    if journey(given.block, given.data, given.pictures) != JUDGED:
+    if journey(given.name, given.data, given.pictures, given.block) != JUDGED:
         sys.exit("not every verdict came into the session")
 
 

@@ -49,10 +49,12 @@ test("what the engine said is told in the language of the page__truth", () => {
   start.messages = {};
 });
 
-test("scan names lose what all begin with, never in the middle of a number__truth", () => {
+test("scan names lose what all begin or end with, never in the middle of a number__truth", () => {
   learnNames(["block_1938_0114", "block_1938_0115", "block_1938_0120"]);
   assert.equal(shortName("block_1938_0114"), "0114");
   assert.equal(shortName("other"), "other");
+  learnNames(["2015_06_0253_RGB", "2015_05_0182_RGB"]);
+  assert.equal(shortName("2015_06_0253_RGB"), "06_0253");
 });
 
 test("a single name is not shortened, nor are names with little in common__truth", () => {

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import takewhile
+from string import ascii_letters, digits
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -193,13 +194,18 @@ def exaggerate_heights(points: Points, level_m: float, relief: float) -> Points:
 
 
 def short_names(names: Sequence[str]) -> dict[str, str]:
-    """Names without the words that all begin with; the same that the pages leave out."""
+    """Names without what all begin or end with; the same that the pages leave out."""
+    before = _shared_start(names)
+    after = _shared_start([name[: before - 1 if before else None : -1] for name in names])
+    return {name: name[before : len(name) - after] for name in names}
+
+
+def _shared_start(names: Sequence[str]) -> int:
+    """So many letters all begin with, up to a sign between words."""
     first, last = min(names, default=""), max(names, default="")
     alike = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
     shared = "".join(letter for letter, _ in alike) if len(names) > 1 else ""
-    while shared and shared[-1].isalnum():
-        shared = shared[:-1]
-    return {name: name[len(shared) :] for name in names}
+    return len(shared.rstrip(ascii_letters + digits))
 
 
 class Footprints:

@@ -84,6 +84,10 @@ def test_the_picture_is_in_the_local_frame__law(state):
 def test_photos_are_named_without_what_all_share__truth():
     names = ["LMSA08.1938.SYNT25.00515", "LMSA08.1938.SYNT25.00543"]
     assert list(short_names(names).values()) == ["00515", "00543"]
+    assert list(short_names(["2015_06_0253_RGB", "2015_05_0182_RGB"]).values()) == [
+        "06_0253",
+        "05_0182",
+    ]
     assert short_names(["a.1"]) == {"a.1": "a.1"}
     assert short_names(["left", "right"]) == {"left": "left", "right": "right"}
 

@@ -5,7 +5,7 @@ import { SHAPES } from "./icons.js";
 export const start = /** @type {any} */ ({
   words: {}, messages: {}, keys: [], palette: { states: {} }, photos: [],
 });
-const state = { prefix: "", halves: /** @type {number[] | null} */ (null) };
+const state = { prefix: "", suffix: "", halves: /** @type {number[] | null} */ (null) };
 const NUMERAL = /^[+\-\u2212]?\d+(?:\.\d+)?$/;
 const PLACE = /\{(\w+)(?::([^{}]*))?\}/g;
 const COORDINATES = /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/;
@@ -213,24 +213,34 @@ export const roleGlyph = (role, size = 13) =>
   glyph(role, role === "check" ? `var(--check, ${start.palette.check})` : "var(--muted)", size);
 
 /**
- * Scan names share a long beginning as a rule: it is left out in narrow places.
+ * Scan names share a long beginning, and some an end: both are left out in narrow places.
  * @param {string[]} names
  */
 export function learnNames(names) {
-  state.prefix = "";
-  if (names.length < 2) return;
+  state.prefix = sharedStart(names);
+  state.suffix = turned(sharedStart(names.map((name) => turned(name.slice(state.prefix.length)))));
+}
+
+/** What all begin with, up to a sign between words; nothing where that is hardly shorter.
+ * @param {string[]} names */
+function sharedStart(names) {
+  if (names.length < 2) return "";
   let length = 0;
   while (names.every((name) => length < name.length && name[length] === names[0][length])) {
     length += 1;
   }
   while (length && /[0-9A-Za-z]/.test(names[0][length - 1])) length -= 1;
-  state.prefix = names[0].slice(0, length);
+  return length > 2 ? names[0].slice(0, length) : "";
 }
+
+/** @param {string} text */
+const turned = (text) => [...text].reverse().join("");
 
 /** @param {string} name */
 export function shortName(name) {
-  const { prefix } = state;
-  return prefix.length > 2 && name.startsWith(prefix) ? name.slice(prefix.length) : name;
+  const { prefix, suffix } = state;
+  return name.startsWith(prefix) && name.endsWith(suffix)
+    ? name.slice(prefix.length, name.length - suffix.length) : name;
 }
 
 /**
