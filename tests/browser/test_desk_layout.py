@@ -55,6 +55,8 @@ def test_nothing_is_cut_off_at_any_width__law(sit, language):
     page.wait_for_function(
         "w => !document.querySelector('#trial .figure').textContent.includes(w)", arg=wait
     )
+    page.keyboard.press("t")  # Its slider needs room as well.
+    page.wait_for_selector("#rate")
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         for mode in ("side", "swipe", "blend"):

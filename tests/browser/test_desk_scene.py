@@ -82,3 +82,18 @@ def test_the_inset_has_only_what_fits__law(sit):
     page.wait_for_selector('[data-relief="5"].on')
     # Others keep what they chose.
     assert sit(scene=False).evaluate("gruber.parts.scene.relief") == 1
+
+
+def test_the_scene_says_that_it_loads_and_stands_on_the_pages_ground__law(sit):
+    page = sit()
+    scene = scene_of(page)
+    page.wait_for_selector("#scene-wait", state="hidden")
+    behind = "getComputedStyle(document.querySelector('canvas[data-engine]')).backgroundColor"
+    dark = scene.evaluate(behind)
+    page.click('[data-act="theme"]')
+    scene.wait_for_function(f"dark => {behind} !== dark", arg=dark)
+    ground = "getComputedStyle(document.documentElement).getPropertyValue('--scene')"
+    red, green, blue = (int(page.evaluate(ground)[at : at + 2], 16) for at in (1, 3, 5))
+    assert scene.evaluate(behind) == f"rgb({red}, {green}, {blue})"
+    scene.evaluate("window.__viserMutable.nodeRefFromName = {}")
+    page.wait_for_selector("#scene-wait:has-text('Loading')")

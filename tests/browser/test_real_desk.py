@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import re
 import subprocess
 import sys
@@ -116,6 +117,11 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     page.wait_for_selector(REMADE)
     page.wait_for_function("gruber.parts.status.stale.length === 0 && gruber.parts.status.written")
     assert mosaic.stat().st_mtime_ns > wrong
+    report = json.loads((real_desk.results / "report.json").read_text(encoding="utf-8"))
+    assert report["written"]["operator"] == "anna"
+    for stage in ("scans", "control", "adjustment"):
+        assert report["provenance"][f"digest of {stage}"]
+        assert report["timings_s"][stage] > 0
     name, scan = point.split("|")
     with (real_desk.results / "control_points.csv").open(encoding="utf-8") as file:
         rows = {(row["point_id"], row["scan"]): row for row in csv.DictReader(file)}

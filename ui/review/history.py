@@ -169,7 +169,7 @@ def gives_reason(before: Decision, now: Decision) -> bool:
     return (before.point_id, before.photo_id) == (now.point_id, now.photo_id)
 
 
-def _detail(decision: Decision) -> tuple[str, dict[str, str]]:
+def _detail(decision: Decision) -> tuple[str, dict[str, str | int]]:
     """What was decided in more detail: key of a text and its values; no key where there is none."""
     match decision:
         case Reject(reason=reason):
@@ -183,9 +183,9 @@ def _detail(decision: Decision) -> tuple[str, dict[str, str]]:
         case BringPoints(source=source):
             return ("detail.list", {"file": source}) if source else ("detail.typed", {})
         case PlacePhoto(pairs=pairs):
-            return "detail.pairs", {"count": str(len(pairs))}
+            return "detail.pairs", {"count": len(pairs)}
         case AddPoint(measured=found) | FillMarks(found=found):
-            return "detail.scans", {"count": str(len(found))}
+            return "detail.scans", {"count": len(found)}
         case _:
             return "", {}
 

@@ -31,7 +31,7 @@ from ui.review.history import (
     with_adjustment,
 )
 from ui.review.state import NO_EXTRA
-from ui.words.catalogue import words
+from ui.words.catalogue import Teller
 
 KEY = ("J101", "a")
 LISTED = ListedPoint("J101", 0.0, 0.0, 0.0, (0.1, 0.1, 0.1))
@@ -78,7 +78,7 @@ def test_a_withdrawn_decision_says_by_whom__law():
 )
 def test_details_read_as_they_were_decided__truth(decision, detail):
     text, values = history_of(KEY, said(decision), NO_EXTRA)[0]["detail"]
-    assert (words()[text].format(**values) if text else "") == detail
+    assert (Teller()(text, **values) if text else "") == detail
 
 
 def test_a_rejection_and_its_reason_are_one_line__law():

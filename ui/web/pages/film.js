@@ -66,7 +66,7 @@ function drawing(marks, [width, height], longest) {
     svg("rect", { ...outline, "stroke-width": 0.25 * unit }),
     ...marks.map((mark) => vector(mark, longer, unit)),
     svg("line", { ...scale, "stroke-width": 0.7 * unit }),
-    svg("text", { ...legend, "font-size": 3.4 * unit, class: "legend" }, `${step} \u00b5m`));
+    svg("text", { ...legend, "font-size": 4.4 * unit, class: "legend" }, `${step} \u00b5m`));
 }
 
 /** @param {FilmMark} mark @param {number} longer @param {number} unit */
@@ -89,7 +89,7 @@ function vector(mark, longer, unit) {
   const words = numbers(vectorOf(mark), 1);
   // Inside the frame, where no line runs.
   const label = {
-    x: x + (x > unit ? -3 : 3) * unit, y: y + (y > 0 ? -4 : 6.5) * unit, "font-size": 3.4 * unit,
+    x: x + (x > unit ? -3 : 3) * unit, y: y + (y > 0 ? -4 : 6.5) * unit, "font-size": 4.4 * unit,
     "text-anchor": x > unit ? "end" : "start", class: "legend",
   };
   return svg("g", {}, ...parts, svg("title", {}, `${name}: ${words} \u00b5m`),
