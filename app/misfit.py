@@ -12,7 +12,7 @@ from core.matching.reference import ReferenceFiles
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.misfit import BlockErrors, measure_misfit
 from core.mosaic.misfit_places import Misfit, judge_misfit
-from core.progress import Progress
+from core.progress import Work
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput
@@ -30,7 +30,7 @@ def make_misfit(
     mosaic: MosaicProduct,
     report: AdjustmentReport,
     dem: Dem,
-    progress: Progress,
+    work: Work,
     *,
     anew: bool = False,
 ) -> Misfit | None:
@@ -42,7 +42,7 @@ def make_misfit(
         mosaic: The mosaic, on disk.
         report: The adjusted block, which predicts the misfit.
         dem: Heights.
-        progress: Told per tile; may raise `Cancelled`.
+        work: Runs tiles side by side and is told of each; may raise `Cancelled`.
         anew: Compare again.
 
     Returns:
@@ -64,7 +64,7 @@ def make_misfit(
                 mosaic.seams,
                 _errors(given, report, dem),
                 orientation,
-                progress,
+                work,
             )
         )
         products.save_value(PRODUCT, digest, misfit)

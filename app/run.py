@@ -360,8 +360,9 @@ class Run:
         """What the report tells; the mosaic is compared with the reference for it."""
         mosaic, files = made(self.results.mosaic), self.given.reference
         anew = self.anew("report")
+        work = Work(progress, self.threads.map)
         misfit = make_misfit(
-            self.session, self.given, mosaic, self.adjusted, self.dem(), progress, anew=anew
+            self.session, self.given, mosaic, self.adjusted, self.dem(), work, anew=anew
         )
         return ReportContent(
             name=self.project.block.name,

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, cast
@@ -407,7 +408,8 @@ class OrthoMaker:
                 make_sheets(session, self.project, mosaic, Part(progress, 0.91, 0.95))
             walk = Run(self.project, session, JsonLines(io.StringIO()), RunOptions(workers=1))
             walk.stand_in(report, mosaic, change)
-            write_all(session, walk.content(Part(progress, 0.95, 1.0)), self.reference.dem)
+            with closing(walk.threads):
+                write_all(session, walk.content(Part(progress, 0.95, 1.0)), self.reference.dem)
             decisions = session.changing()
             products = session.products
             products.save_value("adjustment", products.digest_of("desk", decisions), report)

@@ -210,15 +210,15 @@ def _hoods(positions: Vectors, patch_m: float, count: int) -> Iterator[np.ndarra
         return
     # design: time; four in five of those nearby may have pixels in common.
     _, near = KDTree(positions).query(positions, k=min(5 * count, len(positions)))
-    for row in np.asarray(near).tolist():
-        hood: list[int] = []
-        for one in row:
-            apart = np.abs(positions[hood] - positions[one]).max(axis=1)
-            if not hood or (apart >= patch_m).all():
-                hood.append(one)
-            if len(hood) == count:
-                yield np.array(hood)
-                break
+    for row in np.asarray(near):
+        places = positions[row]
+        apart = np.abs(places[:, None] - places).max(axis=2) >= patch_m
+        free, hood = np.ones(len(row), dtype=bool), list[int]()
+        while len(hood) < count and free.any():
+            hood.append(int(np.argmax(free)))
+            free &= apart[hood[-1]]
+        if len(hood) == count:
+            yield row[hood]
 
 
 def _weigh(vectors: MisfitVectors, near: np.ndarray, scatter: Scalars, places: float) -> _Hood:
@@ -231,25 +231,27 @@ def _weigh(vectors: MisfitVectors, near: np.ndarray, scatter: Scalars, places: f
         places: Independent neighbourhoods in the block, of which one is off beforehand.
     """
     line = np.linspace(-SEARCH_M, SEARCH_M, STEPS)
-    grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     area = (2 * SEARCH_M) ** 2
-    step2 = area / len(grid)
+    step2 = area / STEPS**2
     # A density cannot be told more finely than the steps it is summed in.
-    spread = np.maximum(scatter, np.sqrt(step2) / 2)
-    away = (line[:, None, None] - vectors.shifts_m[near]) / spread[:, None]
-    along = np.exp(-0.5 * away**2) / (np.sqrt(2 * np.pi) * spread[:, None])
-    density = along[:, None, :, 0] * along[None, :, :, 1]
+    spread = np.maximum(scatter, np.sqrt(step2) / 2)[:, None, None]
+    away = (line - vectors.shifts_m[near][:, :, None]) / spread
+    along = np.exp(-0.5 * away**2) / (np.sqrt(2 * np.pi) * spread)
     right = np.minimum(vectors.probabilities[near], MOST_SURE)
     wrong = (1 - right) / area
-    mass = np.prod(wrong + right * density, axis=2).ravel()
-    predicted = vectors.predicted[near[0]] + step2 / 4 * np.eye(2)
-    about = np.exp(-0.5 * np.einsum("ni,ij,nj->n", grid, np.linalg.inv(predicted), grid))
+    mass = np.ones((STEPS, STEPS))
+    for (east, north), sure, astray in zip(along, right, wrong, strict=True):
+        mass *= astray + np.outer(sure * east, north)
+    (xx, xy), (_, yy) = np.linalg.inv(vectors.predicted[near[0]] + step2 / 4 * np.eye(2))
+    squares = xx * line[:, None] ** 2 + 2 * xy * np.outer(line, line) + yy * line**2
+    about = np.exp(-0.5 * squares)
     # The others are as predicted, or show nothing that lasts.
-    free, held, none = mass.mean() / places, mass @ about / about.sum() / 2, np.prod(wrong) / 2
+    free, held = mass.mean() / places, (mass * about).sum() / about.sum() / 2
+    none = np.prod(wrong) / 2
     shares = np.array([free, held, none]) / (free + held + none)
-    mass /= mass.sum()
-    shift = mass @ grid
-    sigma = float(np.sqrt(mass @ np.sum((grid - shift) ** 2, axis=1) / 2))
+    along_axes = np.stack([mass.sum(axis=1), mass.sum(axis=0)]) / mass.sum()
+    shift = along_axes @ line
+    sigma = float(np.sqrt(max((along_axes @ line**2 - shift**2).sum(), 0.0) / 2))
     return _Hood(int(near[0]), shift[None], sigma, float(shares[0]), 1 - float(shares[2]))
 
 
