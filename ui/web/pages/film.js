@@ -87,9 +87,10 @@ function vector(mark, longer, unit) {
     parts.push(svg("path", { d: `M${one}L${ex} ${ey}L${other}`, ...head }));
   }
   const words = numbers(vectorOf(mark), 1);
-  // Inside the frame, where no line runs.
+  // Inside the frame, where no line runs; beside the frame's sides, where no arrow goes.
+  const above = Math.abs(x) > 1.2 * Math.abs(y) ? ey > y : y > 0;
   const label = {
-    x: x + (x > unit ? -3 : 3) * unit, y: y + (y > 0 ? -4 : 6.5) * unit, "font-size": 4.4 * unit,
+    x: x + (x > unit ? -3 : 3) * unit, y: y + (above ? -4 : 6.5) * unit, "font-size": 4.4 * unit,
     "text-anchor": x > unit ? "end" : "start", class: "legend",
   };
   return svg("g", {}, ...parts, svg("title", {}, `${name}: ${words} \u00b5m`),

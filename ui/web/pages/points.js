@@ -99,9 +99,11 @@ function draw() {
 }
 
 function chooser() {
-  const input = element("input", { type: "file", id: "points-file", multiple: true,
+  // A browser's own button speaks the browser's language, and knows of no file that was dropped.
+  const input = element("input", { type: "file", id: "points-file", multiple: true, hidden: true,
     onchange: (/** @type {any} */ { target }) => target.files[0] && take([...target.files]) });
-  return element("p", {}, element("label", { for: "points-file" }, word("points.file")), " ", input,
+  return element("p", {}, word("points.file"), " ", input,
+    element("button", { id: "points-choose", onclick: () => input.click() }, word("points.choose")),
     state.name ? element("b", {}, ` ${state.name}`) : null);
 }
 
