@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
+import { scaleBar } from "../../ui/web/pages/overlay.js";
 import {
   View, afterPause, inverse, letterOf, mapped, roundLength, scaleOf,
 } from "../../ui/web/pages/view.js";
@@ -109,4 +110,15 @@ test("a scale bar fits and fills at least two fifths of its room__law", () => {
     const share = roundLength(most) / most;
     assert.ok(share <= 1 + 1e-9 && share > 0.4 - 1e-9, `${most}`);
   }
+});
+
+test("a picture zoomed far out is not enlarged nought times__truth", () => {
+  const told = [];
+  const context = new Proxy({}, {
+    get: (_, name) => name === "fillText" ? (words) => told.push(words) : () => ({ width: 60 }),
+    set: () => true,
+  });
+  for (const scale of [2, 0.3, 0.04, 0.0002]) scaleBar(context, [400, 300], scale, 1);
+  assert.deepEqual(told.map((words) => words.split("  ").at(-1)),
+    ["2.0\u00d7", "0.3\u00d7", "0.04\u00d7", "0.0002\u00d7"]);
 });

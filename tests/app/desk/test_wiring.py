@@ -39,6 +39,9 @@ def test_a_page_is_told_what_it_needs_once__law(inputs):
     assert start["lattice"]["levels"] > 1
     # Scan pixels are 1.18 m on the ground, the ortho's 0.5 m: tiles are as fine as the finer.
     assert start["lattice"]["pixel"] == pytest.approx(0.5, rel=0.01)
+    # What is fitted into a pane is the ortho, without the rest of its last tile.
+    west, south, east, north = inputs.ortho.bounds
+    assert (start["lattice"]["width"], start["lattice"]["height"]) == (east - west, north - south)
     assert (start["results"], start["free"]) == (False, False)
 
 

@@ -120,7 +120,9 @@ export function scaleBar(context, [width, height], scale, pixel) {
     context.lineTo(right, bottom - 4);
   });
   const times = scale * pixel;
-  const words = `${metres} m  \u00b7  ${number(times, times < 0.1 ? 3 : 1)}\u00d7`;
+  // However far it is zoomed out, one figure tells how far.
+  const digits = Math.max(1, Math.ceil(-Math.log10(times)));
+  const words = `${metres} m  \u00b7  ${number(times, digits)}\u00d7`;
   context.font = "12px Inter, sans-serif";
   const from = Math.min(left, right - context.measureText(words).width);
   text(context, words, [from, bottom - 8], "#ffffff");
