@@ -12,10 +12,11 @@ from app.height_checks import doubts_after
 from app.misfit import make_misfit
 from app.mosaic import make_change, make_mosaic
 from app.project import Project, described
+from app.report.checked import REMARK_COLUMNS, REMARKS, remark_rows
 from app.report.model import ReportContent, written_now
 from app.report.page import write_report
 from app.report.protocol import write_protocol
-from app.report.tables import write_fiducials, write_results
+from app.report.tables import write_fiducials, write_results, write_table
 from app.report.wording import remarks
 from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
@@ -50,6 +51,7 @@ from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
 from sessions.checks import version_on_disk
+from sessions.remarks import standing_faults
 from sessions.scan_decisions import Films, judged_scans, said_of_scans, standing_masks, with_clicks
 from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
@@ -466,7 +468,9 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     write_results(session.results, content.report)
     ahead = influence_of(content.report, content.adjustment, terrain=terrain_of(dem))
     write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
-    session.write_layers(block, content.report, outlines, content.misfit)
+    faults = standing_faults(content.decisions)
+    write_table(session.results / REMARKS, REMARK_COLUMNS, remark_rows(content.decisions))
+    session.write_layers(block, content.report, outlines, content.misfit, faults)
     write_report(session.results, replace(content, footprints=outlines, influence=ahead))
     west, south, east, north = shapely.total_bounds(list(outlines.values())).tolist()
     with whole_file(session.results / QGIS_PROJECT) as temporary:

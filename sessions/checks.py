@@ -22,6 +22,7 @@ from sessions.decisions import (
     standing,
 )
 from sessions.products import Products, digest_of
+from sessions.remarks import is_of_a_fault
 
 DIGEST_SIGNS = 16
 """So much of a digest tells plans apart."""
@@ -197,7 +198,7 @@ def judged_parts(
     readings = [
         item.decision_id
         for item in standing(decisions)
-        if isinstance(item.decision, PlanChecks | ReadCheck)
+        if isinstance(item.decision, PlanChecks | ReadCheck) or is_of_a_fault(item.decision)
     ]
     values = block, _orientation_of(report), mosaic, readings, RULES
     return {

@@ -291,6 +291,34 @@ class SignBlock:
     """Digest of each part that was judged."""
 
 
+Subject = Literal["place", "photo", "point", "decision"]
+"""What words are about: a place of the mosaic, a photo, a point, or an earlier decision."""
+SUBJECTS: tuple[Subject, ...] = get_args(Subject)
+FaultKind = Literal["double", "smear", "cloud", "cut", "tone", "shift", "other"]
+"""What is wrong at a place: seen twice, smeared, clouded, cut by a seam, toned, displaced."""
+FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Free words about something; with a kind they mark a fault, about a fault they answer it."""
+
+    subject: Subject
+    """What they are about."""
+    name: str
+    """The photo, the point, or the number of the decision; empty for a place."""
+    words: str
+    """What is said."""
+    place: tuple[float, float] | None = None
+    """Easting and northing of a place, metres."""
+    fault: FaultKind | Literal[""] = ""
+    """What is wrong there; empty where nothing is."""
+    assigned: str = ""
+    """Who is asked to mend the fault; empty says nothing of it."""
+    closes: bool | None = None
+    """Of an answer: the fault is mended, or is open again; None says nothing of it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Withdraw:
     """An earlier decision no longer stands; withdrawing a withdrawal is redo."""
@@ -309,7 +337,7 @@ ScanDecision = DrawMask | PlacePhoto
 """A decision about a whole scan: its mask, or where it lies."""
 SeamDecision = SeamEdit
 """A decision about the mosaic: a seam along a line, or the photo of a polygon."""
-JudgingDecision = PlanChecks | ReadCheck | SignBlock
+JudgingDecision = PlanChecks | ReadCheck | SignBlock | Remark
 """A decision that judges the block and changes nothing of it."""
 Decision = (
     PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | ScanDecision

@@ -18,6 +18,7 @@ from core.block import Block, Measurement, Status
 from core.geometry.crs import read_crs
 from core.geometry.drawn_mask import outlines
 from core.mosaic.misfit_places import Misfit
+from sessions.remarks import Fault
 from sessions.store import Store, Transaction
 
 CUSTOM_SRS_ID = 100_000
@@ -127,6 +128,15 @@ MISFIT = Layer(
     | dict.fromkeys(("probability", "scale"), "DOUBLE"),
 )
 
+FAULTS = Layer(
+    "faults",
+    "Faults of the mosaic that people marked, with what was answered",
+    "POINT",
+    False,
+    {"number": "INTEGER", "is_open": "BOOLEAN"}
+    | dict.fromkeys(("fault", "words", "who", "when", "assigned", "answers"), "TEXT"),
+)
+
 
 def write_layers(
     store: Store,
@@ -134,6 +144,7 @@ def write_layers(
     report: AdjustmentReport,
     footprints: Mapping[str, shapely.Polygon],
     misfit: Misfit | None = None,
+    faults: Sequence[Fault] = (),
 ) -> None:
     """Replace all layers in one transaction; the decisions are not touched.
 
@@ -143,6 +154,7 @@ def write_layers(
         report: The adjustment of the block.
         footprints: Ground polygon of each photo in the block's CRS.
         misfit: Of the mosaic; its layer is empty without one.
+        faults: That were marked in the mosaic.
     """
     made = (
         (PHOTOS, list(_photos(block, report))),
@@ -153,6 +165,7 @@ def write_layers(
         (RESIDUAL_VECTORS, list(_residual_vectors(block, report))),
         (MASKS, list(_masks(block, report))),
         (MISFIT, list(_misfit(misfit))),
+        (FAULTS, list(_faults(faults))),
     )
     with store.writing() as transaction:
         srs_id = register_crs(transaction, block.crs)
@@ -287,6 +300,14 @@ def _misfit(misfit: Misfit | None) -> Iterable[Feature]:
         line = shapely.LineString([start, start + MISFIT_SCALE * shift])
         told = (float(vectors.sigmas_m[row]), *predicted, float(vectors.probabilities[row]))
         yield line, (vectors.photo_ids[row], *shift, *told, MISFIT_SCALE)
+
+
+def _faults(faults: Sequence[Fault]) -> Iterable[Feature]:
+    for one in faults:
+        item, said = one.recorded, one.said
+        answers = "; ".join(f"{who.who}: {answer.words}" for who, answer in one.answers)
+        told = said.fault, said.words, item.who, item.when, one.assigned, answers
+        yield shapely.Point(said.place or (0, 0)), (item.decision_id, one.is_open, *told)
 
 
 def _on_ground(

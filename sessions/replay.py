@@ -44,6 +44,7 @@ from sessions.decisions import (
     ReadCheck,
     Recorded,
     Reject,
+    Remark,
     ScanDecision,
     SeamDecision,
     SetRole,
@@ -117,6 +118,7 @@ def replay(
                 | PlanChecks()
                 | ReadCheck()
                 | SignBlock()
+                | Remark()
                 | SeamLine()
                 | SeamArea()
             ) as decision:

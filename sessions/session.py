@@ -31,6 +31,7 @@ from sessions.disk import explain_disk_errors
 from sessions.layers import write_layers
 from sessions.processes import only_run
 from sessions.products import Products
+from sessions.remarks import Fault
 from sessions.replay import Replayed, replay, with_place
 from sessions.scan_decisions import Films
 from sessions.store import Row, Store
@@ -177,9 +178,10 @@ class Session:
         report: AdjustmentReport,
         footprints: Mapping[str, shapely.Polygon],
         misfit: Misfit | None = None,
+        faults: Sequence[Fault] = (),
     ) -> None:
         """Replace the layers QGIS shows by those of this block, all at once."""
-        write_layers(self._store, block, report, footprints, misfit)
+        write_layers(self._store, block, report, footprints, misfit, faults)
 
     @contextmanager
     def running(self) -> Generator[None]:

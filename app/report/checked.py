@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from app.report.tables import Cell
 from core.adjustment.adjusted import AdjustmentReport
 from core.quality.readings import (
     Foretold,
@@ -26,9 +27,14 @@ from sessions.checks import (
     standing_signatures,
 )
 from sessions.decisions import Recorded, Withdraw, standing
+from sessions.remarks import standing_faults, standing_remarks
 from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
+
+
+REMARKS = "remarks.csv"
+REMARK_COLUMNS = "number,when,who,subject,name,X,Y,fault,words,assigned,state"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +71,7 @@ KINDS = {
     "PlanChecks": "checks planned",
     "ReadCheck": "checks read",
     "SignBlock": "signatures",
+    "Remark": "remarks",
 }
 """What each kind of decision is counted as."""
 
@@ -129,6 +136,7 @@ def checked_part(
             for one in judge_rules(findings)
         ],
         "signatures": signature_figures(decisions, judged_parts(decisions, report, version)),
+        "remarks": remark_figures(decisions),
     }
 
 
@@ -145,6 +153,51 @@ def signature_figures(decisions: Sequence[Recorded], now: Mapping[str, str]) -> 
             "changed": list(one.changed),
         }
         for one in standing_signatures(decisions, now)
+    ]
+
+
+def remark_figures(decisions: Sequence[Recorded]) -> list[Figures]:
+    """Everything that was said of places, photos, points and decisions, in order.
+
+    A fault is a remark with a kind; it is `open` or not, and its answers are about its number.
+    """
+    faults = {one.recorded.decision_id: one for one in standing_faults(decisions)}
+    return [
+        {
+            "number": item.decision_id,
+            "when": item.when[:16].replace("T", " "),
+            "who": item.who,
+            "subject": said.subject,
+            "name": said.name,
+            "place": said.place,
+            "fault": said.fault,
+            "words": said.words,
+            "assigned": fault.assigned if fault else said.assigned,
+            "open": fault.is_open if fault else None,
+            "closes": said.closes,
+        }
+        for item, said in standing_remarks(decisions)
+        for fault in [faults.get(item.decision_id)]
+    ]
+
+
+def remark_rows(decisions: Sequence[Recorded]) -> list[tuple[Cell, ...]]:
+    """Rows of the table of remarks."""
+    state = {True: "open", False: "closed", None: ""}
+    return [
+        (
+            one["number"],
+            one["when"],
+            one["who"],
+            one["subject"],
+            one["name"],
+            *(one["place"] or (None, None)),
+            one["fault"],
+            one["words"],
+            one["assigned"],
+            state[one["open"] if one["closes"] is None else not one["closes"]],
+        )
+        for one in remark_figures(decisions)
     ]
 
 

@@ -39,6 +39,7 @@ from core.quality.rules import Finding, Release, check_release, judge_block
 from core.raster.holes import Hole
 from core.sheets.delivery import Delivery, sheet_figures
 from sessions.decisions import Recorded
+from sessions.remarks import fault_findings, standing_faults
 from ui.words.catalogue import LANGUAGES
 
 CELLS = 3
@@ -115,7 +116,7 @@ class ReportContent:
     mosaic_version: str = ""
     """What the mosaic was made of, as readings of it say; empty where there is none."""
     language: str = LANGUAGES[0]
-    """Of the page; the JSON is for programs and knows one language."""
+    """Of the page; the JSON knows one language."""
 
 
 def gather(content: ReportContent) -> dict[str, Any]:
@@ -193,10 +194,10 @@ def _judged(
         None if release is None else release.relative_m,
         _ortho_sigma_m(content),
     )
-    if checked is not None:
-        findings = tuple(sorted((*checked.findings, *findings), key=lambda one: -one.grave))
-        release = None if release is None else release.with_findings(checked.findings)
-    return findings, release, checked
+    faults = fault_findings(standing_faults(content.decisions))
+    more = faults if checked is None else (*checked.findings, *faults)
+    findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
+    return findings, None if release is None else release.with_findings(more), checked
 
 
 def _ortho_sigma_m(content: ReportContent) -> float:

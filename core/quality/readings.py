@@ -243,6 +243,7 @@ RULES: tuple[Rule, ...] = (
     Rule("along", ("along", "along-small"), SURVEY),
     Rule("across", ("across", "across-small"), SURVEY),
     Rule("holes", ("no-holes", "holes"), SURVEY),
+    Rule("faults", ("faults", "faults-open"), GRUBER),
 )
 """In the order in which a reviewer reads them; one without findings does not concern the block."""
 

@@ -82,6 +82,8 @@ SENTENCES = {
     "along-small": "Overlap along the strips {low} to {high} %; below {least} % in {small} photos.",
     "across": "Overlap between strips {low} to {high} %.",
     "across-small": "Overlap between strips {low} to {high} %; below {least} % in {small} photos.",
+    "faults": "Faults marked in the mosaic: {count}, all closed.",
+    "faults-open": "Faults marked in the mosaic: {count}; still open: {open}.",
     "no-holes": "The mosaic has no holes inside it.",
     "holes": "Holes inside the mosaic: {count}, {area} m² together; the largest ({largest} m²) is "
     "about E {east} N {north}. No photo shows the ground there.",

@@ -11,6 +11,7 @@ from app.check_plan import PlanWish, plan_checks
 from app.project import read_project
 from sessions.checks import checked_figures, standing_plans, version_on_disk
 from sessions.decisions import Place, ReadCheck, SignBlock
+from sessions.remarks import standing_faults
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
 from tests.browser.hands import settled
@@ -138,3 +139,30 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     )
     places = [one for one in real_desk.session.decisions() if isinstance(one.decision, Place)]
     assert len(places) == before
+
+
+def test_a_fault_is_marked_answered_and_closed_in_the_mosaic__truth(
+    real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    page.keyboard.press("Shift+O")
+    page.wait_for_function("gruber.mosaicState().found?.version > 0", timeout=PATIENCE_MS)
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#fault-mark", timeout=PATIENCE_MS)
+    page.select_option("#fault-kind", "double")
+    page.fill("#fault-words", "church seen twice")
+    page.fill("#fault-assigned", "eve")
+    page.click("#fault-mark")
+    page.click("[data-fault]")
+    page.fill("#fault-answer", "seam moved")
+    page.click("#fault-turn")
+    page.wait_for_function("!gruber.mosaicState().found.faults[0].open")
+    at = page.evaluate("gruber.mosaicState().picked.place")[:2]
+    (fault,) = standing_faults(real_desk.session.decisions())
+    assert (fault.said.fault, fault.said.words, fault.assigned) == (
+        "double", "church seen twice", "eve",
+    )  # fmt: skip
+    assert fault.said.place == pytest.approx(at)
+    assert [one.words for _, one in fault.answers] == ["seam moved"]
+    assert not fault.is_open

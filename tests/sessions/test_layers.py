@@ -21,7 +21,9 @@ from core.errors import CrsError
 from core.geometry.drawn_mask import DrawnMask
 from core.mosaic.misfit import MisfitVectors
 from core.mosaic.misfit_places import Misfit
+from sessions.decisions import Recorded, Remark
 from sessions.layers import write_layers
+from sessions.remarks import Fault
 from sessions.store import Store
 
 ReportOf = Callable[[Block], AdjustmentReport]
@@ -63,6 +65,7 @@ def test_gdal_lists_every_layer_with_its_kind_and_no_other__oracle(written: Path
         "masks": "Polygon",
         "decisions": None,
         "misfit": "LineString",
+        "faults": "Point",
     }
 
 
@@ -273,3 +276,22 @@ def test_misfit_vectors_are_drawn_longer__law(
     _, shapes, fields = read(path, "misfit")
     assert shapely.get_coordinates(shapes[0]).tolist() == [[100, 200], [110, 180]]
     assert fields["probability"].tolist() == [0.9]
+
+
+def test_faults_are_points_with_what_was_answered__oracle(
+    tmp_path: Path, block: Block, report_of: ReportOf
+) -> None:
+    path = tmp_path / "faults.gpkg"
+    said = Remark("place", "", "too dark", (1.0, 2.0), "tone", "ada")
+    answer = Remark("decision", "3", "balanced", closes=True)
+    when = "2026-01-01T10:00"
+    fault = Fault(
+        Recorded(3, when, "bob", said), said, ((Recorded(4, when, "ada", answer), answer),)
+    )
+    file = Store.open(path)
+    write_layers(file, block, report_of(block), FOOTPRINTS, None, (fault,))
+    file.close()
+    _, shapes, fields = read(path, "faults")
+    assert shapes[0].coords[0] == (1.0, 2.0)
+    assert (fields["fault"][0], fields["answers"][0]) == ("tone", "ada: balanced")
+    assert not fields["is_open"][0]

@@ -36,6 +36,7 @@ from sessions.decisions import (
     PlanChecks,
     ReadCheck,
     Reject,
+    Remark,
     SetRole,
     SignBlock,
     Withdraw,
@@ -76,6 +77,7 @@ EVERY: tuple[Decision, ...] = (
     PlanChecks((CheckPlace("1-01", 1.5, 2 / 3, 0.04),), (6, 5), 1, "", True, "abc"),
     ReadCheck("1-01", (1.5, 2 / 3), (1.25, 0.5), "abc"),
     SignBlock("accept-with-remarks", "roh", {"mosaic": "abc"}),
+    Remark("place", "", "tmavé", (1.5, 2 / 3), "tone", "eva", None),
     Withdraw(3),
 )
 

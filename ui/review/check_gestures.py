@@ -1,17 +1,23 @@
-"""What a reviewer does: a place read in mosaic and reference, a block signed."""
+"""What a reviewer does: a place read, a block signed, a fault marked, a word said."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast, get_args
 
-from sessions.decisions import ACCEPTANCES, Acceptance
+from sessions.decisions import (
+    ACCEPTANCES,
+    FAULT_KINDS,
+    SUBJECTS,
+    Acceptance,
+    Remark,
+)
 
 Place = tuple[float, float]
 Unreadable = Literal["changed", "hidden", "blurred", "other"]
 UNREADABLE: tuple[Unreadable, ...] = get_args(Unreadable)
 """Why no detail can be identified at a place."""
-LONGEST_REMARK = 2000
-"""Signs of a remark."""
+LONGEST_REMARK, LONGEST_NAME = 2000, 80
+"""Signs of a remark, and of the name of who shall mend a fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +40,43 @@ class BlockSigned:
     remark: str
 
 
+@dataclass(frozen=True, slots=True)
+class Remarked:
+    """Words about a place, a photo, a point or a decision."""
+
+    seat_id: str
+    said: Remark
+
+
+def remark_from_message(seat_id: str, message: Mapping[str, Any]) -> Remarked:
+    """The gesture of a message.
+
+    Raises:
+        ValueError: It is about nothing, says nothing, or is a book.
+    """
+    subject, fault = message["subject"], message.get("fault", "")
+    words, assigned = _words(message, "words"), _words(message, "assigned")
+    closes = message.get("closes")
+    about = _place(message["place"]) if subject == "place" else None
+    if subject not in SUBJECTS or fault not in ("", *FAULT_KINDS):
+        raise ValueError(subject)
+    if len(assigned) > LONGEST_NAME or closes not in (None, True, False):
+        raise ValueError(assigned)
+    # A fault is a place with a kind; what closes one says so without words.
+    if (about is None and fault) or not (words or fault or closes is not None):
+        raise ValueError("nothing is said")
+    name = "" if subject == "place" else str(message["name"])
+    return Remarked(seat_id, Remark(subject, name, words, about, fault, assigned, closes))
+
+
 def signature_from_message(seat_id: str, message: Mapping[str, Any]) -> BlockSigned:
     """The gesture of a message.
 
     Raises:
         ValueError: No verdict, or a remark that is a book.
     """
-    verdict, remark = message["verdict"], " ".join(str(message.get("remark", "")).split())
-    if verdict not in ACCEPTANCES or len(remark) > LONGEST_REMARK:
+    verdict, remark = message["verdict"], _words(message, "remark")
+    if verdict not in ACCEPTANCES:
         raise ValueError(verdict)
     return BlockSigned(seat_id, verdict, remark)
 
@@ -61,8 +96,30 @@ def reading_from_message(seat_id: str, message: Mapping[str, Any]) -> CheckRead:
     return CheckRead(seat_id, str(message["place"]), mosaic, reference, "")
 
 
+def _words(message: Mapping[str, Any], name: str) -> str:
+    """A text in one line.
+
+    Raises:
+        ValueError: It is a book.
+    """
+    words = " ".join(str(message.get(name, "")).split())
+    if len(words) > LONGEST_REMARK:
+        raise ValueError(name)
+    return words
+
+
 def _place(value: object) -> Place:
     east, north = (float(one) for one in cast("list[float]", value))
     if not (abs(east) < 1e9 and abs(north) < 1e9):
         raise ValueError("not a place")
     return east, north
+
+
+Reviewed = CheckRead | BlockSigned | Remarked
+"""A gesture that judges and changes nothing of the block."""
+REVIEWING: Mapping[str, Callable[[str, Mapping[str, Any]], Reviewed]] = {
+    "check-read": reading_from_message,
+    "sign": signature_from_message,
+    "remark": remark_from_message,
+}
+"""What a message of each kind comes to."""

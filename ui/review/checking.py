@@ -24,10 +24,12 @@ from sessions.decisions import (
     Decision,
     ReadCheck,
     Recorded,
+    Remark,
     SignBlock,
 )
 from sessions.products import digest_of
-from ui.review.check_gestures import BlockSigned, CheckRead
+from sessions.remarks import standing_faults
+from ui.review.check_gestures import CheckRead, Remarked, Reviewed
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
@@ -41,11 +43,13 @@ difference of two middles."""
 
 
 def decided_judgement(
-    gesture: CheckRead | BlockSigned, desk: DeskSnapshot
+    gesture: Reviewed, desk: DeskSnapshot
 ) -> tuple[tuple[Decision, ...], Notice | None]:
     """The decision of a gesture, or what stands against it."""
     if isinstance(gesture, CheckRead):
         return decided_reading(gesture, desk.recorded, desk.mosaic_version), None
+    if isinstance(gesture, Remarked):
+        return ((gesture.said,) if _is_there(gesture.said, desk) else ()), None
     if desk.state.adjusting:
         return (), Notice("notice.sign-wait")
     if gesture.verdict != "reject" and (desk.stale or not desk.mosaic_version):
@@ -54,6 +58,19 @@ def decided_judgement(
         return (), Notice("notice.sign-remark")
     judged = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
     return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
+
+
+def _is_there(said: Remark, desk: DeskSnapshot) -> bool:
+    """Whether the desk knows what words are about."""
+    match said.subject:
+        case "place":
+            return True
+        case "photo":
+            return said.name in desk.base.photos
+        case "point":
+            return desk.state.point_of(said.name) is not None
+        case "decision":
+            return any(str(item.decision_id) == said.name for item in desk.recorded)
 
 
 def decided_reading(
@@ -207,6 +224,30 @@ def signatures_part(desk: DeskSnapshot) -> list[Part]:
         }
         for one in standing_signatures(desk.recorded, now)
     ]
+
+
+def faults_part(recorded: Sequence[Recorded]) -> list[Part]:
+    """Faults of the mosaic with their answers, as its sheet shows them."""
+    return [
+        {
+            "id": one.recorded.decision_id,
+            "place": one.said.place,
+            "kind": one.said.fault,
+            "open": one.is_open,
+            "assigned": one.assigned,
+            "said": [_line(item, said) for item, said in ((one.recorded, one.said), *one.answers)],
+        }
+        for one in standing_faults(recorded)
+    ]
+
+
+def _line(item: Recorded, said: Remark) -> Part:
+    return {
+        "who": item.who,
+        "when": item.when[:16].replace("T", " "),
+        "words": said.words,
+        "closes": said.closes,
+    }
 
 
 def rules_part(findings: Sequence[Finding]) -> list[list[object]]:

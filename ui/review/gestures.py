@@ -4,12 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast, get_args
 
-from ui.review.check_gestures import (
-    BlockSigned,
-    CheckRead,
-    reading_from_message,
-    signature_from_message,
-)
+from ui.review.check_gestures import REVIEWING, Reviewed
 from ui.review.drawing import MaskDrawn, mask_from_message
 from ui.review.mosaic import (
     MosaicPicked,
@@ -331,7 +326,7 @@ Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
     | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched | Undone | Redone
     | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | Freed
-    | MarkPlaced | MarkJudged | MaskDrawn | CheckRead | BlockSigned
+    | MarkPlaced | MarkJudged | MaskDrawn | Reviewed
     | SeamDrawn
 )  # fmt: skip
 LOOKING: tuple[type, ...] = get_args(Looking)
@@ -489,8 +484,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "draw": mask_from_message,
     "pick": picked_from_message,
     "near": near_from_message,
-    "check-read": reading_from_message,
-    "sign": signature_from_message,
+    **REVIEWING,
     "seam": seam_from_message,
     "mark-use": lambda seat, message: MarkJudged(
         seat, str(message["photo"]), str(message["name"]), bool(message["use"])

@@ -25,6 +25,7 @@ from sessions.decisions import (
     ReadCheck,
     Recorded,
     Reject,
+    Remark,
     SetRole,
     SignBlock,
     Withdraw,
@@ -49,11 +50,14 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
         if isinstance(item.decision, Withdraw) and item.decision_id in stands
     }
     explained = _explained(recorded)
-    about = [
-        item
-        for item in recorded
-        if concerns(item.decision, key, extra) and item.decision_id not in explained
-    ]
+    about: list[Recorded] = []
+    numbers: set[str] = set()
+    for item in recorded:
+        said = item.decision
+        answers = isinstance(said, Remark) and said.subject == "decision" and said.name in numbers
+        if item.decision_id not in explained and (answers or concerns(said, key, extra)):
+            about.append(item)
+            numbers.add(str(item.decision_id))
     return [
         {
             "id": item.decision_id,
@@ -95,6 +99,8 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
             return False
         case PlacePhoto(photo_id=photo_id):
             return photo_id == key[1]
+        case Remark(subject=subject, name=name):
+            return (subject, name) in (("point", key[0]), ("photo", key[1]))
         case JudgeTie() | JudgePhoto() | JudgeFiducial() | PlaceFiducial():
             return key_of_verdict(extra, decision) == key
         case SetRole(point_id=point_id) | AddPoint(point_id=point_id):
@@ -118,6 +124,7 @@ def key_of(decision: Decision, extra: Extra) -> Key | None:
             | PlanChecks()
             | ReadCheck()
             | SignBlock()
+            | Remark()
             | SeamLine()
             | SeamArea()
         ):
@@ -149,6 +156,8 @@ def subject_of(decision: Decision) -> str:
             return points[0].point_id + rest if points else ""
         case ReadCheck(place_id=name) | PlanChecks(digest=name) | SignBlock(verdict=name):
             return name
+        case Remark(words=words):
+            return words
         case _:
             return getattr(decision, "point_id", "")
 
@@ -174,6 +183,8 @@ def _detail(decision: Decision) -> tuple[str, dict[str, str | int]]:
     match decision:
         case Reject(reason=reason):
             return f"reason.{REASONS.index(reason) + 1}", {}
+        case Remark(words=words):
+            return "detail.words", {"words": words}
         case Place(column=column, row=row) | PlaceFiducial(column=column, row=row):
             return "detail.pixel", {"column": f"{column:.1f}", "row": f"{row:.1f}"}
         case SetRole(role=role):

@@ -23,6 +23,7 @@ from core.mosaic.seam_edits import (
 )
 from core.mosaic.seams import Seam
 from sessions.decisions import standing
+from ui.review.checking import faults_part
 from ui.review.history import subject_of
 from ui.review.looks import short
 from ui.review.quality import footprint_polygons
@@ -181,6 +182,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
             for hole in product.holes[:HOLES_TOLD]
         ],
         "hole_count": len(product.holes),
+        "faults": faults_part(desk.recorded),
         "misfits": [
             {
                 "place": [round(one.east, 1), round(one.north, 1)],

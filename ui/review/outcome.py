@@ -18,7 +18,7 @@ from sessions.decisions import (
     SetRole,
 )
 from ui.review import mosaic
-from ui.review.check_gestures import BlockSigned, CheckRead
+from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
@@ -139,7 +139,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             | AnswerAsked()
         ):
             return _act(gesture, seat, desk)
-        case TakenBack() | CheckRead() | BlockSigned():
+        case TakenBack() | CheckRead() | BlockSigned() | Remarked():
             return _record(gesture, seat, desk)
         case Aimed() | mosaic.MosaicPicked():
             return _aim(gesture, seat, desk)
@@ -147,9 +147,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return Outcome(_moved(gesture, seat, desk))
 
 
-def _record(
-    gesture: TakenBack | CheckRead | BlockSigned, seat: Seat, desk: DeskSnapshot
-) -> Outcome:
+def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """A decision turned round, or one that judges the block and changes nothing of it."""
     if isinstance(gesture, TakenBack):
         return Outcome(seat, taken_back(gesture.decision_id, desk.recorded))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
+from sessions.remarks import fault_findings, standing_faults
 from ui.review.board import board_part
 from ui.review.checking import read_figures, seat_checks, signatures_part
 from ui.review.drawing import mask_part
@@ -161,7 +162,8 @@ def _sheet_parts(
 def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
     """The block's quality, what readings say of it, and who has signed it."""
     read = read_figures(desk.recorded, desk.mosaic_version)
-    told = quality_part(desk.state, desk.outlines, desk.adjustments, seat.pair, read)
+    faults = fault_findings(standing_faults(desk.recorded))
+    told = quality_part(desk.state, desk.outlines, desk.adjustments, seat.pair, read, faults)
     assert isinstance(told, dict), "there is always something to say of a block"
     return {**told, "signatures": signatures_part(desk)}
 

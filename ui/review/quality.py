@@ -1,5 +1,6 @@
 """The view of a block's quality, as values a page can draw and print."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import shapely
 
 from core.quality.assessment import BlockQuality, assess_block
 from core.quality.readings import ReadingFigures, reading_findings
-from core.quality.rules import judge_block, release_limit_m
+from core.quality.rules import Finding, judge_block, release_limit_m
 from ui.review.checking import figures_told, rules_part
 from ui.review.history import AdjustmentRecord, record_line, shifts_m
 from ui.review.picture import Part, checks_told, position_error_m
@@ -25,15 +26,15 @@ def quality_part(
     adjustments: tuple[AdjustmentRecord, ...],
     pair: tuple[int, int] | None = None,
     read: ReadingFigures | None = None,
+    faults: Sequence[Finding] = (),
 ) -> Part:
     """Everything the view shows; outlines are the footprints in the local frame."""
     report = state.report
     polygons = footprint_polygons(state, outlines)
     found = assess_block(report, polygons)
-    findings = judge_block(found, report, state.holes)
-    if read is not None:
-        more = reading_findings(read, release_limit_m(report.block))
-        findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
+    more = () if read is None else reading_findings(read, release_limit_m(report.block))
+    judged = *more, *faults, *judge_block(found, report, state.holes)
+    findings = sorted(judged, key=lambda one: -one.grave)
     return {
         "verdict": max((f.grave for f in findings), default=0),
         "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],

@@ -331,6 +331,16 @@ interface Mosaic {
   edits?: SeamEdited[];
   /** Where the mosaic is off the reference, worst first; metres. */
   misfits?: MisfitPlace[];
+  /** Open ones first. */
+  faults?: Fault[];
+}
+interface Fault {
+  id: number;
+  place: Pair;
+  kind: string;
+  open: boolean;
+  assigned: string;
+  said: { who: string, when: string, words: string, closes: boolean | null }[];
 }
 interface MisfitPlace {
   place: Pair;

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.report.checked import REMARK_COLUMNS, remark_rows
 from app.report.model import ReportContent, gather
 from app.report.page import write_report
 from app.verbs.run import signed_lines
 from core.quality.check_plan import CheckPlace
 from sessions.checks import judged_parts, new_plan
-from sessions.decisions import Decision, ReadCheck, Recorded, SignBlock
+from sessions.decisions import Decision, ReadCheck, Recorded, Remark, SignBlock
 from ui.words.catalogue import Teller
 
 BIAS, SCATTER, OBSERVER = np.array([0.2, -0.1]), 0.3, 0.1
@@ -91,3 +92,30 @@ def test_a_block_without_a_plan_has_no_chapter_of_readings__law(
     found = json.loads(told.read_text(encoding="utf-8"))["checked"]
     assert found["figures"] is None
     assert found["signatures"] == []
+
+
+def test_faults_and_remarks_stand_in_page_json_and_table__law(
+    content: ReportContent, tmp_path
+) -> None:
+    said = (
+        Remark("place", "", "church <twice>", (1.0, 2.0), "double", "eve"),
+        Remark("photo", "00513", "scratched"),
+        Remark("decision", "901", "seam moved", closes=True),
+    )
+    records = [Recorded(901 + n, "2026-01-02T10:00:00", "ada", one) for n, one in enumerate(said)]
+    rows = remark_rows([*content.decisions, *records])
+    assert [(row[7], row[-1]) for row in rows[-3:]] == [
+        ("double", "closed"), ("", ""), ("", "closed"),
+    ]  # fmt: skip
+    assert len(rows[0]) == len(REMARK_COLUMNS.split(","))
+    for left, kind, sentence in (
+        (2, "faults-open", "still open: 1"),
+        (3, "faults", "all closed"),
+    ):
+        found = replace(content, decisions=[*content.decisions, *records[:left]])
+        verdict = {one["kind"]: one["sentence"] for one in gather(found)["verdict"]}
+        assert sentence in verdict[kind]
+    write_report(tmp_path, found)
+    page = (tmp_path / "report.html").read_text()
+    assert "church &lt;twice&gt;" in page
+    assert "seam moved" in page

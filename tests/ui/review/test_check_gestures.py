@@ -2,7 +2,8 @@
 
 import pytest
 
-from ui.review.check_gestures import BlockSigned, CheckRead
+from sessions.decisions import Remark
+from ui.review.check_gestures import BlockSigned, CheckRead, Remarked
 from ui.review.gestures import gesture_from_message
 
 READ = {"kind": "check-read", "place": "1-01", "mosaic": [10.5, 20], "reference": [10, 20.25]}
@@ -39,3 +40,25 @@ def test_a_signature_has_one_of_three_verdicts__law() -> None:
         gesture_from_message("s", {"kind": "sign", "verdict": "accept", "remark": "x" * 9999})
         is None
     )
+
+
+def test_a_fault_is_a_place_with_a_kind_and_words_are_about_something__law() -> None:
+    marked = gesture_from_message(
+        "s",
+        {"kind": "remark", "subject": "place", "place": [1, 2], "fault": "tone", "words": " a  b"},
+    )
+    assert marked == Remarked("s", Remark("place", "", "a b", (1.0, 2.0), "tone"))
+    closed = {"kind": "remark", "subject": "decision", "name": "3", "closes": True}
+    assert gesture_from_message("s", closed) == Remarked(
+        "s", Remark("decision", "3", "", closes=True)
+    )
+    for wrong in (
+        {"subject": "place", "place": [1, 2], "fault": "ugly"},
+        {"subject": "place", "fault": "tone"},
+        {"subject": "photo", "name": "A", "fault": "tone"},
+        {"subject": "photo", "name": "A", "words": " "},
+        {"subject": "photo", "name": "A", "words": "x" * 9999},
+        {"subject": "moon", "name": "A", "words": "far"},
+        {"subject": "decision", "name": "3", "closes": "perhaps"},
+    ):
+        assert gesture_from_message("s", {"kind": "remark", **wrong}) is None

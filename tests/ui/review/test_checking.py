@@ -10,13 +10,14 @@ from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
 from core.quality.rules import judge_block
 from sessions.checks import new_plan
-from sessions.decisions import Decision, PlanChecks, ReadCheck, Recorded, SignBlock
+from sessions.decisions import Decision, PlanChecks, ReadCheck, Recorded, Remark, SignBlock
 from tests.ui.desk_block import tiny_snapshot
-from ui.review.check_gestures import BlockSigned, CheckRead
+from ui.review.check_gestures import BlockSigned, CheckRead, Remarked
 from ui.review.checking import (
     checks_part,
     decided_judgement,
     decided_reading,
+    faults_part,
     read_figures,
     rules_part,
     signatures_part,
@@ -137,3 +138,24 @@ def test_rules_are_told_with_their_source__truth(desk: DeskSnapshot) -> None:
     assert all(
         line[4] in ("asprs", "instruction", "survey", "orthophoto", "gruber") for line in rules
     )
+
+
+def test_words_about_what_is_not_there_are_not_kept__law(desk: DeskSnapshot) -> None:
+    photo = next(iter(desk.base.photos))
+    for said, kept in (
+        (Remark("photo", photo, "scratched"), True),
+        (Remark("photo", "nobody's", "scratched"), False),
+        (Remark("point", "nowhere", "?"), False),
+        (Remark("decision", "77", "?"), False),
+        (Remark("place", "", "dark", (1.0, 2.0), "tone"), True),
+    ):
+        assert decided_judgement(Remarked("s", said), desk) == (((said,) if kept else ()), None)
+
+
+def test_a_fault_is_shown_with_who_said_what__law(desk: DeskSnapshot) -> None:
+    fault = Remark("place", "", "dark", (1.0, 2.0), "tone", "eve")
+    said = recorded(("ada", fault), ("eve", Remark("decision", "2", "done", closes=True)))
+    (line,) = faults_part(said)
+    assert (line["kind"], line["open"], line["assigned"]) == ("tone", False, "eve")
+    said_by = [(one["who"], one["words"]) for one in line["said"]]
+    assert said_by == [("ada", "dark"), ("eve", "done")]

@@ -15,6 +15,7 @@ from sessions.decisions import (
     Place,
     Recorded,
     Reject,
+    Remark,
     SetRole,
     Withdraw,
 )
@@ -52,6 +53,17 @@ def test_only_what_concerns_the_point_is_told_newest_first__law():
     told = history_of(KEY, recorded, NO_EXTRA)
     assert [line["what"] for line in told] == ["Reject", "SetRole", "Accept"]
     assert all(line["stands"] for line in told)
+
+
+def test_words_about_point_photo_and_decisions_are_told_with_them__law():
+    words = (
+        Remark("point", "J101", "a"), Remark("photo", "a", "b"), Remark("photo", "b", "c"),
+        Remark("decision", "1", "d"), Remark("decision", "6", "e"),
+    )  # fmt: skip
+    told = history_of(KEY, said(Reject(*KEY, "changed"), *words, Accept("J9", "b")), NO_EXTRA)
+    assert [line["detail"] for line in told[:-1]] == [
+        ("detail.words", {"words": one}) for one in "dba"
+    ]
 
 
 def test_a_withdrawn_decision_says_by_whom__law():

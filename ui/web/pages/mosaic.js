@@ -2,6 +2,7 @@
 import {
   drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
 } from "./mosaic_edit.js";
+import { drawFaults } from "./faults.js";
 import {
   CHOSEN, drawBorders, drawHoles, drawMisfits, drawSeams, photoAt,
 } from "./mosaic_marks.js";
@@ -233,7 +234,7 @@ export function showPicked(told) {
 function refresh() {
   const { found, picked, status } = state;
   if (!found?.version) return;
-  const parts = mosaicSide(found, picked, status, { goTo, remake, leave, ask });
+  const parts = mosaicSide(found, picked, status, { goTo, remake, leave, ask, refresh });
   renew(first("aside", byId("mosaic")), ...parts);
   redraw();
 }
@@ -370,6 +371,7 @@ function drawMarks(pane, found) {
   if (look.seams) drawSeams(context, found, onScreen, chosen);
   drawHoles(context, found, onScreen, view.scale);
   drawMisfits(context, found, onScreen);
+  drawFaults(context, found, onScreen);
   if (picked) {
     const [east, north] = picked.place;
     const [x, y] = onScreen([east, north]);

@@ -1,4 +1,5 @@
 // What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
+import { faultList, markFault } from "./faults.js";
 import { editSide } from "./mosaic_edit.js";
 import { element, number, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
@@ -9,6 +10,7 @@ import { send } from "./wire.js";
  * @property {(ground: Pair) => void} goTo @property {() => void} remake
  * @property {(part: string) => void} leave
  * @property {(ground: Pair) => void} ask goes to a place and asks about it
+ * @property {() => void} refresh
  */
 
 /**
@@ -21,7 +23,8 @@ export function mosaicSide(found, picked, status, acts) {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
       count: found.seams?.length ?? 0, when: (found.written ?? "").replace("T", " "),
     })),
-    ...stale(found, status, acts), ...place(picked, acts), ...misfits(found, acts),
+    ...stale(found, status, acts), ...place(picked, acts), ...markFault(picked),
+    ...faultList(found, acts.ask, acts.refresh), ...misfits(found, acts),
     ...editSide(found, picked),
     ...holes(found, acts),
     element("p", { class: "muted" }, word("mosaic.hint")),

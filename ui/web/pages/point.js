@@ -23,7 +23,7 @@ export function showPoint(point) {
   }
   showOthers(point);
   showPeaks(point);
-  showHistory(point?.history ?? []);
+  showHistory(point);
   if (!point) return;
   const { key: [name, photo], role, state } = point;
   const badge = { class: "badge", id: "state-badge", title: word(`state.${state}.long`) };
@@ -42,12 +42,13 @@ export function showPoint(point) {
 
 /**
  * Everything that was decided about the point, newest first; each can be turned round by itself.
- * @param {HistoryItem[]} history
+ * @param {Point | null} point
  */
-function showHistory(history) {
+function showHistory(point) {
   const room = byId("history");
-  if (shows(room, history)) return;
-  if (!history.length) return room.replaceChildren();
+  if (shows(room, point && [point.key, point.history])) return;
+  if (!point) return room.replaceChildren();
+  const { key, history } = point;
   const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
     const title = by ? `${when} \u00b7 ${word("history.by", { who: by })}` : when;
     const turn = stands ? "history.back" : "history.again";
@@ -58,7 +59,36 @@ function showHistory(history) {
       span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""),
       span(word(...detail), "faint"), span(who, "muted"), element("button", button, word(turn)));
   });
-  return renew(room, element("h3", {}, word("history")), element("ul", {}, ...lines));
+  const title = history.length ? [element("h3", {}, word("history"))] : [];
+  return renew(room, ...title, element("ul", {}, ...lines), ...saying(key, history));
+}
+
+/**
+ * Words about the point, its photo, or one of the decisions.
+ * @param {Key} key @param {HistoryItem[]} history
+ */
+function saying([point, photo], history) {
+  if (start.guest) return [];
+  const about = [["point", point], ["photo", photo],
+    ...history.map(({ id }) => ["decision", `${id}`])];
+  const options = about.map(([subject, name]) => element("option",
+    { value: `${subject}/${name}` }, word(`remark.about.${subject}`,
+      { name: subject === "photo" ? shortName(name) : name })));
+  const choice = /** @type {HTMLSelectElement} */ (element("select",
+    { id: "remark-subject", "aria-label": word("remark.subject") }, ...options));
+  const field = /** @type {HTMLInputElement} */ (element("input", { id: "remark-words",
+    maxlength: 2000, placeholder: word("remark"), "aria-label": word("remark.words"),
+    title: word("remark.tip") }));
+  const say = (/** @type {Event} */ event) => {
+    event.preventDefault();
+    const [subject, ...rest] = choice.value.split("/");
+    const words = field.value.trim();
+    if (!words) return;
+    send({ kind: "remark", subject, name: rest.join("/"), words });
+    field.value = "";
+  };
+  return [element("form", { class: "acts fault-form", onsubmit: say }, choice, field,
+    element("button", { type: "submit", class: "small" }, word("remark.say")))];
 }
 
 /** @param {Pair | null} pair */
