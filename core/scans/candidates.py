@@ -91,7 +91,7 @@ def open_windows(
     scan: ScanFile,
     expected: Mapping[int, PixelPoints],
     middle: tuple[float, float],
-    reach_px: int,
+    reaches_px: Float64[np.ndarray, "marks 2"],
     merge_px: float,
     reduction: int,
 ) -> tuple[list[SearchWindow], dict[int, list[int]]]:
@@ -101,7 +101,7 @@ def open_windows(
         scan: The scan.
         expected: Expected places of all marks, by the way the film may lie.
         middle: Middle of the picture, pixels.
-        reach_px: Half width of a window, scan pixels.
+        reaches_px: Half width and half height of the window of each mark, scan pixels.
         merge_px: Places closer than this share a window.
         reduction: Scan pixels a side that become one cell.
 
@@ -109,19 +109,22 @@ def open_windows(
         The windows, and by the way the film may lie the window of each mark.
     """
     centres: list[np.ndarray] = []
+    reaches: list[list[int]] = []
     owners: dict[int, list[int]] = {}
+    whole = np.rint(reaches_px).astype(int).tolist()
     for way, places in expected.items():
         owners[way] = []
-        for place in places:
+        for place, reach in zip(places, whole, strict=True):
             near = [float(np.linalg.norm(place - other)) for other in centres]
             if not near or min(near) > merge_px:
                 centres.append(place)
+                reaches.append(reach)
                 near.append(0.0)
             owners[way].append(int(np.argmin(near)))
     windows: list[SearchWindow] = []
-    for column, row in np.array(centres).tolist():
-        corner = (round(column) - reach_px, round(row) - reach_px)
-        gray = read_window(scan, *corner, 2 * reach_px, 2 * reach_px, reduction)
+    for (column, row), (across, down) in zip(np.array(centres).tolist(), reaches, strict=True):
+        corner = (round(column) - across, round(row) - down)
+        gray = read_window(scan, *corner, 2 * across, 2 * down, reduction)
         outward = (column - middle[0], row - middle[1])
         windows.append(SearchWindow(corner, reduction, outward, fill_window(gray)))
     return windows, owners
@@ -147,18 +150,18 @@ def all_candidates(
     plain = [Sought(window.gray) for window in windows]
     for mark, drawn in _drawn_library(marks, round(cell_mm, 6)):
         found: dict[bool, list[list[Peak]]] = {True: [], False: []}
+        upright = Wanted(drawn)
         for window, whole in zip(windows, plain, strict=True):
-            templates = [drawn]
+            templates = [upright]
             if mark.turns:
                 pointing = replace(mark, outward=eighth(window.outward, turn))
-                templates = [
-                    draw_mark(one, cell_mm, -turn).astype(np.float32) for one in pointing.variants
-                ]
+                lies = [draw_mark(one, cell_mm, -turn) for one in pointing.variants]
+                templates = [Wanted(one.astype(np.float32)) for one in lies]
             sought, side = whole, drawn.shape[0]
             if mark.picture is not None:
                 along = border_axis(window.outward)
                 sought = Sought(without_border(window.gray, side, along))
-                templates = [without_border(one, side, along) for one in templates]
+                templates = [Wanted(without_border(one.gray, side, along)) for one in templates]
             field = np.maximum.reduce([sought.correlated(template) for template in templates])
             bright, dark = _peaks(field, window, side // 2, count, mark.picture is None)
             found[True].append(bright)
@@ -237,6 +240,30 @@ def fill_window(gray: Field) -> Field:
     return filled * np.float32(255.0 / top)
 
 
+def _spectrum_of(field: Field, size: tuple[int, int]) -> Spectrum:
+    """Of a field continued by nought: what wraps around lies where no template fits."""
+    padded = np.zeros(size, dtype=np.float32)
+    padded[: field.shape[0], : field.shape[1]] = field
+    # Told which rows are nought, OpenCV 4 takes half as long again.
+    return np.asarray(cv2.dft(padded), dtype=np.float32)
+
+
+class Wanted:
+    """A template ready for many windows: its spectrum is taken once for those of one size."""
+
+    def __init__(self, gray: Template) -> None:
+        self.gray: Template = gray
+        self._even: Template = gray - np.float32(gray.mean())
+        self.power: float = float(np.linalg.norm(self._even))
+        self._spectra: dict[tuple[int, int], Spectrum] = {}
+
+    def spectrum(self, size: tuple[int, int]) -> Spectrum:
+        """Its spectrum in a window of a size."""
+        if size not in self._spectra:
+            self._spectra[size] = _spectrum_of(self._even, size)
+        return self._spectra[size]
+
+
 class Sought:
     """A window ready for many templates: its spectrum is taken once, its spread once a size."""
 
@@ -246,29 +273,21 @@ class Sought:
             cv2.getOptimalDFTSize(gray.shape[0]),
             cv2.getOptimalDFTSize(gray.shape[1]),
         )
-        self.spectrum: Spectrum = self._spectrum_of(self.gray)
+        self.spectrum: Spectrum = _spectrum_of(self.gray, self.size)
         self._spreads: dict[int, Correlations] = {}
 
-    def correlated(self, template: Template) -> Correlations:
+    def correlated(self, wanted: Wanted) -> Correlations:
         """Normalised correlation wherever a template lies inside; nought on flat ground."""
-        side = template.shape[0]
+        side = wanted.gray.shape[0]
         if min(self.gray.shape) <= side:
             return np.zeros((1, 1), dtype=np.float32)
-        sought = template - np.float32(template.mean())
-        power = float(np.linalg.norm(sought))
-        if power == 0:
+        if wanted.power == 0:
             return np.zeros_like(self._spread(side))
-        both = cv2.mulSpectrums(self.spectrum, self._spectrum_of(sought), 0, conjB=True)
-        products = cv2.idft(both, flags=cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
+        both = cv2.mulSpectrums(self.spectrum, wanted.spectrum(self.size), 0, conjB=True)
         spread = self._spread(side)
         rows, columns = spread.shape
-        return products[:rows, :columns] / (np.float32(power) * spread)
-
-    def _spectrum_of(self, field: Field) -> Spectrum:
-        """Of a field continued by nought: what wraps around lies where no template fits."""
-        padded = np.zeros(self.size, dtype=np.float32)
-        padded[: field.shape[0], : field.shape[1]] = field
-        return np.asarray(cv2.dft(padded, nonzeroRows=field.shape[0]), dtype=np.float32)
+        products = cv2.idft(both, flags=cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
+        return products[:rows, :columns] / (np.float32(wanted.power) * spread)
 
     def _spread(self, side: int) -> Correlations:
         """Root of the sum of squares about the mean under each template; infinite where flat."""

@@ -108,7 +108,7 @@ class Left:
         return total * float(np.count_nonzero(self.residual)) / self.freedom
 
 
-Step = tuple[Shift, Left, float]
+Step = tuple[Shift, Callable[[], Left], float]
 """Where a fit moves the middle (or has moved it), what it leaves, and how alike both fields are."""
 
 
@@ -137,14 +137,24 @@ def match_mark(
         judged: Whether its sigma is wanted.
     """
     template, weights = blur_as_scanned(template), disc_in(template)
-    slope_c, slope_r = np.gradient(template, axis=1), np.gradient(template, axis=0)
+    inside = weights > 0
+    base = weights[inside]
+    slopes = np.stack([np.gradient(template, axis=axis)[inside] for axis in (1, 0)])
+    drawn = template[inside] - np.average(template, weights=weights)
+    power = float(np.sum(base * drawn**2)) + TINY
 
     def step(place: Shift, far: bool) -> Step | Failure:
         patch = sample_about(window, place, template.shape[0])
-        gain, shift, left, alike = _shift_and_gain(patch, template, slope_c, slope_r, weights, far)
-        if not np.isfinite(shift).all() or abs(gain) < 1e-9:  # design: no contrast at all
+        wanted = patch[inside] - np.average(patch, weights=weights)
+        shared = float(np.sum(base * drawn * wanted))
+        gain = shared / power
+        # patch = gain * template(shifted) + offset: a mark that lies further right than assumed
+        # makes the patch look shifted right, patch(u) = gain * template(u - step), hence the minus.
+        design = np.stack([*(-gain * slopes), drawn, np.ones_like(drawn)])
+        solution, left = _solve(design, wanted - gain * drawn, weights, float(patch.std()), far)
+        if not np.isfinite(solution).all() or abs(gain) < 1e-9:  # design: no contrast at all
             return Failure("The window holds nothing like the mark.")
-        return shift, left, alike
+        return solution[:2], left, shared / float(np.sqrt(power * np.sum(base * wanted**2)) + TINY)
 
     found = _approached(start, limit_px, step, CONVERGED_PX if judged else ROUGH_PX)
     if found is None:
@@ -152,7 +162,7 @@ def match_mark(
     if isinstance(found, Failure):
         return found
     place, left, alike = found
-    sigma = left.sigma_px if judged else float("nan")
+    sigma = left().sigma_px if judged else float("nan")
     return Centre(float(place[0]), float(place[1]), sigma, alike)
 
 
@@ -167,16 +177,17 @@ def centre_by_symmetry(
         limit_px: How far from the start the middle may be.
         weights: Weight of each pixel about the middle; itself symmetric.
     """
+    inside = weights > 0
 
     def step(place: Shift, far: bool) -> Step | Failure:
         patch = sample_about(window, place, weights.shape[0])
         turned = patch[::-1, ::-1]
         # With the middle at d: patch = f(u - d), turned = f(u + d), their difference d times
-        # the sum of their slopes.
-        slope_c = np.gradient(patch, axis=1) + np.gradient(turned, axis=1)
-        slope_r = np.gradient(patch, axis=0) + np.gradient(turned, axis=0)
-        slopes = np.stack([slope_c, slope_r], axis=-1)
-        shift, left = _solve(slopes, turned - patch, weights, float(patch.std()), far)
+        # the sum of their slopes; the slope of the turned one is that of the other, turned.
+        both = [np.gradient(patch, axis=axis) for axis in (1, 0)]
+        slopes = np.stack([(one - one[::-1, ::-1])[inside] for one in both])
+        right = (turned - patch)[inside]
+        shift, left = _solve(slopes, right, weights, float(patch.std()), far)
         if not np.isfinite(shift).all():
             return Failure("The window has no contrast.")
         return shift, left, correlation(patch, turned, weights)
@@ -188,7 +199,7 @@ def centre_by_symmetry(
         return found
     place, left, alike = found
     # Every pixel stands against its opposite, which stands against it: half of them are new.
-    return Centre(float(place[0]), float(place[1]), float(np.sqrt(2)) * left.sigma_px, alike)
+    return Centre(float(place[0]), float(place[1]), float(np.sqrt(2)) * left().sigma_px, alike)
 
 
 def _approached(
@@ -270,63 +281,47 @@ def disc_in(template: Weights) -> Weights:
     return disc_weights(template.shape[0], template.shape[0] / 2 - 1)
 
 
-def _shift_and_gain(
-    patch: Weights,
-    template: Weights,
-    slope_c: Weights,
-    slope_r: Weights,
-    weights: Weights,
-    far_counts: bool,
-) -> tuple[float, Shift, Left, float]:
-    """One step of patch = gain * template(shifted) + offset."""
-    mean_t = float(np.average(template, weights=weights))
-    mean_p = float(np.average(patch, weights=weights))
-    centred, wanted = template - mean_t, patch - mean_p
-    gain = float(np.sum(weights * centred * wanted) / np.sum(weights * centred**2))
-    alike = correlation(patch, template, weights)
-    # A mark that lies further right than assumed makes the patch look shifted right:
-    # patch(u) = gain * template(u - step), hence minus the slope.
-    columns = np.stack([-gain * slope_c, -gain * slope_r, centred, np.ones_like(template)], axis=-1)
-    solution, left = _solve(
-        columns, wanted - gain * centred, weights, float(patch.std()), far_counts
-    )
-    return gain, solution[:2], left, alike
-
-
 def _solve(
-    columns: Float64[np.ndarray, "side side unknowns"],
-    wanted: Weights,
+    design: Float64[np.ndarray, "unknowns pixels"],
+    right: Float64[np.ndarray, "pixels"],
     weights: Weights,
     contrast: float,
     far_counts: bool,
-) -> tuple[Float64[np.ndarray, "unknowns"], Left]:
+) -> tuple[Float64[np.ndarray, "unknowns"], Callable[[], Left]]:
     """Weighted least squares, robust; the unknowns, and what is left to judge the first two by.
 
-    Huber's bound on the way, as it never loses the mark; Geman and McClure's in the end.
+    Huber's bound on the way, as it never loses the mark; Geman and McClure's in the end. `design`
+    and `right` are of the pixels that have a weight.
     """
     chosen = weights > 0
-    design, right, base = columns[chosen], wanted[chosen], weights[chosen]
     # On a flawless black background the median is nought: the mark's edges must not be bounded.
     noise = max(robust_sigma(right), NOISE_SHARE * contrast) + TINY
     # Nor is half a pixel's share at an edge dirt: that would leave only the pixels in which the
     # mark happens to have no edge, and the middle would jump from pixel to pixel.
-    spread = np.hypot(noise, EDGE_PX * np.hypot(design[:, 0], design[:, 1]))
+    spread = np.hypot(noise, EDGE_PX * np.hypot(design[0], design[1]))
     if far_counts:
-        used = base * np.minimum(1.0, HUBER * spread / np.maximum(np.abs(right), TINY))
+        used = weights[chosen] * np.minimum(1.0, HUBER * spread / np.maximum(np.abs(right), TINY))
     else:
         # A scratch along the mark's edge would still pull: what is far off counts for nothing.
-        used = base * cauchy_weights(np.abs(right) / spread, FAR) ** 2
-    heavy = design * used[:, None]
-    normal = heavy.T @ design
-    fields = np.zeros((3, *weights.shape))
-    if np.linalg.cond(normal) > 1e14:  # design: float64 leaves two digits
-        return np.full(design.shape[1], np.nan), Left(fields[:2], fields[2], 1.0)
+        used = weights[chosen] * cauchy_weights(np.abs(right) / spread, FAR) ** 2
+    heavy = design * used
+    normal = heavy @ design.T
+    if not np.linalg.cond(normal) < 1e14:  # design: float64 leaves two digits
+        return np.full(len(design), np.nan), _nothing_left
     inverse = np.linalg.inv(normal)
-    solution = inverse @ (heavy.T @ right)
-    residual = (right - design @ solution) * np.sqrt(used)
-    fields[:, chosen] = np.vstack([(inverse @ heavy.T)[:2], residual])
-    freedom = max(float(used.sum()) - design.shape[1], 1.0)
-    return solution, Left(fields[:2], fields[2], freedom)
+    solution = inverse @ (heavy @ right)
+
+    def left() -> Left:
+        fields = np.zeros((3, *weights.shape))
+        residual = (right - solution @ design) * np.sqrt(used)
+        fields[:, chosen] = np.vstack([(inverse @ heavy)[:2], residual])
+        return Left(fields[:2], fields[2], max(float(used.sum()) - len(design), 1.0))
+
+    return solution, left
+
+
+def _nothing_left() -> Left:
+    return Left(np.zeros((2, 1, 1)), np.zeros((1, 1)), 1.0)
 
 
 def _lagged(one: Weights, other: Weights, down: int, right: int) -> float:

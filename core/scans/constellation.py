@@ -39,7 +39,7 @@ from core.scans.chance import (
     log_chance_of_rectangle,
     log_chance_of_shape,
 )
-from core.scans.film_area import FilmArea
+from core.scans.film_area import OPPOSITE, FilmArea
 from core.scans.marks import Mark, library
 from core.scans.naming import UPRIGHT, Layout, OpenLayout, Way
 from core.scans.rectangles import Rectangles, fit_rectangles
@@ -149,20 +149,24 @@ def find_constellation(
         marks: Kinds and sizes that are looked for.
         sure: Column and row at which one of them is, for somebody said so.
     """
-    seen = area.trusted and (sure is None or len(area.seen) == len(area.corners))
-    reach_mm = reach_seen_mm if seen else REACH_UNSEEN_MM
     certified = isinstance(layout, Layout)
     middle = layout if certified else layout.middle
-    reach_mm += 0.0 if certified else layout.spread_mm
+    if certified and sure is None:
+        reach_mm = np.full(2, reach_seen_mm if area.trusted else REACH_UNSEEN_MM)
+    else:
+        # A border that is seen at one side only may be another edge of the film.
+        both = np.array([set(pair) <= set(area.seen) for pair in OPPOSITE])
+        reach_mm = np.where(area.trusted & both, reach_seen_mm, REACH_UNSEEN_MM)
+    reaches_mm = reach_mm + (np.zeros_like(middle.film) if certified else layout.spread_mm)
     ways = middle.ways
     border = area if area.trusted and certified else None
-    area_mm2, kept = (2 * reach_mm) ** 2, min(KINDS, len(marks))
+    area_mm2, kept = float(np.prod(2 * reaches_mm[0])), min(KINDS, len(marks))
     search = Search(scan_pixel_mm, area_mm2, len(ways), certified, border, kept, sure is not None)
     lies = {k: middle.lying(way) for k, way in enumerate(ways)}
     expected = {k: expected_places(film, area, scan_pixel_mm) for k, film in lies.items()}
     column, row = area.centre[0].tolist()
     windows, owners = open_windows(
-        scan, expected, (column, row), round(reach_mm / scan_pixel_mm), MERGE_MM / scan_pixel_mm,
+        scan, expected, (column, row), reaches_mm / scan_pixel_mm, MERGE_MM / scan_pixel_mm,
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
     kinds = all_candidates(

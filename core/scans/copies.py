@@ -10,7 +10,7 @@ from core.geometry.camera import Camera
 from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import eighth
 from core.scans.constellation import Constellation, find_constellation
-from core.scans.example import ShownMark, layout_like, marks_like, mean_picture
+from core.scans.example import ShownMark, example_reduction, layout_like, marks_like, mean_picture
 from core.scans.fiducials import both_ways, found_after_all, judged_set, quarters_of
 from core.scans.film_area import FilmArea
 from core.scans.judging import FiducialSet, nothing_found
@@ -82,11 +82,14 @@ def measure_like(
 
 def _measured(scan: ScanFile, found: Constellation, pixel_mm: float) -> FiducialSet:
     """The copies of an example in one of its sizes, and which of them stand."""
-    spots = open_spots(scan, found, pixel_mm)
+    spots = open_spots(scan, found, pixel_mm, example_reduction(pixel_mm))
     fit = fit_mark(list(spots.values()), found, pixel_mm)
     results = both_ways(spots, found, fit, pixel_mm)
     for _ in range(LEARNT_ROUNDS):
-        fit = _learnt(fit, spots, results, pixel_mm)
+        learnt = _learnt(fit, spots, results, pixel_mm)
+        if learnt is fit:
+            break
+        fit = learnt
         results = both_ways(spots, found, fit, pixel_mm)
     results = found_after_all(results, spots, found, (fit,), pixel_mm)
     results = {name: _inside(scan, one, fit, pixel_mm) for name, one in results.items()}
@@ -105,7 +108,7 @@ def _learnt(
     copies = [
         (
             spots[name].gray,
-            (one.column - spots[name].corner[0], one.row - spots[name].corner[1]),
+            spots[name].within(one.column, one.row),
             replace(fit.mark, outward=spots[name].outward, lies=one.lies),
         )
         for name, one in results.items()
@@ -113,7 +116,8 @@ def _learnt(
     ]
     if len(copies) < LEAST_COPIES:
         return fit
-    return replace(fit, mark=mean_picture(fit.mark, copies, fit.turn, pixel_mm))
+    cell_mm = pixel_mm * next(iter(spots.values())).reduction
+    return replace(fit, mark=mean_picture(fit.mark, copies, fit.turn, cell_mm))
 
 
 def _inside(

@@ -35,6 +35,8 @@ SYMMETRIC_FROM = 0.8  # design: half way between notches (0.3 to 0.6) and worn c
 """Likeness to itself after half a turn from which a mark is symmetric about its middle."""
 INSET_OFF_MM = 4.0  # design: how well the border of old pictures tells the middle of the film
 """How much nearer to the border than the mark that was shown the others may lie."""
+EXAMPLE_MM = 0.03  # design: as `FITTING_MM`: what is shown is wider than the thinnest drawn lines
+"""Pixel to which finer scans are reduced where an example is cut and its copies are measured."""
 DIAGONAL = 1.5  # design: more than the root of two: a turned window stays inside
 """Half width of a picture in that of the template cut from it."""
 
@@ -66,12 +68,18 @@ def marks_like(shown: ShownMark) -> tuple[Mark, ...]:
 
 def _pictured(shown: ShownMark, radius_mm: float) -> Mark:
     """The mark with one reach, its middle on the point of symmetry where it has one."""
-    half = _half_px(radius_mm, shown.pixel_mm)
-    reach = half + int(np.ceil(POINTED_MM / shown.pixel_mm)) + 4
+    by = example_reduction(shown.pixel_mm)
+    cell_mm = shown.pixel_mm * by
+    reach = (_half_px(radius_mm, cell_mm) + int(np.ceil(POINTED_MM / cell_mm)) + 4) * by
     corner = round(shown.place[0]) - reach, round(shown.place[1]) - reach
-    window = read_window(shown.scan, *corner, 2 * reach, 2 * reach, outside="edge")
-    start = (shown.place[0] - corner[0], shown.place[1] - corner[1])
-    return _centred(window, start, shown.outward, radius_mm, shown.pixel_mm)
+    window = read_window(shown.scan, *corner, 2 * reach, 2 * reach, by, outside="edge")
+    start = ((shown.place[0] - corner[0]) / by, (shown.place[1] - corner[1]) / by)
+    return _centred(window, start, shown.outward, radius_mm, cell_mm)
+
+
+def example_reduction(pixel_mm: float) -> int:
+    """Scan pixels a side that become one where an example is looked at closely."""
+    return max(1, round(EXAMPLE_MM / pixel_mm))
 
 
 def mean_picture(

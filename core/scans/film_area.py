@@ -21,6 +21,8 @@ from core.said import say
 
 Side = Literal["left", "right", "top", "bottom"]
 SIDES: tuple[Side, Side, Side, Side] = ("left", "right", "top", "bottom")
+OPPOSITE = (SIDES[:2], SIDES[2:])
+"""Those across, and those down."""
 # design: a border is blurred over less than three cells of a third of a millimetre.
 STEP_CELLS = 3
 """Cells on either side of a boundary whose means are compared."""

@@ -61,6 +61,28 @@ WORST_PX = 9.0  # design: worse than any limit, and small enough to be squared
 """Largest standard deviation of a second way that is reckoned with."""
 
 
+@dataclass(frozen=True, slots=True)
+class TwoWays:
+    """One mark's middle from both ways."""
+
+    column: float
+    """Scan pixels."""
+    row: float
+    """Scan pixels."""
+    sigma_px: float
+    """Standard deviation per axis, pixels."""
+    correlation: float
+    """Likeness to the drawn mark."""
+    disagreement_px: float
+    """Distance between both ways."""
+    outline_px: float = 0.0
+    """How far its outline, a third way, lay from both, where that was taken; pixels."""
+    worst_px: float = 0.0
+    """Standard deviation in the direction in which it is least sure, where that is known."""
+    lies: Lie = "turned"
+    """How an example lies there."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Spot:
     """A window about one mark."""
@@ -77,16 +99,39 @@ class Spot:
     """Direction from the middle of the marks, in the film's axes (right, down)."""
     found: bool
     """False where the place only follows from the other marks."""
+    reduction: int = 1
+    """Scan pixels a side that became one pixel of the window."""
+
+    def within(self, column: float, row: float) -> tuple[float, float]:
+        """A place of the scan in the window."""
+        at = (column - self.corner[0], row - self.corner[1])
+        return at[0] / self.reduction, at[1] / self.reduction
+
+    def placed(self, found: TwoWays) -> TwoWays:
+        """What was measured in the window, in the scan."""
+        by = self.reduction
+        return replace(
+            found,
+            column=self.corner[0] + by * found.column,
+            row=self.corner[1] + by * found.row,
+            sigma_px=by * found.sigma_px,
+            disagreement_px=by * found.disagreement_px,
+            outline_px=by * found.outline_px,
+            worst_px=by * found.worst_px,
+        )
 
 
-def open_spots(scan: ScanFile, found: Constellation, pixel_mm: float) -> Mapping[str, Spot]:
-    """Full resolution windows about all marks; those not found yet where the others put them."""
+def open_spots(
+    scan: ScanFile, found: Constellation, pixel_mm: float, reduction: int = 1
+) -> Mapping[str, Spot]:
+    """Windows about all marks; those not found yet where the others put them."""
     places = _all_places(found)
     middle = np.mean(list(places.values()), axis=0)
     spots: dict[str, Spot] = {}
     for name, (column, row) in places.items():
         outward = eighth((column - middle[0], row - middle[1]), within_eighth(found.turn))
-        spot = open_spot(scan, name, (column, row), outward, found.mark.reach_mm, pixel_mm)
+        reach_mm = found.mark.reach_mm
+        spot = open_spot(scan, name, (column, row), outward, reach_mm, pixel_mm, reduction)
         if spot is not None:
             spots[name] = replace(spot, found=name in found.names)
     return spots
@@ -99,8 +144,9 @@ def open_spot(
     outward: tuple[float, float],
     reach_mm: float,
     pixel_mm: float,
+    reduction: int = 1,
 ) -> Spot | None:
-    """The full resolution window about one place; None outside the scan.
+    """The window about one place; None outside the scan.
 
     Args:
         scan: The scan.
@@ -109,17 +155,21 @@ def open_spot(
         outward: Direction from the middle of the marks, in the film's axes (right, down).
         reach_mm: How far the mark extends from its middle.
         pixel_mm: Size of a scan pixel, millimetres.
+        reduction: Scan pixels a side that become one.
     """
     column, row = place
     if not (0 < column < scan.size_px[0] and 0 < row < scan.size_px[1]):
         return None
     # Room for a ring about what was found as a dot, and for a start that is a little off.
-    half = int(np.ceil((max(reach_mm, RING_MM) * WINDOW_REACH + WINDOW_MM) / pixel_mm)) + WINDOW_PX
-    corner = (round(column) - half, round(row) - half)
-    gray = read_window(scan, *corner, 2 * half, 2 * half, outside="edge")
+    cell_mm = pixel_mm * reduction
+    half = int(np.ceil((max(reach_mm, RING_MM) * WINDOW_REACH + WINDOW_MM) / cell_mm)) + WINDOW_PX
+    corner = (round(column) - half * reduction, round(row) - half * reduction)
+    side = 2 * half * reduction
+    gray = read_window(scan, *corner, side, side, reduction, outside="edge")
     if not np.isfinite(gray[half - 3 : half + 3, half - 3 : half + 3]).all():
         return None
-    return Spot(name, corner, gray, (column - corner[0], row - corner[1]), outward, False)
+    spot = Spot(name, corner, gray, (0.0, 0.0), outward, False, reduction)
+    return replace(spot, start=spot.within(column, row))
 
 
 def _all_places(found: Constellation) -> Mapping[str, tuple[float, float]]:
@@ -164,28 +214,6 @@ class FittedMark:
         return draw_mark(mark, pixel_mm, self.turn, beside=beside)
 
 
-@dataclass(frozen=True, slots=True)
-class TwoWays:
-    """One mark's middle from both ways."""
-
-    column: float
-    """Scan pixels."""
-    row: float
-    """Scan pixels."""
-    sigma_px: float
-    """Standard deviation per axis, pixels."""
-    correlation: float
-    """Likeness to the drawn mark."""
-    disagreement_px: float
-    """Distance between both ways."""
-    outline_px: float = 0.0
-    """How far its outline, a third way, lay from both, where that was taken; pixels."""
-    worst_px: float = 0.0
-    """Standard deviation in the direction in which it is least sure, where that is known."""
-    lies: Lie = "turned"
-    """How an example lies there."""
-
-
 def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:
     """The mark's kind and measures: what makes the drawn mark most like the scan's, on average.
 
@@ -194,11 +222,11 @@ def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> Fi
     """
     reduction = max(1, round(FITTING_MM / pixel_mm))
     cell = pixel_mm * reduction
-    small = [_reduced(spot, reduction) for spot in spots]
     turn = -within_eighth(found.turn)
     trials = [FittedMark(kind, turn, found.bright, cell) for kind in (found.mark, *found.kinds)]
     if found.mark.picture is not None:
         return trials[0]
+    small = [_reduced(spot, reduction) for spot in spots]
     best = _kind(small, trials, cell)
     if best.mark.notch:
         return best
@@ -268,7 +296,7 @@ def _kind(spots: Sequence[Spot], trials: Sequence[FittedMark], cell_mm: float) -
 
 def search_mark(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
     """The spot with its start where the window is most like a mark that was fitted elsewhere."""
-    template = fitted.drawn(spot.outward, pixel_mm).astype(np.float32)
+    template = fitted.drawn(spot.outward, pixel_mm * spot.reduction).astype(np.float32)
     side = template.shape[0]
     if min(spot.gray.shape) <= side:
         return spot
@@ -283,13 +311,15 @@ def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | F
 
     Symmetric marks by matching and by their symmetry, others by matching and by their outline.
     """
+    cell_mm = pixel_mm * spot.reduction
     if fitted.mark.notch:
-        return _notch(spot, fitted, pixel_mm)
+        notch = _notch(spot, fitted, cell_mm)
+        return spot.placed(notch) if isinstance(notch, TwoWays) else notch
     failure = Failure("Nothing there is like the mark that was shown.")
-    for mark in _lying(spot, fitted, pixel_mm):
-        found = _measured(spot, replace(fitted, mark=mark), pixel_mm)
+    for mark in _lying(spot, fitted, cell_mm):
+        found = _measured(spot, replace(fitted, mark=mark), cell_mm)
         if isinstance(found, TwoWays):
-            return replace(found, lies=mark.lies)
+            return replace(spot.placed(found), lies=mark.lies)
         failure = found
     return failure
 
@@ -320,7 +350,7 @@ def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Fail
         both = centre_by_likeness(spot.gray, spot.start, OFF_MM / pixel_mm + 1, template, along)
         if isinstance(both, Failure):
             return both
-        return _together(spot, both[0], both[1], both[0].correlation)
+        return _together(both[0], both[1], both[0].correlation)
     matched = match_mark(spot.gray, spot.start, OFF_MM / pixel_mm + 2, template)
     if isinstance(matched, Failure):
         return matched
@@ -329,24 +359,25 @@ def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Fail
     if isinstance(second, Failure):
         return second
     likeness = matched.correlation if fitted.bright else -matched.correlation
-    both = _together(spot, matched, second, likeness)
+    both = _together(matched, second, likeness)
     if not fitted.mark.symmetric:
         return both
     outline = template if fitted.bright else -template
-    middle = (both.column - spot.corner[0], both.row - spot.corner[1])
+    middle = (both.column, both.row)
     third = centre_by_edges(spot.gray, middle, OUTLINE_MM / pixel_mm + 1, outline)
-    return both if isinstance(third, Failure) else _confirmed(spot, both, third)
+    return both if isinstance(third, Failure) else _confirmed(both, third)
 
 
-def _confirmed(spot: Spot, both: TwoWays, third: Centre) -> TwoWays:
+def _confirmed(both: TwoWays, third: Centre) -> TwoWays:
     """Both ways beside the outline: dirt that touches the mark moves them, but few of its edges."""
-    column, row = spot.corner[0] + third.column, spot.corner[1] + third.row
-    apart = float(np.hypot(column - both.column, row - both.row))
+    apart = float(np.hypot(third.column - both.column, third.row - both.row))
     sigma = float(np.hypot(both.sigma_px, third.sigma_px))
     if apart < max(OUTLINE_SIGMAS * sigma, OUTLINE_PX):
         return both
     wide = float(np.hypot(third.sigma_px, apart / 2))
-    return replace(both, column=column, row=row, sigma_px=wide, outline_px=apart)
+    return replace(
+        both, column=third.column, row=third.row, sigma_px=wide, outline_px=apart
+    )
 
 
 def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
@@ -367,8 +398,8 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
     # The steps alone are drawn aside by the picture's slopes: they only confirm.
     beyond = max(apart - STEPS_APART_PX, 0.0) / 2
     return TwoWays(
-        spot.corner[0] + second.column,
-        spot.corner[1] + second.row,
+        second.column,
+        second.row,
         float(np.hypot(np.hypot(second.sigma_px, NOTCH_SIGMA_PX), beyond)),
         likeness,
         apart,
@@ -376,7 +407,7 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
     )
 
 
-def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> TwoWays:
+def _together(matched: Centre, second: Centre, likeness: float) -> TwoWays:
     """Both ways weighted by their sigmas."""
     apart = float(np.hypot(matched.column - second.column, matched.row - second.row))
     # Two ways that differ by no more than both sigmas let expect are as sure as they say.
@@ -384,8 +415,8 @@ def _together(spot: Spot, matched: Centre, second: Centre, likeness: float) -> T
     beyond = float(np.sqrt(max(apart**2 - expected, 0.0))) / 2
     share = matched.sigma_px**2 / (matched.sigma_px**2 + second.sigma_px**2 + TINY)
     return TwoWays(
-        spot.corner[0] + share * second.column + (1 - share) * matched.column,
-        spot.corner[1] + share * second.row + (1 - share) * matched.row,
+        share * second.column + (1 - share) * matched.column,
+        share * second.row + (1 - share) * matched.row,
         float(np.hypot(min(second.sigma_px, WORST_PX), beyond)),
         likeness,
         apart,

@@ -93,10 +93,9 @@ class OpenLayout:
         return Layout(self.names, film, (UPRIGHT,))
 
     @property
-    def spread_mm(self) -> float:
-        """How far a mark may lie from there, outward."""
-        spread = self.directions * (self.most_mm - self.least_mm) / 2
-        return float(np.linalg.norm(spread, axis=1).max())
+    def spread_mm(self) -> FilmPoints:
+        """How far each mark may lie from there, across and down."""
+        return np.abs(self.directions) * (self.most_mm - self.least_mm) / 2
 
 
 def lying(film: FilmPoints, way: Way) -> FilmPoints:
