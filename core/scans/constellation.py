@@ -245,8 +245,8 @@ def _apart(first: Constellation, second: Constellation) -> float:
 
 
 def _is_border(chosen: Constellation, area: FilmArea, limit_px: float) -> bool:
-    """True for notches and corners that are only the frame's own corners."""
-    if chosen.mark.symmetric:
+    """True for drawn notches and corners that are only the frame's own corners."""
+    if chosen.mark.symmetric or chosen.mark.picture is not None:
         return False
     apart = np.linalg.norm(chosen.pixels[:, None] - area.corners[None], axis=2).min(axis=1)
     return bool(np.median(apart) < limit_px)
@@ -281,7 +281,8 @@ def _symmetry(chosen: Constellation, windows: Sequence[SearchWindow], search: Se
                 window.gray, start, SEARCH_OFF_MM / cell_mm + 1, disc(radius)
             )
             found.append(max(centre.correlation, 0.0) if isinstance(centre, Centre) else 0.0)
-    return float(np.mean(found))
+    # Light falls off across a housing: that an example is there its copies tell, not its symmetry.
+    return max(float(np.mean(found)), ASYMMETRIC_WORTH if chosen.mark.picture is not None else 0.0)
 
 
 def expected_places(lying: FilmPoints, area: FilmArea, scan_pixel_mm: float) -> PixelPoints:

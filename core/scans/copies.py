@@ -13,7 +13,7 @@ from core.scans.constellation import Constellation, find_constellation
 from core.scans.example import ShownMark, example_reduction, layout_like, marks_like, mean_picture
 from core.scans.fiducials import both_ways, found_after_all, judged_set, quarters_of
 from core.scans.film_area import FilmArea
-from core.scans.judging import FiducialSet, nothing_found
+from core.scans.judging import SHOWN_PX, FiducialSet, nothing_found
 from core.scans.measuring import FittedMark, Spot, TwoWays, fit_mark, open_spots
 
 LEAST_COPIES = 3  # design: the median of two is still half the picture beside each
@@ -82,7 +82,8 @@ def measure_like(
 
 def _measured(scan: ScanFile, found: Constellation, pixel_mm: float) -> FiducialSet:
     """The copies of an example in one of its sizes, and which of them stand."""
-    spots = open_spots(scan, found, pixel_mm, example_reduction(pixel_mm))
+    reduction = example_reduction(pixel_mm)
+    spots = open_spots(scan, found, pixel_mm, reduction)
     fit = fit_mark(list(spots.values()), found, pixel_mm)
     results = both_ways(spots, found, fit, pixel_mm)
     for _ in range(LEARNT_ROUNDS):
@@ -94,7 +95,8 @@ def _measured(scan: ScanFile, found: Constellation, pixel_mm: float) -> Fiducial
     results = found_after_all(results, spots, found, (fit,), pixel_mm)
     results = {name: _inside(scan, one, fit, pixel_mm) for name, one in results.items()}
     photo_id = photo_id_of(scan.path)
-    marks, doubts = judged_set(photo_id, results, results, found.predicted, fit)
+    limit_px = SHOWN_PX * reduction
+    marks, doubts = judged_set(photo_id, results, results, found.predicted, fit, limit_px)
     return FiducialSet(tuple(marks), tuple(doubts), found.way, (), (fit,))
 
 
@@ -116,7 +118,7 @@ def _learnt(
     ]
     if len(copies) < LEAST_COPIES:
         return fit
-    cell_mm = pixel_mm * next(iter(spots.values())).reduction
+    cell_mm = pixel_mm * example_reduction(pixel_mm)
     return replace(fit, mark=mean_picture(fit.mark, copies, fit.turn, cell_mm))
 
 

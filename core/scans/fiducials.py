@@ -28,6 +28,7 @@ from core.scans.constellation import (
 )
 from core.scans.film_area import FilmArea
 from core.scans.judging import (
+    LIMIT_PX,
     SURELY_MARK,
     FiducialMeasurement,
     FiducialSet,
@@ -216,6 +217,7 @@ def judged_set(
     alike: Mapping[str, TwoWays | Failure],
     predicted: Mapping[str, tuple[float, float]],
     fit: FittedMark,
+    limit_px: float = LIMIT_PX,
 ) -> tuple[list[FiducialMeasurement], list[Doubt]]:
     """The marks that stand, and a doubt about each that does not or is unsure.
 
@@ -225,10 +227,11 @@ def judged_set(
         alike: All that they are compared with, themselves included.
         predicted: Where each should be, pixels.
         fit: The mark as it looks in this scan.
+        limit_px: How far the ways to centre a mark may differ, and how sure they must be of it.
     """
     marks: list[FiducialMeasurement] = []
     doubts: list[Doubt] = []
-    spoilt, judged = spoilt_by(alike), judged_marks(alike)
+    spoilt, judged = spoilt_by(alike), judged_marks(alike, limit_px)
     for name in results:
         result = judged[name]
         if isinstance(result, Failure):

@@ -12,8 +12,11 @@ from core.said import say
 from core.scans.measuring import FittedMark, TwoWays
 from core.scans.naming import UPRIGHT, Way, turned_words
 
-MAX_APART_PX = 0.5  # design: two ways that differ by more centre different things
-"""Greatest distance between the matched and the second middle."""
+LIMIT_PX = 0.5  # design: a hand on a screen; ways that differ by more centre different things
+"""Greatest distance between the matched and the second middle, and greatest standard deviation."""
+SHOWN_PX = 1.0  # design: half of what is beside an example is picture, which draws both ways aside
+"""The same of copies of an example, in pixels in which they were measured; from LIMIT_PX on they
+are doubts all the same."""
 MIN_CORRELATION = 0.55  # design: half way between texture and a worn mark
 """Correlation with the drawn mark below which a place is no mark."""
 SURELY_MARK = 0.9  # design: texture does not reach it
@@ -27,8 +30,6 @@ DIRT_FROM, DIRT_PX = 1.2, 0.1  # design: noise; a hair across a stroke of some p
 difference does to its middle, pixels."""
 CLEAN_PERCENT, LEAST_LEFT = 25, 0.01  # design: a quarter of the marks are clean; noise of drawing
 """Marks that tell what is usual, and the least that is left besides a mark."""
-MAX_SIGMA_PX = 0.5  # design: worse than a hand on a screen
-"""Standard deviation beyond which a mark is not used."""
 UNSURE_PX = 0.048  # measured: prove_fiducials; 0.15 pixels are then not sure to 99.2 per cent
 """Standard deviation, in the direction in which a mark is least sure, from which one that stands is
 pointed out."""
@@ -136,8 +137,15 @@ def spoilt_by(results: Mapping[str, TwoWays | Failure]) -> dict[str, float]:
     return {name: max(1.0, float(np.sqrt(max(value, 0.0) / least))) for name, value in left.items()}
 
 
-def judged_marks(results: Mapping[str, TwoWays | Failure]) -> dict[str, TwoWays | Failure]:
-    """Marks that are like the drawn mark, like the others, and alike in both ways."""
+def judged_marks(
+    results: Mapping[str, TwoWays | Failure], limit_px: float = LIMIT_PX
+) -> dict[str, TwoWays | Failure]:
+    """Marks that are like the drawn mark, like the others, and alike in both ways.
+
+    Args:
+        results: What was measured, by name.
+        limit_px: How far the ways to centre a mark may differ, and how sure they must be of it.
+    """
     likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
     usual = float(np.median(likeness)) if likeness else 0.0
     least = max(MIN_CORRELATION, usual - MAX_DROP)
@@ -164,12 +172,12 @@ def judged_marks(results: Mapping[str, TwoWays | Failure]) -> dict[str, TwoWays 
                 ),
                 {"correlation": result.correlation},
             )
-        elif result.sigma_px > MAX_SIGMA_PX:
+        elif result.sigma_px > limit_px:
             judged[name] = Failure(
                 say("Its middle is only known to {sigma_px:.1f} pixels.", sigma_px=result.sigma_px),
                 {"sigma_px": result.sigma_px},
             )
-        elif (apart := max(result.disagreement_px, result.outline_px)) > MAX_APART_PX:
+        elif (apart := max(result.disagreement_px, result.outline_px)) > limit_px:
             judged[name] = Failure(
                 say("The ways to centre it differ by {apart:.2f} pixels.", apart=apart),
                 {"disagreement_px": apart},

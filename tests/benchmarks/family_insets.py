@@ -25,6 +25,8 @@ PLACES = {"P3": "UL", "P2": "UR", "P4": "LR", "P1": "LL", "P7": "T", "P6": "R", 
 GROUPS = {"corners": ("UL", "UR", "LR", "LL"), "sides": ("T", "R", "B", "L")}
 """Places in clockwise order: each is a quarter turn from the one before."""
 CORNER_MM, FEATHER_PX = 26.0, 15.0
+BESIDE_MM = 8.0
+"""Film beside the picture in a made scan: marks that stand there must not be cut off by its edge."""
 AXES = {
     "UL": (-1, 1), "UR": (1, 1), "LR": (1, -1), "LL": (-1, -1),
     "T": (0, 1), "R": (1, 0), "B": (0, -1), "L": (-1, 0),

@@ -33,6 +33,7 @@ from core.scans.judging import FiducialSet
 from core.scans.repeated import with_repeated
 from tests.benchmarks.family_insets import (
     GROUPS,
+    BESIDE_MM,
     PIXEL_MM,
     Inset,
     common_offset_off,
@@ -108,7 +109,10 @@ def judged(result: FiducialSet, scan: Laid, group: str, shown: str = "") -> Tall
 def lay(path: Path, insets: dict[str, Inset], number: int) -> Laid:
     """Made film with the insets of one group, as a scan."""
     rng = np.random.default_rng([23, number])
-    film = Film(pixel_mm=PIXEL_MM, noise=0.0, fiducials={}, turn_deg=float(rng.uniform(-1, 1)))
+    film = Film(
+        pixel_mm=PIXEL_MM, noise=0.0, fiducials={}, turn_deg=float(rng.uniform(-1, 1)),
+        margin_mm=BESIDE_MM,
+    )  # fmt: skip
     make_film(path, film, number)
     gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(np.float32)
     _, truth = paste_group(gray, film, insets, insets, rng)

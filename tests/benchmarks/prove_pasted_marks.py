@@ -32,6 +32,7 @@ from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import orient_scan
 from core.scans.judging import FiducialSet
 from tests.benchmarks.family_insets import (
+    BESIDE_MM,
     GROUPS,
     PIXEL_MM,
     common_offset_off,
@@ -97,6 +98,7 @@ def make_scan(path: Path, number: int, seed: int, folder: Path) -> Pasted:
         shrinkage=(1 + float(rng.normal(0, 3e-4)), 1 + float(rng.normal(0, 3e-4))),
         noise=0.0,
         fiducials={},
+        margin_mm=BESIDE_MM,
     )
     make_film(path, film, seed * 1000 + number)
     gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(np.float32)

@@ -26,6 +26,7 @@ class Film:
     fiducials: dict = field(default_factory=lambda: dict(FIDUCIALS))
     half_mm: float = 30.0
     margin: float = 8.0
+    margin_mm: float = 2.5
     housing_mm: float = 2.0
     missing: tuple[str, ...] = ()
     mirrored: bool = False
@@ -105,7 +106,7 @@ def film_from_pixel(film: Film, size: int) -> np.ndarray:
 
 def make_film(path: Path, film: Film, seed: int = 0) -> dict[str, tuple[float, float]]:
     """Write the scan; returns where the marks really are, pixels."""
-    size = round((2 * film.half_mm + 5.0) / film.pixel_mm)
+    size = round(2 * (film.half_mm + film.margin_mm) / film.pixel_mm)
     matrix = film_from_pixel(film, size)
     rng = np.random.default_rng(seed)
     axis = np.arange(size, dtype=np.float32) + 0.5
