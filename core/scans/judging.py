@@ -1,7 +1,7 @@
 """Accept or doubt measured marks and the interior orientation they give."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,10 +17,10 @@ LIMIT_PX = 0.5  # design: a hand on a screen; ways that differ by more centre di
 SHOWN_PX = 1.0  # design: half of what is beside an example is picture, which draws both ways aside
 """The same of copies of an example, in pixels in which they were measured; from LIMIT_PX on they
 are doubts all the same."""
-MIN_CORRELATION = 0.55  # design: half way between texture and a worn mark
-"""Correlation with the drawn mark below which a place is no mark."""
 SURELY_MARK = 0.9  # design: texture does not reach it
 """Correlation from which a place where nothing was seen from afar is a mark."""
+MIN_CORRELATION = 0.55  # design: half way between texture and a worn mark
+"""Correlation with the drawn mark below which a place is no mark."""
 MAX_DROP = 0.25  # design: wear and blur change along a film, but not by as much
 """How much less like the mark than the others a place may be before it is no mark."""
 MAX_SPOILT = 4.0  # design: something covers most of it
@@ -177,7 +177,11 @@ def judged_marks(
                 say("Its middle is only known to {sigma_px:.1f} pixels.", sigma_px=result.sigma_px),
                 {"sigma_px": result.sigma_px},
             )
-        elif (apart := max(result.disagreement_px, result.outline_px)) > limit_px:
+        elif (apart := max(result.disagreement_px, result.outline_px)) <= limit_px:
+            # Ways that differ by more than usual say how unsure they are.
+            wide = max(result.sigma_px, apart) if apart > LIMIT_PX else result.sigma_px
+            judged[name] = replace(result, sigma_px=wide)
+        else:
             judged[name] = Failure(
                 say("The ways to centre it differ by {apart:.2f} pixels.", apart=apart),
                 {"disagreement_px": apart},

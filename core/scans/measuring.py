@@ -360,8 +360,8 @@ def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Fail
         return second
     likeness = matched.correlation if fitted.bright else -matched.correlation
     both = _together(matched, second, likeness)
-    if not fitted.mark.symmetric:
-        return both
+    if not fitted.mark.symmetric or fitted.mark.picture is not None:
+        return both  # An example has no outline that its grays do not hold.
     outline = template if fitted.bright else -template
     middle = (both.column, both.row)
     third = centre_by_edges(spot.gray, middle, OUTLINE_MM / pixel_mm + 1, outline)
@@ -375,9 +375,7 @@ def _confirmed(both: TwoWays, third: Centre) -> TwoWays:
     if apart < max(OUTLINE_SIGMAS * sigma, OUTLINE_PX):
         return both
     wide = float(np.hypot(third.sigma_px, apart / 2))
-    return replace(
-        both, column=third.column, row=third.row, sigma_px=wide, outline_px=apart
-    )
+    return replace(both, column=third.column, row=third.row, sigma_px=wide, outline_px=apart)
 
 
 def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:

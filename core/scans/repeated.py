@@ -5,7 +5,7 @@ mirrored; landscape does not. So small conspicuous figures at one place are sear
 other three, and the best matches are treated as marks, as if an operator had shown them.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,13 +17,21 @@ from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, photo_id_of, read_window
-from core.scans.candidates import SearchWindow, border_axis, fill_window, without_border
-from core.scans.centring import sample_about
-from core.scans.constellation import AGREE_MM, SEARCH_PIXEL_MM, expected_places
+from core.scans.candidates import FLAT, SearchWindow, border_axis, fill_window, without_border
+from core.scans.centring import (
+    Centre,
+    centre_by_symmetry,
+    correlation,
+    disc,
+    disc_in,
+    sample_about,
+    square_about,
+)
+from core.scans.constellation import AGREE_MM, FRAME_CORNER_MM, SEARCH_PIXEL_MM, expected_places
 from core.scans.copies import mark_shown_at, measure_like
-from core.scans.example import ShownMark
+from core.scans.example import SYMMETRIC_FROM, ShownMark
 from core.scans.film_area import FilmArea
-from core.scans.judging import FiducialSet, doubt_of_repeated
+from core.scans.judging import LIMIT_PX, SURELY_MARK, FiducialSet, doubt_of_repeated
 from core.scans.naming import CORNERS, SIDES
 
 Group = Literal["corners", "sides"]
@@ -44,6 +52,13 @@ TRIED = 4  # design: one for each place; on ten real frames a mark was among the
 """Figures that are offered, best first."""
 APART_MM = 0.6  # design: less than the figure's radius
 """Least distance of two figures of a window."""
+MOST_ALIKE, BALANCE = 0.999, 1.0  # design: Fisher's transform, kept finite: marks 2, texture 1.2
+"""Likeness to other places from which more counts nothing, and what likeness of a figure's
+surroundings to themselves, 0 to 1, counts beside it."""
+LEAST_LONE = 0.25  # design: half way between a line (0) and the middle of a cross (0.5 and more)
+"""How much more a point of symmetry is one than the points about it."""
+LOOKED_AT = 4  # design: the same mark at four places, as a figure and as a point of symmetry
+"""Figures a place that are compared with their surroundings, for one that is offered."""
 LEAST_ALIKE = 0.6  # design: landscape is as much alike by chance at one place, not at two
 """Mean likeness at the two places that are most alike."""
 CROSSING_STEPS = 12  # design: steps of at most a cell; a figure's radius is eight to eleven
@@ -74,22 +89,39 @@ def with_repeated(
         known: Marks of known kinds, named by where they lie in the scan.
     """
     for group, places in GROUPS.items():
-        found = {mark.name for mark in known.marks}
-        enough = camera.fiducial_marks == len(places) and len(found) >= LEAST_MARKS
-        if enough or found & set(places):
+        enough = camera.fiducial_marks == len(places) and len(known.marks) >= LEAST_MARKS
+        if enough or sum(mark.name in places for mark in known.marks) >= LEAST_MARKS:
             continue
+        others = _without(known, places)
         for shown in repeated_marks(scan, camera, pixel_mm, area, group):
             copies = measure_like(scan, camera, pixel_mm, area, shown)
-            # Nobody knows their pattern: three of landscape fit some of all that are tried.
-            whole = len(copies.marks) == len(places)
-            if whole and _about_one_middle(known, copies, pixel_mm):
-                doubts = known.doubts if known.marks else ()
+            if _whole(copies, len(places)) and _about_one_middle(others, copies, pixel_mm):
                 unsure = _doubts_of(photo_id_of(scan.path), copies)
-                known = replace(
-                    known, marks=(*known.marks, *copies.marks), doubts=(*doubts, *unsure)
-                )
+                marks, doubts = (*others.marks, *copies.marks), (*others.doubts, *unsure)
+                known = replace(known, marks=marks, doubts=doubts)
                 break
     return known
+
+
+def _without(known: FiducialSet, places: Container[str]) -> FiducialSet:
+    """The marks, and doubts about them, of the other group."""
+    marks = tuple(mark for mark in known.marks if mark.name not in places)
+    doubts = known.doubts if marks else ()
+    kept = tuple(doubt for doubt in doubts if str(doubt.evidence.get("fiducial")) not in places)
+    return replace(known, marks=marks, doubts=kept)
+
+
+def _whole(copies: FiducialSet, places: int) -> bool:
+    """True for all marks of a group, most of them well measured, or for three beyond doubt.
+
+    Nobody knows their pattern: three of landscape fit some of all that are tried.
+    """
+    sure = [one for one in copies.marks if max(one.sigma_px, one.disagreement_px) < LIMIT_PX]
+    if len(sure) < LEAST_MARKS:
+        return False
+    symmetric = all(fit.mark.symmetric for fit in copies.fitted)
+    surely = symmetric and min(one.correlation for one in sure) > SURELY_MARK
+    return surely or len(copies.marks) == places
 
 
 def _doubts_of(photo_id: str, copies: FiducialSet) -> tuple[Doubt, ...]:
@@ -125,20 +157,90 @@ def repeated_marks(
     figures = [
         figure
         for k, field in enumerate(fields)
-        for figure in _standing_out(field, k, half, cell_mm)
+        for figure in (*_standing_out(field, k, half, cell_mm), *_symmetric(windows[k], k, half))
         if _lies_in(scan, windows[k].at(figure.column, figure.row), FIGURE_MM / pixel_mm)
     ]
     alike = {one: _repeated(one, windows, fields, half) for one in figures}
     best = sorted((f for f in figures if alike[f] > LEAST_ALIKE), key=lambda f: -alike[f])
-    offered: set[_Figure] = set()
-    for one in best[:TRIED]:
-        gray = windows[one.window].gray
-        column, row = _crossing(gray, (one.column + 0.5, one.row + 0.5), cell_mm)
-        at = replace(one, column=int(column), row=int(row))
-        place = windows[one.window].place(column, row)
-        if at not in offered and _lies_in(scan, place, FIGURE_MM / pixel_mm):
+    best = best[: LOOKED_AT * TRIED]
+    middle = {one: _middle(one, windows[one.window].gray, cell_mm) for one in best}
+    worth = {
+        one: np.arctanh(min(alike[one], MOST_ALIKE))
+        + BALANCE * _balance(windows[one.window], middle[one], cell_mm)
+        for one in best
+    }
+    offered: list[tuple[float, float]] = []
+    for one in sorted(best, key=lambda one: -worth[one]):
+        place = windows[one.window].place(*middle[one])
+        near = [float(np.hypot(*np.subtract(place, other))) * pixel_mm for other in offered]
+        if min(near, default=APART_MM) < APART_MM / 2:
+            continue
+        if _lies_in(scan, place, FIGURE_MM / pixel_mm) and not _of_border(area, place, pixel_mm):
+            offered.append(place)
             yield mark_shown_at(scan, area, place, pixel_mm)
-        offered.add(at)
+        if len(offered) == TRIED:
+            break
+
+
+def _of_border(area: FilmArea, place: tuple[float, float], pixel_mm: float) -> bool:
+    """True at the corners of the picture itself."""
+    apart = np.linalg.norm(area.corners - np.array(place), axis=1).min()
+    return float(apart) * pixel_mm < FRAME_CORNER_MM
+
+
+def _middle(figure: _Figure, gray: Field, cell_mm: float) -> tuple[float, float]:
+    """The point of a figure that is its mark: of its symmetry, else where its edges meet."""
+    start, reach = (figure.column + 0.5, figure.row + 0.5), FIGURE_MM / cell_mm
+    about = centre_by_symmetry(gray, start, reach, disc(reach))
+    if isinstance(about, Centre) and about.correlation > SYMMETRIC_FROM:
+        return about.column, about.row
+    return _crossing(gray, start, cell_mm)
+
+
+def _balance(window: SearchWindow, middle: tuple[float, float], cell_mm: float) -> float:
+    """How much what is about a figure is like itself turned by half, or in a mirror.
+
+    The mirror stands along its outward direction: of a row of teeth that all repeat, the middle of
+    the whole is the mark.
+    """
+    side = 2 * int(AROUND_MM / cell_mm) + 1
+    patch = square_about(window.gray, np.array(middle), side)
+    patch = without_border(patch, side, border_axis(window.outward))
+    mirrored = _turned(patch, 0, window.outward)[1]
+    weights = disc_in(patch.astype(np.float64))
+    return max(correlation(patch, other, weights) for other in (patch[::-1, ::-1], mirrored))
+
+
+def _symmetric(window: SearchWindow, number: int, half: int) -> list[_Figure]:
+    """Points about which a window is like itself after half a turn, and not about others beside.
+
+    Rings and crosses are so about their middle, a straight edge or line about many points.
+    """
+    gray = cv2.resize(window.gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    reach = (half + 1) // 2
+    away = np.hypot(*(np.indices((2 * reach + 1, 2 * reach + 1)) - reach))
+    padded = np.pad(gray, reach, mode="reflect")
+    rows, columns = gray.shape
+    products, mean, square = (np.zeros_like(gray) for _ in range(3))
+    for down, right in np.argwhere(away <= reach).tolist():
+        here = padded[down : down + rows, right : right + columns]
+        back = 2 * reach - down, 2 * reach - right
+        there = padded[back[0] : back[0] + rows, back[1] : back[1] + columns]
+        products += here * there
+        mean += here
+        square += here * here
+    count = np.count_nonzero(away <= reach)
+    mean /= count
+    alike = (products / count - mean**2) / (square / count - mean**2 + np.float32(FLAT**2))
+    beside = ((away <= reach) & (away > reach / 2)).astype(np.uint8)
+    lone = alike - cv2.dilate(alike, beside)
+    highest = alike == cv2.dilate(alike, (away <= reach).astype(np.uint8))
+    highest &= lone > LEAST_LONE
+    highest[:reach] = highest[-reach:] = False
+    highest[:, :reach] = highest[:, -reach:] = False
+    down, right = np.nonzero(highest)
+    order = np.argsort(-lone[down, right], kind="stable")[:FIGURES]
+    return [_Figure(number, 2 * int(right[k]) + 1, 2 * int(down[k]) + 1) for k in order]
 
 
 def _crossing(gray: Field, start: tuple[float, float], cell_mm: float) -> tuple[float, float]:

@@ -26,7 +26,7 @@ GROUPS = {"corners": ("UL", "UR", "LR", "LL"), "sides": ("T", "R", "B", "L")}
 """Places in clockwise order: each is a quarter turn from the one before."""
 CORNER_MM, FEATHER_PX = 26.0, 15.0
 BESIDE_MM = 8.0
-"""Film beside the picture in a made scan: marks that stand there must not be cut off by its edge."""
+"""Film beside the picture in a made scan: no mark that stands there is cut off by its edge."""
 AXES = {
     "UL": (-1, 1), "UR": (1, 1), "LR": (1, -1), "LL": (-1, -1),
     "T": (0, 1), "R": (1, 0), "B": (0, -1), "L": (-1, 0),

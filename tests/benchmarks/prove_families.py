@@ -32,8 +32,8 @@ from core.scans.film_area import FilmArea, detect_film_area
 from core.scans.judging import FiducialSet
 from core.scans.repeated import with_repeated
 from tests.benchmarks.family_insets import (
-    GROUPS,
     BESIDE_MM,
+    GROUPS,
     PIXEL_MM,
     Inset,
     common_offset_off,
