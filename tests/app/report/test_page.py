@@ -73,6 +73,19 @@ def test_text_of_the_data_is_escaped__law(written):
     assert "<b>rejected</b>" not in page
 
 
+def test_residuals_are_drawn_by_size_by_place_and_by_photo_with_what_correlates__law(written):
+    page, figures = written
+    residuals, text = figures["residuals"], text_of(page)
+    assert residuals["histograms"]
+    assert residuals["trends"]
+    assert list(residuals["films"]) == [row["scan"] for row in figures["exterior"]]
+    for kind, bars in residuals["histograms"].items():
+        assert re.sub(r"\s", " ", TELL(f"report.histogram.{kind}", **bars)) in text
+    for kind in residuals["trends"]:
+        assert TELL(f"report.trend.{kind}") in text
+    assert TELL("head.correlation") in text
+
+
 def test_headings_say_the_finding__truth(written):
     page, figures = written
     text = text_of(page)
