@@ -150,7 +150,9 @@ class Ear(logging.Handler):
 
 
 def is_refusal(status: int, url: str) -> bool:
-    """True for an answer in words to what cannot be done."""
+    """True for an answer in words to what cannot be done, or to what is not ready to be drawn."""
+    if status == 503:
+        return "/tiles/ortho/" in url  # The page asks again.
     return status == 409 and url.partition("?")[0].endswith(REFUSES)
 
 
@@ -161,7 +163,8 @@ def is_failure(response: Any) -> bool:
 
 def is_error(said: Any) -> bool:
     """True for an error of a script; the browser complains of refusals, too."""
-    refused = "409" in said.text and is_refusal(409, said.location.get("url", ""))
+    url = said.location.get("url", "")
+    refused = any(f"{status}" in said.text and is_refusal(status, url) for status in (409, 503))
     return said.type == "error" and not refused
 
 

@@ -328,6 +328,7 @@ def test_a_czech_report_holds_no_english_sentence__law(content, tmp_path):
     assert "Jednotková směrodatná odchylka" in text
     # A figure has a comma; names of files and coordinates of nought keep what they are.
     assert not re.search(r"\d\.\d+ (?:m|px|µm)\b", text)
+    assert not re.search(r"[.,]\d{7}", text), "a figure as a computer has it"
 
 
 def test_figures_for_programs_are_the_same_in_every_language__law(content, tmp_path):

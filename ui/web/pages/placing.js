@@ -382,7 +382,7 @@ function showRun() {
 
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
-  s: save, t: () => desk && writeWorldFile(), u: takeBack, w: switchWallis,
+  s: save, t: () => desk && chosenFit().matrix && writeWorldFile(), u: takeBack, w: switchWallis,
   j: () => step(1), k: () => step(-1), f: () => step(0),
   Escape: () => {
     if (desk && !state.pending.scan && !state.pending.ortho) return desk.gruberPlaced?.();
