@@ -337,6 +337,9 @@ class DeskWalk(PageWalk):
                     name, x, y = self.rng.choice(rows)
                     self.write(f"at once: click {name} at {x:.0f}, {y:.0f}")
                     self.page.mouse.click(x, y)
+                    # The list may be in another order by now: what was hit counts.
+                    hit = [s for s in self.page.evaluate("walk.seen") if s["type"] == "click"]
+                    name = hit[-1]["on"] if hit else name
                     aim, ahead = name.removeprefix("row "), True
                 continue
             self.press(what)

@@ -147,6 +147,22 @@ def test_enter_on_a_draft_that_is_kept_does_not_refine_the_next_point__law(page:
     page.wait_for_selector(".notice")
 
 
+def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page: Any) -> None:
+    """It lay in the sheet that was drawn anew; from then on every notice was an error."""
+    page.keyboard.press("b")
+    page.click("#quality #sign")
+    page.wait_for_selector("#quality .notice")
+    page.wait_for_selector("#quality .signature")
+    assert page.locator("#quality .notice").is_visible()
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#quality", state="hidden")
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality[open] #sign")
+    page.keyboard.press("Escape")
+    page.keyboard.press("1")
+    page.wait_for_selector("body > #notices > .notice")
+
+
 def test_a_remark_is_typed_on_while_the_block_is_adjusted__law(page: Any) -> None:
     show(page, "quality")
     page.focus("#sign-remark")

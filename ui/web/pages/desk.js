@@ -47,6 +47,7 @@ const state = {
   /** True from a decision until the desk is done with it. */
   deciding: false,
   handAt: -Infinity,
+  notices: /** @type {HTMLElement | null} */ (null),
 };
 
 /**
@@ -373,7 +374,8 @@ function comeBack({ key, filter, sort }) {
 /** What went wrong stays until it is clicked away, or a while. @param {Notice} notice */
 function tell({ text: name, values, grave }) {
   const text = word(name, values);
-  const notices = byId("notices");
+  // A sheet that was drawn anew may have thrown it out of the page.
+  const notices = (state.notices ??= byId("notices"));
   [...notices.children].find((box) => box.textContent === text)?.remove();
   const kind = `notice${grave ? " grave" : ""}`;
   const box = element("div", { class: kind, onclick: () => box.remove() }, text);

@@ -163,8 +163,9 @@ export function renew(room, ...children) {
   const twins = held ? alike(had) : [];
   const field = before && held ? keptField(before) : null;
   const [made] = children;
+  const notices = room.querySelector(":scope > #notices");
   room.replaceChildren(...(typeof made === "function" ? made()
-    : /** @type {(Node | string)[]} */ (children)));
+    : /** @type {(Node | string)[]} */ (children)), ...(notices ? [notices] : []));
   if (!before || !held) return;
   const now = alike(stops());
   const same = room.contains(before) ? before
