@@ -69,7 +69,7 @@ function thread({ id, open, said }) {
     state.answer = "";
   };
   const turn = open ? "fault.close" : "fault.open-again";
-  const lines = said.map(({ who, when, words, closes }) => element("p", { class: "decided" },
+  const lines = said.map(({ who, when, words, closes }) => element("p", {},
     element("b", {}, who), ` ${when} `, closes === null ? ""
       : `${word(closes ? "fault.closed" : "fault.open")} `, words));
   return element("div", { class: "fault-thread" }, ...lines, element("div",
@@ -98,7 +98,7 @@ export function drawFaults(context, { faults = [] }, onScreen) {
       }
     });
     if (open || id === state.chosen) {
-      text(context, word(`fault.${kind}`), [x + ARM_PX + 4, y + 4], colour);
+      text(context, word(`fault.${kind}`), [x + ARM_PX + 4, y - ARM_PX], colour);
     }
   }
 }
