@@ -350,7 +350,10 @@ class DeskWalk(PageWalk):
                 sure = aim is not None and not meaning.what.endswith(" all")
                 meaning = replace(meaning, key=aim or "", must=meaning.must and sure, state="")
             meant += [meaning] if meaning else []
-            if what not in ("1", "2", "ArrowRight", "ArrowDown", "Escape", "Enter", "c"):
+            # In the queue an arrow goes to the next row, elsewhere it nudges.
+            steps = what == "ArrowDown" and bool(seen) and seen[-1]["inQueue"]
+            stays = ("1", "2", "ArrowRight", "ArrowDown", "Escape", "Enter", "c")
+            if steps or what not in stays:
                 aim, ahead = None, True
         return meant
 
@@ -442,9 +445,11 @@ class DeskWalk(PageWalk):
         for select in ("sieve-photo", "sieve-role"):
             page.select_option(f"#{select}", "")
         self.expect("document.querySelector('.row')?.checkVisibility()", "no queue in sight")
-        page.click(".row >> nth=1")
+        # By its name: lines come and go where the list moves to what is current.
+        row = json.dumps(page.locator(".row:not(.current)").first.get_attribute("data-key"))
+        page.click(f".row[data-key={row}]")
         self.expect(
-            "document.querySelectorAll('.row')[1].classList.contains('current')",
+            f"document.querySelector('.row.current')?.dataset.key === {row}",
             "a row is clicked and not shown",
         )
         self.expect("document.querySelector('#lost').hidden", "the desk is lost")
