@@ -33,6 +33,7 @@ from core.scans.judging import (
     FiducialMeasurement,
     FiducialSet,
     certified_places,
+    doubt_of_repeated,
     doubt_of_sigma,
     doubtful_mark,
     interior_of,
@@ -122,7 +123,11 @@ def measure_unknown_fiducials(
         sets = [max(sets, key=lambda one: one.score * one.symmetry)]
     if not sets:
         return FiducialSet((), (nothing_found(photo_id_of(scan.path), 0),))
-    return _measured(scan, sets, scan_pixel_mm, area)
+    found = _measured(scan, sets, scan_pixel_mm, area)
+    doubted = {doubt.evidence["fiducial"] for doubt in found.doubts}
+    dots = [mark for mark in found.marks if mark.kind == "dot" and mark.name not in doubted]
+    unsure = tuple(doubt_of_repeated(photo_id_of(scan.path), mark) for mark in dots)
+    return replace(found, doubts=(*found.doubts, *unsure))
 
 
 def _middles_apart_mm(sets: Sequence[Constellation], pixel_mm: float) -> float:

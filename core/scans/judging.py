@@ -227,7 +227,7 @@ sigma_px=mark.sigma_px
 
 
 def doubt_of_repeated(photo_id: str, mark: FiducialMeasurement) -> Doubt:
-    """A word about a mark of no listed kind that nobody showed.
+    """A word about a mark of no listed kind that nobody showed, or a dot, of which pictures are full.
 
     Its scan tells that something of the camera's is there, not which of its points is the mark: tip
     and foot of a tooth repeat alike. Other scans of the camera may confirm the point.
@@ -236,9 +236,9 @@ def doubt_of_repeated(photo_id: str, mark: FiducialMeasurement) -> Doubt:
         "fiducial-unsure",
         photo_id,
         say(
-            "Fiducial {name}, at column {column:.1f}, row {row:.1f}, is of no listed kind: it was "
-            "taken because it repeats at the other sides or corners. Look whether this is its "
-            "point.",
+            "Fiducial {name}, at column {column:.1f}, row {row:.1f}, is a dot or of no listed "
+            "kind: it was taken because it repeats at the other sides or corners. Look whether "
+            "this is its point.",
             name=mark.name,
             column=mark.column,
             row=mark.row,

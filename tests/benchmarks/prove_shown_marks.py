@@ -57,6 +57,11 @@ class Tally:
             else:
                 self.wrong += 1
 
+    def add(self, other: "Tally") -> None:
+        """Count another in."""
+        for name in ("near", "doubted", "wrong", "missed"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+
     def __str__(self) -> str:
         return f"{self.near} | {self.doubted} | {self.missed} | {self.wrong}"
 
@@ -68,10 +73,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", nargs="*", default=())
     given = parser.parse_args(arguments)
     write = sys.stdout.write
-    write("| frame | marks | read | alone: near | doubted | missed | wrong ")
-    write("| shown: near | doubted | missed | wrong |\n")
+    write("| frame | marks | read | near | doubted | missed | wrong ")
+    write("| shown: near | shown: doubted | shown: missed | shown: wrong |\n")
     write("|---" * 11 + "|\n")
-    wrong = 0
+    read, all_alone, all_shown = 0, Tally(), Tally()
     for frame, picture in read_seen()["frames"].items():
         if given.only and frame not in given.only:
             continue
@@ -87,10 +92,13 @@ def main(arguments: list[str] | None = None) -> int:
                 copies = measure_like(own.scan, camera, pixel_mm, own.area, example)
                 others = {other: eye for other, eye in seen.items() if other != name}
                 shown.count(copies.marks, copies.doubts, others)
-            wrong += alone.wrong + shown.wrong
+            read += len(seen)
+            all_alone.add(alone)
+            all_shown.add(shown)
             write(f"| {frame} | {group} | {len(seen)} | {alone} | {shown} |\n")
             sys.stdout.flush()
-    return int(wrong > 0)
+    write(f"| all | | {read} | {all_alone} | {all_shown} |\n")
+    return int(all_alone.wrong + all_shown.wrong > 0)
 
 
 if __name__ == "__main__":
