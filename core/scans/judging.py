@@ -227,7 +227,7 @@ sigma_px=mark.sigma_px
 
 
 def doubt_of_repeated(photo_id: str, mark: FiducialMeasurement) -> Doubt:
-    """A word about a mark of no listed kind that nobody showed, or a dot, of which pictures are full.
+    """A word about a mark that is a dot or of no listed kind, and that nobody showed.
 
     Its scan tells that something of the camera's is there, not which of its points is the mark: tip
     and foot of a tooth repeat alike. Other scans of the camera may confirm the point.
