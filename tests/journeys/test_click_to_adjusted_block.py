@@ -21,7 +21,7 @@ def rasters(folder):
     return values
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def rejected(tiny_run: Tiny):
     """Before; a used control measurement rejected and the block run again; afterwards undone."""
     folder = tiny_run.folder
@@ -47,7 +47,18 @@ def rejected(tiny_run: Tiny):
     assert run_alone("run", folder).code == 0
 
 
+def test_a_decision_stands_although_the_run_was_never_finished__law(tiny_run, rejected):
+    """Recorded is recorded: a new session, as after a crash, finds it and so does the report."""
+    key, _ = rejected
+    with Session.open(tiny_run.folder, "somebody else") as session:
+        last = session.decisions()[-1]
+        block = session.replayed(product(tiny_run.folder, "control").report.block)
+    assert (last.who, last.decision) == ("operator", Reject(*key, "wrong object"))
+    assert block.measurements[key].status == "rejected"
+
+
 def test_a_rejected_point_no_longer_steers_and_undo_brings_all_back__law(tiny_run, rejected):
+    """The last one: it takes the decision back."""
     folder = tiny_run.folder
     key, (told, report, pictures) = rejected
     rows = {
@@ -77,13 +88,3 @@ def test_a_rejected_point_no_longer_steers_and_undo_brings_all_back__law(tiny_ru
     assert again.sigma_nought == report.sigma_nought
     for name, values in rasters(folder).items():
         np.testing.assert_array_equal(values, pictures[name])
-
-
-def test_a_decision_stands_although_the_run_was_never_finished__law(tiny_run, rejected):
-    """Recorded is recorded: a new session, as after a crash, finds it and so does the report."""
-    key, _ = rejected
-    with Session.open(tiny_run.folder, "somebody else") as session:
-        last = session.decisions()[-1]
-        block = session.replayed(product(tiny_run.folder, "control").report.block)
-    assert (last.who, last.decision) == ("operator", Reject(*key, "wrong object"))
-    assert block.measurements[key].status == "rejected"

@@ -17,8 +17,8 @@ def test_photos_from_elsewhere_and_scanned_twice_are_told_and_disturb_nobody__tr
     """One frame is of another valley, one the second scan of a neighbour, its place unknown."""
     copy = copy_of(4)
     first, twice, foreign, again = copy.scans
-    make_block(tmp_path / "other", SyntheticOptions("tiny", seed=77))
-    elsewhere = sorted((tmp_path / "other" / "scans").glob("*.tif"))[2]
+    make_block(tmp_path / "other", SyntheticOptions("tiny", seed=77, strips=1, photos_per_strip=1))
+    (elsewhere,) = (tmp_path / "other" / "scans").glob("*.tif")
     copy.replace(foreign, elsewhere.read_bytes())
     scan_again(twice, again)
     told = run_alone("run", copy.folder)
