@@ -11,17 +11,22 @@ from core.control.prediction import covariances_of
 from core.matching.reference import ReferenceFiles
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.misfit import BlockErrors, measure_misfit
-from core.mosaic.misfit_places import Misfit, judge_misfit
+from core.mosaic.misfit_places import Misfit, MisfitPlace, judge_misfit
 from core.progress import Work
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput
+from sessions.checks import version_on_disk
+from sessions.products import Products
 from sessions.session import Session
 
 PRODUCT, TABLE = "misfit", "misfit.csv"
 COLUMNS = "X,Y,dX,dY,sigma,predicted_X,predicted_Y,probability,scan"
 CENTI, MILLI = 2, 3
 """Decimal places of coordinates, and of metres and probabilities."""
+
+Kept = tuple[str, Misfit]
+"""The version of the mosaic that was compared, and what came of it."""
 
 
 def make_misfit(
@@ -53,10 +58,12 @@ def make_misfit(
         return None
     products = session.products
     digest = products.digest_of(
-        PRODUCT, 1, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
+        PRODUCT, 2, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
     )
-    misfit: Misfit | None = None if anew else products.load_value(PRODUCT, digest)
-    if misfit is None:
+    kept: Kept | None = None if anew else products.load_value(PRODUCT, digest)
+    if kept is not None:
+        _, misfit = kept
+    else:
         misfit = judge_misfit(
             measure_misfit(
                 mosaic.path,
@@ -67,9 +74,17 @@ def make_misfit(
                 work,
             )
         )
-        products.save_value(PRODUCT, digest, misfit)
+        products.save_value(PRODUCT, digest, (version_on_disk(products), misfit))
     write_table(session.results / TABLE, COLUMNS, misfit_rows(misfit))
     return misfit
+
+
+def known_places(products: Products) -> tuple[MisfitPlace, ...]:
+    """Places of the mosaic on disk, worst first; none where an earlier one was compared."""
+    kept: Kept | None = products.latest_value(PRODUCT)
+    if kept is None or kept[0] != version_on_disk(products):
+        return ()
+    return kept[1].places
 
 
 def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockErrors:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from aiohttp import web
 
-from app.misfit import PRODUCT as MISFIT
+from app.misfit import known_places
 from app.mosaic import SEAMS_DRAWN
 from app.project import read_project
 from app.sheets import check_sheets, make_sheets, sheets_line
@@ -20,7 +20,6 @@ from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
 from core.mosaic.blending import REACH_PX
 from core.mosaic.composition import MosaicProduct, compose_window
-from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
@@ -62,8 +61,7 @@ class MosaicFile:
         drawn, edits = cast("tuple[tuple[Seam, ...], tuple[SeamEdit, ...]]", kept)
         found = [products.latest_value(f"ortho/{seam.photo_id}") for seam in product.seams]
         orthos = tuple(cast("OrthoProduct", one) for one in found if one is not None)
-        misfit = cast("Misfit | None", products.latest_value(MISFIT))
-        places = () if misfit is None else misfit.places
+        places = known_places(products)
         return ShownMosaic(product, version, product.seams, drawn, edits, orthos, misfit=places)
 
     def publish(self, mosaic: ShownMosaic) -> None:
