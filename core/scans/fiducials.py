@@ -203,8 +203,10 @@ def _measured(
         results = both_ways(spots, one, fit, pixel_mm)
         if not fit.mark.symmetric:
             # A notch drawn turned by a little is found beside its place.
-            fit = replace(fit, turn=_turn_of(judged_marks(results), one, fit.turn, area))
-            results = both_ways(spots, one, fit, pixel_mm)
+            turn = _turn_of(judged_marks(results), one, fit.turn, area)
+            if turn != fit.turn:
+                fit = replace(fit, turn=turn)
+                results = both_ways(spots, one, fit, pixel_mm)
         if one.names:
             results = found_after_all(results, spots, one, (fit, *fitted), pixel_mm)
         fitted.append(fit)
