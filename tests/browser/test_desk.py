@@ -140,6 +140,23 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
     assert state_of(page, rejected) == "rejected"
 
 
+def test_a_row_that_moved_in_the_list_is_the_one_that_is_clicked__law(sit):
+    """A point that came in moves the numbers of all rows behind it, and changes none of them."""
+    page = sit()
+    wanted = page.evaluate("""async () => {
+      const { showQueue } = await import("/pages/queue.js");
+      const { rows, order, queue } = gruber.parts;
+      const moved = [["A new one", ...rows[0].slice(1)], ...rows];
+      const told = { ...queue, current: queue.current + 1 };
+      showQueue({ rows: moved, order: order.map(one => one + 1), queue: told });
+      return document.querySelectorAll(".row")[1].dataset.key;
+    }""")
+    page.click(f'.row[data-key="{wanted}"]')
+    page.wait_for_function(
+        "key => gruber.parts.point?.key.join('|') === key", arg=wanted, timeout=PATIENCE_MS
+    )
+
+
 def test_a_key_held_down_decides_once__law(sit):
     page = sit(scene=False)
     page.keyboard.down("n")

@@ -242,7 +242,7 @@ def limited(kind: str, size: int, *arguments: object) -> Told:
         (500_000, "mosaic", "results/mosaic.tif"),
         (2_000, "report", ".gruber/products/misfit/"),
         (130_000, "report", "session.gpkg"),
-        (200_000, "report", "results/report.html"),
+        (240_000, "report", "results/report.html"),
     ],
 )
 def test_a_full_disk_is_told_and_leaves_nothing_half__truth(

@@ -290,7 +290,8 @@ function write(line, index, { current, drafted, isTaken }) {
   const taken = isTaken.get(index);
   const chosen = state.marked.has(textOf(index));
   const draft = drafted.has(index);
-  const shape = JSON.stringify([row, index === current, taken, chosen, draft]);
+  // The index counts as well: a row that moved in the list is another one to click.
+  const shape = JSON.stringify([index, row, index === current, taken, chosen, draft]);
   if (line.dataset.shape === shape) return;
   line.dataset.shape = shape;
   const kinds = { current: index === current, human: row[HUMAN], marked: chosen, taken, draft };
