@@ -81,10 +81,12 @@ def make_misfit(
 
 def known_places(products: Products) -> tuple[MisfitPlace, ...]:
     """Places of the mosaic on disk, worst first; none where an earlier one was compared."""
-    kept: Kept | None = products.latest_value(PRODUCT)
-    if kept is None or kept[0] != version_on_disk(products):
-        return ()
-    return kept[1].places
+    match products.latest_value(PRODUCT):
+        # Earlier versions of the program kept the misfit alone.
+        case (version, Misfit() as misfit) if version == version_on_disk(products):
+            return misfit.places
+        case _:
+            return ()
 
 
 def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockErrors:

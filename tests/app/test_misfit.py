@@ -27,6 +27,8 @@ def test_places_are_those_of_the_mosaic_on_disk__law(tiny_run: Tiny, tmp_path: P
     ]
     products.save_value("mosaic", digest_of("second"), moved)
     assert known_places(products) == ()
+    products.save_value(PRODUCT, digest_of("as once"), misfit)
+    assert known_places(products) == ()
 
 
 def test_the_table_has_a_row_for_every_vector__law(tiny_run: Tiny) -> None:
