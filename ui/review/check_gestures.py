@@ -16,8 +16,8 @@ Place = tuple[float, float]
 Unreadable = Literal["changed", "hidden", "blurred", "other"]
 UNREADABLE: tuple[Unreadable, ...] = get_args(Unreadable)
 """Why no detail can be identified at a place."""
-LONGEST_REMARK, LONGEST_NAME = 2000, 80
-"""Signs of a remark, and of the name of who shall mend a fault."""
+LONGEST_REMARK, LONGEST_NAME = 2000, 40
+"""Signs of a remark, and of the name of a person."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast, get_args
 
-from ui.review.check_gestures import REVIEWING, Reviewed
+from ui.review.check_gestures import LONGEST_NAME, REVIEWING, Reviewed
 from ui.review.drawing import MaskDrawn, mask_from_message
 from ui.review.mosaic import (
     MosaicPicked,
@@ -331,7 +331,6 @@ Gesture = (
 )  # fmt: skip
 LOOKING: tuple[type, ...] = get_args(Looking)
 """What a guest may do: look at everything, change nothing that others see."""
-LONGEST_NAME = 40
 Message = Mapping[str, Any]
 
 

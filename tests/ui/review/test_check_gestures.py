@@ -1,8 +1,12 @@
 """What a reviewer's page may send."""
 
+import json
+import re
+from pathlib import Path
+
 import pytest
 
-from sessions.decisions import Remark
+from sessions.decisions import FAULT_KINDS, Remark
 from ui.review.check_gestures import BlockSigned, CheckRead, Remarked
 from ui.review.gestures import gesture_from_message
 
@@ -62,3 +66,10 @@ def test_a_fault_is_a_place_with_a_kind_and_words_are_about_something__law() -> 
         {"subject": "decision", "name": "3", "closes": "perhaps"},
     ):
         assert gesture_from_message("s", {"kind": "remark", **wrong}) is None
+
+
+def test_the_page_offers_every_kind_of_fault__law() -> None:
+    page = Path("ui/web/pages/faults.js").read_text(encoding="utf-8")
+    offered = re.search(r"KINDS = (\[.*\]);", page)
+    assert offered is not None
+    assert tuple(json.loads(offered[1])) == FAULT_KINDS

@@ -1,4 +1,4 @@
-// Faults of the mosaic: marked at a place, answered, closed; and words about a point of the desk.
+// Faults of the mosaic: marked at a place, answered, closed and opened again.
 import { halo, text } from "./overlay.js";
 import { element, start, word } from "./words.js";
 import { send } from "./wire.js";
@@ -13,7 +13,7 @@ const state = { kind: KINDS[0], words: "", assigned: "", answer: "", chosen: 0 }
 
 /** @param {Text} name @param {string} label */
 const field = (name, label) => element("input", { id: `fault-${name}`, value: state[name],
-  maxlength: name === "assigned" ? 80 : 2000, disabled: start.guest, placeholder: word(label),
+  maxlength: name === "assigned" ? 40 : 2000, disabled: start.guest, placeholder: word(label),
   "aria-label": word(label), oninput: (/** @type {Event} */ { target }) => {
     state[name] = /** @type {HTMLInputElement} */ (target).value;
   } });
