@@ -79,6 +79,7 @@ def keep_draft(page) -> None:
     """Accept the draft in sight, once more where the desk asks; then the next point is shown."""
     page.keyboard.press("y")
     page.wait_for_function("!gruber.parts.point.draft || gruber.parts.point.draft.asking")
+    caught_up(page)
     if page.evaluate("gruber.parts.point.draft"):
         page.keyboard.press("y")
     page.wait_for_function("!gruber.parts.point.draft")
