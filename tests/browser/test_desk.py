@@ -14,6 +14,7 @@ from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
 from tests.browser.hands import (
     becomes,
+    caught_up,
     current,
     gone_on,
     grow,
@@ -298,6 +299,7 @@ def test_yes_right_after_an_arrow_keeps_the_place_it_nudged_to__law(sit, tmp_pat
         "window.dispatchEvent(new KeyboardEvent('keydown', { key, view: window })))"
     )
     page.wait_for_function("gruber.parts.status.decided === 1 || gruber.parts.point.draft?.asking")
+    caught_up(page)
     if page.evaluate("gruber.parts.point.draft"):
         page.keyboard.press("y")
         page.wait_for_function("gruber.parts.status.decided === 1")
