@@ -73,8 +73,7 @@ def test_other_peaks_show_only_where_one_points__law(page):
     page.wait_for_timeout(300)
     assert page.evaluate(INK, ["right", PEAK]) == 0
     page.hover("#peaks .peak:not(.on)")
-    page.wait_for_timeout(300)
-    assert page.evaluate(INK, ["right", PEAK]) > 10
+    page.wait_for_function(f"({INK})(['right', {PEAK}]) > 10")
 
 
 def test_all_scans_of_a_point_stand_in_equal_pictures__law(page):
