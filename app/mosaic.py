@@ -30,9 +30,10 @@ from core.mosaic.composition import (
 from core.mosaic.radiometry import FilmPlane, film_plane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seam_edits import SeamEdit, with_edits
+from core.mosaic.seam_fit import SeamFit, fit_seams
 from core.mosaic.seams import Seam, read_edited, read_seams
 from core.orthos.rectification import OrthoProduct
-from core.progress import Progress
+from core.progress import Progress, Work
 from core.raster.ortho import open_ortho
 from sessions.atomic_write import whole_file
 from sessions.decisions import standing_seam_edits
@@ -45,6 +46,9 @@ SEAMS_DRAWN = "seams-drawn"
 """Product that keeps the seams before any edit at the desk, and the edits of the mosaic."""
 DRAWN = "mosaic-seams"
 """Product that keeps the digest of the seams that the program drew last."""
+
+NEIGHBOURS = "seam-fit"
+"""Product that keeps how well photos fit along the seams."""
 
 CHANGE = "change.gpkg"
 
@@ -191,6 +195,33 @@ def _content(session: Session, seams: Path) -> str:
         return session.products.digest_of(DRAWN, list(read_seams(seams)))
     except (DataSourceError, DataLayerError, KeyError):
         return session.products.digest_of(DRAWN, seams)
+
+
+def kept_orthos(session: Session, mosaic: MosaicProduct) -> tuple[OrthoProduct, ...]:
+    """The orthos that a mosaic shows, as they were made last."""
+    names = dict.fromkeys(seam.photo_id for seam in mosaic.seams)
+    found = (session.products.latest_value(f"ortho/{name}") for name in names)
+    return tuple(cast("OrthoProduct", one) for one in found if one is not None)
+
+
+def compare_neighbours(
+    session: Session, mosaic: MosaicProduct, work: Work, *, anew: bool = False
+) -> tuple[SeamFit, ...]:
+    """How well photos fit along the seams of a mosaic, unless that is fresh.
+
+    Args:
+        session: Where the product is kept.
+        mosaic: The mosaic, on disk.
+        work: Compares side by side and is told of each; may raise `Cancelled`.
+        anew: Compare again.
+    """
+    products = session.products
+    digest = products.digest_of(NEIGHBOURS, 1, mosaic.path)
+    kept: tuple[SeamFit, ...] | None = None if anew else products.load_value(NEIGHBOURS, digest)
+    if kept is None:
+        kept = fit_seams(mosaic, kept_orthos(session, mosaic), work)
+        products.save_value(NEIGHBOURS, digest, kept)
+    return kept
 
 
 def make_change(

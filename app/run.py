@@ -10,7 +10,7 @@ import shapely
 from app.bring_points import brought_points
 from app.height_checks import doubts_after
 from app.misfit import make_misfit
-from app.mosaic import make_change, make_mosaic
+from app.mosaic import compare_neighbours, make_change, make_mosaic
 from app.project import Project, described
 from app.report.checked import REMARK_COLUMNS, REMARKS, remark_rows
 from app.report.model import ReportContent, written_now
@@ -363,8 +363,15 @@ class Run:
         mosaic, files = made(self.results.mosaic), self.given.reference
         anew = self.anew("report")
         work = Work(progress, self.threads.map)
+        fits = compare_neighbours(self.session, mosaic, work.part(0.0, 0.1), anew=anew)
         misfit = make_misfit(
-            self.session, self.given, mosaic, self.adjusted, self.dem(), work, anew=anew
+            self.session,
+            self.given,
+            mosaic,
+            self.adjusted,
+            self.dem(),
+            work.part(0.1, 1.0),
+            anew=anew,
         )
         return ReportContent(
             name=self.project.block.name,
@@ -378,6 +385,7 @@ class Run:
             reliability=self.assembly.reliability,
             mosaic=self.session.results / "mosaic.tif",
             seams=mosaic.seams,
+            seam_fits=fits,
             holes=mosaic.holes,
             change=made(self.results.change),
             misfit=misfit,

@@ -55,6 +55,7 @@ from core.mosaic.composition import MosaicProduct
 from core.mosaic.misfit import MisfitVectors
 from core.mosaic.misfit_places import Misfit, MisfitPlace, SystematicMisfit
 from core.mosaic.radiometry import Balance, FilmPlane
+from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.quality.check_plan import CheckPlace
@@ -126,6 +127,7 @@ REGISTERED: tuple[type, ...] = (
     ScanSet,
     Scratch,
     Seam,
+    SeamFit,
     SharedParameter,
     SheetFile,
     SurfaceFiles,

@@ -11,7 +11,7 @@ import numpy as np
 from aiohttp import web
 
 from app.misfit import known_places
-from app.mosaic import SEAMS_DRAWN
+from app.mosaic import SEAMS_DRAWN, kept_orthos
 from app.project import read_project
 from app.sheets import check_sheets, make_sheets, sheets_line
 from core.arrays import Raster
@@ -22,7 +22,6 @@ from core.mosaic.blending import REACH_PX
 from core.mosaic.composition import MosaicProduct, compose_window
 from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
-from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho, open_ortho
 from core.sheets.delivery import INDEX
@@ -59,8 +58,7 @@ class MosaicFile:
         version = self._path.stat().st_mtime_ns // 1_000_000
         kept = products.latest_value(SEAMS_DRAWN) or (product.seams, ())
         drawn, edits = cast("tuple[tuple[Seam, ...], tuple[SeamEdit, ...]]", kept)
-        found = [products.latest_value(f"ortho/{seam.photo_id}") for seam in product.seams]
-        orthos = tuple(cast("OrthoProduct", one) for one in found if one is not None)
+        orthos = kept_orthos(self._session, product)
         places = known_places(products)
         return ShownMosaic(product, version, product.seams, drawn, edits, orthos, misfit=places)
 

@@ -17,6 +17,7 @@ from core.mosaic.comparison import (
     MosaicAccuracy,
 )
 from core.quality.check_points import CHECKS, STANDARD_LEAST, independent_checks, kept_out
+from core.quality.control_count import ray_counts_of
 from core.quality.readings import circular_error_90, rms_interval
 from core.quality.residuals import film_patterns, residual_trends
 from sessions.readings import SAME_PLACE_PX
@@ -171,6 +172,7 @@ def residual_figures(report: AdjustmentReport) -> dict[str, Any]:
             }
             for name, trend in residual_trends(report).items()
         },
+        "strips": _strips(report),
         "films": _films(report),
     }
 
@@ -189,6 +191,40 @@ def histogram(values: Scalars, unit: str = "px") -> dict[str, Any]:
     counts, _ = np.histogram(np.clip(values, -reach, reach), edges)
     sizes = {f"rms_{unit}": rms, f"reach_{unit}": reach}
     return {"count": len(values), **sizes, "counts": counts.tolist()}
+
+
+def _strips(report: AdjustmentReport) -> list[dict[str, Any]]:
+    """By strip: its photos, and RMS of the residuals (column, row) of ties and control, pixels."""
+    counts = ray_counts_of(report)
+    ties = report.block.ties
+    used = np.isfinite(report.tie_residuals_px).all(axis=1)
+    of_ray = np.array([counts.strip.get(name, -1) for name in ties.photo_ids])[ties.photo]
+    found: list[dict[str, Any]] = []
+    for strip in sorted(set(counts.strip.values())):
+        scans = sorted(name for name, number in counts.strip.items() if number == strip)
+        control = [report.residuals_px[key] for key in report.redundancy_numbers if key[1] in scans]
+        rays = report.tie_residuals_px[used & (of_ray == strip)]
+        found.append(
+            {
+                "strip": strip + 1,
+                "scans": scans,
+                "tie_rays": len(rays),
+                "tie_rms_px": rms_columns(rays),
+                "control": len(control),
+                "control_rms_px": rms_columns(np.array(control).reshape(-1, 2)),
+            }
+        )
+    return found
+
+
+def rms_columns(values: np.ndarray) -> list[float | None]:
+    """Root mean square of each column, leaving out what is no number."""
+    good = np.isfinite(values)
+    sums = np.where(good, values, 0.0) ** 2
+    return [
+        float(np.sqrt(total / count)) if count else None
+        for total, count in zip(sums.sum(axis=0), good.sum(axis=0), strict=True)
+    ]
 
 
 def _films(report: AdjustmentReport) -> Mapping[str, Any]:

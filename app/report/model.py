@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rasterio
-import shapely
 from shapely.geometry import Polygon
 
 from app.report.accuracy import (
@@ -21,7 +19,7 @@ from app.report.accuracy import (
     residual_figures,
 )
 from app.report.checked import Checked, checked_by_hand, checked_part, decision_figures
-from app.report.misfit import misfit_figures
+from app.report.mosaic import misfit_figures, mosaic_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -32,6 +30,7 @@ from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.mosaic.comparison import MosaicAccuracy
 from core.mosaic.misfit_places import Misfit
+from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
 from core.quality.residuals import displacement
@@ -95,6 +94,8 @@ class ReportContent:
     """The mosaic."""
     seams: Sequence[Seam] = ()
     """Its seams."""
+    seam_fits: Sequence[SeamFit] = ()
+    """How well neighbours fit along them, the largest shift first."""
     holes: Sequence[Hole] | None = None
     """Holes inside it, largest first; None where there is no mosaic."""
     change: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -170,7 +171,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "map": _map_figures(report, footprints),
         "mosaic": None
         if content.mosaic is None
-        else _mosaic_figures(content.mosaic, content.seams, content.holes or ()),
+        else mosaic_figures(content.mosaic, content.seams, content.holes or (), content.seam_fits),
         "change": dict(content.change),
         "misfit": misfit_figures(content.misfit),
         "sheets": [] if content.sheets is None else sheet_figures(content.sheets.files),
@@ -464,31 +465,6 @@ def _map_figures(report: AdjustmentReport, footprints: Mapping[str, Polygon]) ->
             block.surveyed[name].position[:2].tolist()
             for name in sorted(left_out)
             if block.surveyed[name].role == "control"
-        ],
-    }
-
-
-def _mosaic_figures(path: Path, seams: Sequence[Seam], holes: Sequence[Hole]) -> dict[str, Any]:
-    with rasterio.open(path) as file:
-        bounds, columns, rows, gsd = file.bounds, file.width, file.height, file.res[0]
-    return {
-        "file": path.name,
-        "columns": columns,
-        "rows": rows,
-        "ground_sample_distance_m": gsd,
-        "bounds": list(bounds),
-        "holes": [asdict(hole) for hole in holes],
-        "seams": [
-            {
-                "scan": seam.photo_id,
-                "date": seam.date,
-                "area_km2": seam.area.area / 1e6,
-                "rings": [
-                    [[round(x, 1), round(y, 1)] for x, y, *_ in part.exterior.coords]
-                    for part in shapely.get_parts(seam.area)
-                ],
-            }
-            for seam in seams
         ],
     }
 

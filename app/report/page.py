@@ -8,14 +8,18 @@ Nothing is judged here: value, limit and result are those of the findings of `co
 import base64
 import io
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import rasterio
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
 from PIL import Image
 from rasterio.enums import Resampling
 
@@ -34,8 +38,8 @@ from app.report.drawing import (
     draw_trend,
     longest_mean,
 )
-from app.report.misfit import misfit_shown
 from app.report.model import ReportContent, gather
+from app.report.mosaic import misfit_shown
 from app.report.wording import (
     WORST,
     certificate,
@@ -185,6 +189,18 @@ def _chapters(figures: Figures) -> list[str]:
     return [name for name in CHAPTERS if shown.get(name, True)]
 
 
+@cache
+def type_family() -> Markup:
+    """The desk's type family with its files inline: a report opens alike on every computer."""
+
+    def inline(url: re.Match[str]) -> str:
+        font = base64.b64encode((files("ui.web") / "pages" / url[1]).read_bytes()).decode("ascii")
+        return f'url("data:font/woff2;base64,{font}")'
+
+    faces = (files("ui.web") / "pages" / "inter.css").read_text(encoding="utf-8")
+    return Markup(re.sub(r'url\("/pages/([a-z-]+\.woff2)"\)', inline, faces))
+
+
 def thumbnail(path: Path) -> str:
     """A raster as a small JPEG in a data URI; white where it shows nothing."""
     with rasterio.open(path) as file:
@@ -210,6 +226,7 @@ def _page(tell: Teller) -> Template:
         lstrip_blocks=True,
     )
     environment.filters |= _filters(tell)
+    environment.globals["type_family"] = type_family
     return environment.get_template("page.html")
 
 

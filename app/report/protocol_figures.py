@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from app.report.accuracy import parameter_figures
+from app.report.accuracy import parameter_figures, rms_columns
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
@@ -152,7 +152,7 @@ def _ties(report: AdjustmentReport, counts: RayCounts) -> dict[str, Any]:
         "accepted_percent": 100 * rays / taken if taken else None,
         "within_strips": {str(number): count for number, count in counts.within.items()},
         "across_strips": {str(number): count for number, count in counts.across.items()},
-        "rms_px": _rms_columns(residuals),
+        "rms_px": rms_columns(residuals),
         "largest_px": np.abs(residuals).max(axis=0).tolist() if rays else [None, None],
     }
 
@@ -179,7 +179,7 @@ def _photos(
                 "multi_ray_points": sum(c for n, c in by_rays.items() if n > 2),
                 "points_by_rays": {str(n): count for n, count in by_rays.items()},
                 "control": sum(key[1] == name for key in report.redundancy_numbers),
-                "rms_px": _rms_columns(residuals),
+                "rms_px": rms_columns(residuals),
                 "largest_px": float(np.linalg.norm(residuals, axis=1).max())
                 if len(residuals)
                 else None,
@@ -221,9 +221,9 @@ def _control(report: AdjustmentReport, influence: Influence | None, scale: float
     return {
         "points": points,
         "measurements": measurements,
-        "rms_m": _rms_columns(differences),
+        "rms_m": rms_columns(differences),
         "largest_m": np.abs(differences).max(axis=0).tolist() if points else [None] * 3,
-        "left_out_rms_m": _rms_columns(
+        "left_out_rms_m": rms_columns(
             np.array([p["left_out_m"] for p in points if p["left_out_m"]]).reshape(-1, 3)
         ),
     }
@@ -289,7 +289,7 @@ def _checks(report: AdjustmentReport) -> dict[str, Any]:
     return {
         "points": points,
         "rms_m": [report.rms_m.get(f"check_{axis}") for axis in AXES],
-        "predicted_rms_m": _rms_columns(np.array(told).reshape(-1, 3)),
+        "predicted_rms_m": rms_columns(np.array(told).reshape(-1, 3)),
         "largest_m": np.abs(differences).max(axis=0).tolist() if points else [None] * 3,
     }
 
@@ -331,8 +331,8 @@ def _exterior(report: AdjustmentReport) -> dict[str, Any]:
     angles = np.array([row["sigma_angles_deg"] for row in rows]).reshape(-1, 3)
     return {
         "photos": rows,
-        "rms_sigma_centre_m": _rms_columns(centres),
-        "rms_sigma_angles_deg": _rms_columns(angles),
+        "rms_sigma_centre_m": rms_columns(centres),
+        "rms_sigma_angles_deg": rms_columns(angles),
         "largest_sigma_centre_m": centres.max(axis=0).tolist() if rows else [None] * 3,
         "largest_sigma_angles_deg": angles.max(axis=0).tolist() if rows else [None] * 3,
     }
@@ -363,18 +363,6 @@ def _excluded(report: AdjustmentReport) -> dict[str, Any]:
         for ray, reason in sorted(report.tie_reasons.items())
     ]
     return {"control": control, "tie_rays": rays}
-
-
-def _rms_columns(values: Any) -> list[float | None]:
-    """Root mean square of each column, leaving out what is no number."""
-    if not len(values):
-        return [None] * values.shape[1]
-    good = np.isfinite(values)
-    sums = np.where(good, values, 0.0) ** 2
-    return [
-        float(np.sqrt(total / count)) if count else None
-        for total, count in zip(sums.sum(axis=0), good.sum(axis=0), strict=True)
-    ]
 
 
 def _median(values: list[float]) -> float | None:

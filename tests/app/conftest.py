@@ -12,6 +12,7 @@ from app.report.model import ReportContent, Written
 from core.adjustment.block_adjustment import adjust_block
 from core.doubts import Doubt
 from core.geometry.interior import InteriorOrientation
+from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.raster.holes import Hole
 from sessions.decisions import Accept, Recorded, Reject, Withdraw
@@ -99,6 +100,18 @@ def content(flown, report, mosaic):
         reference_sigma_m=(0.25, 0.5),
         mosaic=mosaic,
         seams=seams,
+        seam_fits=(
+            SeamFit((names[0], names[1]), 812.0, 31, 2.4, 7.5, 29, (0.41, -0.12), 0.9),
+            SeamFit(
+                (names[1], names[2]),
+                40.0,
+                0,
+                *[float("nan")] * 2,
+                0,
+                (float("nan"),) * 2,
+                float("nan"),
+            ),
+        ),
         holes=(Hole(900.0, west + 500.0, south + 700.0), Hole(400.0, west + 900.0, south + 200.0)),
         written=Written("2025-11-21 01:02 UTC", "anna", "0.1.0"),
         decisions=decided(list(report.residuals_px)[:3]),

@@ -58,7 +58,8 @@ FOLDERS = 2
 LISTED_FIRST = {".html": 0, ".tif": 1}
 """What is looked for most stands first: the report, then the mosaic."""
 REPORT_POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
+    "frame-ancestors 'self'"
 )
 """The report needs nothing but itself."""
 

@@ -1,16 +1,53 @@
-"""What the report tells of the mosaic's misfit against the reference: figures and sentences."""
+"""What the report tells of the mosaic: seams, holes, misfit against the reference."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rasterio
+import shapely
 
 from app.report.accuracy import histogram
 from app.report.drawing import draw_histogram, draw_misfit
 from core.geometry.robust import robust_sigma
 from core.mosaic.misfit_places import SURE, Misfit, MisfitPlace
+from core.mosaic.seam_fit import SeamFit
+from core.mosaic.seams import Seam
+from core.raster.holes import Hole
 from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
+
+
+def mosaic_figures(
+    path: Path, seams: Sequence[Seam], holes: Sequence[Hole], fits: Sequence[SeamFit]
+) -> Figures:
+    """Size, seams with the fit of the photos beside them, and holes."""
+    with rasterio.open(path) as file:
+        bounds, columns, rows, gsd = file.bounds, file.width, file.height, file.res[0]
+    return {
+        "file": path.name,
+        "columns": columns,
+        "rows": rows,
+        "ground_sample_distance_m": gsd,
+        "bounds": list(bounds),
+        "holes": [asdict(hole) for hole in holes],
+        "seams": [
+            {
+                "scan": seam.photo_id,
+                "date": seam.date,
+                "area_km2": seam.area.area / 1e6,
+                "rings": [
+                    [[round(x, 1), round(y, 1)] for x, y, *_ in part.exterior.coords]
+                    for part in shapely.get_parts(seam.area)
+                ],
+            }
+            for seam in seams
+        ],
+        "neighbours": [asdict(fit) for fit in fits],
+    }
 
 
 def misfit_figures(misfit: Misfit | None) -> Figures | None:
