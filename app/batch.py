@@ -20,6 +20,7 @@ from app.run import STAGE_NAMES, Run, RunOptions
 from app.start import blocks_in
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import ProjectError
+from core.formats.records import plain_bytes
 from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.session import Session
@@ -110,7 +111,7 @@ def read_list(source: Path) -> tuple[BlockTask, ...]:
 def _rows(source: Path) -> list[dict[str, str]]:
     """Rows of a list, by column."""
     try:
-        text = source.read_text(encoding="utf-8-sig")
+        text = plain_bytes(source).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         remedy = "Name a folder, or a text file in UTF-8 with the path of a block a line."
         raise ProjectError(source, "cannot be read.", remedy) from error

@@ -8,14 +8,13 @@ from typing import Any, Literal, cast
 
 import numpy as np
 import pyogrio
-from pyogrio.errors import DataLayerError, DataSourceError
 
 from app.block_toml import Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.errors import PhotogrammetryError
 from core.formats.micmac_points import read_camera_measures
-from core.formats.vectors import LAYER_MARK
+from core.formats.vectors import GDAL_ERRORS, LAYER_MARK, no_remarks
 from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_table
 from core.geometry.crs import read_crs
 from core.georeference.principal_distance import camera_types, proposed_distances, types_named
@@ -246,8 +245,9 @@ def check_attribute(table: Table, file_key: str, path: Path, key: str, attribute
     """Make sure that a vector file can be opened and has an attribute."""
     try:
         file, _, layer = str(path).partition(LAYER_MARK)
-        present = list(pyogrio.read_info(file, layer or None)["fields"])
-    except (DataSourceError, DataLayerError) as error:
+        with no_remarks():
+            present = list(pyogrio.read_info(file, layer or None)["fields"])
+    except GDAL_ERRORS as error:
         remedy = "Give a vector file that GDAL can open, such as a GeoPackage."
         cause = say("{name} cannot be opened: GDAL does not know what it is.", name=path.name)
         raise table.error(file_key, cause, remedy) from error

@@ -6,6 +6,7 @@ import itertools
 import math
 import os
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, cast
 
 from app.block_schema import SECTIONS, Key, Kind, keys_of
 from core.errors import ProjectError
+from core.formats.records import plain_bytes
 from core.formats.vectors import LAYER_MARK
 from core.said import say
 
@@ -43,7 +45,7 @@ class Document:
         """Read a file, or text that is to become one."""
         self.path = path
         try:
-            self.text = path.read_text(encoding="utf-8-sig") if text is None else text
+            self.text = _read(path) if text is None else text
             self.values: dict[str, Any] = tomllib.loads(self.text)
         except FileNotFoundError as error:
             remedy = "Name the block's folder, or its block.toml."
@@ -57,7 +59,7 @@ class Document:
                 say("cannot be read ({error}).", error=error),
                 remedy,
             ) from error
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:
             remedy = "Mend that line; words and paths stand in double quotes."
             raise ProjectError(
                 path,
@@ -257,12 +259,15 @@ class Table:
     def _matches(self, key: str, pattern: str, rasters: bool) -> list[Path]:
         folder = self.document.path.parent
         pattern, mark, layer = pattern.partition(LAYER_MARK)
-        literal = (folder / pattern).is_file()
+        if "\0" in pattern:
+            raise self.error(key, say('"{pattern}" is no path.', pattern=pattern), _IN_QUOTES)
+        # os.path takes what may not be looked at for what is not there.
+        literal = os.path.isfile(folder / pattern)
         names = (
             [pattern] if literal else sorted(glob.glob(pattern, root_dir=folder, recursive=True))
         )
         paths = [Path(os.path.normpath(folder / name)) for name in names]
-        kept = [path for path in paths if path.is_file() and not path.name.startswith(".")]
+        kept = [path for path in paths if os.path.isfile(path) and not path.name.startswith(".")]
         if rasters and not literal:
             kept = [path for path in kept if path.suffix.lower() in RASTERS]
         if not kept:
@@ -322,8 +327,14 @@ _ONE_FILE = "Name the one that is meant."
 _IN_QUOTES = "Write each path in double quotes."
 
 
+def _read(path: Path) -> str:
+    return plain_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
+
+
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) < sys.maxsize
+    return isinstance(value, float) and math.isfinite(value)
 
 
 def _key_of(text: str) -> str:
@@ -344,7 +355,7 @@ def _what_is_there(folder: Path, pattern: str) -> str:
     """What the operator finds where the pattern looked."""
     plain = itertools.takewhile(lambda part: not glob.has_magic(part), Path(pattern).parent.parts)
     parent = folder.joinpath(*plain)
-    if not parent.is_dir():
+    if not os.path.isdir(parent) or not os.access(parent, os.R_OK):
         missing = "There is no folder {folder}. Correct the path; it is relative to {file}."
         return say(missing, folder=parent, file=FILE)
     names = list(_visible(parent))

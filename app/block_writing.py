@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 import tomlkit
+from tomlkit.container import OutOfOrderTableProxy
 from tomlkit.items import InlineTable, Item, Table, Whitespace
 
 Values = Mapping[tuple[str, str], Any]
@@ -53,7 +54,7 @@ def _change(document: tomlkit.TOMLDocument, table: str, key: str, value: Any) ->
         holder = holder.setdefault(part, tomlkit.table())
     if value is None:
         holder.pop(key, None)
-    elif key in holder or isinstance(holder, InlineTable):
+    elif key in holder or isinstance(holder, InlineTable | OutOfOrderTableProxy):
         holder[key] = _item(value)
     else:
         _add(cast("Table", holder), key, value)

@@ -6,11 +6,14 @@ What a verb does is imported once it is asked for: `gruber --help` waits for no 
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pkgutil import resolve_name
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# What GDAL says of a damaged file stands in our error; on the screen it would only be noise.
+os.environ.setdefault("CPL_LOG", os.devnull)
 
 from app.arguments import VERBS, add_language, add_log, wrong_use
 from app.terminal import JsonLines, Terminal, Voice
@@ -61,7 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     act: Callable[[argparse.Namespace, Voice], None] = resolve_name(VERBS[given.verb].act)
     try:
-        act(given, voice)
+        with named_files():
+            act(given, voice)
     except PhotogrammetryError as error:
         voice.failed(error)
         print(f"gruber: {voice.tell.again(error.told)}", file=sys.stderr)
@@ -74,6 +78,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         voice.close()
     return DONE
+
+
+@contextmanager
+def named_files() -> Generator[None]:
+    """A file or folder that may not be used, and that nobody asked for before, is told as others.
+
+    Raises:
+        PhotogrammetryError: The system refused it.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            raise
+        raise PhotogrammetryError(
+            os.fsdecode(error.filename),
+            "cannot be used ({error}).",
+            "Check that it is there, and that you may read and write it.",
+            error=error.strerror,
+        ) from error
 
 
 def parser(language: str = LANGUAGES[0], asked: str | None = None) -> Parser:

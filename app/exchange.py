@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -20,6 +21,7 @@ from core.formats.exchange import (
     ExchangeFormat,
     ExchangePoint,
     ExchangeTies,
+    read_format,
 )
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import USUAL_SIGMA_M, ListedPoint
@@ -214,8 +216,9 @@ def usable_part(
             block's, or knows none of its scans.
     """
     form = format_named(name, reads=True)
-    assert form.read is not None
-    read = form.read(path) if name != PLAIN_EO else read_eo_block(path, None, known)
+    if name == PLAIN_EO:
+        form = replace(form, read=partial(read_eo_block, said=None, known=known))
+    read = read_format(form, path)
     foreign = in_block_crs(read, project.block.crs, path)
     names = {scan.photo_id.lower(): scan.photo_id for scan in project.scans.listed}
     own = _known_photos(foreign, names)

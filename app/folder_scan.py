@@ -2,7 +2,6 @@
 
 import csv
 import os
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,13 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 import pyogrio.raw
 import rasterio
-from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 from pyproj.exceptions import CRSError
-from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
+from rasterio.errors import RasterioIOError
 
 from app.block_toml import RASTERS
+from core.formats.records import status_of
+from core.formats.vectors import GDAL_ERRORS, no_remarks
 from core.geometry.crs import horizontal
 
 Kind = Literal["scan", "ortho", "dem", "other"]
@@ -174,30 +174,30 @@ def _each(
         if path.suffix.lower() not in suffixes:
             continue
         try:
-            found.append(look(path))
-        except (RasterioIOError, DataSourceError, DataLayerError, OSError, UnicodeDecodeError):
+            status_of(path)
+            with no_remarks():
+                found.append(look(path))
+        except (RasterioIOError, *GDAL_ERRORS, OSError, UnicodeDecodeError):
             unreadable.append(path)
     return found
 
 
 def _raster(path: Path) -> FoundRaster:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with rasterio.open(path) as raster:
-            transform = raster.transform
-            placed = not transform.is_identity or bool(raster.gcps[0])
-            turned = max(abs(transform.b), abs(transform.d)) > 1e-6 * abs(transform.a)
-            return FoundRaster(
-                path,
-                (raster.width, raster.height),
-                raster.count,
-                np.dtype(raster.dtypes[0]),
-                _map_part(raster.crs),
-                placed,
-                placed and not turned and transform.a > 0 > transform.e,
-                _scan_pixel_um(raster.tags(), max(raster.width, raster.height)),
-                _corners(transform, raster.width, raster.height) if placed else (),
-            )
+    with rasterio.open(path) as raster:
+        transform = raster.transform
+        placed = not transform.is_identity or bool(raster.gcps[0])
+        turned = max(abs(transform.b), abs(transform.d)) > 1e-6 * abs(transform.a)
+        return FoundRaster(
+            path,
+            (raster.width, raster.height),
+            raster.count,
+            np.dtype(raster.dtypes[0]),
+            _map_part(raster.crs),
+            placed,
+            placed and not turned and transform.a > 0 > transform.e,
+            _scan_pixel_um(raster.tags(), max(raster.width, raster.height)),
+            _corners(transform, raster.width, raster.height) if placed else (),
+        )
 
 
 def _corners(transform: Any, width: int, height: int) -> Corners:

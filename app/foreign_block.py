@@ -22,6 +22,7 @@ from core.formats.exchange import (
     ExchangeFormat,
     ExchangePhoto,
     ExchangeTies,
+    read_format,
 )
 from core.formats.records import scan_stem
 from core.geometry.collinearity import CORRECTIONS
@@ -85,8 +86,7 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
             target, "is there already.", "Import into it: gruber import BLOCK --from FORMAT PATH."
         )
     form = format_named(name, reads=True)
-    assert form.read is not None
-    foreign = _about_the_middle(folder, form.read(project))
+    foreign = _about_the_middle(folder, read_format(form, project))
     _refuse_film(project, foreign)
     chosen = crs or foreign.crs
     if not chosen:

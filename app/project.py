@@ -202,7 +202,9 @@ def read_project(path: Path, *, brought: bool = False) -> Project:
         ProjectError: Something in it cannot be used; says in which line and what to do.
         CrsError: The same, for the CRS.
     """
-    return project_of(Document((path / FILE if path.is_dir() else path).resolve()), brought=brought)
+    file = path / FILE if path.is_dir() else path
+    # Unlike Path.resolve, this follows links in a circle no further.
+    return project_of(Document(Path(os.path.realpath(file))), brought=brought)
 
 
 def project_of(document: Document, *, brought: bool = False) -> Project:

@@ -8,6 +8,7 @@ import re
 import string
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
+from unicodedata import category
 
 import numpy as np
 
@@ -44,7 +45,27 @@ def _plain(value: Any) -> Any:
         return value.item()
     if isinstance(value, list | tuple | set | frozenset):
         return [_plain(one) for one in cast("Sequence[Any]", value)]
-    return value if isinstance(value, str | int | float) else str(value)
+    if isinstance(value, Said | int | float):
+        return value
+    return one_line(str(value))
+
+
+# design: the longest path of a usual system is shown whole in its beginning and its end.
+LONGEST = 500
+"""Characters of a text that stands in a sentence."""
+
+
+def one_line(text: str) -> str:
+    """A text from outside as it may stand in a sentence: without control signs, and not endless."""
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
+    if text.isprintable():
+        return text
+    return "".join(repr(sign)[1:-1] if category(sign) in HIDDEN else sign for sign in text)
+
+
+HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+"""Kinds of signs that show nothing, or move what stands around them."""
 
 
 def say(template: str, /, **values: Any) -> Said:

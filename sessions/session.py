@@ -19,6 +19,7 @@ from core.said import say
 from sessions.atomic_write import clean_leftovers
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import (
+    DECISIONS,
     Decision,
     Recorded,
     Withdraw,
@@ -211,7 +212,9 @@ class Session:
     def _recorded(self, row: Row) -> Recorded:
         try:
             decision = from_json(json.loads(row.decision))
-        except (CodecError, ValueError) as error:
+            if not isinstance(decision, DECISIONS):
+                raise CodecError("no decision")
+        except (CodecError, ValueError, RecursionError) as error:
             raise StorageError(
                 self._store.path,
                 say(

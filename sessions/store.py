@@ -189,6 +189,9 @@ class Store:
                 " WHERE decision_id > ? ORDER BY decision_id",
                 (after,),
             ).fetchall()
+            for number, *words in found:
+                if not all(isinstance(word, str) for word in words):
+                    raise sqlite3.DatabaseError(f"decision {number} is damaged")
         return [Row(*row) for row in found]
 
     @contextmanager
@@ -240,7 +243,10 @@ class Store:
                 "is a database, but not a session of Gruber.",
                 "Move it out of the block's folder; a new session is then begun.",
             )
-        version = int(self._connection.execute("SELECT version FROM gruber_version").fetchone()[0])
+        row = self._connection.execute("SELECT version FROM gruber_version").fetchone()
+        version = row[0] if row else None
+        if not isinstance(version, int):
+            raise sqlite3.DatabaseError("it names no version")
         if version > newest():
             raise StorageError(
                 self.path,
@@ -266,12 +272,12 @@ def _told(path: Path) -> Generator[None]:
     """Turn what SQLite says into file, cause and remedy."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # of names in a damaged file
         cause, remedy = _explained(error, path)
         raise StorageError(path, cause, remedy) from error
 
 
-def _explained(error: sqlite3.Error, path: Path) -> tuple[str, str]:
+def _explained(error: Exception, path: Path) -> tuple[str, str]:
     """Cause and remedy of a SQLite error; the extended codes keep the base code in the low byte."""
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
     if path.is_dir():

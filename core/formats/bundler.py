@@ -36,8 +36,8 @@ from core.formats.frame_interiors import (
     where_any,
     without_orientation,
 )
-from core.formats.records import write_json
-from core.formats.xml_files import AGAIN, digits, read_text
+from core.formats.records import read_text, write_json
+from core.formats.xml_files import AGAIN, digits
 from core.said import say
 
 BUNDLE, NAMES = "bundle.out", "list.txt"

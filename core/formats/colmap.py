@@ -43,8 +43,8 @@ from core.formats.frame_interiors import (
     where_any,
     without_orientation,
 )
-from core.formats.records import write_json
-from core.formats.xml_files import AGAIN, read_text
+from core.formats.records import read_text, write_json
+from core.formats.xml_files import AGAIN
 from core.said import say
 
 SIDECAR = "gruber.json"
@@ -269,7 +269,7 @@ def read_sidecar(folder: Path) -> Sidecar:
         if not np.isfinite([value for values in photos.values() for value in values]).all():
             raise ValueError("photos")
         return Sidecar(str(told["crs"]), origin, cameras, ties, photos)
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise ExchangeError(
             path,
             "It says no origin and CRS ({error}).",

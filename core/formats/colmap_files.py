@@ -13,7 +13,8 @@ from jaxtyping import Float64
 
 from core.arrays import PixelPoints, Position
 from core.errors import ExchangeError
-from core.formats.xml_files import AGAIN, digits, read_bytes, read_text
+from core.formats.records import read_bytes, read_text
+from core.formats.xml_files import AGAIN, digits
 
 # source: COLMAP, src/colmap/sensor/models.h: number of each model and of its parameters.
 MODELS = {

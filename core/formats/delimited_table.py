@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.errors import ProjectError
+from core.formats.records import status_of
 
 DELIMITERS = ("\t", ";", ",", " ")
 """Those that are recognised, the safest first; a blank stands for any run of blanks."""
@@ -130,7 +131,7 @@ def read_table(
 def _text(path: Path, encoding: str) -> tuple[str, str]:
     """The file's text and its encoding."""
     try:
-        size = path.stat().st_size
+        size = status_of(path).st_size
         data = path.read_bytes() if size <= MOST_BYTES else b""
     except OSError as error:
         raise ProjectError(

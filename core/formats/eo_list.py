@@ -16,7 +16,7 @@ from typing import cast, get_args
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.records import scan_stem
+from core.formats.records import plain_bytes, scan_stem
 from core.formats.rotations import (
     FULL_TURN,
     RADIANS,
@@ -36,6 +36,9 @@ ASKED = (
 )
 """What to do about a list that does not say how it counts angles."""
 POSITION = ("X", "Y", "Z")
+# design: no program heads a column with more; what a damaged file has there is not looked through.
+LONGEST_HEAD = 80
+"""Characters of the head of a column."""
 PLAIN_UNIT = re.compile(r"(?:sigma_)?(?:omega|phi|kappa)_(deg|gon|rad)")
 """Columns of the plain list, whose angles are omega, phi, kappa whatever their sequence."""
 UNIT_NAMES: Mapping[AngleUnit, tuple[str, ...]] = {
@@ -174,7 +177,7 @@ class _Columns:
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Lines that are not empty, with their numbers."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = plain_bytes(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ProjectError(
             path,
@@ -210,7 +213,7 @@ def _is_number(cell: str) -> bool:
 
 def _word(cell: str) -> tuple[str, AngleUnit | None]:
     """What a head means, and the unit it bears."""
-    plain = cell.lower().lstrip("#").strip()
+    plain = cell.lower().lstrip("#").strip()[:LONGEST_HEAD]
     found = re.fullmatch(r"(.*?)[\s_]*[\[(]\s*([^\])]*)\s*[\])]", plain) or re.fullmatch(
         r"(.*)_(deg|gon|rad)", plain
     )

@@ -9,13 +9,15 @@ from the principal point. The lens moves an ideal point to
 (Brown 1971), and an affine transform maps it into the scan.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
+from pyproj.exceptions import ProjError
 
 from core.arrays import (
     Affine2,
@@ -28,6 +30,7 @@ from core.arrays import (
     Scalars,
     locked,
 )
+from core.errors import ExchangeError
 from core.formats.rotations import Triple
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 
@@ -248,6 +251,67 @@ class ExchangeFormat:
     as a flat Earth would show them."""
     refracts: bool = False
     """Whether whoever reads it corrects refraction himself; else the camera takes it up."""
+
+
+# What a reader stumbles over in a file that is damaged or of another program.
+DAMAGE = (
+    ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
+    StopIteration, OSError, ProjError,
+)  # fmt: skip
+
+
+@contextmanager
+def understood(path: Path) -> Generator[None]:
+    """Around the reading of a foreign file: whatever damage does there is one error of ours.
+
+    Raises:
+        ExchangeError: The file cannot be understood.
+    """
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except DAMAGE as error:
+        raise ExchangeError(
+            path,
+            "It is damaged, or of another program ({error}).",
+            "Export it again from the program that wrote it, or name its format.",
+            error=f"{type(error).__name__}: {error}",
+        ) from error
+
+
+def read_format(form: ExchangeFormat, path: Path) -> ExchangeBlock:
+    """A foreign file or folder; its numbers are numbers.
+
+    Raises:
+        PhotogrammetryError: It cannot be read or understood.
+    """
+    assert form.read is not None
+    with understood(path):
+        block = form.read(path)
+        _check_numbers(block)
+    return block
+
+
+def _check_numbers(block: ExchangeBlock) -> None:
+    """Refuse what is too large for any place on the Earth or in a scan."""
+    places: dict[str, Sequence[float]] = {
+        name: (*p.position, *(p.sigma_m or ())) for name, p in block.points.items()
+    }
+    for name, photo in block.photos.items():
+        if photo.exterior is not None:
+            places[name] = (*photo.exterior.centre, *photo.exterior.angles)
+        if photo.pixel_from_image is not None:
+            places[name] = (*places.get(name, ()), *photo.pixel_from_image.ravel())
+    places |= {one.point_id: (one.column, one.row) for one in block.measurements}
+    for name, values in places.items():
+        if not all(abs(value) < FARTHEST for value in values):
+            raise ValueError(f"{name}: {[float(value) for value in values]}")
+    if not (np.abs(block.ties.pixels) < FARTHEST).all():
+        raise ValueError("a tie point lies nowhere")
+
+
+# design: metres or pixels that no map and no scan has; the Sun is farther, the Moon is not.
+FARTHEST = 1e10
 
 
 def image_from_ideal(ideal: FilmPoints, camera: ExchangeCamera) -> FilmPoints:

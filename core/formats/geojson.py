@@ -29,7 +29,7 @@ from core.formats.exchange import (
     pixels_of,
 )
 from core.formats.outlines import ground_outline
-from core.formats.records import json_numbers, read_text, scan_stem, write_json
+from core.formats.records import json_numbers, read_json, scan_stem, write_json
 from core.formats.rotations import triple_of
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation
@@ -173,12 +173,7 @@ class _Layer:
 
 
 def _layer(path: Path) -> _Layer:
-    try:
-        layer = json.loads(read_text(path))
-    except ValueError as error:
-        raise ProjectError(
-            path, "is no GeoJSON ({error}).", "Export the layer again.", error=error
-        ) from error
+    layer = read_json(path)
     features = layer.get("features") if isinstance(layer, dict) else None
     if not isinstance(features, list):
         raise ProjectError(path, "is no GeoJSON layer.", "Export the layer again.")

@@ -56,6 +56,7 @@ from core.formats.micmac_points import PREFIX as MEASURES_OF_IMAGE
 from core.formats.micmac_ties import FOLDER as TIES
 from core.formats.micmac_ties import read_homol, write_couples, write_homol
 from core.formats.outlines import ground_height
+from core.formats.records import read_bytes
 from core.frames import HALF_PIXEL
 from core.said import Said, say
 
@@ -63,7 +64,7 @@ MARKS, ORIENTATIONS = "Ori-InterneScan", "Ori-Gruber"
 CAMERA_MARKS = "MeasuresCamera"
 # design: MicMac's own files begin with their root; more is not looked at.
 OPENING = 2000
-"""Characters in which a file says what it is."""
+"""Bytes in which a file says what it is."""
 # design: below what points are measured to; a lens farther off is not taken over.
 HELD_PX = 0.1
 """Pixels that a fitted lens may be off the file's own."""
@@ -284,15 +285,13 @@ def _points_and_measures(
 def _files(root: Path) -> Iterator[tuple[Path, str]]:
     """Files of points and measurements with what they are, by how they begin; XML first."""
     for path in sorted(root.glob("*.xml")):
-        with path.open(encoding="utf-8", errors="replace") as file:
-            opening = file.read(OPENING)
+        opening = read_bytes(path)[:OPENING].decode(errors="replace")
         kind = next((tag for tag in (POINTS, MEASURES, IMAGE) if f"<{tag}" in opening), None)
         if kind is not None:
             yield path, kind
     for path in sorted(root.glob("*.txt")):
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            if file.read(len(HEAD)) == HEAD:
-                yield path, HEAD
+        if read_bytes(path)[:OPENING].decode("utf-8-sig", errors="replace").startswith(HEAD):
+            yield path, HEAD
 
 
 def _photo_id(file: str) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 
 from core.errors import ExchangeError
 from core.formats.exchange import ExchangeMeasurement, ExchangePoint, Pair, Triple
+from core.formats.records import read_text
 from core.formats.xml_files import (
     AGAIN,
     add,
@@ -25,7 +26,6 @@ from core.formats.xml_files import (
     number_of,
     numbers_in,
     numbers_of,
-    read_text,
     read_xml,
     text_of,
     trimmed,

@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from core.errors import ExchangeError
 from core.formats.exchange import ExchangeTies
-from core.formats.xml_files import AGAIN, add, read_bytes, read_text, read_xml, trimmed, write_xml
+from core.formats.records import read_bytes, read_text
+from core.formats.xml_files import AGAIN, add, read_xml, trimmed, write_xml
 from core.frames import HALF_PIXEL
 from core.said import Said, say
 

@@ -6,7 +6,6 @@ WGS 84; places in a scan count from its middle in parts of its longer side, y do
 Pixels count from the centre of the first pixel, as OpenSfM has them; heights are always numbers.
 """
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -39,9 +38,9 @@ from core.formats.frame_interiors import (
     where_any,
     without_orientation,
 )
-from core.formats.records import read_records, write_json
+from core.formats.records import read_json, read_records, read_text, write_json
 from core.formats.rotations import triple_of
-from core.formats.xml_files import AGAIN, digits, read_text
+from core.formats.xml_files import AGAIN, digits
 from core.frames import HALF_PIXEL
 from core.geometry.map_in_space import (
     WGS84,
@@ -205,7 +204,7 @@ def read_opensfm(path: Path) -> ExchangeBlock:
     """
     file = path / RECONSTRUCTION if path.is_dir() else path
     try:
-        whole = json.loads(read_text(file))
+        whole = read_json(file)
         return _read(file, whole)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise ExchangeError(
@@ -222,7 +221,7 @@ def _read(file: Path, whole: Any) -> ExchangeBlock:
     interiors = {str(name): _interior(one, file) for name, one in first["cameras"].items()}
     reference = first.get("reference_lla")
     if reference is None and (file.parent / REFERENCE).exists():
-        reference = json.loads(read_text(file.parent / REFERENCE))
+        reference = read_json(file.parent / REFERENCE)
     crs, space = _space(reference, file)
     photos: list[ExchangePhoto] = []
     for shot, one in first["shots"].items():
@@ -298,7 +297,7 @@ def _read_points(
     if not path.exists() or space is None:
         return points, ()
     files = {photo.file: name for name, photo in block.photos.items()}
-    for one in json.loads(read_text(path))["points"]:
+    for one in read_json(path)["points"]:
         name, place = str(one["id"]), one.get("position") or {}
         if {"longitude", "latitude", "altitude"} <= place.keys():
             keys = ("longitude", "latitude", "altitude")

@@ -27,7 +27,8 @@ from core.formats.exchange import (
     frame_camera,
     ideal_from_image,
 )
-from core.formats.records import scan_stem
+from core.formats.records import scan_stem, status_of
+from core.formats.vectors import GDAL_ERRORS, no_remarks
 from core.said import say
 
 NAME = "LMS_TIF_UP"
@@ -213,21 +214,25 @@ def read_footprints(path: Path, name_attribute: str, photo_ids: Iterable[str]) -
 
 def _read(path: Path, name_attribute: str) -> tuple[dict[str, Any], Any, Any]:
     """Meta, geometries (WKB) and names of the first layer that has the attribute."""
-    if not path.exists():
-        raise ProjectError(path, "The footprints are missing.", "Check `footprints` in [scans].")
     try:
-        layers = [str(layer) for layer, _ in pyogrio.list_layers(path)]
-        seen: list[str] = []
-        for layer in layers:
-            fields = [str(field) for field in pyogrio.read_info(path, layer=layer)["fields"]]
-            matching = [field for field in fields if field.lower() == name_attribute.lower()]
-            if matching:
-                meta, _, geometries, columns = pyogrio.raw.read(
-                    path, layer=layer, columns=matching[:1], force_2d=True
-                )
-                return dict(meta), geometries, columns[0]
-            seen += fields
-    except pyogrio.errors.DataSourceError as error:
+        status_of(path)
+    except OSError as error:
+        cause, remedy = "The footprints are missing.", "Check `footprints` in [scans]."
+        raise ProjectError(path, cause, remedy) from error
+    try:
+        with no_remarks():
+            layers = [str(layer) for layer, _ in pyogrio.list_layers(path)]
+            seen: list[str] = []
+            for layer in layers:
+                fields = [str(field) for field in pyogrio.read_info(path, layer=layer)["fields"]]
+                matching = [field for field in fields if field.lower() == name_attribute.lower()]
+                if matching:
+                    meta, _, geometries, columns = pyogrio.raw.read(
+                        path, layer=layer, columns=matching[:1], force_2d=True
+                    )
+                    return dict(meta), geometries, columns[0]
+                seen += fields
+    except GDAL_ERRORS as error:
         raise ProjectError(
             path, "It is not a vector file that can be read.", "Check `footprints` in [scans]."
         ) from error

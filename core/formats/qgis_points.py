@@ -15,6 +15,7 @@ from jaxtyping import Float64
 
 from core.arrays import Flags, PixelPoints, locked
 from core.errors import ScanError
+from core.formats.records import plain_bytes
 
 HEADER = ("mapX", "mapY", "sourceX", "sourceY", "enable", "dX", "dY", "residual")
 COLUMNS = {
@@ -63,7 +64,7 @@ def read_qgis_points(path: Path) -> QgisPoints:
         ScanError: Missing, without the four coordinate columns, or with words for numbers.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        lines = plain_bytes(path).decode("utf-8-sig", errors="replace").splitlines()
     except OSError as error:
         raise ScanError(
             path,

@@ -1,7 +1,10 @@
 """Text files of other programs, line by line; errors name the line."""
 
 import csv
+import errno
 import json
+import os
+import stat
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -12,6 +15,14 @@ import numpy as np
 
 from core.errors import ProjectError
 from core.formats.rotations import Triple, triple_of
+
+MOST = 1e300  # design: finite, and whole numbers beyond it are no float.
+"""Numbers of JSON are smaller."""
+# design: tie points of thousands of photos take less.
+MOST_BYTES = 1_000_000_000
+"""Of a file that is read whole."""
+# A damaged table may be one long cell; Python's own limit would be an error of another kind.
+csv.field_size_limit(MOST_BYTES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +187,23 @@ def write_json(path: Path, value: object) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
+def read_json(path: Path) -> Any:
+    """What a file of JSON holds.
+
+    Raises:
+        ProjectError: It cannot be read, is none, or is nested beyond reason.
+    """
+    try:
+        return json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise ProjectError(
+            path,
+            "is no JSON that can be read ({error}).",
+            "Export it again from the program that wrote it.",
+            error=error,
+        ) from error
+
+
 def json_numbers(where: str | Path, fields: Mapping[str, Any], key: str, count: int) -> list[float]:
     """A field of JSON that holds so many finite numbers.
 
@@ -187,7 +215,7 @@ def json_numbers(where: str | Path, fields: Mapping[str, Any], key: str, count: 
     plain = [
         float(one)
         for one in values
-        if isinstance(one, int | float) and not isinstance(one, bool) and np.isfinite(float(one))
+        if isinstance(one, int | float) and not isinstance(one, bool) and abs(one) < MOST
     ]
     if len(plain) != count or len(values) != count:
         raise ProjectError(
@@ -236,14 +264,40 @@ def read_records(
     ]
 
 
-def read_text(path: Path) -> str:
-    """A text file in UTF-8 or, failing that, Latin-1.
+def status_of(path: Path) -> os.stat_result:
+    """The status of a file or folder.
 
     Raises:
-        ProjectError: It cannot be read, or holds bytes that no text has.
+        OSError: It is not there, a pipe or device, whose reading might never end, or has a name
+            that is no text.
+    """
+    if not str(path).isascii() and any("\ud800" <= sign <= "\udfff" for sign in str(path)):
+        raise OSError(errno.EILSEQ, "its name is no UTF-8", str(path))
+    found = path.stat()
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        raise OSError(errno.ENXIO, "a pipe or device, no file", str(path))
+    return found
+
+
+def plain_bytes(path: Path) -> bytes:
+    """All bytes of a file that is read whole.
+
+    Raises:
+        OSError: It is not there, may not be read, is no plain file, or is too large.
+    """
+    if status_of(path).st_size > MOST_BYTES:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
+    return path.read_bytes()
+
+
+def read_bytes(path: Path) -> bytes:
+    """All bytes of a file that is read whole.
+
+    Raises:
+        ProjectError: It cannot be read.
     """
     try:
-        data = path.read_bytes()
+        return plain_bytes(path)
     except OSError as error:
         raise ProjectError(
             path,
@@ -251,6 +305,15 @@ def read_text(path: Path) -> str:
             "Check the path, and that you may read it.",
             error=error.strerror or error,
         ) from error
+
+
+def read_text(path: Path) -> str:
+    """A text file in UTF-8 or, failing that, Latin-1.
+
+    Raises:
+        ProjectError: It cannot be read, or holds bytes that no text has.
+    """
+    data = read_bytes(path)
     if b"\0" in data:
         raise ProjectError(path, "is no text file.", "Give the file that the program wrote.")
     try:

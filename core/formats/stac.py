@@ -5,7 +5,6 @@ whose pixels lie upright, its turn in the orientation), and the whole interior o
 of ours. An item spans the day, month or year of exposure; where nobody says it, the time of film.
 """
 
-import json
 from calendar import monthrange
 from collections.abc import Iterable, Mapping
 from datetime import date
@@ -27,7 +26,7 @@ from core.formats.exchange import (
 )
 from core.formats.film_rays import principal_distance_mm
 from core.formats.outlines import ground_outline, off_nadir
-from core.formats.records import json_numbers, read_text, write_json
+from core.formats.records import json_numbers, read_json, write_json
 from core.formats.rotations import triple_of
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.map_in_space import MapInSpace, map_crs, map_in_space
@@ -138,7 +137,7 @@ def time_span(taken: str) -> tuple[date, date] | Failure:
     try:
         year, month, day = (int(part) for part in (*parts, "1", "1")[:3])
         first = date(year, month, day)
-    except ValueError:
+    except (ValueError, OverflowError):
         return Failure("It is no date.")
     if len(parts) > 3 or not FILM[0] <= first <= FILM[1]:
         return Failure("No film was exposed then.")
@@ -285,10 +284,7 @@ def read_stac(path: Path) -> ExchangeBlock:
 
 def _items(path: Path) -> list[Mapping[str, Any]]:
     """Items of a file; none where it is a catalogue."""
-    try:
-        value = json.loads(read_text(path))
-    except ValueError as error:
-        raise ProjectError(path, "is no JSON ({error}).", REMEDY, error=error) from error
+    value = read_json(path)
     if not isinstance(value, dict):
         raise ProjectError(path, "is no STAC item.", REMEDY)
     if value.get("type") in ("Catalog", "Collection"):

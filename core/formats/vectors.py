@@ -1,9 +1,11 @@
 """Vector files of any GDAL driver: layers, geometries and attributes in the block's CRS."""
 
 import errno
+import glob
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,9 @@ from pyproj import CRS
 from shapely.geometry.base import BaseGeometry
 
 from core.errors import ReferenceDataError
+from core.formats.records import status_of
 from core.geometry.crs import (
+    FARTHEST_M,
     Bounds,
     Operation,
     check_range,
@@ -28,7 +32,10 @@ from core.geometry.crs import (
     read_crs,
     same_coordinates,
 )
+from core.said import say
 
+GDAL_ERRORS = (DataSourceError, DataLayerError, FeatureError)
+"""What GDAL says of vector files that it cannot read or write."""
 LAYER_MARK = "|layername="
 """What QGIS writes between a file and one of its layers."""
 CZECH_DBF = "windows-1250"
@@ -67,24 +74,29 @@ def read_layers(
         attributes: Read the attributes as well.
     """
     file, _, wanted = str(path).partition(LAYER_MARK)
-    if not Path(file).exists():
-        raise ReferenceDataError(
-            file, "the file is not there.", "Correct the path under [reference]."
-        )
-    _refuse_cut_shapefile(Path(file))
     try:
-        names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
-        if wanted and wanted not in names:
-            raise ReferenceDataError(
-                file,
-                "it has no layer {wanted!r}.",
-                "It has: {names}.",
-                wanted=wanted,
-                names=", ".join(names) or "none",
+        _check_files(Path(file))
+    except OSError as error:
+        cause = say("it cannot be read ({error}).", error=error.strerror)
+        if isinstance(error, FileNotFoundError):
+            cause = "the file is not there."
+        raise ReferenceDataError(file, cause, "Correct the path under [reference].") from error
+    try:
+        with no_remarks():
+            names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
+            if wanted and wanted not in names:
+                raise ReferenceDataError(
+                    file,
+                    "it has no layer {wanted!r}.",
+                    "It has: {names}.",
+                    wanted=wanted,
+                    names=", ".join(names) or "none",
+                )
+            chosen = [wanted] if wanted else names
+            return tuple(
+                _read_layer(file, name, crs, bounds, attributes=attributes) for name in chosen
             )
-        chosen = [wanted] if wanted else names
-        return tuple(_read_layer(file, name, crs, bounds, attributes=attributes) for name in chosen)
-    except (DataSourceError, DataLayerError, FeatureError) as error:
+    except GDAL_ERRORS as error:
         raise ReferenceDataError(
             file,
             "the file cannot be read as vector data: GDAL does not know it, or it is damaged.",
@@ -92,30 +104,36 @@ def read_layers(
         ) from error
 
 
+@contextmanager
+def no_remarks() -> Generator[None]:
+    """Without GDAL's remarks on dialects of formats; what cannot be read is an error still."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def _read_layer(
     file: str, name: str, crs: CRS, bounds: Bounds | None, *, attributes: bool
 ) -> VectorLayer:
     """One layer, brought into the block's CRS."""
     encoding = _encoding(file)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # GDAL's remarks on dialects of formats
-        info: dict[str, Any] = pyogrio.read_info(
-            file, name, encoding=encoding, force_total_bounds=True
-        )
+    info: dict[str, Any] = pyogrio.read_info(file, name, encoding=encoding, force_total_bounds=True)
     columns = None if attributes else []
-    if not info["features"]:
+    if not info["features"] or info["total_bounds"] is None:
         return VectorLayer(file, name, np.empty(0, dtype=object), {})
     extent = _corners(info["total_bounds"])
     to_block = _way_to_block(info["crs"], extent, crs, file)
     box = bounds if bounds is None or to_block is None else _box_in(to_block, bounds)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        meta, _, wkb, fields = raw.read(
-            file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
-        )
+    meta, _, wkb, fields = raw.read(
+        file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
+    )
     geometries = np.asarray(shapely.from_wkb(wkb), dtype=object)
     kept = ~(shapely.is_missing(geometries) | shapely.is_empty(geometries))
     geometries = geometries[kept]
+    if not (np.abs(shapely.get_coordinates(geometries)) < FARTHEST_M).all():
+        raise ReferenceDataError(
+            file, "it holds coordinates that are no places.", "Export it again from its source."
+        )
     if to_block is not None and len(geometries):
         moved = to_block.forward(shapely.get_coordinates(geometries))
         geometries = shapely.set_coordinates(geometries, moved)
@@ -123,10 +141,16 @@ def _read_layer(
     return VectorLayer(file, name, geometries, table)
 
 
-def _refuse_cut_shapefile(path: Path) -> None:
-    """GDAL reads a shapefile that was cut off without a word, and gives fewer lines."""
-    if path.suffix.lower() != ".shp":
+def _check_files(path: Path) -> None:
+    """Refuse what GDAL would wait for without end, and a shapefile that was cut off.
+
+    GDAL reads such a shapefile without a word, and gives fewer lines.
+    """
+    status_of(path)
+    if path.suffix.lower() != ".shp" or path.is_dir():
         return
+    for part in path.parent.glob(f"{glob.escape(path.stem)}.*"):
+        status_of(part)
     with path.open("rb") as stream:
         stream.seek(LENGTH_AT)
         words = stream.read(4)
@@ -245,7 +269,7 @@ def write_polygons(
             layer=layer,
             append=append,
         )
-    except (DataSourceError, DataLayerError, FeatureError) as error:
+    except GDAL_ERRORS as error:
         # The folder has been found to be writable: only room for what is put in may be lacking.
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
     finally:

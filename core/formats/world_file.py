@@ -14,7 +14,9 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from core.arrays import Affine2, locked
 from core.errors import ScanError
+from core.formats.records import plain_bytes, status_of
 from core.frames import HALF_PIXEL
+from core.geometry.crs import FARTHEST_M
 
 NO_AREA = 1e-18  # design: a pixel of a nanometre, which is rounding and no pixel.
 """Square metres (or degrees) below which a pixel has no area."""
@@ -66,7 +68,7 @@ def read_world_file(path: Path) -> WorldFile:
         ScanError: Missing, not six numbers, or numbers that are no transform.
     """
     try:
-        words = path.read_text(encoding="latin-1").split()
+        words = plain_bytes(path).decode("latin-1").split()
     except OSError as error:
         raise ScanError(
             path,
@@ -85,7 +87,8 @@ def read_world_file(path: Path) -> WorldFile:
             words=words[:6],
         ) from error
     linear = np.array([[a, b], [d, e]])
-    if not np.isfinite([a, b, c, d, e, f]).all() or abs(np.linalg.det(linear)) < NO_AREA:
+    here = all(abs(value) < FARTHEST_M for value in (a, b, c, d, e, f))
+    if not here or abs(np.linalg.det(linear)) < NO_AREA:
         raise ScanError(
             path,
             "Its pixel has no area: the lines A, D, B, E are no transform.",
@@ -116,9 +119,10 @@ def read_georeference(raster: Path) -> WorldFile | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
+            status_of(raster)
             with rasterio.open(raster) as dataset:
                 transform = dataset.transform
-        except RasterioError as error:
+        except (RasterioError, OSError) as error:
             raise ScanError(
                 raster, "It is not an image that can be read.", "Copy the scan again."
             ) from error

@@ -9,6 +9,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from core.errors import ExchangeError
+from core.formats.records import read_bytes
 
 AGAIN = "Export it again from the program that wrote it."
 """What helps where a file is damaged."""
@@ -16,36 +17,6 @@ HEADING = b'<?xml version="1.0" encoding="UTF-8" ?>\n'
 """First line of what we write."""
 Element = ElementTree.Element
 """One element of a parsed file."""
-
-
-def read_bytes(path: Path) -> bytes:
-    """All bytes of a file.
-
-    Raises:
-        ExchangeError: It is not there, or may not be read.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ExchangeError(
-            path,
-            "It cannot be read ({strerror}).",
-            "Check the file.",
-            strerror=error.strerror or error,
-        ) from error
-
-
-def read_text(path: Path) -> str:
-    """Text of a file, without a byte order mark; what is no UTF-8 is taken as Latin 1.
-
-    Raises:
-        ExchangeError: It is not there, or may not be read.
-    """
-    content = read_bytes(path)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def read_xml(path: Path, *roots: str) -> Element:

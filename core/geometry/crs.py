@@ -109,6 +109,10 @@ def distance_m(one: Bounds, other: Bounds) -> float:
     return float(np.hypot(max(west - east, 0.0), max(south - north, 0.0)))
 
 
+FARTHEST_M = 1e9  # design: metres that no map of the Earth has; what lies beyond is damage.
+"""Coordinates are smaller."""
+
+
 def read_crs(text: str, where: str | Path) -> CRS:
     """Any CRS PROJ knows; `CrsError` where there is none or it is unknown."""
     if not text.strip():

@@ -14,12 +14,12 @@ import pyogrio
 import pyogrio.raw
 import rasterio.features
 import shapely
-from pyogrio.errors import DataLayerError, DataSourceError
 from shapely.geometry import MultiPolygon, Polygon, shape
 from shapely.geometry.base import BaseGeometry
 
 from core.errors import ReferenceDataError
-from core.formats.vectors import VectorLayer, read_layers, write_polygons
+from core.formats.records import status_of
+from core.formats.vectors import GDAL_ERRORS, VectorLayer, no_remarks, read_layers, write_polygons
 from core.geometry.crs import parse_crs, same_coordinates
 from core.mosaic.seam_cut import LabelledGround, Labels
 from core.raster.grid import RASTERIZING
@@ -228,10 +228,12 @@ def fill_gaps(edited: EditedSeams, drawn: Sequence[Seam]) -> EditedSeams:
 def _layer(path: Path, crs: str) -> tuple[VectorLayer, list[str]]:
     """The layer of seams in the block's CRS."""
     try:
-        names = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
-        wanted = LAYER if LAYER in names or len(names) != 1 else names[0]
-        info = pyogrio.read_info(path, wanted) if wanted in names else None
-    except (DataSourceError, DataLayerError) as error:
+        status_of(path)
+        with no_remarks():
+            names = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+            wanted = LAYER if LAYER in names or len(names) != 1 else names[0]
+            info = pyogrio.read_info(path, wanted) if wanted in names else None
+    except (*GDAL_ERRORS, OSError) as error:
         raise ReferenceDataError(
             path, "the seams cannot be read: the file is damaged.", FORGET
         ) from error

@@ -1,5 +1,6 @@
 """Raster files: those that wait open, decoded tiles of them (both bounded), and colour as gray."""
 
+import os
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Hashable, Mapping
@@ -13,6 +14,8 @@ import rasterio
 from jaxtyping import Float32, Num
 from rasterio._env import set_gdal_config
 from rasterio.errors import NotGeoreferencedWarning
+
+from core.formats.records import status_of
 
 # source: Rec. ITU-R BT.601-7, section 2.5.1
 LUMINANCE = (0.299, 0.587, 0.114)
@@ -105,12 +108,16 @@ def file_stamp(path: Path) -> Stamp:
     """When a file and those beside it (world file, CRS, mask) were written, and its length.
 
     Raises:
-        OSError: The file is not there.
+        OSError: The file is not there, or is none.
     """
-    status, kind = path.stat(), path.suffix
+    status, kind = status_of(path), path.suffix
     beside = [path.with_suffix(s) for s in (f"{kind[:2]}{kind[-1:]}w", f"{kind}w", ".wld", ".prj")]
     beside += [path.with_name(path.name + ending) for ending in (".aux.xml", ".msk", ".ovr")]
-    times = [file.stat().st_mtime_ns if file.exists() else 0 for file in beside if file != path]
+    times = [
+        status_of(file).st_mtime_ns if os.path.exists(file) else 0
+        for file in beside
+        if file != path
+    ]
     return (status.st_mtime_ns, status.st_size, status.st_ino, *times)
 
 

@@ -24,6 +24,7 @@ from rasterio.enums import Resampling
 from core.arrays import Affine2, locked
 from core.doubts import Doubt
 from core.errors import ReferenceDataError
+from core.formats.listed_point import HIGHEST_M, LOWEST_M
 from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds, Operation, bounds_of, operation_between, short_name
 from core.raster.files import TILES, gray_from_colour
@@ -399,9 +400,13 @@ def _add(
     right, bottom = min(sheet.columns, column + last * n), min(sheet.rows, row + below * n)
     raw, usable = _read(sheet, (left, top, right, bottom), (below - above, last - first), n == 1)
     cells = (slice(above, below), slice(first, last))
+    own = _content(raw, sheet, content)
+    if content == "heights":
+        # Nodata that the file does not name, and damaged pixels, are gaps.
+        usable &= (own[0] > LOWEST_M) & (own[0] < HIGHEST_M)
     free = usable & (weight[cells] == 0)
     weight[cells][free] = 1
-    values[(slice(None), *cells)] += _content(raw, sheet, content) * free
+    values[(slice(None), *cells)] += np.where(free, own, 0)
 
 
 def _nearest(value: int, size: int) -> int:
@@ -452,9 +457,11 @@ def _content(
         raw = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
     if content == "gray" and len(raw) == 3:
         return gray_from_colour(raw)[None]
-    values = raw.astype(np.float32)
+    with np.errstate(over="ignore"):
+        values = raw.astype(np.float32)
     if content == "heights":
-        return values * np.float32(sheet.factor) + np.float32(sheet.addend)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return values * np.float32(sheet.factor) + np.float32(sheet.addend)
     if content == "colour":
         values *= 255.0 / sheet.white
         return np.repeat(values, 3, axis=0) if len(values) == 1 else values

@@ -28,6 +28,9 @@ from core.said import say
 GrayWindow = Float32[np.ndarray, "rows columns"]
 """Part of a scan as gray values."""
 READABLE = ("uint8", "uint16")
+# design: film of 24 cm at half a micrometre; a damaged file may claim any size.
+MOST_SIDE_PX = 500_000
+"""Columns or rows of a scan."""
 # design: what programs append behind the picture is shorter, and this is one read
 TAIL_BYTES = 65536
 """A JPEG or JPEG 2000 ends with its mark within so many bytes of the end of the file."""
@@ -149,7 +152,8 @@ def open_scan(path: Path) -> ScanFile:
     """Open a scan and probe its end, so that a cut file is found before it is needed.
 
     Raises:
-        ScanError: Missing, empty, not an image, cut off, or of a pixel type that is not a scan's.
+        ScanError: Missing, empty, not an image, cut off, of an absurd size, or of a pixel type that
+            is not a scan's.
     """
     _check_file(path)
     with _open_dataset(path) as dataset:
@@ -159,6 +163,16 @@ def open_scan(path: Path) -> ScanFile:
                 path,
                 say("Its pixels are {dtype}, not 8 or 16 bit gray or colour.", dtype=scan.dtype),
                 "Save the scan as an 8 or 16 bit TIFF, JPEG or JPEG 2000.",
+            )
+        if max(scan.size_px) > MOST_SIDE_PX:
+            raise ScanError(
+                path,
+                say(
+                    "It says it has {columns} x {rows} pixels, which no scan has.",
+                    columns=dataset.width,
+                    rows=dataset.height,
+                ),
+                "Copy the scan again from the archive.",
             )
         if dataset.driver == "GTiff":
             _check_blocks(path, dataset)

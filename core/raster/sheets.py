@@ -19,6 +19,7 @@ from scipy import ndimage
 from core.arrays import Affine2, Mask, locked
 from core.errors import ReferenceDataError
 from core.geometry.crs import (
+    FARTHEST_M,
     Operation,
     check_range,
     horizontal,
@@ -195,7 +196,7 @@ def _sheet(name: str, stamp: Stamp, crs: str, what: SheetKind) -> Sheet:
     """Everything about one file that later reads need."""
     path = Path(name)
     with sheet_file(path) as raster:
-        if raster.transform.is_identity:
+        if raster.transform.is_identity or not _is_place(raster.transform):
             raise ReferenceDataError(
                 path,
                 say("this {what} sheet has no place on the ground.", what=what),
@@ -222,6 +223,13 @@ def _sheet(name: str, stamp: Stamp, crs: str, what: SheetKind) -> Sheet:
             factor=float(raster.scales[bands[0] - 1]),
             addend=float(raster.offsets[bands[0] - 1]),
         )
+
+
+def _is_place(transform: rasterio.Affine) -> bool:
+    """Whether pixels have a size and a place on some map."""
+    values = np.array(transform[:6])
+    # design: a micrometre; smaller pixels and places beyond all maps are damage.
+    return bool((np.abs(values) < FARTHEST_M).all() and abs(transform.determinant) > 1e-12)
 
 
 def _picture_bands(raster: rasterio.DatasetReader, path: Path) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 from hypothesis import given, settings
 
-from core.errors import ExchangeError
+from core.errors import PhotogrammetryError
 from core.formats.colmap import read_colmap, write_colmap
 from core.formats.exchange import ExchangeBlock, pixels_of
 from core.formats.frame_interiors import FrameInterior, frame_photos
@@ -248,7 +248,7 @@ TEXT = {
 def test_a_broken_binary_model_is_refused__truth(tmp_path: Path, name: str) -> None:
     write_colmap(tmp_path, block_of(FULL, "upright"))
     BINARY[name](tmp_path)
-    with pytest.raises(ExchangeError):
+    with pytest.raises(PhotogrammetryError):
         read_colmap(tmp_path)
 
 
@@ -256,10 +256,10 @@ def test_a_broken_binary_model_is_refused__truth(tmp_path: Path, name: str) -> N
 def test_a_broken_text_model_is_refused__truth(tmp_path: Path, name: str) -> None:
     write_colmap(tmp_path, block_of(FULL, "upright"))
     TEXT[name](only_text(tmp_path))
-    with pytest.raises(ExchangeError):
+    with pytest.raises(PhotogrammetryError):
         read_colmap(tmp_path)
 
 
 def test_a_block_without_orientation_is_refused__truth(tmp_path: Path) -> None:
-    with pytest.raises(ExchangeError):
+    with pytest.raises(PhotogrammetryError):
         write_colmap(tmp_path, ExchangeBlock())

@@ -151,7 +151,7 @@ ROW = thesis_rows()[0]
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("{", "is no GeoJSON"), ("[]", "is no GeoJSON layer"),
+    [("{", "is no JSON"), ("[]", "is no GeoJSON layer"),
      (layer([{**ROW, "x_col": None}]), "Feature 1 has no x_col"),
      (layer([{"a": 1}]), "Feature 1 has no cross_id"),
      (layer([{**ROW, "Z": "high"}]), "Z is 'high', not 1 number"),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import ExchangeError
+from core.errors import ExchangeError, ProjectError
 from core.formats.exchange import ExchangeBlock, ExchangePoint
 from core.formats.micmac import read_micmac, write_micmac
 from core.formats.micmac_points import (
@@ -72,5 +72,5 @@ def test_files_without_marks_say_so__truth(tmp_path: Path, content: str, told: s
     path.write_text(content)
     with pytest.raises(ExchangeError, match=told):
         read_image_measures(path)
-    with pytest.raises(ExchangeError, match="cannot be read"):
+    with pytest.raises(ProjectError, match="cannot be read"):
         read_camera_measures(tmp_path / "nothing.xml")
