@@ -16,7 +16,7 @@ from typing import cast, get_args
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.records import plain_bytes, scan_stem
+from core.formats.records import LONGEST_HEAD, plain_bytes, scan_stem
 from core.formats.rotations import (
     FULL_TURN,
     RADIANS,
@@ -36,9 +36,6 @@ ASKED = (
 )
 """What to do about a list that does not say how it counts angles."""
 POSITION = ("X", "Y", "Z")
-# design: no program heads a column with more; what a damaged file has there is not looked through.
-LONGEST_HEAD = 80
-"""Characters of the head of a column."""
 PLAIN_UNIT = re.compile(r"(?:sigma_)?(?:omega|phi|kappa)_(deg|gon|rad)")
 """Columns of the plain list, whose angles are omega, phi, kappa whatever their sequence."""
 UNIT_NAMES: Mapping[AngleUnit, tuple[str, ...]] = {

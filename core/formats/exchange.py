@@ -280,7 +280,7 @@ def understood(path: Path) -> Generator[None]:
 
 
 def read_format(form: ExchangeFormat, path: Path) -> ExchangeBlock:
-    """A foreign file or folder; its numbers are numbers.
+    """A foreign file or folder; its numbers are numbers and its names are text.
 
     Raises:
         PhotogrammetryError: It cannot be read or understood.
@@ -289,7 +289,15 @@ def read_format(form: ExchangeFormat, path: Path) -> ExchangeBlock:
     with understood(path):
         block = form.read(path)
         _check_numbers(block)
+        _check_names(block)
     return block
+
+
+def _check_names(block: ExchangeBlock) -> None:
+    """Refuse names that cannot be written anywhere: halves of a sign, as broken JSON has them."""
+    measured = (one.point_id for one in block.measurements)
+    files = (photo.file for photo in block.photos.values())
+    "".join((*block.cameras, *block.photos, *block.points, *files, *measured, block.crs)).encode()
 
 
 def _check_numbers(block: ExchangeBlock) -> None:

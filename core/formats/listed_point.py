@@ -9,6 +9,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 
 from core.formats.delimited_table import DelimitedTable, TableRow, number_of
+from core.formats.records import LONGEST_HEAD
 
 Triple = tuple[float, float, float]
 ListedRole = Literal["control", "plan", "height", "check"]
@@ -221,7 +222,7 @@ LARGEST_SIGMA_M = 100.0
 
 def plain_word(text: str) -> str:
     """A name of a column in small letters, without accents, unit in brackets and signs."""
-    bare = re.sub(r"[\[(].*?[\])]", "", text.casefold())
+    bare = re.sub(r"[\[(].*?[\])]", "", text[:LONGEST_HEAD].casefold())
     flat = unicodedata.normalize("NFKD", bare.replace("\u03c3", "sigma"))
     return "".join(sign for sign in flat if sign.isalnum())
 
@@ -233,7 +234,9 @@ def known_words(cells: Sequence[str]) -> int:
 
 def unit_of(name: str) -> str:
     """The unit in a column's name; empty where it says none."""
-    found = re.search(r"[\[(]\s*([^\])]+?)\s*[\])]|_(mm|cm|m|ft|km)$", name.strip().casefold())
+    found = re.search(
+        r"[\[(]\s*([^\])]+?)\s*[\])]|_(mm|cm|m|ft|km)$", name.strip()[:LONGEST_HEAD].casefold()
+    )
     return (found[1] or found[2]) if found else ""
 
 

@@ -21,6 +21,9 @@ MOST = 1e300  # design: finite, and whole numbers beyond it are no float.
 # design: tie points of thousands of photos take less.
 MOST_BYTES = 1_000_000_000
 """Of a file that is read whole."""
+# design: no program heads a column with more; what a damaged file has there is not looked through.
+LONGEST_HEAD = 80
+"""Characters of the head of a column."""
 # A damaged table may be one long cell; Python's own limit would be an error of another kind.
 csv.field_size_limit(MOST_BYTES)
 
