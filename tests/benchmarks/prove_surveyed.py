@@ -1,13 +1,13 @@
 """A published list of surveyed points measured at the desk as a user would: SXB Strasbourg.
 
-Run: python -m tests.benchmarks.prove_surveyed [--data FOLDER] [--folder KEPT] [--each]
+Run: python -m tests.benchmarks.prove_surveyed [--browser] [--data FOLDER] [--folder KEPT] [--each]
 
 Five digital frames, strongly compressed, rough centres of four of them, no ortho and no DEM. The
 surveyed points come in by `gruber import` from the published list, two of them become check points,
 and the block is run. Of each point one photo, the best view, is clicked at the published place; in
 the others that have a published place the proposal is accepted (`Y`) where it lies within 2 px of
 that, else, or without one, the published place is clicked: the messages of the pages, into the
-desk's own loop.
+desk's own loop, or with --browser the hand of a person, in Chromium.
 
 Printed: proposals and how many lie within 2 px of the published places (these scatter by 0.6 px
 themselves), those more than 5 px off of which the desk says that they are rather right than wrong,
@@ -32,6 +32,7 @@ from core.block import Block, Measurement
 from core.doubts import Failure
 from tests.benchmarks.control_blocks import quietly
 from tests.benchmarks.loop_hand import Key, LoopHand
+from tests.benchmarks.surveyed_hand import BrowserOperator, seated
 from tests.real.readers import SXB, SXB_CHECK, read_table
 from tests.real.test_sxb_block import TOML, sxb_block
 
@@ -178,7 +179,7 @@ def published_picks(data: Path) -> dict[Key, np.ndarray]:
     }
 
 
-def measure(operator: LoopOperator, picks: dict[Key, np.ndarray]) -> Tally:
+def measure(operator: LoopOperator | BrowserOperator, picks: dict[Key, np.ndarray]) -> Tally:
     """All points in the order of the queue, all photos of one before the next."""
     tally = Tally()
     for name in SXB_CHECK:
@@ -210,6 +211,12 @@ def in_the_loop(folder: Path, picks: dict[Key, np.ndarray]) -> Tally:
     return tally
 
 
+def in_the_browser(folder: Path, picks: dict[Key, np.ndarray]) -> Tally:
+    """The same in Chromium."""
+    with seated(folder) as operator:
+        return measure(operator, picks)
+
+
 def check_rmse_m(report: AdjustmentReport) -> float:
     """RMSE of the check points in space, as the published adjustment states it."""
     assert sorted(check.point_id for check in report.checks) == sorted(SXB_CHECK)
@@ -238,11 +245,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--folder", type=Path, help="where the block is kept; else it is not")
+    parser.add_argument("--browser", action="store_true", help="in Chromium, as a person does")
     parser.add_argument("--each", action="store_true", help="every proposal as well")
     given = parser.parse_args()
     picks = published_picks(given.data)
     with made_block(given.data, given.folder) as folder:
-        tally = in_the_loop(folder, picks)
+        tally = (in_the_browser if given.browser else in_the_loop)(folder, picks)
         # As the desk opens on it.
         reader = LoopHand(folder, "reader")
         report = reader.report
@@ -255,7 +263,8 @@ def main() -> int:
         "RMSE of the check points | sigma nought |\n" + 7 * "|---" + "|\n"
     )
     rmse = check_rmse_m(report)
-    sys.stdout.write(f"| loop | {tally.rows()} | {rmse:.3f} m | {report.sigma_nought:.2f} |\n")
+    desk = "Chromium" if given.browser else "loop"
+    sys.stdout.write(f"| {desk} | {tally.rows()} | {rmse:.3f} m | {report.sigma_nought:.2f} |\n")
     return int(tally.share < ASKED_SHARE or rmse > ASKED_M)
 
 

@@ -307,6 +307,20 @@ def test_yes_right_after_an_arrow_keeps_the_place_it_nudged_to__law(sit, tmp_pat
         assert [type(item.decision).__name__ for item in session.decisions()] == ["Place"]
 
 
+def test_a_click_on_the_mark_itself_corrects_it__law(sit):
+    page = sit(scene=False)
+    click_beside(page, right=140)
+    page.wait_for_function("gruber.parts.point.draft")
+    caught_up(page)
+    before = page.evaluate("gruber.parts.point.draft.place")
+    click_beside(page, right=144)
+    page.wait_for_function("x => gruber.parts.point.draft.place[0] !== x", arg=before[0])
+    after = page.evaluate("gruber.parts.point.draft.place")
+    step = 4 / page.evaluate("gruber.compareState().view.scale")
+    assert after[0] - before[0] == pytest.approx(step, rel=0.2)
+    assert after[1] - before[1] == pytest.approx(0, abs=step / 4)
+
+
 def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     page = sit(scene=False)
     first = current(page)

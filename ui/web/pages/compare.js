@@ -471,13 +471,13 @@ const HAND = {
     state.wiping = false;
     state.dragged = screen && placeAt(pane, screen);
   },
-  drop: (pane) => {
-    if (state.dragged) putMark(pane, state.dragged);
-  },
+  drop: (pane) => state.dragged && putMark(pane, state.dragged),
   click: (pane, screen) => {
     if (state.look.adding) addPoint(pane, screen);
     else if (takesPlace(pane, screen)) putMark(pane, placeAt(pane, screen));
   },
+  // A mark is often wrong by less than it can be gripped at.
+  tap: (pane, screen) => state.wiping || putMark(pane, placeAt(pane, screen)),
   point: (pane, screen) => {
     state.cursor = screen && placeAt(pane, screen);
     const wipes = state.wiping || (screen !== null && onWipe(pane, screen[0]));

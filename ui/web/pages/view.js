@@ -155,6 +155,7 @@ export function roundLength(/** @type {number} */ most) {
  * @property {(pane: Pane, screen: Pair | null) => void} [point] without a button; null: gone
  * @property {(pane: Pane, screen: Pair) => void} [click]
  * @property {(pane: Pane, screen: Pair) => boolean} [grips] true when a drag moves a mark
+ * @property {(pane: Pane, screen: Pair) => void} [tap] a click where a drag would move a mark
  * @property {(pane: Pane, screen: Pair | null) => void} [drag] null when it is over
  * @property {(pane: Pane) => void} [drop]
  */
@@ -242,8 +243,8 @@ export class Pane {
       room.classList.remove("panning");
       if (!down) return;
       if (down.moved && down.grips) hand.drop?.(this);
-      else if (!down.moved && !down.grips && isClick(event, down)) {
-        hand.click?.(this, screenOf(event));
+      else if (!down.moved && isClick(event, down)) {
+        (down.grips ? hand.tap : hand.click)?.(this, screenOf(event));
       }
       hand.drag?.(this, null);
       down = null;
