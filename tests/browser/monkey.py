@@ -298,6 +298,8 @@ class DeskWalk(PageWalk):
             if self.rng.random() < 0.15:
                 self.look_at_file(self.hurry(), told)
                 continue
+            # A hand that does not hurry looks at what it has before it.
+            self.answered()
             made = self.step()
             seen = self.page.evaluate("walk.seen.splice(0)")
             meant = self.meant(seen)
@@ -310,6 +312,9 @@ class DeskWalk(PageWalk):
                     else self.meant(one for one in seen if one["on"] not in ("pane", "magnified"))
                 )
             self.look_at_file(meant, told)
+
+    def answered(self) -> None:
+        self.expect("!gruber.isAhead()", "the desk does not answer")
 
     def meant(self, seen: Iterable[dict[str, Any]]) -> list[Meaning]:
         """What gestures mean; after an arrow a nudge may wait, which undo takes back first."""
@@ -445,6 +450,7 @@ class DeskWalk(PageWalk):
         for select in ("sieve-photo", "sieve-role"):
             page.select_option(f"#{select}", "")
         self.expect("document.querySelector('.row')?.checkVisibility()", "no queue in sight")
+        self.answered()
         # By its name: lines come and go where the list moves to what is current.
         row = json.dumps(page.locator(".row:not(.current)").first.get_attribute("data-key"))
         page.click(f".row[data-key={row}]")
