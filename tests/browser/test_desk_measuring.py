@@ -153,3 +153,31 @@ def test_a_new_point_that_is_dropped_leaves_nothing__law(page, inputs):
     page.keyboard.press("Escape")
     page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'N001')")
     assert "N001" not in inputs.session.replayed(inputs.block).surveyed
+
+
+GRAY = """name => {
+  const canvas = document.querySelector(`.pane[data-pane=${name}] .picture`);
+  const at = [canvas.width / 2 - 60, canvas.height / 2 - 60];
+  const { data } = canvas.getContext("2d").getImageData(...at, 120, 120);
+  return [...data].filter((_, index) => index % 4 === 1);
+}"""
+
+
+def test_without_an_ortho_the_scan_where_it_was_measured_lies_beside__truth(tmp_path, sit_at):
+    inputs = measuring_inputs(tmp_path, has_ortho=False)
+    with open_desk(inputs) as desk:
+        page = sit_at(desk.url, scene=False)
+        page.click('.chip[data-state="measure"]')
+        page.wait_for_function("gruber.parts.point?.state === 'predicted'")
+        page.wait_for_function("gruber.compareState().drawn.whole")
+        first = click_at_truth(page)
+        keep(page)
+        page.wait_for_function("gruber.parts.point.state === 'proposed'")
+        page.wait_for_function("gruber.compareState().drawn.whole")
+        label = page.locator('.pane[data-pane="left"] .label').inner_text()
+        assert label.endswith(first[1][-2:])
+        assert key_of(page)[1] != first[1]
+        left, right = (np.array(page.evaluate(GRAY, name), float) for name in ("left", "right"))
+        # The same ground in two scans, the mark over both.
+        assert np.corrcoef(left, right)[0, 1] > 0.6
+    inputs.session.close()

@@ -15,7 +15,7 @@ import {
 import {
   drawEllipse, drawPatch, drawReadings, ellipseRadius, rawFromGround,
 } from "./expected.js";
-import { drawTogether } from "./together.js";
+import { beside, drawTogether } from "./together.js";
 import { finishBefore, send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
@@ -261,10 +261,8 @@ function drawPicture(pane, point) {
   const [context, width, height] = cleared(pane.picture);
   const size = [width, height];
   const [kind, photo, { version }] = [contentOf(pane), point.key[1], point.scan];
-  const names = {
-    ortho: start.ortho ? word("pane.ortho") : word("pane.no-ortho"),
-    scan: word("pane.scan", { scan: shortName(photo) }),
-  };
+  const back = beside(point, view, look.wallis);
+  const names = { ortho: back.name, scan: word("pane.scan", { scan: shortName(photo) }) };
   pane.picture.style.filter = look.contrast === 1 ? "" : `contrast(${look.contrast})`;
   let whole = true;
   if (showsRaw(pane)) {
@@ -275,7 +273,7 @@ function drawPicture(pane, point) {
     return whole;
   }
   if (kind !== "scan") {
-    whole = drawLayer(context, orthoLayer(look.wallis), view.frame(size), size);
+    whole = drawLayer(context, back.layer, back.view.frame(size), size);
   }
   if (kind !== "ortho") {
     context.save();

@@ -2,7 +2,7 @@
 import { cleared, crosshair } from "./overlay.js";
 import { drawLayer, layerFromGround, orthoLayer, scanLayer } from "./tiles.js";
 import { View } from "./view.js";
-import { all, byId, element, number, renew, shortName, stateGlyph, word } from "./words.js";
+import { all, byId, element, number, renew, shortName, start, stateGlyph, word } from "./words.js";
 import { send } from "./wire.js";
 
 /** @param {Point} point */
@@ -28,6 +28,23 @@ export function drawTogether(point, scale, wallis) {
   }).every(Boolean);
 }
 
+/**
+ * What lies beside a scan: the ortho or, where there is none, the scan that shows the point best,
+ * one where it was measured before others; its place there lies where the point is given.
+ * @param {Point} point @param {View} view @param {boolean} wallis
+ */
+export function beside({ key, marks, others }, view, wallis) {
+  if (start.ortho) return { layer: orthoLayer(wallis), view, name: word("pane.ortho") };
+  const rest = others.filter(({ photo, hidden }) => photo !== key[1] && !hidden);
+  const other = rest.find(({ state }) => state === "accepted") ?? rest[0];
+  if (!other) return { layer: orthoLayer(wallis), view, name: word("pane.no-ortho") };
+  const [here, there] = [marks.surveyed, other.at ?? marks.surveyed].map(layerFromGround);
+  const moved = new View().show(
+    [view.x + there[0] - here[0], view.y + there[1] - here[1]], view.scale);
+  const name = word("pane.scan", { scan: shortName(other.photo) });
+  return { layer: scanLayer(other.photo, other.version, wallis), view: moved, name };
+}
+
 /** @param {HTMLElement} room @param {Point} point */
 function build(room, point) {
   room.dataset.shape = shapeOf(point);
@@ -42,6 +59,6 @@ function build(room, point) {
     }, element("canvas"), element("span", {}, stateGlyph(state, 12),
       `${shortName(photo)} \u00b7 ${number(misfit, 1)} px`));
   });
-  renew(room,
-    element("div", {}, element("canvas"), element("span", {}, word("pane.ortho"))), ...scans);
+  const ortho = word(start.ortho ? "pane.ortho" : "pane.no-ortho");
+  renew(room, element("div", {}, element("canvas"), element("span", {}, ortho)), ...scans);
 }
