@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.arrays import Mask, locked
+from core.arrays import locked
 from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.drawn_mask import DrawnMask
@@ -37,7 +37,7 @@ from core.scans.judging import (
     places_of,
 )
 from core.scans.naming import UPRIGHT, Way, ways_of_strip
-from core.scans.photo_mask import find_scratches, usable_mask, with_drawn
+from core.scans.photo_mask import find_usable_area, with_drawn
 from core.scans.repeated import with_repeated
 from core.scans.scan_pairs import Look, look_of
 
@@ -87,19 +87,16 @@ class ScanOrientation:
         """Columns and rows."""
         return self.scan.size_px
 
-    def usable(self, reduction: int = MOST_PIXELS) -> Mask:
-        """Which cells of the reduced scan are photograph; see `usable_mask`."""
+    def usable(self, reduction: int = MOST_PIXELS) -> UsableArea:
+        """What of the scan is photograph, in cells of so many pixels a side."""
         marks = [mark.place for mark in self.fiducials]
-        return usable_mask(self.scan, self.area, self.interior.pixel_size_mm, marks, reduction)
+        pixel_mm = self.interior.pixel_size_mm
+        return find_usable_area(self.scan, self.area, pixel_mm, marks, reduction)
 
     def masked(self) -> "ScanOrientation":
         """The same with its scan knowing which part of it is photograph."""
         reduction = int(np.clip(CELL_MM // self.interior.pixel_size_mm, 1, MOST_PIXELS))
-        photograph = self.usable(reduction)
-        pixel_mm = self.interior.pixel_size_mm
-        scratches = find_scratches(self.scan, self.area.corners, photograph, pixel_mm)
-        area = UsableArea.of(photograph, self.size_px, scratches)
-        return replace(self, scan=replace(self.scan, usable=area))
+        return replace(self, scan=replace(self.scan, usable=self.usable(reduction)))
 
     def with_drawn(self, drawn: DrawnMask) -> "ScanOrientation":
         """The same with its scan knowing what a hand drew on it."""

@@ -18,6 +18,7 @@ from rasterio.features import geometry_mask
 from rasterio.transform import Affine
 
 from core.arrays import Flags, Indices, Mask, PixelPoints
+from core.frames import HALF_PIXEL
 from core.geometry.drawn_mask import Area, DrawnMask
 from core.geometry.robust import robust_sigma
 from core.raster.scan_file import ScanFile, Scratch, UsableArea, read_overview, read_window
@@ -48,6 +49,7 @@ BROAD_MM, APART_MM, LEAST_INK_MM2 = 1.0, 2.0, 3.0  # design: pens and digits of 
 as large as the third."""
 ABOUT_MM = 10.0  # design: light falls off over centimetres, notes are millimetres
 """Width of the surroundings whose mean gray dark ink is compared with."""
+WIDE_CELLS = 3  # design: the cell a scratch runs through, and its neighbours
 LEAST_PART = 0.1  # design: with less of them inside the picture their mean is that of a few cells
 """Share of those surroundings that is taken to lie inside the picture at least."""
 CLOSED_MM = 0.6  # design: strokes of lettering on housings are about so wide
@@ -78,24 +80,24 @@ Profile = Float32[np.ndarray, "rows pieces"]
 """Mean gray of the pieces of every row."""
 
 
-def usable_mask(
+def find_usable_area(
     scan: ScanFile,
     area: FilmArea,
     pixel_mm: float,
     marks: Iterable[tuple[float, float]],
     reduction: int,
-) -> Mask:
-    """Which cells of the reduced scan are photograph: no margin, marks, data strip or notes.
+) -> UsableArea:
+    """What of a scan is photograph: no margin, marks, data strip, notes or scratches.
 
     Args:
         scan: The scan.
         area: The exposed picture.
         pixel_mm: Size of a scan pixel on the film, millimetres.
         marks: Fiducials, (column, row) pixels.
-        reduction: How many pixels a side become one.
+        reduction: How many pixels a side become one cell.
 
-    Returns:
-        (rows // reduction, columns // reduction), True where the scan may be used.
+    Raises:
+        ScanError: The scan cannot be read.
     """
     gray = eight_bit(read_overview(scan, reduction))
     cell_mm = pixel_mm * reduction
@@ -105,23 +107,37 @@ def usable_mask(
     )
     usable = depth_mm > BORDER_MM
     usable &= ~_margin_like(gray, inside, depth_mm, cell_mm)
-    usable &= ~_written(gray, depth_mm, cell_mm)
     discs = np.zeros(gray.shape, dtype=np.uint8)
     for column, row in marks:
         place = (round(column / reduction - 0.5), round(row / reduction - 0.5))
         cv2.circle(discs, place, int(np.ceil(MARK_MM / cell_mm)), 1, -1)
-    return np.asarray(usable & (discs == 0))
+    usable &= discs == 0
+    scratches = find_scratches(scan, area.corners, usable, pixel_mm)
+    usable &= ~_written(gray, depth_mm, cell_mm, _drawn(scratches, gray.shape, reduction))
+    return UsableArea.of(np.asarray(usable), scan.size_px, scratches)
 
 
-def _written(gray: np.ndarray, depth_mm: np.ndarray, cell_mm: float) -> Mask:
+def _drawn(scratches: Iterable[Scratch], shape: tuple[int, ...], reduction: int) -> Mask:
+    """Cells that scratches run through, and those beside them, which are blurred."""
+    lines = np.zeros(shape, dtype=np.uint8)
+    for scratch in scratches:
+        along = np.append(np.arange(scratch.first, scratch.last, reduction), scratch.last)
+        places = np.column_stack([along, np.polyval(scratch.course, along)])
+        cells = (places[:, ::-1] if scratch.axis else places) / reduction - HALF_PIXEL
+        cv2.polylines(lines, [np.rint(cells).astype(np.int32)], False, 1, WIDE_CELLS)
+    return lines > 0
+
+
+def _written(gray: np.ndarray, depth_mm: np.ndarray, cell_mm: float, scratched: Mask) -> Mask:
     """Cells of the picture's rim on which somebody has written, and what lies between strokes.
 
     Ink is clearly whiter than the whitest of the picture's heart, or darker than its darkest, and
-    thin. What is as white and broad is a field or a cloud, what is as dark a wood. Lenses darken
-    the rim: dark ink is sought in grays over those about them, which that leaves as they are.
+    thin. What is as white and broad is a field or a cloud, what is as dark a wood; scratches, as
+    white as ink, are none of the heart. Lenses darken the rim: dark ink is sought in grays over
+    those about them, which that leaves as they are.
     """
-    heart = depth_mm > HOUSING_MM
-    rim = (depth_mm > 0) & ~heart
+    rim = (depth_mm > 0) & (depth_mm <= HOUSING_MM)
+    heart = (depth_mm > HOUSING_MM) & ~scratched
     if heart.mean() < MIN_HEART:
         return np.zeros(gray.shape, dtype=bool)
     inside = (depth_mm > 0).astype(np.float32)

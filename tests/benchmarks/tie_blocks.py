@@ -23,7 +23,6 @@ from core.geometry.interior import InteriorOrientation
 from core.pipeline import STAGES, made
 from core.progress import Work
 from core.raster.grid import Grid
-from core.raster.scan_file import UsableArea
 from core.results import StageResults
 from core.scans.interior_orientation import ScanOrientation, orient_scan
 from core.synthetic.archive import make_block
@@ -71,7 +70,7 @@ def known(name: str, folder: Path) -> TieCase:
 
 def usable_of(scan: ScanOrientation) -> Usable:
     """Where features may lie in a scan."""
-    return UsableArea.of(scan.usable(), scan.size_px).at
+    return scan.usable().at
 
 
 def heights_of(dem: Path) -> tuple[Grid, np.ndarray]:

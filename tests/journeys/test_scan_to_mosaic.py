@@ -189,5 +189,5 @@ def test_orthos_are_given_the_masks_of_their_scans__law(tiny_run):
             assert mask is not None
             assert 0.4 < mask.mean() < 0.99
             reduction = oriented[name].size_px[0] // mask.shape[1]
-            assert (mask == oriented[name].usable(reduction)).all()
+            assert (mask == oriented[name].usable(reduction).mask).all()
         assert usable("nobody") is None

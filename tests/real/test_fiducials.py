@@ -52,7 +52,7 @@ def test_vovcha_marks_within_a_fifth_of_a_pixel__real(shared_data: Path, name: s
     corners = camera.frame_corners_mm
     true = np.column_stack([corners, np.ones(4)]) @ pixel_from_film.T + 0.5
     assert np.linalg.norm(oriented.area.corners - true, axis=1).max() < 12
-    assert 0.82 < oriented.usable(8).mean() < 0.87
+    assert 0.82 < oriented.usable(8).mask.mean() < 0.87
 
 
 def hand_measurements(folder: Path) -> dict[str, np.ndarray]:
@@ -94,7 +94,7 @@ def test_eight_wild_marks_are_found__real(shared_data: Path) -> None:
         by_hand = WILD_BY_HAND[mark.name]
         assert np.hypot(mark.column - by_hand[0], mark.row - by_hand[1]) < 0.3
     assert max(mark.disagreement_px for mark in oriented.fiducials) < 0.15
-    mask = oriented.usable(16)
+    mask = oriented.usable(16).mask
     gray = read_overview(oriented.scan, 16)
     # The housings of the marks are cut out of the picture.
     for mark in oriented.fiducials:

@@ -10,7 +10,7 @@ from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan, read_overview
 from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import orient_scan
-from core.scans.photo_mask import usable_mask
+from core.scans.photo_mask import find_usable_area
 from tests.core.scans.film_maker import FIDUCIALS, Film, film_from_pixel, make_film, write_gray
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
@@ -60,7 +60,7 @@ def test_mask_keeps_picture_and_leaves_out_marks_and_margin__truth(tmp_path: Pat
     make_film(tmp_path / "film.tif", film)
     oriented = orient_scan(tmp_path / "film.tif", CAMERA, film.pixel_mm * 1000)
     reduction = 8
-    mask = oriented.usable(reduction)
+    mask = oriented.usable(reduction).mask
     rows, columns = np.indices(mask.shape)
     centres = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) * reduction
     places = oriented.interior.film_from_pixel(centres).reshape(*mask.shape, 2)
@@ -83,7 +83,7 @@ def test_dark_housing_at_the_border_is_left_out__truth(tmp_path: Path) -> None:
     write_gray(tmp_path / "housing.tif", gray.clip(0, 255).astype(np.uint8))
     scan = open_scan(tmp_path / "housing.tif")
     area = detect_film_area(scan, CAMERA, film.pixel_mm)
-    mask = usable_mask(scan, area, film.pixel_mm, (), 8)
+    mask = find_usable_area(scan, area, film.pixel_mm, (), 8).mask
     inner = mask[(row + 20) // 8 : (row + 180) // 8, (column + 20) // 8 : (column + 230) // 8]
     assert inner.mean() < 0.02
     assert mask[100:, 100:-30].mean() > 0.8
@@ -106,9 +106,28 @@ def test_what_is_written_is_left_out_and_a_field_or_wood_is_not__truth(
     write_gray(tmp_path / "note.tif", gray)
     scan = open_scan(tmp_path / "note.tif")
     area = detect_film_area(scan, CAMERA, film.pixel_mm)
-    mask = usable_mask(scan, area, film.pixel_mm, (), 4)
+    mask = find_usable_area(scan, area, film.pixel_mm, (), 4).mask
     written = gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == tone
     masked = ~mask[(note[1] - 90) // 4 : note[1] // 4, note[0] // 4 : (note[0] + 280) // 4]
     shown = written[::4, ::4][: masked.shape[0], : masked.shape[1]]
     assert masked[: shown.shape[0], : shown.shape[1]][shown].mean() > 0.98
     assert mask[field[1] // 4 : field[1] // 4 + 25, field[0] // 4 : field[0] // 4 + 37].all()
+
+
+def test_white_scratches_do_not_hide_what_is_written__truth(tmp_path: Path) -> None:
+    film = Film(fiducials={})
+    make_film(tmp_path / "film.tif", film)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1).clip(40, 180).astype(np.uint8)
+    left, top = (int(value) for value in true_corners(film, gray.shape[0])[3])
+    note = (left + 250, top + 200)
+    cv2.putText(gray, "5486", note, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, 4.0, (215,), 8, cv2.LINE_AA)
+    for row in range(top + 600, top + 1100, 100):
+        cv2.line(gray, (left + 100, row), (gray.shape[1] - left - 100, row), (250,), 2)
+    write_gray(tmp_path / "note.tif", gray)
+    scan = open_scan(tmp_path / "note.tif")
+    area = detect_film_area(scan, CAMERA, film.pixel_mm)
+    usable = find_usable_area(scan, area, film.pixel_mm, (), 4)
+    assert len(usable.scratches) == 5
+    rows, columns = np.nonzero(gray[note[1] - 90 : note[1], note[0] : note[0] + 280] == 215)
+    places = np.column_stack([columns + note[0], rows + note[1] - 90]) + 0.5
+    assert usable.at(places).mean() < 0.02
