@@ -93,6 +93,7 @@ WRITES: dict[str, Names] = {
     "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask", "SeamLine", "SeamArea"}),
     "drop": frozenset({"Withdraw"}), "stand": frozenset({"PlacePhoto"}),
     "read": frozenset({"ReadCheck"}), "sign": frozenset({"SignBlock"}),
+    "say": frozenset({"Remark"}),
 }  # fmt: skip
 """Decisions that a meaning may leave in the file."""
 STANDS = {"accept": "accept", "reject": "reject", "dubious": "dubious", "invisible": "reject"}
@@ -131,6 +132,8 @@ def meaning_of(seen: dict[str, Any]) -> Meaning | None:
     """What an operator means by one key or click; None where nothing is decided by it."""
     if seen["type"] == "click":
         return _click_means(seen)
+    if seen["on"] == "remark-words" and seen["key"] == "Enter":
+        return Meaning("say")
     if _is_used_up(seen):
         return None
     if seen["dialog"]:
@@ -205,6 +208,11 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
         "magnified": Meaning("put", seen["mark"], must=True),
         "placing-save": Meaning("stand"),
         "sign": Meaning("sign"),
+        "fault-mark": Meaning("say"),
+        "fault-say": Meaning("say"),
+        "fault-turn": Meaning("say"),
+        "fault-back": Meaning("back"),
+        "remark-say": Meaning("say"),
         "pane": drawing.get(dialog),
     }.get(on)
 

@@ -1,6 +1,6 @@
 // Faults of the mosaic: marked at a place, answered, closed and opened again.
 import { halo, text } from "./overlay.js";
-import { element, start, word } from "./words.js";
+import { byId, element, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 const KINDS = ["double", "smear", "cloud", "cut", "tone", "shift", "other"];
@@ -74,12 +74,13 @@ function thread({ id, open, said }) {
       : `${word(closes ? "fault.closed" : "fault.open")} `, words));
   return element("div", { class: "fault-thread" }, ...lines, element("div",
     { class: "acts fault-form" }, field("answer", "remark.words"),
-    element("button", { id: "fault-answer", disabled: start.guest, onclick: () => {
+    element("button", { id: "fault-say", disabled: start.guest, onclick: () => {
       if (state.answer.trim()) answer(null);
+      else byId("fault-answer").focus();
     } }, word("fault.answer")),
     element("button", { id: "fault-turn", disabled: start.guest, onclick: () => answer(open) },
       word(turn)),
-    element("button", { class: "small", disabled: start.guest, title: word("history.back.tip"),
+    element("button", { id: "fault-back", disabled: start.guest, title: word("history.back.tip"),
       onclick: () => send({ kind: "back", decision: id }) }, word("history.back"))));
 }
 

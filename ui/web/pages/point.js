@@ -88,7 +88,7 @@ function saying([point, photo], history) {
     field.value = "";
   };
   return [element("form", { class: "acts fault-form", onsubmit: say }, choice, field,
-    element("button", { type: "submit", class: "small" }, word("remark.say")))];
+    element("button", { type: "submit", id: "remark-say", class: "small" }, word("remark.say")))];
 }
 
 /** @param {Pair | null} pair */
