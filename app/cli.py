@@ -12,8 +12,9 @@ from importlib.metadata import version
 from pkgutil import resolve_name
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# What GDAL says of a damaged file stands in our error; on the screen it would only be noise.
+# What GDAL and OpenCV say of a damaged file stands in our error; more would only be noise.
 os.environ.setdefault("CPL_LOG", os.devnull)
+os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 from app.arguments import VERBS, add_language, add_log, wrong_use
 from app.terminal import JsonLines, Terminal, Voice

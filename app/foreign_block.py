@@ -23,6 +23,7 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangeTies,
     read_format,
+    understood,
 )
 from core.formats.records import scan_stem
 from core.geometry.collinearity import CORRECTIONS
@@ -102,7 +103,8 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
             "Put the scans into the folder, under the names the project has.",
             name=_first_file(foreign),
         )
-    tables, notes = camera_tables(foreign, scans)
+    with understood(project):
+        tables, notes = camera_tables(foreign, scans)
     photos = {n: p for table in tables.values() for n, p in table.photos.items()}
     shown = replace(foreign, photos={**foreign.photos, **photos})
     own = {theirs: scan.stem for theirs, scan in scans.items()}

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from core.errors import ProjectError
+from core.formats.records import plain_bytes
 from core.matching.peaks import Description, Image, ScoreMap, channel_scores
 from core.said import say
 
@@ -151,7 +152,7 @@ def read_network(file: Path) -> Any:
         ProjectError: There is no such file, or it is no network that OpenCV can run.
     """
     try:
-        content = np.frombuffer(file.read_bytes(), np.uint8)
+        content = np.frombuffer(plain_bytes(file), np.uint8)
     except OSError as error:
         remedy = "Name an ONNX file that is there and may be read, in [control] learned."
         raise ProjectError(

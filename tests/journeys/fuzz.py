@@ -29,6 +29,7 @@ from unicodedata import category
 
 import numpy as np
 
+import app.cli  # noqa: F401 (first: it says what libraries may print)
 from core.errors import PhotogrammetryError
 from core.formats.exchange import ExchangeBlock
 from core.said import HIDDEN

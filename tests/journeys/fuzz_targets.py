@@ -5,6 +5,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from io import StringIO
@@ -17,6 +18,7 @@ import shapely
 import app.verbs.check  # verbs are imported when asked for; here before a hundred processes do it
 import app.verbs.doctor
 import app.verbs.exchange
+import app.verbs.new
 import app.verbs.run  # noqa: F401
 from app.batch import read_list
 from app.cli import main
@@ -30,12 +32,13 @@ from core.formats.listed_point import ListedPoint
 from core.formats.outlines import read_footprints
 from core.formats.point_list import read_control_points
 from core.formats.qgis_points import find_qgis_points, read_qgis_points
-from core.formats.records import plain_bytes
+from core.formats.records import plain_bytes, read_text
 from core.formats.roads import read_roads
 from core.formats.tie_list import read_ties
 from core.formats.vectors import read_mask_polygons, write_polygons
 from core.formats.world_file import read_georeference
 from core.geometry.crs import read_crs
+from core.matching.learned import check_network
 from core.mosaic.seams import read_edited
 from core.raster.dem import open_dem
 from core.raster.grid import Grid
@@ -50,6 +53,9 @@ from sessions.session import FILE as SESSION
 from sessions.session import Session
 from sessions.store import Store
 from tests.exchanged import block_of
+from tests.onnx_files import write_convolution
+from ui.review.gestures import gesture_from_message
+from ui.web.channel import object_from_text
 
 OWN = (".gruber", "results", SESSION)
 """What a block may hold besides what was put into it."""
@@ -202,6 +208,8 @@ def _parts_of_a_block(samples: Path, block: Path) -> Iterator[Target]:
     yield part("mask-json", "mask.geojson", lambda p: read_mask_polygons(p, read_crs(CRS, p)))
     yield part("sheet-index", "sheets.gpkg", partial(read_sheet_index, crs=CRS))
     yield part("edited-seams", "seams.gpkg", lambda p: read_edited(p, CRS, photos))
+    yield part("network", "network.onnx", check_network)
+    yield part("gestures", "gestures.json", _gestures, weight=2)
     yield part("batch-list", "list.csv", read_list, weight=0.5)
 
 
@@ -220,6 +228,8 @@ def _lists(block: Path) -> None:
     rows = [f"T{n},1938_00{s},{100.5 + 7 * n},{90.5 + s},0.3" for n in range(9) for s in range(2)]
     (block / "ties.csv").write_text("\n".join(["point_id,scan,col,row,sigma_px", *rows, ""]))
     (block / "list.csv").write_text("block,priority,until\nhome,3,scans\nother/block.toml,,\n")
+    write_convolution(block / "network.onnx", np.ones((4, 1, 3, 3), np.float32))
+    (block / "gestures.json").write_text("\n".join(json.dumps(one) for one in GESTURES))
     area = shapely.box(-578000.0, -1193500.0, -577500.0, -1193000.0)
     names = {"name": np.array(["SYNT 2-5"], object), "scan": np.array(["1938_000"], object)}
     for name in ("mask", "sheets", "seams"):
@@ -229,6 +239,29 @@ def _lists(block: Path) -> None:
         geometry=np.array([shapely.to_wkb(area)]), field_data=[names["name"]],
         fields=np.array(["name"], object), geometry_type="Polygon", crs=CRS, driver="GeoJSON",
     )  # fmt: skip
+
+
+GESTURES: tuple[dict[str, object], ...] = (
+    {"kind": "judge", "key": ["J1", "a"], "verdict": "reject"},
+    {"kind": "judge", "keys": [["J1", "a"], ["J2", "b"]], "verdict": "accept"},
+    {"kind": "place", "key": ["J1", "a"], "place": [1, 2], "frame": "scan"},
+    {"kind": "step", "step": -7}, {"kind": "answer", "number": 7}, {"kind": "back", "decision": 3},
+    {"kind": "layer", "layer": "ties", "shown": 1}, {"kind": "vectors", "scale": 1e9},
+    {"kind": "follow", "number": 7, "ray": [1, 2, 3, 0, 0, -1]}, {"kind": "add", "place": [1, 2]},
+    {"kind": "quality", "shown": True, "pair": [1, 3]}, {"kind": "name", "name": "Anna"},
+    {"kind": "mark", "photo": "a", "name": "1", "place": [3, 4], "snap": True},
+    {"kind": "draw", "photo": "a", "strokes": [{"points": [[1, 2], [3, 4], [5, 6]], "wide": 3}]},
+)  # fmt: skip
+"""What pages send, a line each."""
+
+
+def _gestures(path: Path) -> object:
+    """Messages as the web socket takes them; what is no gesture is passed over."""
+    found: list[object] = []
+    for line in read_text(path).splitlines():
+        with suppress(ValueError):
+            found.append(gesture_from_message("seat", object_from_text(line)))
+    return found
 
 
 def _scan(path: Path) -> object:
@@ -280,6 +313,19 @@ def _blocks(samples: Path, block: Path) -> Iterator[Target]:
     yield whole("doctor", 8, "doctor", "{block}")
     yield whole("run", 0.5, "run", "{block}", "--until", "georeference", "--workers", "1")
     yield Target("folder", folder, ".", _looked_at, 2, "dem.tif", 0.2)
+    for name in ("opensfm", "metashape", "micmac", "colmap"):
+        form = FORMATS[name]
+        home = samples / f"new-{name}"
+        _written(form, home)
+        for scan in (folder / "scans").iterdir():
+            os.link(scan, home / scan.name)
+        files = [path for path in sorted(home.rglob("*")) if path.suffix not in (".tif", ".tfw")]
+        yield Target(
+            f"new-{name}", home, ".",
+            partial(_verb, ("new", "{block}", "--from", name, "--crs", CRS)), 1,
+            str(next(path for path in files if path.is_file()).relative_to(home)), 0.9,
+            may_write=(*OWN, "brought", "block.toml"), seconds=10, shows_warnings=True,
+        )  # fmt: skip
     for name in ("points", "opensfm", "eo", "qgis", "metashape", "micmac", "odm"):
         form = FORMATS[name]
         home = samples / f"import-{name}"

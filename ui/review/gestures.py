@@ -341,7 +341,7 @@ def gesture_from_message(seat_id: str, message: Message) -> Gesture | None:
         return None
     try:
         return reader(seat_id, message)
-    except (KeyError, TypeError, ValueError):
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError):
         return None
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 from aiohttp import WSMsgType, web
 
@@ -16,6 +16,22 @@ MESSAGE_BYTES = 64 * 1024
 """A gesture is never longer."""
 PIECE = 50
 """Lines of one piece."""
+
+
+def object_from_text(text: str) -> dict[str, Any]:
+    """The object that a page sent as JSON.
+
+    Raises:
+        ValueError: It is none, is nested beyond reason, or holds halves of signs.
+    """
+    try:
+        read: Any = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+    if not isinstance(read, dict):
+        raise ValueError("no object")
+    json.dumps(read, ensure_ascii=False).encode()
+    return cast("dict[str, Any]", read)
 
 
 class Channel:
@@ -85,10 +101,8 @@ class Channel:
 
     def _receive(self, seat_id: str, text: str, guest: bool) -> None:
         try:
-            message: Any = json.loads(text)
+            message = object_from_text(text)
         except ValueError:
-            return
-        if not isinstance(message, dict):
             return
         gesture = gesture_from_message(seat_id, message)
         if guest and gesture is not None and not isinstance(gesture, LOOKING):

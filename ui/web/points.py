@@ -1,12 +1,12 @@
 """Addresses of point lists: preview, import, and single points."""
 
 import asyncio
-import json
 from collections.abc import Mapping
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 from aiohttp import web
 
+from ui.web.channel import object_from_text
 from ui.web.running import fresh_json, operators_only, told
 
 # design: as much as a list may hold.
@@ -61,10 +61,8 @@ async def _list_of(request: web.Request) -> tuple[str, bytes, Mapping[str, Any]]
     if request.content_length is None or request.content_length > MOST_BYTES:
         raise web.HTTPRequestEntityTooLarge(MOST_BYTES, request.content_length or 0)
     try:
-        reading: Any = json.loads(request.query.get("reading", "{}"))
+        reading = object_from_text(request.query.get("reading", "{}"))
     except ValueError as error:
-        raise web.HTTPBadRequest(text="The reading is JSON.") from error
-    if not isinstance(reading, dict):
-        raise web.HTTPBadRequest(text="The reading is an object.")
+        raise web.HTTPBadRequest(text="The reading is an object of JSON.") from error
     data = await request.content.read(-1)
-    return request.query.get("name", ""), data, cast("dict[str, Any]", reading)
+    return request.query.get("name", ""), data, reading

@@ -1,13 +1,13 @@
 """Addresses of a run started from a page, and the check that only operators use them."""
 
-import json
 from collections.abc import Callable
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 from aiohttp import web
 
 from core.errors import PhotogrammetryError
 from ui.web.access import is_guest
+from ui.web.channel import object_from_text
 from ui.web.front import as_json
 
 
@@ -85,9 +85,6 @@ def error_message(error: PhotogrammetryError) -> web.Response:
 async def json_of(request: web.Request) -> dict[str, Any]:
     """The object that a request carries."""
     try:
-        read: Any = json.loads(await request.text())
+        return object_from_text(await request.text())
     except ValueError as error:
-        raise web.HTTPBadRequest(text="JSON is expected.") from error
-    if not isinstance(read, dict):
-        raise web.HTTPBadRequest(text="A JSON object is expected.")
-    return cast("dict[str, Any]", read)
+        raise web.HTTPBadRequest(text="A JSON object is expected.") from error
