@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -100,8 +101,10 @@ def read_list(source: Path) -> tuple[BlockTask, ...]:
     if not tasks:
         remedy = "Name a folder with blocks in it, or a file with the path of a block a line."
         raise ProjectError(source, "lists no block.", remedy)
-    folders = [task.block.resolve() for task in tasks]
-    twice = sorted({str(task.block) for task in tasks if folders.count(task.block.resolve()) > 1})
+    folders = [os.path.realpath(task.block) for task in tasks]
+    twice = sorted(
+        {str(task.block) for task in tasks if folders.count(os.path.realpath(task.block)) > 1}
+    )
     if twice:
         cause = "names {block} more than once."
         raise ProjectError(source, cause, "Name every block once.", block=twice[0])
@@ -127,9 +130,9 @@ def _rows(source: Path) -> list[dict[str, str]]:
 
 def _task(source: Path, row: dict[str, str]) -> BlockTask:
     """One row of a list."""
-    block = source.parent / Path(row["block"].strip()).expanduser()
+    block = source.parent / os.path.expanduser(row["block"].strip())
     block = block.parent if block.name == FILE else block
-    if not (block / FILE).is_file():
+    if not os.path.isfile(block / FILE):
         cause = "names {block}, where there is no block.toml."
         remedy = "Correct the path, or make the block with `gruber new`."
         raise ProjectError(source, cause, remedy, block=row["block"].strip())

@@ -7,7 +7,7 @@ import pytest
 from tests.journeys.fuzz import NAMED, run_cases
 from tests.journeys.fuzz_targets import all_targets
 
-SEED, CASES = 0, 200
+SEED, CASES = 0, 120
 SLOW = ("run",)
 """Targets for the long run alone."""
 
