@@ -16,8 +16,7 @@ from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.progress import Progress, Work
 from core.scans.centring import Centre
-from core.scans.corrected_marks import Example, corrected_scan, snap_mark
-from core.scans.filled_marks import fill_marks
+from core.scans.corrected_marks import Example, corrected_scan, fill_marks, snap_mark
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialSet
 from sessions.decisions import AddPoint, FillMarks, Place, PlaceFiducial, Recorded

@@ -10,6 +10,7 @@ from jaxtyping import Complex128, Float32, Float64
 
 from core.arrays import PixelPoints
 from core.raster.scan_file import ScanFile, read_window
+from core.scans.centring import border_axis, without_border
 from core.scans.marks import Mark, draw_mark
 
 Field = Float32[np.ndarray, "rows columns"]
@@ -194,27 +195,6 @@ def candidates_at(
 def _drawn_library(marks: tuple[Mark, ...], cell_mm: float) -> tuple[tuple[Mark, Template], ...]:
     """The library drawn at one scale; the scans of a block share it."""
     return tuple((mark, draw_mark(mark, cell_mm).astype(np.float32)) for mark in marks)
-
-
-def border_axis(outward: tuple[float, float]) -> int | None:
-    """The axis of an array along which the picture's border runs at a side; None at a corner."""
-    right, down = (abs(part) for part in outward)
-    if max(right, down) < 2 * min(right, down):
-        return None
-    return 0 if right > down else 1
-
-
-def without_border(gray: np.ndarray, side: int, along: int | None) -> Field:
-    """What a window shows besides a straight border: all of it would be like any other part of it.
-
-    Args:
-        gray: The window, or a template.
-        side: Pixels a side of the template.
-        along: The axis along which the border runs; None takes away what is even all around.
-    """
-    box = (side, side) if along is None else ((side, 1) if along == 1 else (1, side))
-    mean = cv2.blur(gray, box, borderType=cv2.BORDER_REFLECT)
-    return (gray - mean).astype(np.float32)
 
 
 def eighth(outward: tuple[float, float], turn: float) -> tuple[float, float]:

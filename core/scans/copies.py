@@ -1,6 +1,6 @@
 """Copies of a mark that an operator showed, found and measured in its own scan and in others."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +10,21 @@ from core.geometry.camera import Camera
 from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import eighth
 from core.scans.constellation import Constellation, find_constellation
+from core.scans.corner_sets import FOUND_MM, measure_corners
 from core.scans.example import ShownMark, example_reduction, layout_like, marks_like, mean_picture
-from core.scans.fiducials import both_ways, found_after_all, judged_set, quarters_of
+from core.scans.fiducials import both_ways, found_after_all, quarters_of
 from core.scans.film_area import FilmArea
-from core.scans.judging import SHOWN_PX, FiducialSet, nothing_found
+from core.scans.judging import (
+    LIMIT_PX,
+    SHOWN_PX,
+    FiducialMeasurement,
+    FiducialSet,
+    doubt_of_repeated,
+    judged_set,
+    nothing_found,
+)
 from core.scans.measuring import FittedMark, Spot, TwoWays, fit_mark, open_spots
+from core.scans.naming import SIDES, Layout, OpenLayout
 
 LEAST_COPIES = 3  # design: the median of two is still half the picture beside each
 """Copies of an example from which their mean is taken."""
@@ -54,19 +64,48 @@ def measure_like(
         area: The exposed picture.
         shown: The mark; it may be of another scan of the camera.
     """
-    photo_id, own = photo_id_of(scan.path), shown.scan.path == scan.path
+    photo_id = photo_id_of(scan.path)
     layout = layout_like(camera, shown, area, quarters_of(camera, area))
+    best = _alike(scan, layout, pixel_mm, area, shown)
+    if isinstance(layout, Layout) or layout.names != tuple(SIDES) or _sure(best, layout):
+        return best
+    corners = measure_corners(scan, camera, pixel_mm, area, shown)
+    if isinstance(corners, Failure) or len(corners.marks) < len(best.marks):
+        return best
+    known = [mark for mark in corners.marks if not _near(mark, best.marks, pixel_mm)]
+    told = {str(doubt.evidence["fiducial"]) for doubt in corners.doubts}
+    unlike = (doubt_of_repeated(photo_id, mark) for mark in known if mark.name not in told)
+    return replace(corners, doubts=(*corners.doubts, *unlike))
+
+
+def _sure(found: FiducialSet, layout: OpenLayout) -> bool:
+    """True for all marks of a layout, each by two ways that agree."""
+    apart = [max(mark.sigma_px, mark.disagreement_px) for mark in found.marks]
+    return len(apart) == len(layout.names) and max(apart) < LIMIT_PX
+
+
+def _near(
+    mark: FiducialMeasurement, others: Sequence[FiducialMeasurement], pixel_mm: float
+) -> bool:
+    """True for a corner that is also like the example."""
+    apart = [np.hypot(*np.subtract(mark.place, other.place)) * pixel_mm for other in others]
+    return bool(min(apart, default=np.inf) < FOUND_MM)
+
+
+def _alike(
+    scan: ScanFile,
+    layout: Layout | OpenLayout,
+    pixel_mm: float,
+    area: FilmArea,
+    shown: ShownMark,
+) -> FiducialSet:
+    """The marks of a layout that look like the example."""
+    sure = shown.place if shown.scan.path == scan.path else None
     sizes = marks_like(shown)
-    found = find_constellation(
-        scan,
-        layout,
-        pixel_mm,
-        area,
-        marks=sizes,
-        sure=shown.place if own else None,
-    )
+    found = find_constellation(scan, layout, pixel_mm, area, marks=sizes, sure=sure)
     if isinstance(found, Failure):
-        return FiducialSet((), (nothing_found(photo_id, len(camera.fiducials_mm)),))
+        count = len(layout.names) if isinstance(layout, Layout) else 0
+        return FiducialSet((), (nothing_found(photo_id_of(scan.path), count),))
     best = _measured(scan, found, pixel_mm)
     # What is most like the example from afar may reach into the picture, which differs: another
     # size goes before it where all of its copies stand.
@@ -95,8 +134,7 @@ def _measured(scan: ScanFile, found: Constellation, pixel_mm: float) -> Fiducial
     results = found_after_all(results, spots, found, (fit,), pixel_mm)
     results = {name: _inside(scan, one, fit, pixel_mm) for name, one in results.items()}
     photo_id = photo_id_of(scan.path)
-    limit_px = SHOWN_PX * reduction
-    marks, doubts = judged_set(photo_id, results, results, found.predicted, fit, limit_px)
+    marks, doubts = judged_set(photo_id, results, results, found.predicted, fit, SHOWN_PX)
     return FiducialSet(tuple(marks), tuple(doubts), found.way, (), (fit,))
 
 

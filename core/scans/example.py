@@ -14,6 +14,7 @@ from core.geometry.camera import Camera
 from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, read_window
 from core.scans.centring import Centre, Gray, Weights, centre_by_symmetry, disc, sample_about
+from core.scans.corners import FARTHEST_MM, Edges, edges_about
 from core.scans.film_area import FilmArea
 from core.scans.marks import EXAMPLE, SURROUND, Mark, Picture, draw_mark
 from core.scans.naming import (
@@ -68,13 +69,30 @@ def marks_like(shown: ShownMark) -> tuple[Mark, ...]:
 
 def _pictured(shown: ShownMark, radius_mm: float) -> Mark:
     """The mark with one reach, its middle on the point of symmetry where it has one."""
+    window, _, start, by = _window_about(shown, radius_mm)
+    return _centred(window, start, shown.outward, radius_mm, shown.pixel_mm * by)
+
+
+def _window_about(
+    shown: ShownMark, radius_mm: float
+) -> tuple[Gray, tuple[int, int], tuple[float, float], int]:
+    """Grays about a shown mark, their first column and row, its place in them, their reduction."""
     by = example_reduction(shown.pixel_mm)
-    cell_mm = shown.pixel_mm * by
-    reach = (_half_px(radius_mm, cell_mm) + int(np.ceil(POINTED_MM / cell_mm)) + 4) * by
+    reach = _window_px(radius_mm, shown.pixel_mm * by) * by
     corner = round(shown.place[0]) - reach, round(shown.place[1]) - reach
     window = read_window(shown.scan, *corner, 2 * reach, 2 * reach, by, outside="edge")
-    start = ((shown.place[0] - corner[0]) / by, (shown.place[1] - corner[1]) / by)
-    return _centred(window, start, shown.outward, radius_mm, cell_mm)
+    start = (shown.place[0] - corner[0]) / by, (shown.place[1] - corner[1]) / by
+    return window, corner, start, by
+
+
+def shown_edges(shown: ShownMark) -> tuple[tuple[float, float], Edges] | None:
+    """Where the edges of a shown mark meet, scan pixels, and how they run; None for a figure."""
+    window, corner, start, by = _window_about(shown, RADII_MM[0])
+    cell_mm = shown.pixel_mm * by
+    found = edges_about(window, start, POINTED_MM / cell_mm + 1, cell_mm)
+    if found is None:
+        return None
+    return (corner[0] + by * found[0].column, corner[1] + by * found[0].row), found[1]
 
 
 def example_reduction(pixel_mm: float) -> int:
@@ -97,7 +115,7 @@ def mean_picture(
         pixel_mm: Size of a pixel of the windows.
     """
     assert mark.picture is not None, "only examples are learnt"
-    half = _half_px(mark.radius_mm, pixel_mm) + int(np.ceil(POINTED_MM / pixel_mm)) + 4
+    half = _window_px(mark.radius_mm, pixel_mm)
     laid: list[Weights] = []
     for window, place, seen in copies:
         patch = sample_about(window, np.array(place), 2 * half + 1)
@@ -123,6 +141,12 @@ def _half_px(radius_mm: float, pixel_mm: float) -> int:
     return int(np.ceil(radius_mm * SURROUND * DIAGONAL / pixel_mm)) + 1
 
 
+def _window_px(radius_mm: float, pixel_mm: float) -> int:
+    """Half width of a window from which a picture is cut, its middle yet to be found."""
+    wide = max(_half_px(radius_mm, pixel_mm), int(np.ceil(FARTHEST_MM / pixel_mm)))
+    return wide + int(np.ceil(POINTED_MM / pixel_mm)) + 4
+
+
 def _centred(
     window: Gray,
     start: tuple[float, float],
@@ -133,9 +157,16 @@ def _centred(
     """The mark about a place of a window, on its point of symmetry where it has one."""
     about = centre_by_symmetry(window, start, POINTED_MM / pixel_mm + 1, disc(radius_mm / pixel_mm))
     symmetric = isinstance(about, Centre) and about.correlation > SYMMETRIC_FROM
-    middle = (about.column, about.row) if isinstance(about, Centre) and symmetric else start
+    middle, edges = start, None
+    if isinstance(about, Centre) and symmetric:
+        middle = about.column, about.row
+    else:
+        corner = edges_about(window, start, POINTED_MM / pixel_mm + 1, pixel_mm)
+        if corner is not None:
+            middle, edges = (corner[0].column, corner[0].row), corner[1]
     gray = sample_about(window, np.array(middle), 2 * _half_px(radius_mm, pixel_mm) + 1)
-    return Mark(EXAMPLE, radius_mm, 0.0, picture=Picture(gray, pixel_mm, outward, symmetric))
+    picture = Picture(gray, pixel_mm, outward, symmetric, edges)
+    return Mark(EXAMPLE, radius_mm, 0.0, picture=picture)
 
 
 def layout_like(

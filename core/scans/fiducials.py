@@ -9,6 +9,7 @@ to a few pixels.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from core.arrays import FilmPoints, PixelPoints
@@ -28,7 +29,6 @@ from core.scans.constellation import (
 )
 from core.scans.film_area import FilmArea
 from core.scans.judging import (
-    LIMIT_PX,
     SURELY_MARK,
     FiducialMeasurement,
     FiducialSet,
@@ -38,6 +38,7 @@ from core.scans.judging import (
     doubtful_mark,
     interior_of,
     judged_marks,
+    judged_set,
     measurement_of,
     nothing_found,
     places_of,
@@ -52,7 +53,6 @@ from core.scans.measuring import (
     measure_spot,
     open_spot,
     open_spots,
-    search_mark,
 )
 from core.scans.naming import Way, certified_layouts, guessed_layouts, lying, name_marks, small_turn
 
@@ -218,36 +218,16 @@ def _measured(
     return FiducialSet(tuple(marks), tuple(doubts), found[0].way, (), tuple(fitted))
 
 
-def judged_set(
-    photo_id: str,
-    results: Mapping[str, TwoWays | Failure],
-    alike: Mapping[str, TwoWays | Failure],
-    predicted: Mapping[str, tuple[float, float]],
-    fit: FittedMark,
-    limit_px: float = LIMIT_PX,
-) -> tuple[list[FiducialMeasurement], list[Doubt]]:
-    """The marks that stand, and a doubt about each that does not or is unsure.
-
-    Args:
-        photo_id: The photo.
-        results: Marks of one kind, measured or not.
-        alike: All that they are compared with, themselves included.
-        predicted: Where each should be, pixels.
-        fit: The mark as it looks in this scan.
-        limit_px: How far the ways to centre a mark may differ, and how sure they must be of it.
-    """
-    marks: list[FiducialMeasurement] = []
-    doubts: list[Doubt] = []
-    spoilt, judged = spoilt_by(alike), judged_marks(alike, limit_px)
-    for name in results:
-        result = judged[name]
-        if isinstance(result, Failure):
-            doubts.append(doubtful_mark(photo_id, name, predicted[name], result))
-            continue
-        mark = measurement_of(name, result, spoilt[name], fit.mark.shape)
-        marks.append(mark)
-        doubts += doubt_of_sigma(photo_id, mark, result)
-    return marks, doubts
+def search_mark(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
+    """The spot with its start where the window is most like a mark that was fitted elsewhere."""
+    template = fitted.drawn(spot.outward, pixel_mm * spot.reduction).astype(np.float32)
+    side = template.shape[0]
+    if min(spot.gray.shape) <= side:
+        return spot
+    field = cv2.matchTemplate(spot.gray, template, cv2.TM_CCOEFF_NORMED)
+    best = int(np.nan_to_num(field if fitted.bright else -field).argmax())
+    row, column = divmod(best, field.shape[1])
+    return replace(spot, start=(column + side / 2, row + side / 2))
 
 
 def both_ways(

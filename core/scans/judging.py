@@ -144,7 +144,8 @@ def judged_marks(
 
     Args:
         results: What was measured, by name.
-        limit_px: How far the ways to centre a mark may differ, and how sure they must be of it.
+        limit_px: How far the ways to centre a mark may differ, and how sure they must be of it;
+            pixels in which it was measured.
     """
     likeness = [r.correlation for r in results.values() if isinstance(r, TwoWays)]
     usual = float(np.median(likeness)) if likeness else 0.0
@@ -172,14 +173,17 @@ def judged_marks(
                 ),
                 {"correlation": result.correlation},
             )
-        elif result.sigma_px > limit_px:
+        elif result.sigma_px > limit_px * result.reduction:
             judged[name] = Failure(
                 say("Its middle is only known to {sigma_px:.1f} pixels.", sigma_px=result.sigma_px),
                 {"sigma_px": result.sigma_px},
             )
-        elif (apart := max(result.disagreement_px, result.outline_px)) <= limit_px:
+        elif (apart := max(result.disagreement_px, result.outline_px)) <= (
+            limit_px * result.reduction
+        ):
             # Ways that differ by more than usual say how unsure they are.
-            wide = max(result.sigma_px, apart) if apart > LIMIT_PX else result.sigma_px
+            usual_apart = apart <= LIMIT_PX * result.reduction
+            wide = result.sigma_px if usual_apart else max(result.sigma_px, apart)
             judged[name] = replace(result, sigma_px=wide)
         else:
             judged[name] = Failure(
@@ -187,6 +191,38 @@ def judged_marks(
                 {"disagreement_px": apart},
             )
     return judged
+
+
+def judged_set(
+    photo_id: str,
+    results: Mapping[str, TwoWays | Failure],
+    alike: Mapping[str, TwoWays | Failure],
+    predicted: Mapping[str, tuple[float, float]],
+    fit: FittedMark,
+    limit_px: float = LIMIT_PX,
+) -> tuple[list[FiducialMeasurement], list[Doubt]]:
+    """The marks that stand, and a doubt about each that does not or is unsure.
+
+    Args:
+        photo_id: The photo.
+        results: Marks of one kind, measured or not.
+        alike: All that they are compared with, themselves included.
+        predicted: Where each should be, pixels.
+        fit: The mark as it looks in this scan.
+        limit_px: How far the ways to centre a mark may differ, and how sure they must be of it.
+    """
+    marks: list[FiducialMeasurement] = []
+    doubts: list[Doubt] = []
+    spoilt, judged = spoilt_by(alike), judged_marks(alike, limit_px)
+    for name in results:
+        result = judged[name]
+        if isinstance(result, Failure):
+            doubts.append(doubtful_mark(photo_id, name, predicted[name], result))
+            continue
+        mark = measurement_of(name, result, spoilt[name], fit.mark.shape)
+        marks.append(mark)
+        doubts += doubt_of_sigma(photo_id, mark, result)
+    return marks, doubts
 
 
 def measurement_of(name: str, result: TwoWays, spoilt: float, kind: str) -> FiducialMeasurement:
@@ -207,7 +243,7 @@ def measurement_of(name: str, result: TwoWays, spoilt: float, kind: str) -> Fidu
 
 def doubt_of_sigma(photo_id: str, mark: FiducialMeasurement, result: TwoWays) -> tuple[Doubt, ...]:
     """A word about a mark that stands, but not firmly."""
-    if max(mark.sigma_px, result.worst_px) <= UNSURE_PX:
+    if max(mark.sigma_px, result.worst_px) <= UNSURE_PX * result.reduction:
         return ()
     doubt = Doubt(
         "fiducial-unsure",

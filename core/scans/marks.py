@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from core.geometry.robust import TINY
+from core.scans.corners import Edges, turned_edges
 
 Coordinates = Float[np.ndarray, "rows columns"]
 Inside = Bool[np.ndarray, "rows columns"]
@@ -49,6 +50,8 @@ class Picture:
     """Direction from the middle of the photo where it was seen (right, down)."""
     symmetric: bool
     """True when half a turn about its middle changes nothing."""
+    edges: Edges | None = None
+    """The straight edges that meet in its middle, where there are two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +87,17 @@ class Mark:
     def variants(self) -> tuple["Mark", ...]:
         """The mark, and as it may look at another corner or side."""
         return (self,) if self.picture is None else tuple(replace(self, lies=lie) for lie in LIES)
+
+    def edges_in(self, turn: float, outward: tuple[float, float]) -> Edges | None:
+        """The edges of a picture as they lie where the mark is, the film turned clockwise."""
+        if self.picture is None or self.picture.edges is None:
+            return None
+        was = self.picture.outward
+        here = was if self.lies == "same" else outward
+        angles = [float(np.arctan2(one[1], one[0])) for one in (was, here)]
+        return turned_edges(
+            self.picture.edges, angles[0], angles[1] + turn, mirrored=self.lies == "mirrored"
+        )
 
     @property
     def notch(self) -> bool:

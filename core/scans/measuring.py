@@ -12,12 +12,14 @@ from core.doubts import Failure
 from core.geometry.robust import TINY
 from core.geometry.transforms import apply_affine
 from core.raster.scan_file import ScanFile, read_window
-from core.scans.candidates import border_axis, eighth, without_border
+from core.scans.candidates import eighth
 from core.scans.centring import (
     Centre,
     Gray,
     Weights,
     blur_as_scanned,
+    border_axis,
+    centre_by_likeness,
     centre_by_symmetry,
     correlation,
     disc,
@@ -25,15 +27,18 @@ from core.scans.centring import (
     match_mark,
     sample_about,
     square_about,
+    without_border,
 )
 from core.scans.constellation import SEARCH_PIXEL_MM, SHORTEST_REACH, Constellation
-from core.scans.likeness import centre_by_likeness
+from core.scans.corners import Edges, centre_by_corner, likeness_of
 from core.scans.marks import SURROUND, Lie, Mark, draw_mark, resize_mark
 from core.scans.naming import within_eighth
 from core.scans.outlines import centre_by_edges, centre_by_sides
 
 FITTING_MM = 0.03  # design: the thinnest lines are three pixels wide
 """Pixel to which finer scans are reduced while the kind and size of the mark are fitted."""
+NOTCH_MM = 0.04  # design: its edges are a blur wide; finer pixels cost their number squared
+"""Pixel to which finer scans are reduced where the sides of a notch are fitted."""
 RING_MM = 1.4  # design: the largest ring of the library, and a little
 """Greatest ring about a dot that is looked for."""
 RINGS = (2.5, 1.12, RING_MM)  # design: a ring is apart from its dot; steps less than its line
@@ -81,6 +86,8 @@ class TwoWays:
     """Standard deviation in the direction in which it is least sure, where that is known."""
     lies: Lie = "turned"
     """How an example lies there."""
+    reduction: int = 1
+    """Scan pixels a side of the pixels in which it was measured; limits are of those."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +125,7 @@ class Spot:
             disagreement_px=by * found.disagreement_px,
             outline_px=by * found.outline_px,
             worst_px=by * found.worst_px,
+            reduction=by,
         )
 
 
@@ -198,20 +206,17 @@ class FittedMark:
     """Size of the pixels its blur is given for."""
 
     def drawn(
-        self, outward: tuple[float, float], pixel_mm: float, reach_mm: float = 0.0
+        self,
+        outward: tuple[float, float],
+        pixel_mm: float,
+        reach_mm: float = 0.0,
+        beside: tuple[float, float] = (0.0, 0.0),
     ) -> Weights:
         """Template for one place, at a pixel size, as large as for a mark of at least a reach."""
         blur = self.mark.blur_px * self.pixel_mm / pixel_mm
         mark = replace(self.mark, outward=outward, blur_px=blur)
         surround = SURROUND * max(reach_mm / mark.reach_mm, 1.0)
-        return draw_mark(mark, pixel_mm, self.turn, surround)
-
-    def notch_at(
-        self, outward: tuple[float, float], pixel_mm: float, beside: tuple[float, float]
-    ) -> Weights:
-        """A notch's template with its tip beside the middle of the middle pixel."""
-        mark = replace(self.mark, outward=outward)
-        return draw_mark(mark, pixel_mm, self.turn, beside=beside)
+        return draw_mark(mark, pixel_mm, self.turn, surround, beside)
 
 
 def fit_mark(spots: Sequence[Spot], found: Constellation, pixel_mm: float) -> FittedMark:
@@ -294,27 +299,14 @@ def _kind(spots: Sequence[Spot], trials: Sequence[FittedMark], cell_mm: float) -
     return trials[int(np.argmax(values))]
 
 
-def search_mark(spot: Spot, fitted: FittedMark, pixel_mm: float) -> Spot:
-    """The spot with its start where the window is most like a mark that was fitted elsewhere."""
-    template = fitted.drawn(spot.outward, pixel_mm * spot.reduction).astype(np.float32)
-    side = template.shape[0]
-    if min(spot.gray.shape) <= side:
-        return spot
-    field = cv2.matchTemplate(spot.gray, template, cv2.TM_CCOEFF_NORMED)
-    best = int(np.nan_to_num(field if fitted.bright else -field).argmax())
-    row, column = divmod(best, field.shape[1])
-    return replace(spot, start=(column + side / 2, row + side / 2))
-
-
 def measure_spot(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure:
-    """One mark in both ways, near where it is expected.
-
-    Symmetric marks by matching and by their symmetry, others by matching and by their outline.
-    """
+    """One mark in both ways, near where it is expected."""
     cell_mm = pixel_mm * spot.reduction
     if fitted.mark.notch:
-        notch = _notch(spot, fitted, cell_mm)
-        return spot.placed(notch) if isinstance(notch, TwoWays) else notch
+        by = max(1, round(NOTCH_MM / cell_mm))
+        coarse = _reduced(spot, by)
+        notch = _notch(coarse, fitted, cell_mm * by)
+        return coarse.placed(notch) if isinstance(notch, TwoWays) else notch
     failure = Failure("Nothing there is like the mark that was shown.")
     for mark in _lying(spot, fitted, cell_mm):
         found = _measured(spot, replace(fitted, mark=mark), cell_mm)
@@ -350,7 +342,13 @@ def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Fail
         both = centre_by_likeness(spot.gray, spot.start, OFF_MM / pixel_mm + 1, template, along)
         if isinstance(both, Failure):
             return both
-        return _together(both[0], both[1], both[0].correlation)
+        alike = _together(both[0], both[1], both[0].correlation)
+        edges = fitted.mark.edges_in(fitted.turn, spot.outward)
+        if edges is None:
+            return alike
+        near = replace(spot, start=(alike.column, alike.row), corner=(0, 0), reduction=1)
+        met = measure_corner(near, edges, OFF_MM, pixel_mm)
+        return alike if isinstance(met, Failure) else replace(met, correlation=alike.correlation)
     matched = match_mark(spot.gray, spot.start, OFF_MM / pixel_mm + 2, template)
     if isinstance(matched, Failure):
         return matched
@@ -366,6 +364,16 @@ def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Fail
     middle = (both.column, both.row)
     third = centre_by_edges(spot.gray, middle, OUTLINE_MM / pixel_mm + 1, outline)
     return both if isinstance(third, Failure) else _confirmed(both, third)
+
+
+def measure_corner(spot: Spot, edges: Edges, limit_mm: float, pixel_mm: float) -> TwoWays | Failure:
+    """A mark where two edges meet near the start of its window, by half and steepest steps."""
+    cell_mm = pixel_mm * spot.reduction
+    both = centre_by_corner(spot.gray, spot.start, limit_mm / cell_mm + 1, edges, cell_mm)
+    if isinstance(both, Failure):
+        return both
+    likeness = likeness_of(spot.gray, both[0], edges, cell_mm)
+    return spot.placed(replace(_together(*both, likeness), worst_px=both[0].worst_px))
 
 
 def _confirmed(both: TwoWays, third: Centre) -> TwoWays:
@@ -387,7 +395,7 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
     if isinstance(first, Failure):
         return first
     start = (first.column, first.row)
-    drawn = partial(fitted.notch_at, spot.outward, pixel_mm)
+    drawn = partial(fitted.drawn, spot.outward, pixel_mm, 0.0)
     second = centre_by_sides(spot.gray, start, limit_px, drawn)
     if isinstance(second, Failure):
         return second
@@ -443,7 +451,8 @@ def _reduced(spot: Spot, reduction: int) -> Spot:
     side = spot.gray.shape[0] // reduction
     part = spot.gray[: side * reduction, : side * reduction]
     gray = part.reshape(side, reduction, side, reduction).mean(axis=(1, 3))
-    return replace(spot, gray=gray, start=(spot.start[0] / reduction, spot.start[1] / reduction))
+    start = (spot.start[0] / reduction, spot.start[1] / reduction)
+    return replace(spot, gray=gray, start=start, reduction=spot.reduction * reduction)
 
 
 def _likeness(

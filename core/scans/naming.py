@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
@@ -11,6 +12,7 @@ from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.scans.film_area import FilmArea, Side
 
+Group = Literal["corners", "sides"]
 Way = tuple[int, bool]
 """Quarter turns counter-clockwise in the scan, and whether the film shows its back."""
 UPRIGHT: Way = (0, False)  # design: no turn, not mirrored

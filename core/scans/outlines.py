@@ -125,7 +125,7 @@ def centre_by_edges(
     place, sigma, share = np.array(start, dtype=np.float64), np.nan, 0.0
     for step_number in range(EDGE_ROUNDS):
         reach = FAR_PX if step_number < APPROACH_ROUNDS else REACH_PX
-        offsets, height = _steps(window, points + place, normals, notch, reach)
+        offsets, height = steps_of_gray(window, points + place, normals, notch, reach)
         sure = height > 0
         if sure.sum() < MIN_EDGES:
             return Failure("The mark's outline is not there.")
@@ -152,12 +152,13 @@ def _outline(template: Weights, half_way: bool) -> tuple[Points, Points]:
     normals = np.column_stack([right[used], down[used]]) / steep[used][:, None]
     points = np.column_stack([columns - half, rows - half]).astype(np.float64)
     # To the place on the normal where the drawn step itself is: the same measure on both sides.
-    offsets, height = _steps(template.astype(np.float32), points + half + 0.5, normals, half_way)
+    drawn, places = template.astype(np.float32), points + half + 0.5
+    offsets, height = steps_of_gray(drawn, places, normals, half_way)
     sure = height > 0
     return (points + offsets[:, None] * normals)[sure], normals[sure]
 
 
-def _steps(
+def steps_of_gray(
     window: Gray, points: Points, normals: Points, half_way: bool, reach: float = REACH_PX
 ) -> tuple[Float64[np.ndarray, "edges"], Float64[np.ndarray, "edges"]]:
     """How far along its normal each step lies, and its height over the usual; 0 if not seen."""

@@ -1,13 +1,13 @@
 """Fiducials of unknown appearance: what repeats at the corners or sides of a camera's frame.
 
 Four places lie opposite each other on the film. A camera's own figures repeat there, rotated or
-mirrored; landscape does not. So small conspicuous figures at one place are searched for at the
-other three, and the best matches are treated as marks, as if an operator had shown them.
+mirrored; landscape does not. So figures that are symmetric about a point are searched for at the
+other three places, and the best matches are treated as marks, as if an operator had shown them.
+At the sides corners of the frame itself go before them.
 """
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,37 +15,30 @@ from jaxtyping import Float32
 
 from core.doubts import Doubt
 from core.geometry.camera import Camera
-from core.geometry.robust import TINY
-from core.raster.scan_file import ScanFile, photo_id_of, read_window
-from core.scans.candidates import FLAT, SearchWindow, border_axis, fill_window, without_border
+from core.raster.scan_file import ScanFile, photo_id_of
+from core.scans.candidates import FLAT, SearchWindow
 from core.scans.centring import (
     Centre,
+    border_axis,
     centre_by_symmetry,
     correlation,
     disc,
     disc_in,
-    sample_about,
     square_about,
+    without_border,
 )
-from core.scans.constellation import AGREE_MM, FRAME_CORNER_MM, SEARCH_PIXEL_MM, expected_places
+from core.scans.constellation import AGREE_MM, FRAME_CORNER_MM
 from core.scans.copies import mark_shown_at, measure_like
+from core.scans.corner_sets import GROUPS, LEAST_MARKS, frame_windows, measure_corners
 from core.scans.example import SYMMETRIC_FROM, ShownMark
 from core.scans.film_area import FilmArea
 from core.scans.judging import LIMIT_PX, SURELY_MARK, FiducialSet, doubt_of_repeated
-from core.scans.naming import CORNERS, SIDES
+from core.scans.marks import NOTCH_NORMALS
+from core.scans.naming import Group
 
-Group = Literal["corners", "sides"]
-GROUPS: Mapping[Group, Mapping[str, tuple[float, float]]] = {"corners": CORNERS, "sides": SIDES}
-LEAST_MARKS = 3  # design: two fit anywhere
-"""Marks that are found together at least."""
 Field = Float32[np.ndarray, "rows columns"]
 FIGURE_MM, AROUND_MM = 0.8, 1.8  # design: the middle size of marks, and of what they stand out of
 """Radius of a figure, and of the surroundings that it stands out of."""
-MARGIN_MM: Mapping[Group, tuple[float, float]] = {
-    "corners": (5.0, 12.0),
-    "sides": (0.0, 8.0),
-}  # design: marks of sides lie at the border, those of corners up to 15 mm inside it
-"""How far inside the border windows have their middle, and their half width."""
 FIGURES = 12  # design: writing and dirt stand out too; of four places one shows the mark well
 """Figures tried of each window."""
 TRIED = 4  # design: one for each place; on ten real frames a mark was among the first four of eight
@@ -61,10 +54,6 @@ LOOKED_AT = 4  # design: the same mark at four places, as a figure and as a poin
 """Figures a place that are compared with their surroundings, for one that is offered."""
 LEAST_ALIKE = 0.6  # design: landscape is as much alike by chance at one place, not at two
 """Mean likeness at the two places that are most alike."""
-CROSSING_STEPS = 12  # design: steps of at most a cell; a figure's radius is eight to eleven
-"""How often the point at which a figure's edges meet is taken anew."""
-GRAIN = 0.5  # design: slopes of grain on even film, gray values squared
-"""Slopes that are always reckoned with around a figure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,19 +77,48 @@ def with_repeated(
         area: The exposed picture.
         known: Marks of known kinds, named by where they lie in the scan.
     """
+    doubted = {str(doubt.evidence.get("fiducial")) for doubt in known.doubts}
     for group, places in GROUPS.items():
         enough = camera.fiducial_marks == len(places) and len(known.marks) >= LEAST_MARKS
-        if enough or sum(mark.name in places for mark in known.marks) >= LEAST_MARKS:
+        own = [mark for mark in known.marks if mark.name in places]
+        # A drawn notch is a corner whose edges were guessed: corners that were seen go before one
+        # in doubt.
+        drawn = [mark.kind in NOTCH_NORMALS and mark.name in doubted for mark in own]
+        guessed = bool(drawn) and all(drawn)
+        if (enough or len(own) >= LEAST_MARKS) and not guessed:
             continue
         others = _without(known, places)
-        for shown in repeated_marks(scan, camera, pixel_mm, area, group):
-            copies = measure_like(scan, camera, pixel_mm, area, shown)
-            if _whole(copies, len(places)) and _about_one_middle(others, copies, pixel_mm):
+        for copies in _offered(
+            scan, camera, pixel_mm, area, group, corners_only=len(own) >= LEAST_MARKS
+        ):
+            if _about_one_middle(others, copies, pixel_mm):
                 unsure = _doubts_of(photo_id_of(scan.path), copies)
                 marks, doubts = (*others.marks, *copies.marks), (*others.doubts, *unsure)
                 known = replace(known, marks=marks, doubts=doubts)
                 break
     return known
+
+
+def _offered(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    group: Group,
+    *,
+    corners_only: bool,
+) -> Iterator[FiducialSet]:
+    """What may be the marks of corners or sides, likeliest first."""
+    if group == "sides":
+        corners = measure_corners(scan, camera, pixel_mm, area)
+        if isinstance(corners, FiducialSet) and len(corners.marks) >= LEAST_MARKS:
+            yield corners
+    if corners_only:
+        return
+    for shown in repeated_marks(scan, camera, pixel_mm, area, group):
+        copies = measure_like(scan, camera, pixel_mm, area, shown)
+        if _whole(copies, len(GROUPS[group])):
+            yield copies
 
 
 def _without(known: FiducialSet, places: Container[str]) -> FiducialSet:
@@ -150,27 +168,28 @@ def repeated_marks(
         area: The exposed picture.
         group: Whether marks are sought in the corners or at the sides.
     """
-    windows = _windows(scan, camera, pixel_mm, area, group)
+    windows = frame_windows(scan, camera, pixel_mm, area, group)
     cell_mm = pixel_mm * windows[0].reduction
     half = int(np.ceil(FIGURE_MM / cell_mm)) + 1
     fields = [without_border(one.gray, 2 * half + 1, border_axis(one.outward)) for one in windows]
     figures = [
         figure
-        for k, field in enumerate(fields)
-        for figure in (*_standing_out(field, k, half, cell_mm), *_symmetric(windows[k], k, half))
-        if _lies_in(scan, windows[k].at(figure.column, figure.row), FIGURE_MM / pixel_mm)
+        for k, window in enumerate(windows)
+        for figure in _symmetric(window, k, half)
+        if _lies_in(scan, window.at(figure.column, figure.row), FIGURE_MM / pixel_mm)
     ]
     alike = {one: _repeated(one, windows, fields, half) for one in figures}
     best = sorted((f for f in figures if alike[f] > LEAST_ALIKE), key=lambda f: -alike[f])
     best = best[: LOOKED_AT * TRIED]
-    middle = {one: _middle(one, windows[one.window].gray, cell_mm) for one in best}
+    found = {one: _middle(one, windows[one.window].gray, cell_mm) for one in best}
+    middle = {one: place for one, place in found.items() if place is not None}
     worth = {
         one: np.arctanh(min(alike[one], MOST_ALIKE))
-        + BALANCE * _balance(windows[one.window], middle[one], cell_mm)
-        for one in best
+        + BALANCE * _balance(windows[one.window], place, cell_mm)
+        for one, place in middle.items()
     }
     offered: list[tuple[float, float]] = []
-    for one in sorted(best, key=lambda one: -worth[one]):
+    for one in sorted(middle, key=lambda one: -worth[one]):
         place = windows[one.window].place(*middle[one])
         near = [float(np.hypot(*np.subtract(place, other))) * pixel_mm for other in offered]
         if min(near, default=APART_MM) < APART_MM / 2:
@@ -188,27 +207,21 @@ def _of_border(area: FilmArea, place: tuple[float, float], pixel_mm: float) -> b
     return float(apart) * pixel_mm < FRAME_CORNER_MM
 
 
-def _middle(figure: _Figure, gray: Field, cell_mm: float) -> tuple[float, float]:
-    """The point of a figure that is its mark: of its symmetry, else where its edges meet."""
+def _middle(figure: _Figure, gray: Field, cell_mm: float) -> tuple[float, float] | None:
+    """The point about which a figure is like itself after half a turn."""
     start, reach = (figure.column + 0.5, figure.row + 0.5), FIGURE_MM / cell_mm
     about = centre_by_symmetry(gray, start, reach, disc(reach))
     if isinstance(about, Centre) and about.correlation > SYMMETRIC_FROM:
         return about.column, about.row
-    return _crossing(gray, start, cell_mm)
+    return None
 
 
 def _balance(window: SearchWindow, middle: tuple[float, float], cell_mm: float) -> float:
-    """How much what is about a figure is like itself turned by half, or in a mirror.
-
-    The mirror stands along its outward direction: of a row of teeth that all repeat, the middle of
-    the whole is the mark.
-    """
+    """How much what is about a figure is like itself after half a turn."""
     side = 2 * int(AROUND_MM / cell_mm) + 1
     patch = square_about(window.gray, np.array(middle), side)
     patch = without_border(patch, side, border_axis(window.outward))
-    mirrored = _turned(patch, 0, window.outward)[1]
-    weights = disc_in(patch.astype(np.float64))
-    return max(correlation(patch, other, weights) for other in (patch[::-1, ::-1], mirrored))
+    return correlation(patch, patch[::-1, ::-1], disc_in(patch.astype(np.float64)))
 
 
 def _symmetric(window: SearchWindow, number: int, half: int) -> list[_Figure]:
@@ -243,79 +256,9 @@ def _symmetric(window: SearchWindow, number: int, half: int) -> list[_Figure]:
     return [_Figure(number, 2 * int(right[k]) + 1, 2 * int(down[k]) + 1) for k in order]
 
 
-def _crossing(gray: Field, start: tuple[float, float], cell_mm: float) -> tuple[float, float]:
-    """Where the edges of a figure, drawn out, meet: the tip of a notch, the middle of a cross.
-
-    The point nearest to the lines of all slopes about it by least squares (Förstner & Gülch 1987),
-    taken anew about itself; the start where that leads away.
-
-    Args:
-        gray: The reduced window.
-        start: Column and row in it of the figure's middle, cells.
-        cell_mm: Size of a cell, millimetres.
-    """
-    reach = round(FIGURE_MM / cell_mm)
-    column, row = np.meshgrid(*2 * (np.arange(-reach, reach + 1, dtype=np.float64),))
-    weights = np.exp(-2 * (column**2 + row**2) / reach**2)
-    place = np.array(start)
-    for _ in range(CROSSING_STEPS):
-        patch = sample_about(gray, place, 2 * reach + 1)
-        right, down = np.gradient(patch, axis=1), np.gradient(patch, axis=0)
-        xx, yy, xy = (float(np.sum(weights * v)) for v in (right**2, down**2, right * down))
-        along = right * column + down * row
-        aim = [float(np.sum(weights * right * along)), float(np.sum(weights * down * along))]
-        step = np.linalg.lstsq(np.array([[xx, xy], [xy, yy]]), np.array(aim), rcond=None)[0]
-        place = place + np.clip(step, -1.0, 1.0)
-        if np.hypot(*(place - np.array(start))) * cell_mm > FIGURE_MM:
-            return start
-    return float(place[0]), float(place[1])
-
-
 def _lies_in(scan: ScanFile, place: tuple[float, float], rim_px: float) -> bool:
     """True for a place that is further than a rim from the scan's edges."""
     return all(rim_px < at < size - rim_px for at, size in zip(place, scan.size_px, strict=True))
-
-
-def _windows(
-    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea, group: Group
-) -> list[SearchWindow]:
-    """The four reduced windows in which opposite marks lie, clockwise."""
-    inset, reach_mm = MARGIN_MM[group]
-    half = np.array(camera.frame_mm) / 2 - inset
-    directions = np.array(list(GROUPS[group].values()))
-    expected = expected_places(directions * half, area, pixel_mm)
-    reach, reduction = round(reach_mm / pixel_mm), max(1, round(SEARCH_PIXEL_MM / pixel_mm))
-    windows: list[SearchWindow] = []
-    for column, row in expected.tolist():
-        corner = round(column) - reach, round(row) - reach
-        gray = read_window(scan, *corner, 2 * reach, 2 * reach, reduction)
-        outward = column - float(area.centre[0, 0]), row - float(area.centre[0, 1])
-        windows.append(SearchWindow(corner, reduction, outward, fill_window(gray)))
-    return windows
-
-
-def _standing_out(field: Field, window: int, half: int, cell_mm: float) -> list[_Figure]:
-    """Figures with slopes in all directions, and few about them."""
-    right, down = np.gradient(field, axis=1), np.gradient(field, axis=0)
-    inner, outer = (2 * int(size / cell_mm) + 1 for size in (FIGURE_MM, AROUND_MM))
-
-    def mean(values: np.ndarray, side: int) -> np.ndarray:
-        return cv2.blur(values.astype(np.float32), (side, side))
-
-    across, along, both = (mean(v, inner) for v in (right**2, down**2, right * down))
-    least = (across + along) / 2 - np.hypot((across - along) / 2, both)
-    out = least / (mean(right**2 + down**2, outer) + GRAIN + TINY)
-    rim = half + 1
-    out[:rim] = out[-rim:] = 0
-    out[:, :rim] = out[:, -rim:] = 0
-    side = 2 * int(APART_MM / cell_mm) + 1
-    highest = cv2.dilate(out, np.ones((side, side), np.uint8))
-    rows, columns = np.nonzero((out == highest) & (out > 0))
-    order = np.argsort(-out[rows, columns], kind="stable")[:FIGURES]
-    return [
-        _Figure(window, column, row)
-        for column, row in zip(columns[order].tolist(), rows[order].tolist(), strict=True)
-    ]
 
 
 def _repeated(

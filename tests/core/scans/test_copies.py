@@ -5,12 +5,15 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan
 from core.scans.copies import mark_shown_at, measure_like
+from core.scans.corners import centre_by_corner, edges_about
 from core.scans.film_area import FilmArea, detect_film_area
 from core.scans.judging import FiducialSet
 from core.scans.repeated import repeated_marks, with_repeated
@@ -105,24 +108,42 @@ def test_what_stands_nowhere_else_is_not_found__truth(tmp_path: Path) -> None:
         assert not elsewhere
 
 
-def test_what_repeats_is_shown_where_its_edges_meet__truth(films: Films) -> None:
+def test_what_repeats_is_shown_at_its_middle__truth(films: Films) -> None:
     path, truth = films("saltire")
     scan = open_scan(path)
     area = detect_film_area(scan, UNKNOWN, PIXEL_MM)
     places = np.array(list(truth.values()))
-    for shown in repeated_marks(scan, UNKNOWN, PIXEL_MM, area, "corners"):
-        assert np.linalg.norm(places - np.array(shown.place), axis=1).min() < 1.0
+    likeliest = next(repeated_marks(scan, UNKNOWN, PIXEL_MM, area, "corners"))
+    assert np.linalg.norm(places - np.array(likeliest.place), axis=1).min() < 1.0
 
 
-def test_marks_of_no_known_kind_are_found_by_repeating__truth(films: Films) -> None:
-    path, truth = films("key")
+@pytest.mark.parametrize("kind", ["saltire", "notch"])
+def test_marks_of_no_known_kind_are_found_by_repeating__truth(films: Films, kind: str) -> None:
+    """Figures that are symmetric about a point, and corners of the frame in strong texture."""
+    path, truth = films(kind)
     scan = open_scan(path)
     area = detect_film_area(scan, UNKNOWN, PIXEL_MM)
     result = with_repeated(scan, UNKNOWN, PIXEL_MM, area, FiducialSet((), ()))
     assert len(result.marks) == 4
     assert {doubt.evidence["fiducial"] for doubt in result.doubts} == {m.name for m in result.marks}
-    places = np.array(list(truth.values()))
-    apart = np.array([np.array(mark.place) for mark in result.marks])
-    offsets = [places[np.linalg.norm(places - one, axis=1).argmin()] - one for one in apart]
-    # Which point of a figure nobody knows is the mark is free, but it is the same at all four.
-    assert np.linalg.norm(offsets - np.mean(offsets, axis=0), axis=1).max() < 1.0
+    assert off_px(result, truth).max() < 1.0
+
+
+def test_two_edges_meet_where_they_were_drawn__truth() -> None:
+    """A corner of 60 degrees between noisy grays, pointed at beside its tip."""
+    rng = np.random.default_rng(5)
+    column, row = np.meshgrid(*2 * (np.arange(0.5, 120.0),))
+    tip = np.array([61.3, 57.8])
+    angle = np.arctan2(row - tip[1], column - tip[0]) % (2 * np.pi)
+    drawn = np.where((angle > np.radians(20)) & (angle < np.radians(80)), 180.0, 30.0)
+    gray = cv2.GaussianBlur(drawn, (0, 0), 1.2) + rng.normal(0, 4, drawn.shape)
+    found = edges_about(gray.astype(np.float32), (64.0, 55.0), 8.0, 0.03)
+    assert found is not None
+    edges = found[1]
+    assert [round(np.degrees(edge.angle)) for edge in edges] == [20, 80]
+    both = centre_by_corner(gray.astype(np.float32), (64.0, 55.0), 8.0, edges, 0.03)
+    assert not isinstance(both, Failure)
+    for centre in both:
+        # Near the tip the other edge reaches into what lies beside each.
+        assert np.hypot(centre.column - tip[0], centre.row - tip[1]) < GOAL_PX
+        assert centre.sigma_px < GOAL_PX / 2
