@@ -32,7 +32,13 @@ from core.scans.copies import mark_shown_at, measure_like
 from core.scans.corner_sets import GROUPS, LEAST_MARKS, frame_windows, measure_corners
 from core.scans.example import SYMMETRIC_FROM, ShownMark
 from core.scans.film_area import FilmArea
-from core.scans.judging import LIMIT_PX, SURELY_MARK, FiducialSet, doubt_of_repeated
+from core.scans.judging import (
+    LIMIT_PX,
+    SURELY_MARK,
+    FiducialMeasurement,
+    FiducialSet,
+    doubt_of_repeated,
+)
 from core.scans.marks import NOTCH_NORMALS
 from core.scans.naming import Group
 
@@ -108,17 +114,25 @@ def _offered(
     *,
     corners_only: bool,
 ) -> Iterator[FiducialSet]:
-    """What may be the marks of corners or sides, likeliest first."""
+    """What may be the marks of corners or sides, likeliest first.
+
+    Figures of sides that are beyond doubt go before corners of the frame, which the edges of figures
+    have too, and these before others.
+    """
+    others: list[FiducialSet] = []
+    for shown in () if corners_only else repeated_marks(scan, camera, pixel_mm, area, group):
+        copies = measure_like(scan, camera, pixel_mm, area, shown)
+        if (group == "corners" and _whole(copies, len(GROUPS[group]))) or (
+            _surely(copies) and len(copies.marks) == len(GROUPS[group])
+        ):
+            yield copies
+        elif _whole(copies, len(GROUPS[group])):
+            others.append(copies)
     if group == "sides":
         corners = measure_corners(scan, camera, pixel_mm, area)
         if isinstance(corners, FiducialSet) and len(corners.marks) >= LEAST_MARKS:
             yield corners
-    if corners_only:
-        return
-    for shown in repeated_marks(scan, camera, pixel_mm, area, group):
-        copies = measure_like(scan, camera, pixel_mm, area, shown)
-        if _whole(copies, len(GROUPS[group])):
-            yield copies
+    yield from others
 
 
 def _without(known: FiducialSet, places: Container[str]) -> FiducialSet:
@@ -134,12 +148,20 @@ def _whole(copies: FiducialSet, places: int) -> bool:
 
     Nobody knows their pattern: three of landscape fit some of all that are tried.
     """
-    sure = [one for one in copies.marks if max(one.sigma_px, one.disagreement_px) < LIMIT_PX]
-    if len(sure) < LEAST_MARKS:
-        return False
+    return len(_sure(copies)) >= LEAST_MARKS and (len(copies.marks) == places or _surely(copies))
+
+
+def _sure(copies: FiducialSet) -> list[FiducialMeasurement]:
+    """Those that are well measured."""
+    return [one for one in copies.marks if max(one.sigma_px, one.disagreement_px) < LIMIT_PX]
+
+
+def _surely(copies: FiducialSet) -> bool:
+    """True for symmetric marks that texture is never like."""
     symmetric = all(fit.mark.symmetric for fit in copies.fitted)
-    surely = symmetric and min(one.correlation for one in sure) > SURELY_MARK
-    return surely or len(copies.marks) == places
+    sure = _sure(copies)
+    alike = min((one.correlation for one in sure), default=0.0) > SURELY_MARK
+    return symmetric and len(sure) >= LEAST_MARKS and alike
 
 
 def _doubts_of(photo_id: str, copies: FiducialSet) -> tuple[Doubt, ...]:
