@@ -116,17 +116,18 @@ def _offered(
 ) -> Iterator[FiducialSet]:
     """What may be the marks of corners or sides, likeliest first.
 
-    Figures of sides that are beyond doubt go before corners of the frame, which the edges of figures
-    have too, and these before others.
+    At the sides figures beyond doubt go before corners of the frame, and these before others:
+    the edges of figures meet in corners too.
     """
     others: list[FiducialSet] = []
+    places = len(GROUPS[group])
     for shown in () if corners_only else repeated_marks(scan, camera, pixel_mm, area, group):
         copies = measure_like(scan, camera, pixel_mm, area, shown)
-        if (group == "corners" and _whole(copies, len(GROUPS[group]))) or (
-            _surely(copies) and len(copies.marks) == len(GROUPS[group])
-        ):
+        if not _whole(copies, places):
+            continue
+        if group == "corners" or (_surely(copies) and len(copies.marks) == places):
             yield copies
-        elif _whole(copies, len(GROUPS[group])):
+        else:
             others.append(copies)
     if group == "sides":
         corners = measure_corners(scan, camera, pixel_mm, area)
