@@ -15,6 +15,7 @@ from jaxtyping import Float32
 
 from core.doubts import Doubt
 from core.geometry.camera import Camera
+from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import FLAT, SearchWindow
 from core.scans.centring import (
@@ -58,6 +59,8 @@ LEAST_LONE = 0.25  # design: half way between a line (0) and the middle of a cro
 """How much more a point of symmetry is one than the points about it."""
 LOOKED_AT = 4  # design: the same mark at four places, as a figure and as a point of symmetry
 """Figures a place that are compared with their surroundings, for one that is offered."""
+GRAIN = 0.5  # design: slopes of grain on even film, gray values squared
+"""Slopes that are always reckoned with around a figure."""
 LEAST_ALIKE = 0.6  # design: landscape is as much alike by chance at one place, not at two
 """Mean likeness at the two places that are most alike."""
 
@@ -198,7 +201,7 @@ def repeated_marks(
     figures = [
         figure
         for k, window in enumerate(windows)
-        for figure in _symmetric(window, k, half)
+        for figure in (*_standing_out(fields[k], k, half, cell_mm), *_symmetric(window, k, half))
         if _lies_in(scan, window.at(figure.column, figure.row), FIGURE_MM / pixel_mm)
     ]
     alike = {one: _repeated(one, windows, fields, half) for one in figures}
@@ -282,6 +285,30 @@ def _symmetric(window: SearchWindow, number: int, half: int) -> list[_Figure]:
 def _lies_in(scan: ScanFile, place: tuple[float, float], rim_px: float) -> bool:
     """True for a place that is further than a rim from the scan's edges."""
     return all(rim_px < at < size - rim_px for at, size in zip(place, scan.size_px, strict=True))
+
+
+def _standing_out(field: Field, window: int, half: int, cell_mm: float) -> list[_Figure]:
+    """Figures with slopes in all directions, and few about them."""
+    right, down = np.gradient(field, axis=1), np.gradient(field, axis=0)
+    inner, outer = (2 * int(size / cell_mm) + 1 for size in (FIGURE_MM, AROUND_MM))
+
+    def mean(values: np.ndarray, side: int) -> np.ndarray:
+        return cv2.blur(values.astype(np.float32), (side, side))
+
+    across, along, both = (mean(v, inner) for v in (right**2, down**2, right * down))
+    least = (across + along) / 2 - np.hypot((across - along) / 2, both)
+    out = least / (mean(right**2 + down**2, outer) + GRAIN + TINY)
+    rim = half + 1
+    out[:rim] = out[-rim:] = 0
+    out[:, :rim] = out[:, -rim:] = 0
+    side = 2 * int(APART_MM / cell_mm) + 1
+    highest = cv2.dilate(out, np.ones((side, side), np.uint8))
+    rows, columns = np.nonzero((out == highest) & (out > 0))
+    order = np.argsort(-out[rows, columns], kind="stable")[:FIGURES]
+    return [
+        _Figure(window, column, row)
+        for column, row in zip(columns[order].tolist(), rows[order].tolist(), strict=True)
+    ]
 
 
 def _repeated(
