@@ -1,9 +1,9 @@
 """Fiducials of unknown appearance: what repeats at the corners or sides of a camera's frame.
 
 Four places lie opposite each other on the film. A camera's own figures repeat there, rotated or
-mirrored; landscape does not. So figures that are symmetric about a point are searched for at the
-other three places, and the best matches are treated as marks, as if an operator had shown them.
-At the sides corners of the frame itself go before them.
+mirrored; landscape does not. So small conspicuous figures at one place are searched for at the
+other three, and the best matches are treated as marks, as if an operator had shown them. At the
+sides corners of the frame itself go before what is not symmetric.
 """
 
 from collections.abc import Container, Iterator, Sequence
@@ -25,6 +25,7 @@ from core.scans.centring import (
     correlation,
     disc,
     disc_in,
+    sample_about,
     square_about,
     without_border,
 )
@@ -59,6 +60,8 @@ LEAST_LONE = 0.25  # design: half way between a line (0) and the middle of a cro
 """How much more a point of symmetry is one than the points about it."""
 LOOKED_AT = 4  # design: the same mark at four places, as a figure and as a point of symmetry
 """Figures a place that are compared with their surroundings, for one that is offered."""
+CROSSING_STEPS = 12  # design: steps of at most a cell; a figure's radius is eight to eleven
+"""How often the point at which a figure's edges meet is taken anew."""
 GRAIN = 0.5  # design: slopes of grain on even film, gray values squared
 """Slopes that are always reckoned with around a figure."""
 LEAST_ALIKE = 0.6  # design: landscape is as much alike by chance at one place, not at two
@@ -207,15 +210,14 @@ def repeated_marks(
     alike = {one: _repeated(one, windows, fields, half) for one in figures}
     best = sorted((f for f in figures if alike[f] > LEAST_ALIKE), key=lambda f: -alike[f])
     best = best[: LOOKED_AT * TRIED]
-    found = {one: _middle(one, windows[one.window].gray, cell_mm) for one in best}
-    middle = {one: place for one, place in found.items() if place is not None}
+    middle = {one: _middle(one, windows[one.window].gray, cell_mm) for one in best}
     worth = {
         one: np.arctanh(min(alike[one], MOST_ALIKE))
-        + BALANCE * _balance(windows[one.window], place, cell_mm)
-        for one, place in middle.items()
+        + BALANCE * _balance(windows[one.window], middle[one], cell_mm)
+        for one in best
     }
     offered: list[tuple[float, float]] = []
-    for one in sorted(middle, key=lambda one: -worth[one]):
+    for one in sorted(best, key=lambda one: -worth[one]):
         place = windows[one.window].place(*middle[one])
         near = [float(np.hypot(*np.subtract(place, other))) * pixel_mm for other in offered]
         if min(near, default=APART_MM) < APART_MM / 2:
@@ -233,21 +235,27 @@ def _of_border(area: FilmArea, place: tuple[float, float], pixel_mm: float) -> b
     return float(apart) * pixel_mm < FRAME_CORNER_MM
 
 
-def _middle(figure: _Figure, gray: Field, cell_mm: float) -> tuple[float, float] | None:
-    """The point about which a figure is like itself after half a turn."""
+def _middle(figure: _Figure, gray: Field, cell_mm: float) -> tuple[float, float]:
+    """The point of a figure that is its mark: of its symmetry, else where its edges meet."""
     start, reach = (figure.column + 0.5, figure.row + 0.5), FIGURE_MM / cell_mm
     about = centre_by_symmetry(gray, start, reach, disc(reach))
     if isinstance(about, Centre) and about.correlation > SYMMETRIC_FROM:
         return about.column, about.row
-    return None
+    return _crossing(gray, start, cell_mm)
 
 
 def _balance(window: SearchWindow, middle: tuple[float, float], cell_mm: float) -> float:
-    """How much what is about a figure is like itself after half a turn."""
+    """How much what is about a figure is like itself turned by half, or in a mirror.
+
+    The mirror stands along its outward direction: of a row of teeth that all repeat, the middle of
+    the whole is the mark.
+    """
     side = 2 * int(AROUND_MM / cell_mm) + 1
     patch = square_about(window.gray, np.array(middle), side)
     patch = without_border(patch, side, border_axis(window.outward))
-    return correlation(patch, patch[::-1, ::-1], disc_in(patch.astype(np.float64)))
+    mirrored = _turned(patch, 0, window.outward)[1]
+    weights = disc_in(patch.astype(np.float64))
+    return max(correlation(patch, other, weights) for other in (patch[::-1, ::-1], mirrored))
 
 
 def _symmetric(window: SearchWindow, number: int, half: int) -> list[_Figure]:
@@ -280,6 +288,34 @@ def _symmetric(window: SearchWindow, number: int, half: int) -> list[_Figure]:
     down, right = np.nonzero(highest)
     order = np.argsort(-lone[down, right], kind="stable")[:FIGURES]
     return [_Figure(number, 2 * int(right[k]) + 1, 2 * int(down[k]) + 1) for k in order]
+
+
+def _crossing(gray: Field, start: tuple[float, float], cell_mm: float) -> tuple[float, float]:
+    """Where the edges of a figure, drawn out, meet: the tip of a notch, the middle of a cross.
+
+    The point nearest to the lines of all slopes about it by least squares (Förstner & Gülch 1987),
+    taken anew about itself; the start where that leads away.
+
+    Args:
+        gray: The reduced window.
+        start: Column and row in it of the figure's middle, cells.
+        cell_mm: Size of a cell, millimetres.
+    """
+    reach = round(FIGURE_MM / cell_mm)
+    column, row = np.meshgrid(*2 * (np.arange(-reach, reach + 1, dtype=np.float64),))
+    weights = np.exp(-2 * (column**2 + row**2) / reach**2)
+    place = np.array(start)
+    for _ in range(CROSSING_STEPS):
+        patch = sample_about(gray, place, 2 * reach + 1)
+        right, down = np.gradient(patch, axis=1), np.gradient(patch, axis=0)
+        xx, yy, xy = (float(np.sum(weights * v)) for v in (right**2, down**2, right * down))
+        along = right * column + down * row
+        aim = [float(np.sum(weights * right * along)), float(np.sum(weights * down * along))]
+        step = np.linalg.lstsq(np.array([[xx, xy], [xy, yy]]), np.array(aim), rcond=None)[0]
+        place = place + np.clip(step, -1.0, 1.0)
+        if np.hypot(*(place - np.array(start))) * cell_mm > FIGURE_MM:
+            return start
+    return float(place[0]), float(place[1])
 
 
 def _lies_in(scan: ScanFile, place: tuple[float, float], rim_px: float) -> bool:
