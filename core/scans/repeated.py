@@ -45,6 +45,8 @@ from core.scans.marks import NOTCH_NORMALS
 from core.scans.naming import Group
 
 Field = Float32[np.ndarray, "rows columns"]
+GUESSED = (*NOTCH_NORMALS, "dot")
+"""Kinds that much else is like."""
 FIGURE_MM, AROUND_MM = 0.8, 1.8  # design: the middle size of marks, and of what they stand out of
 """Radius of a figure, and of the surroundings that it stands out of."""
 FIGURES = 12  # design: writing and dirt stand out too; of four places one shows the mark well
@@ -93,17 +95,19 @@ def with_repeated(
     for group, places in GROUPS.items():
         enough = camera.fiducial_marks == len(places) and len(known.marks) >= LEAST_MARKS
         own = [mark for mark in known.marks if mark.name in places]
-        # A drawn notch is a corner whose edges were guessed: corners that were seen go before one
-        # in doubt.
-        drawn = [mark.kind in NOTCH_NORMALS and mark.name in doubted for mark in own]
+        # A drawn notch is a corner whose edges were guessed, a dot is anything: corners that were
+        # seen go before those in doubt.
+        drawn = [mark.kind in GUESSED and mark.name in doubted for mark in own]
         guessed = bool(drawn) and all(drawn)
         if (enough or len(own) >= LEAST_MARKS) and not guessed:
             continue
         others = _without(known, places)
+        # Marks that are doubted themselves say nothing of where others lie.
+        firm = tuple(mark for mark in others.marks if mark.name not in doubted)
         for copies in _offered(
             scan, camera, pixel_mm, area, group, corners_only=len(own) >= LEAST_MARKS
         ):
-            if _about_one_middle(others, copies, pixel_mm):
+            if _about_one_middle(replace(others, marks=firm), copies, pixel_mm):
                 unsure = _doubts_of(photo_id_of(scan.path), copies)
                 marks, doubts = (*others.marks, *copies.marks), (*others.doubts, *unsure)
                 known = replace(known, marks=marks, doubts=doubts)
