@@ -1,7 +1,7 @@
 """The plan of a block's checks: places drawn on its reference, or a list of the user."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -46,26 +46,34 @@ class PlanWish:
 
 @dataclass(frozen=True, slots=True)
 class MadePlan:
-    """A plan on disk, and what is to be said about it."""
+    """A plan, and what is to be said about it."""
 
-    recorded: Recorded
-    """The decision."""
     plan: PlanChecks
     """The plan."""
     enough: bool
     """Whether the standard allows a statement when all places are read."""
     remarks: tuple[str, ...]
     """What the user should know."""
+    recorded: Recorded | None = None
+    """The decision, once it is on disk."""
 
 
 def plan_checks(
     project: Project, session: Session, wish: PlanWish, progress: Progress = SILENT
 ) -> MadePlan:
-    """Choose places to be checked and record them; nothing of the block changes.
+    """Draw a plan, as `draw_plan` does, and record it."""
+    made = draw_plan(project, session, wish, progress)
+    return replace(made, recorded=session.record(made.plan))
+
+
+def draw_plan(
+    project: Project, session: Session, wish: PlanWish, progress: Progress = SILENT
+) -> MadePlan:
+    """Choose places to be checked; nothing of the block changes.
 
     Args:
         project: The block.
-        session: Its session.
+        session: Its session; it is only read.
         wish: Grid and seed, or a list.
         progress: Told per cell.
 
@@ -110,7 +118,7 @@ def plan_checks(
         decisions=session.decisions(),
     )
     remarks += _remarks(drawn, beforehand)
-    return MadePlan(session.record(plan), plan, drawn.enough, tuple(remarks))
+    return MadePlan(plan, drawn.enough, tuple(remarks))
 
 
 def _remarks(drawn: DrawnPlan, beforehand: bool) -> list[str]:

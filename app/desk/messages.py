@@ -15,6 +15,7 @@ from sessions.decisions import (
     Place,
     PlaceFiducial,
     PlacePhoto,
+    PlanChecks,
 )
 from ui.review.compare import Drawn
 from ui.review.gestures import Gesture
@@ -91,7 +92,7 @@ class Measured:
 
     seat_id: str
     """Who asked."""
-    decision: AddPoint | BringPoints | Place | PlaceFiducial | PlacePhoto | None
+    decision: AddPoint | BringPoints | Place | PlaceFiducial | PlacePhoto | PlanChecks | None
     """To be recorded, but a place, which is a draft; None when nothing was found."""
     notice: Notice
     """What to tell the operator."""

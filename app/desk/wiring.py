@@ -21,6 +21,7 @@ from app.desk.loop import ReviewLoop
 from app.desk.masks import mask_route
 from app.desk.messages import Event, Measured, SceneOpened, Screen, SeatLeft, SeatTaken
 from app.desk.placing import DeskClicking
+from app.desk.planning import plan_route
 from app.running import Running
 from core.block import Block
 from core.geometry.crs import Bounds
@@ -127,7 +128,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
         routes=(leaving_route(settings.set), *point_routes(points), *placing,
-                mask_route(desk.initial), *desk.routes),
+                mask_route(desk.initial), plan_route(desk.session.folder, inbox.put), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
     bounds = _block_bounds(desk, state.oriented)

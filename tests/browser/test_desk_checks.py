@@ -10,7 +10,7 @@ import pytest
 from app.check_plan import PlanWish, plan_checks
 from app.project import read_project
 from sessions.checks import checked_figures, standing_plans, version_on_disk
-from sessions.decisions import Place, ReadCheck, SignBlock
+from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
 from sessions.remarks import standing_faults
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
@@ -35,6 +35,26 @@ def open_checks(page: Any) -> None:
     page.keyboard.press("Shift+B")
     page.wait_for_selector("#checks[open] .check-room >> nth=1", timeout=PATIENCE_MS)
     page.wait_for_function("gruber.checksState().toScreen(0, [0, 0]) !== undefined")
+
+
+def test_places_are_planned_at_the_desk__law(real_desk: Any, sit_at: Any) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    page.keyboard.press("Shift+B")
+    page.click("#checks-plan", timeout=PATIENCE_MS)
+    page.wait_for_selector("#checks[open] .check-room >> nth=1", timeout=PATIENCE_MS)
+    (plan,) = [item for item in real_desk.session.decisions() if is_plan(item)]
+    assert len(plan.decision.places) == page.evaluate("gruber.checksState().found.places.length")
+    assert len(plan.decision.places) >= 20
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#checks:not([open])", state="attached")
+    page.keyboard.press("u")
+    page.wait_for_function("gruber.parts.status")
+    page.keyboard.press("Shift+B")
+    page.wait_for_selector("#checks-plan", timeout=PATIENCE_MS)
+
+
+def is_plan(item: Recorded) -> bool:
+    return isinstance(item.decision, PlanChecks)
 
 
 def read_place(page: Any, off: np.ndarray) -> str:

@@ -1,10 +1,11 @@
 // Checks: the same detail marked in mosaic and reference, without the program's opinion.
-import { byId, element, first, focused, number, renew, start, word } from "./words.js";
+import { again, byId, element, first, focused, number, renew, start, word } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
 import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
 } from "./tiles.js";
 import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
+import { post } from "./run.js";
 import { send } from "./wire.js";
 
 const SIDES = ["mosaic", "reference"];
@@ -74,8 +75,11 @@ export function showChecks(found) {
   if (why) {
     const close = element("button", { id: "checks-close", onclick: () => sheet.close() },
       word("act.close"));
+    const planning = why !== "checks.none" || start.guest ? []
+      : [element("p", {}, element("button", { id: "checks-plan", onclick: plan },
+        word("checks.plan"))), element("p", { id: "checks-said", role: "status" })];
     renew(first(".view-body", sheet), element("header", {}, element("h2", {}, word("checks")),
-      element("span", { class: "stretch" }), close), element("p", {}, word(why)));
+      element("span", { class: "stretch" }), close), element("p", {}, word(why)), ...planning);
     return;
   }
   if (!state.panes.length) state.panes = state.views.map(room);
@@ -85,6 +89,17 @@ export function showChecks(found) {
   renew(first(".view-body", sheet), () => [head(found, place), rooms()]);
   if (place.place !== state.current) choose(place);
   redraw();
+}
+
+/** The places come by the wire; here only why there are none. */
+async function plan() {
+  const begin = /** @type {HTMLButtonElement} */ (byId("checks-plan"));
+  begin.disabled = true;
+  byId("checks-said").textContent = word("wait");
+  const answer = await post(`/checks/plan?seat=${encodeURIComponent(start.seat)}`);
+  if (!answer.error) return;
+  begin.disabled = false;
+  byId("checks-said").textContent = again(answer.error);
 }
 
 /** A picture that takes the keys of its mark. @param {View} view @param {number} side */
