@@ -441,6 +441,7 @@ class DeskWalk(PageWalk):
         """No dead end: a few known gestures lead to a usable desk, and undo to the block before."""
         page = self.page
         page.set_viewport_size(dict(zip(("width", "height"), self.rng.choice(LARGE), strict=True)))
+        self.answered()
         for _ in range(4):
             page.keyboard.press("Escape")
         self.expect("!document.querySelector('dialog[open]')", "no way out of a sheet")

@@ -307,6 +307,19 @@ def test_yes_right_after_an_arrow_keeps_the_place_it_nudged_to__law(sit, tmp_pat
         assert [type(item.decision).__name__ for item in session.decisions()] == ["Place"]
 
 
+def test_yes_right_after_a_filter_decides_nothing__law(sit):
+    page = sit(scene=False)
+    page.evaluate(
+        "() => { document.querySelector('.chip[data-state=all]').click(); "
+        "dispatchEvent(new KeyboardEvent('keydown', { key: 'y', view: window })); }"
+    )
+    page.wait_for_selector(".notice")
+    caught_up(page)
+    assert page.evaluate("gruber.parts.status.decided") == 0
+    page.keyboard.press("y")
+    page.wait_for_function("gruber.parts.status.decided === 1")
+
+
 def test_a_click_on_the_mark_itself_corrects_it__law(sit):
     page = sit(scene=False)
     click_beside(page, right=140)

@@ -34,7 +34,9 @@ import { openScene, setUpScene, showScene } from "./block.js";
 import { closeSight, leavePhoto, showCard, showSight } from "./sight.js";
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
-import { connect, finish, inTurn, isAhead, mergeRows, send, takeSeat } from "./wire.js";
+import {
+  connect, finish, inTurn, isAhead, isElsewhere, mergeRows, send, takeSeat,
+} from "./wire.js";
 
 /** @typedef {{ key: Key | null, filter: Filter, sort: Sort }} Seen where one was in the queue */
 
@@ -51,26 +53,17 @@ const state = {
 };
 
 /**
- * A decision waits for the row that was chosen. After another decision it would be about a point
- * that nobody has seen: then nothing is decided.
+ * A decision waits for the row that was chosen. After another decision, a filter or an undo it
+ * would be about a point that nobody has seen: then nothing is decided.
  * @param {() => unknown} act
  */
 function decide(act) {
-  if (state.deciding && isAhead()) {
+  if ((state.deciding && isAhead()) || isElsewhere()) {
     tell({ text: "notice.ahead", values: {}, grave: false });
     return;
   }
   state.deciding = true;
   inTurn(act);
-}
-
-/**
- * What shows another point: until it is there, nothing is decided.
- * @param {"undo" | "redo"} kind
- */
-function moveOn(kind) {
-  state.deciding = true;
-  send({ kind });
 }
 
 /** One verdict on what is shown, or on all that is marked. @param {string} verdict */
@@ -109,8 +102,8 @@ const ACTS = {
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
   role: () => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] }))),
-  undo: () => moveOn("undo"),
-  redo: () => moveOn("redo"),
+  undo: () => send({ kind: "undo" }),
+  redo: () => send({ kind: "redo" }),
   next: () => send({ kind: "step", step: 1, undecided: true }),
   previous: () => send({ kind: "step", step: -1 }),
   wallis: () => switchCompare("wallis"),

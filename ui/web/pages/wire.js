@@ -14,17 +14,25 @@ const state = {
   /** What was asked for behind a gesture that the desk is not done with. */
   turns: /** @type {(() => unknown)[]} */ ([]),
   taking: false,
+  elsewhere: false,
   finish: /** @type {(() => void)[]} */ ([]),
 };
+
+/** Gestures after which another point may be shown than the hand knows of. */
+const ELSEWHERE = ["filter", "sort", "undo", "redo"];
 
 export const isOpen = () => state.socket?.readyState === WebSocket.OPEN;
 
 /** True while the hand is ahead of the picture. */
 export const isAhead = () => state.turns.length > 0 || state.answered < state.sent;
 
+/** True until what was sent has shown which point it leads to: nothing is decided about it. */
+export const isElsewhere = () => state.elsewhere && isAhead();
+
 /** A gesture to the desk; true when the wire was open. @type {Send} */
 export function send(message) {
   finish();
+  state.elsewhere ||= ELSEWHERE.includes(`${message.kind}`);
   if (state.turns.length && !state.taking) return Boolean(state.turns.push(() => send(message)));
   if (!isOpen()) {
     state.receive({ notices: [{ text: "notice.wire", values: {}, grave: true }] });
@@ -103,6 +111,7 @@ function openSocket() {
     const { answered = state.answered, ...message } = JSON.parse(event.data);
     state.answered = answered;
     state.receive(message);
+    if (!isAhead()) state.elsewhere = false;
     takeTurns();
   };
   socket.onclose = () => {
