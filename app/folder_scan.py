@@ -15,8 +15,8 @@ from pyproj.exceptions import CRSError
 from rasterio.errors import RasterioIOError
 
 from app.block_toml import RASTERS
-from core.formats.records import status_of
-from core.formats.vectors import GDAL_ERRORS, no_remarks
+from core.errors import ReferenceDataError
+from core.formats.vectors import GDAL_ERRORS, check_files, no_remarks
 from core.geometry.crs import horizontal
 
 Kind = Literal["scan", "ortho", "dem", "other"]
@@ -174,10 +174,16 @@ def _each(
         if path.suffix.lower() not in suffixes:
             continue
         try:
-            status_of(path)
+            check_files(path)
             with no_remarks():
                 found.append(look(path))
-        except (RasterioIOError, *GDAL_ERRORS, OSError, UnicodeDecodeError):
+        except (
+            RasterioIOError,
+            *GDAL_ERRORS,
+            OSError,
+            UnicodeDecodeError,
+            ReferenceDataError,
+        ):
             unreadable.append(path)
     return found
 

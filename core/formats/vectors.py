@@ -75,7 +75,7 @@ def read_layers(
     """
     file, _, wanted = str(path).partition(LAYER_MARK)
     try:
-        _check_files(Path(file))
+        check_files(Path(file))
     except OSError as error:
         cause = say("it cannot be read ({error}).", error=error.strerror)
         if isinstance(error, FileNotFoundError):
@@ -141,7 +141,7 @@ def _read_layer(
     return VectorLayer(file, name, geometries, table)
 
 
-def _check_files(path: Path) -> None:
+def check_files(path: Path) -> None:
     """Refuse what GDAL would wait for without end, and a shapefile that was cut off.
 
     GDAL reads such a shapefile without a word, and gives fewer lines.
