@@ -62,6 +62,7 @@ def grow(page, part: str) -> None:
 
 def press(page, key: str) -> tuple[str, float, float]:
     """Press a key on the current point: its name, sigma nought before, seconds until it changed."""
+    caught_up(page)
     point, before = current(page), page.get_attribute("#sigma", "data-value")
     begun = time.perf_counter()
     page.keyboard.press(key)
@@ -77,6 +78,7 @@ def settled(page) -> None:
 
 def keep_draft(page) -> None:
     """Accept the draft in sight, once more where the desk asks; then the next point is shown."""
+    caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("!gruber.parts.point.draft || gruber.parts.point.draft.asking")
     caught_up(page)

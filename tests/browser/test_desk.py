@@ -47,13 +47,16 @@ def test_keys_ahead_of_the_row_just_chosen_are_about_it__law(sit, tmp_path):
     one, two, three, four, five = rows[:5]
     page.evaluate(PRESSED, [one, "n", "2"])
     page.wait_for_function("gruber.parts.status.decided === 1")
+    caught_up(page)
     page.evaluate(PRESSED, [two, "ArrowRight", "j"])
     page.wait_for_function("key => gruber.parts.point.key.join('|') === key", arg=three)
     page.evaluate(PRESSED, [two, "Escape", four, "c"])
     page.wait_for_function("gruber.parts.status.decided === 2 && !gruber.parts.status.drafts")
+    caught_up(page)
     page.evaluate(PRESSED, [five, "y", "m"])
     page.wait_for_selector(f".notice:has-text('{words()['notice.ahead']}')")
     page.wait_for_function("gruber.parts.status.decided === 3")
+    caught_up(page)
     page.keyboard.press("4")
     page.wait_for_selector(f".notice:has-text('{words()['notice.no-reason']}')")
     with Session.open(tmp_path, "reader") as session:

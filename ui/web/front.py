@@ -177,6 +177,8 @@ class Front:
             if self._client is not None:
                 await self._client.close()
             await runner.cleanup()
+            # Connections let go of are closed in the loop's next turn.
+            await asyncio.sleep(0)
 
     def _application(self) -> web.Application:
         application = web.Application(middlewares=[self._inputs.access.guard()])
