@@ -46,6 +46,7 @@ from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
 from core.quality.rules import human_findings
 from core.raster.dem import Dem
+from core.raster.ortho import open_ortho
 from core.results import BlockInput, StageResults
 from core.said import say
 from core.scans.stage import ScanSet
@@ -384,6 +385,7 @@ class Run:
             reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m) if files.ortho else None,
             reliability=self.assembly.reliability,
             mosaic=self.session.results / "mosaic.tif",
+            ortho=open_ortho(files.ortho, files.crs) if files.ortho else None,
             seams=mosaic.seams,
             seam_fits=fits,
             holes=mosaic.holes,

@@ -16,7 +16,7 @@ WIDTH = 1000.0
 """Width of the block figure in its own units."""
 MARGIN = 46.0
 TALLEST = 1100.0
-MAP, MOSAIC = "blockmap", "mosaicmap"
+MAP, MOSAIC, PICTURE = "blockmap", "mosaicmap", "mosaicpicture"
 """Names of both drawings in the page."""
 PROBABLE = 0.9
 """Misfit vectors of this probability are drawn strongly."""
@@ -132,7 +132,7 @@ def draw_mosaic(mosaic: Figures, picture: str, tell: Teller) -> Markup:
     def at(x: float, y: float) -> tuple[float, float]:
         return per_metre * (x - west), per_metre * (north - y)
 
-    parts = [tag("image", href=picture, width=wide, height=tall)]
+    parts = [tag("image", href=picture, width=wide, height=tall, id=PICTURE)]
     for seam in mosaic["seams"]:
         for ring in seam["rings"]:
             places = [at(x, y) for x, y in ring]
@@ -146,11 +146,11 @@ def draw_mosaic(mosaic: Figures, picture: str, tell: Teller) -> Markup:
     return _picture(drawn, f"0 0 {wide:.0f} {tall:.0f}", tell("report.chapter.mosaic"))
 
 
-def draw_mosaic_again(mosaic: Figures, tell: Teller) -> Markup:
-    """The mosaic once more, of any size: it refers to the one that was drawn."""
+def draw_mosaic_again(mosaic: Figures, tell: Teller, part: str = MOSAIC) -> Markup:
+    """The mosaic once more, of any size: it refers to the one that was drawn, or its picture."""
     west, south, east, north = mosaic["bounds"]
     box = f"0 0 {WIDTH:.0f} {WIDTH * (north - south) / (east - west):.0f}"
-    return _picture(tag("use", href=f"#{MOSAIC}"), box, tell("report.chapter.mosaic"))
+    return _picture(tag("use", href=f"#{part}"), box, tell("report.chapter.mosaic"))
 
 
 def _picture(drawn: Markup, box: str, name: str) -> Markup:

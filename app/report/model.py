@@ -36,6 +36,7 @@ from core.quality.assessment import assess_block
 from core.quality.residuals import displacement
 from core.quality.rules import Finding, Release, check_release, judge_block
 from core.raster.holes import Hole
+from core.raster.ortho import Ortho
 from core.sheets.delivery import Delivery, sheet_figures
 from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
@@ -92,6 +93,8 @@ class ReportContent:
     """Footprint of each photo; over level ground when left out."""
     mosaic: Path | None = None
     """The mosaic."""
+    ortho: Ortho | None = None
+    """The reference ortho, which lies under the mosaic; None where there is none."""
     seams: Sequence[Seam] = ()
     """Its seams."""
     seam_fits: Sequence[SeamFit] = ()

@@ -18,6 +18,7 @@ from typing import Any, cast
 
 import numpy as np
 import rasterio
+from jaxtyping import UInt8
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 from PIL import Image
@@ -25,6 +26,7 @@ from rasterio.enums import Resampling
 
 from app.report.checked import readings_told
 from app.report.drawing import (
+    PICTURE,
     draw_bars,
     draw_coverage,
     draw_film,
@@ -52,6 +54,8 @@ from app.report.wording import (
     status_counts,
 )
 from core.quality.check_points import STANDARD_LEAST
+from core.raster.grid import Grid
+from core.raster.ortho import Ortho
 from core.said import Said
 from sessions.atomic_write import whole_file
 from ui.review.scene import short_names
@@ -89,7 +93,8 @@ def write_report(folder: Path, content: ReportContent) -> tuple[Path, Path]:
         content: What is told.
 
     Returns:
-        The page and the JSON; the page shows nothing that is not in the JSON but the mosaic.
+        The page and the JSON; the page shows nothing that is not in the JSON but the mosaic
+        and the reference ortho.
     """
     figures = gather(content)
     text = json.dumps(figures, indent=1, ensure_ascii=False, allow_nan=False)
@@ -97,8 +102,9 @@ def write_report(folder: Path, content: ReportContent) -> tuple[Path, Path]:
     with whole_file(json_path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     picture = "" if content.mosaic is None else thumbnail(content.mosaic)
+    beneath = under(content.mosaic, content.ortho) if content.mosaic and content.ortho else ""
     known = {str(one): one for one in said_in(figures)}
-    page = render(json.loads(text), picture, Teller(content.language), known)
+    page = render(json.loads(text), picture, Teller(content.language), known, beneath)
     with whole_file(html_path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return html_path, json_path
@@ -125,6 +131,7 @@ def render(
     mosaic_jpeg: str = "",
     tell: Teller | None = None,
     said: Mapping[str, Said] | None = None,
+    ortho_jpeg: str = "",
 ) -> str:
     """The page for the figures of `report.json`.
 
@@ -133,6 +140,7 @@ def render(
         mosaic_jpeg: The mosaic as a data URI, empty without one.
         tell: The language; English when left out.
         said: What the engine said, by the English sentence that stands in the figures.
+        ortho_jpeg: The reference ortho over the same ground, as a data URI, empty without one.
 
     Returns:
         One HTML document with everything inline.
@@ -176,6 +184,8 @@ def render(
         reliability=draw_reliability(figures["reliability"]["bins"], tell),
         draw_coverage=draw_coverage,
         mosaic=draw_mosaic(mosaic, mosaic_jpeg, tell) if mosaic else "",
+        ortho=ortho_jpeg,
+        plain_mosaic=draw_mosaic_again(mosaic, tell, PICTURE) if mosaic else "",
         small_mosaic=draw_mosaic_again(mosaic, tell) if mosaic else "",
         longest=LONGEST_TABLE,
         least=STANDARD_LEAST,
@@ -211,8 +221,22 @@ def thumbnail(path: Path) -> str:
     levels = np.percentile(values[seen], (0.5, 99.5)) if seen.any() else np.array([0.0, 1.0])
     stretched = (values - levels[0]) / max(float(levels[1] - levels[0]), 1.0) * 255
     gray = np.where(seen, np.clip(stretched, 0, 255), 255).astype(np.uint8)
+    return jpeg_of(gray)
+
+
+def under(mosaic: Path, ortho: Ortho) -> str:
+    """The reference ortho over the ground of the mosaic, as `thumbnail` shows that."""
+    with rasterio.open(mosaic) as file:
+        west, south, east, north = file.bounds
+    gsd = max(east - west, north - south) / THUMBNAIL_PX
+    columns, rows = max(1, round((east - west) / gsd)), max(1, round((north - south) / gsd))
+    return jpeg_of(ortho.read_colour(Grid(west, north, gsd, columns, rows)))
+
+
+def jpeg_of(picture: UInt8[np.ndarray, "rows columns *bands"]) -> str:
+    """A picture, gray or in colours, as a JPEG in a data URI."""
     stream = io.BytesIO()
-    Image.fromarray(gray).save(stream, "JPEG", quality=82)
+    Image.fromarray(picture).save(stream, "JPEG", quality=82)
     return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 

@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
+from affine import Affine
 
 from app.report.model import ReportContent
 from app.report.page import write_report
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
+from core.raster.ortho import open_ortho
 from tests.flights import FlightPlan, fly
 
 pytestmark = pytest.mark.browser
@@ -34,8 +37,37 @@ def report(tmp_path_factory):
     )
     adjusted = adjust_block(block)
     ahead = influence_of(adjusted, AdjustmentOptions())
-    content = ReportContent("long", adjusted, before=block, influence=ahead)
-    return write_report(tmp_path_factory.mktemp("report"), content)[0]
+    folder = tmp_path_factory.mktemp("report")
+    mosaic, profile = folder / "mosaic.tif", {"count": 1, "dtype": "uint8", "crs": block.crs}
+    placed = Affine(2, 0, -577000, 0, -2, -1193000)
+    with rasterio.open(mosaic, "w", "GTiff", 300, 200, transform=placed, **profile) as file:
+        file.write(np.full((1, 200, 300), 90, np.uint8))
+    ortho = open_ortho([mosaic], block.crs)
+    content = ReportContent(
+        "long", adjusted, before=block, influence=ahead, mosaic=mosaic, ortho=ortho
+    )
+    return write_report(folder, content)[0]
+
+
+def test_the_mosaic_is_drawn_aside_over_the_ortho__truth(chromium, report):
+    page = chromium.new_page(viewport={"width": 1366, "height": 900})
+    page.goto(report.as_uri())
+    front = page.locator(".swipe > div")
+    front.scroll_into_view_if_needed()
+    whole, before = page.locator(".swipe").bounding_box(), front.bounding_box()
+    corner = before["x"] + before["width"] - 6, before["y"] + before["height"] - 4
+    page.mouse.move(*corner)
+    page.mouse.down()
+    page.mouse.move(corner[0] - 200, corner[1], steps=5)
+    page.mouse.up()
+    after = front.bounding_box()
+    assert after["width"] == pytest.approx(before["width"] - 200, abs=2)
+    assert after["height"] == pytest.approx(whole["height"] - 2, abs=1)
+    # The picture stays where it is: only more or less of it is seen.
+    assert page.locator(".swipe svg").bounding_box()["width"] == pytest.approx(
+        whole["width"] - 2, abs=1
+    )
+    page.close()
 
 
 @pytest.mark.parametrize("width", [1366, 1600])

@@ -1,5 +1,7 @@
 """The accuracy report: what it says, that it says all of it, and that it needs no network."""
 
+import base64
+import io
 import json
 import re
 from dataclasses import replace
@@ -7,15 +9,19 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+import rasterio
+from affine import Affine
+from PIL import Image
 
 from app.report.model import ReportContent
-from app.report.page import render, requirements, write_report
+from app.report.page import render, requirements, under, write_report
 from app.report.wording import fine
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
 from core.quality.rules import doubts_of
+from core.raster.ortho import open_ortho
 from ui.review.scene import short_names
 from ui.words.catalogue import LANGUAGES, Teller, messages, words
 
@@ -65,6 +71,26 @@ def test_page_is_a_function_of_the_json__law(written):
     page, figures = written
     picture = re.search(r'href="(data:image/jpeg;base64,[^"]+)"', page).group(1)
     assert render(figures, picture) == page
+
+
+def test_the_ortho_beneath_shows_the_ground_of_the_mosaic__truth(tmp_path, mosaic):
+    """Of an ortho that is red in the west and blue in the east, twice as wide as the mosaic."""
+    with rasterio.open(mosaic) as file:
+        west, south, east, north = file.bounds
+    colours = np.zeros((3, 100, 400), np.uint8)
+    colours[0, :, :150], colours[2, :, 150:] = 255, 255
+    cell = (east - west) / 200
+    placed = Affine(cell, 0, west - 100 * cell, 0, (south - north) / 100, north)
+    profile = {"count": 3, "width": 400, "height": 100, "dtype": "uint8", "crs": "EPSG:5514"}
+    path = tmp_path / "ortho.tif"
+    with rasterio.open(path, "w", driver="GTiff", transform=placed, **profile) as file:
+        file.write(colours)
+    text = under(mosaic, open_ortho([path], "EPSG:5514"))
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))))
+    rows, columns, _ = picture.shape
+    assert columns / rows == pytest.approx((east - west) / (north - south), rel=0.01)
+    red, blue = picture[rows // 2, columns // 5], picture[rows // 2, columns // 3]
+    assert (red[0] > 200, red[2] < 50, blue[0] < 50, blue[2] > 200) == (True,) * 4
 
 
 def test_neighbours_along_seams_and_strips_are_told__law(written):
