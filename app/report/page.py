@@ -150,9 +150,7 @@ def render(
     def again(text: str) -> str:
         return tell.again(known.get(text, text))
 
-    block_map, enlarged = draw_map(figures["map"], tell)
-    caption = "report.map.caption.plain" if enlarged is None else "report.map.caption"
-    mosaic, films = figures["mosaic"], figures["residuals"]["films"]
+    mosaic = figures["mosaic"]
     return _page(tell).render(
         f=figures,
         found=findings(figures, tell),
@@ -164,8 +162,7 @@ def render(
         **readings_told(figures["checked"], tell),
         **misfit_shown(figures, tell),
         short=short_names([row["scan"] for row in figures["exterior"]]),
-        block_map=block_map,
-        small_map=draw_map_again(figures["map"], tell),
+        **_map_drawn(figures["map"], tell),
         symbols=draw_symbols(tell),
         statuses=status_counts(figures["control"]["by_status"], tell),
         checks_told=checks_told,
@@ -176,20 +173,37 @@ def render(
         draw_histogram=lambda bars: draw_histogram(bars, tell),
         draw_film=draw_film,
         draw_trend=lambda trend, unit: draw_trend(trend, unit, tell),
-        longest_px=longest_mean(films),
+        longest_px=longest_mean(figures["residuals"]["films"]),
         film_places=film_places(figures["interior"]),
         worst=WORST,
-        map_caption=tell(caption, scale=enlarged),
         rays=draw_bars(figures["ties"]["points_by_rays"], tell),
         reliability=draw_reliability(figures["reliability"]["bins"], tell),
         draw_coverage=draw_coverage,
-        mosaic=draw_mosaic(mosaic, mosaic_jpeg, tell) if mosaic else "",
         ortho=ortho_jpeg,
-        plain_mosaic=draw_mosaic_again(mosaic, tell, PICTURE) if mosaic else "",
-        small_mosaic=draw_mosaic_again(mosaic, tell) if mosaic else "",
+        **(_mosaic_drawn(mosaic, mosaic_jpeg, tell) if mosaic else {}),
         longest=LONGEST_TABLE,
         least=STANDARD_LEAST,
     )
+
+
+def _map_drawn(drawn: Figures, tell: Teller) -> dict[str, Any]:
+    """The map large with its caption, and as large as its room."""
+    block_map, enlarged = draw_map(drawn, tell)
+    caption = "report.map.caption.plain" if enlarged is None else "report.map.caption"
+    return {
+        "block_map": block_map,
+        "map_caption": tell(caption, scale=enlarged),
+        "small_map": draw_map_again(drawn, tell),
+    }
+
+
+def _mosaic_drawn(mosaic: Figures, picture: str, tell: Teller) -> dict[str, Markup]:
+    """The mosaic large, as large as its room, and without seams."""
+    return {
+        "mosaic": draw_mosaic(mosaic, picture, tell),
+        "small_mosaic": draw_mosaic_again(mosaic, tell),
+        "plain_mosaic": draw_mosaic_again(mosaic, tell, PICTURE),
+    }
 
 
 def _chapters(figures: Figures) -> list[str]:
