@@ -131,6 +131,7 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
     assert sigma(page) < first_sigma
     assert current(page) != rejected
     accepted = current(page)
+    caught_up(page)
     page.keyboard.press("y")
     becomes(page, accepted, "accepted")
     page.wait_for_selector("#working:not(.busy)", state="attached")
@@ -360,6 +361,7 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     assert state_of(page, first) == "auto"
     page.keyboard.press("k")
     page.wait_for_function("gruber.parts.point.draft && gruber.parts.point.trial")
+    caught_up(page)
     page.keyboard.press("y")
     page.wait_for_selector("#asked.against")
     said = page.inner_text("#keep p")
@@ -468,6 +470,7 @@ def test_a_hand_ahead_of_the_picture_judges_nothing_twice__law(sit):
     assert state_of(page, first) == "dubious"
     assert page.evaluate("gruber.parts.status.decided") == 1
     second = current(page)
+    caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("gruber.parts.status.decided === 2")
     assert state_of(page, second) == "accepted"

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, toured
-from tests.browser.hands import grow, unfold
+from tests.browser.hands import caught_up, grow, unfold
 
 pytestmark = pytest.mark.browser
 
@@ -69,6 +69,7 @@ def test_axe_finds_nothing_on_any_page__oracle(sit_with, axe, theme, language):
     page.wait_for_function("gruber.parts.point.draft")
     look("draft")
     page.keyboard.press("Escape")
+    caught_up(page)
     page.keyboard.press("n")
     page.wait_for_selector("#reasons:not([hidden])")
     look("reasons")

@@ -14,7 +14,7 @@ from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
 from sessions.remarks import standing_faults
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
-from tests.browser.hands import settled
+from tests.browser.hands import caught_up, settled
 
 pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
@@ -145,6 +145,7 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     assert not page.query_selector(".signature .outdated")
     page.click("#quality-close")
     before = len([one for one in real_desk.session.decisions() if isinstance(one.decision, Place)])
+    caught_up(page)
     page.keyboard.press("y")
     settled(page)
     page.keyboard.press("b")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.desk.wiring import open_desk
-from tests.browser.hands import current, settled
+from tests.browser.hands import caught_up, current, settled
 from tests.ui.desk_block import adjust
 from tests.ui.user_points import measuring_inputs, true_pixel, true_places
 
@@ -55,6 +55,7 @@ def click_at_truth(page):
 def keep(page):
     """Keep what is drafted or proposed, and be at the next."""
     before = current(page)
+    caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("key => gruber.parts.point?.key.join('|') !== key", arg=before)
 
@@ -91,6 +92,7 @@ def test_all_proposals_are_accepted_at_once_and_undone_at_once__law(page, inputs
     first = click_at_truth(page)
     keep(page)
     page.wait_for_selector("#proposals:not([hidden])")
+    caught_up(page)
     page.keyboard.press("Shift+Y")
     page.wait_for_function("name => gruber.parts.point.key[0] !== name", arg=first[0])
     photos = {key[1] for key in placed(inputs)}
@@ -106,6 +108,7 @@ def test_what_cannot_be_seen_leaves_the_list_and_the_strip_says_so__law(page, in
     page.keyboard.press("y")
     page.wait_for_selector(".notice")
     assert placed(inputs) == {}
+    caught_up(page)
     page.keyboard.press("v")
     page.wait_for_function("photo => gruber.parts.point.key[1] !== photo", arg=key[1])
     assert placed(inputs)[key].reason == "not visible"

@@ -6,7 +6,17 @@ import pytest
 
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE
-from tests.browser.hands import becomes, current, gone_on, grow, look_at, settled, state_of, unfold
+from tests.browser.hands import (
+    becomes,
+    caught_up,
+    current,
+    gone_on,
+    grow,
+    look_at,
+    settled,
+    state_of,
+    unfold,
+)
 from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
@@ -78,6 +88,7 @@ def test_quality_follows_the_block_and_compares_adjustments__truth(sit):
     page.keyboard.press("b")
     page.wait_for_selector("#quality", state="hidden")
     assert page.evaluate("gruber.parts.status.decided") == 0
+    caught_up(page)
     page.keyboard.press("n")
     settled(page)
     page.click('[data-act="quality"]')

@@ -207,7 +207,7 @@ def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter)
         def again(sheet=sheet, opener=opener) -> None:
             if page.evaluate(OPEN) == sheet:
                 return
-            page.wait_for_function("window.gruber?.parts.queue")
+            page.wait_for_function("window.gruber?.parts.point && !gruber.isAhead()")
             page.evaluate(CLOSE)
             if opener.startswith("#"):
                 page.click(opener)

@@ -13,9 +13,10 @@ import pytest
 from app.batch import run_block
 from app.run import RunOptions
 from app.terminal import JsonLines
-from tests.browser.conftest import scene_of
+from tests.browser.conftest import PATIENCE_MS, scene_of
 from tests.browser.hands import (
     becomes,
+    caught_up,
     current,
     look_at,
     place_wrongly,
@@ -28,6 +29,7 @@ from ui.views import block_view as names
 from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
+REMAKING_MS = 3 * PATIENCE_MS
 REMADE = f".notice:has-text('{words()['notice.remade']}')"
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -56,6 +58,7 @@ def test_y_n_u_change_state_and_figures__truth(real_desk, sit_at):
     assert state_of(page, point) == "rejected"
     page.wait_for_function("before => gruber.parts.status.sigma !== before", arg=before)
     accepted = current(page)
+    caught_up(page)
     page.keyboard.press("y")
     becomes(page, accepted, "accepted")
     for key in (accepted, point):
@@ -105,7 +108,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     page.wait_for_function("gruber.parts.status.stale.length > 0")
     page.click("#remake-start")
     page.wait_for_selector("#making:not([hidden])")
-    page.wait_for_selector(REMADE)
+    page.wait_for_selector(REMADE, timeout=REMAKING_MS)
     page.wait_for_function("gruber.parts.status.stale.length === 0")
     wrong = mosaic.stat().st_mtime_ns
     assert wrong > before
@@ -114,7 +117,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
     settled(page)
     page.wait_for_function("gruber.parts.status.stale.length > 0")
     page.click("#remake-start")
-    page.wait_for_selector(REMADE)
+    page.wait_for_selector(REMADE, timeout=REMAKING_MS)
     page.wait_for_function("gruber.parts.status.stale.length === 0 && gruber.parts.status.written")
     assert mosaic.stat().st_mtime_ns > wrong
     report = json.loads((real_desk.results / "report.json").read_text(encoding="utf-8"))
