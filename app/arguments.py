@@ -21,7 +21,7 @@ class Verb:
     """What `gruber` can be asked to do."""
 
     act: str
-    """Where it is done: a module and its function, as `pkgutil.resolve_name` takes them."""
+    """Where it is done: a module of `app.verbs` and its function, for `pkgutil.resolve_name`."""
     summary: str
     examples: dict[str, str]
     add: Callable[[Parser], None]
@@ -293,7 +293,7 @@ def metres(text: str) -> float:
 
 VERBS = {
     "new": Verb(
-        "app.verbs.new:new",
+        "new:new",
         "look through a folder and write the block.toml of what it holds",
         {
             "gruber new kobyli-1938": "says what it lacks, too",
@@ -302,7 +302,7 @@ VERBS = {
         add_new,
     ),
     "run": Verb(
-        "app.verbs.run:run",
+        "run:run",
         "run the automatic stages, resuming where the last run stopped",
         {
             "gruber run kobyli-1938": "every stage; what is fresh is kept",
@@ -312,7 +312,7 @@ VERBS = {
         add_run,
     ),
     "batch": Verb(
-        "app.verbs.run:batch",
+        "run:batch",
         "run many blocks; what fails in one stops no other, and the table batch.csv says why",
         {
             "gruber batch archive": "every block below a folder, one after another",
@@ -322,7 +322,7 @@ VERBS = {
         add_batch,
     ),
     "review": Verb(
-        "app.verbs.review:review",
+        "review:review",
         "open the review desk in the browser",
         {
             "gruber review kobyli-1938": "opens the desk in the browser",
@@ -333,7 +333,7 @@ VERBS = {
         add_review,
     ),
     "report": Verb(
-        "app.verbs.run:report",
+        "run:report",
         "write results/report.html and report.json; what is not fresh is computed first",
         {
             "gruber report kobyli-1938": "prints where it is",
@@ -342,7 +342,7 @@ VERBS = {
         add_report,
     ),
     "export": Verb(
-        "app.verbs.exchange:export",
+        "exchange:export",
         "write the block as it stands in the format of another program",
         {
             "gruber export kobyli-1938 --to micmac": "into results/export",
@@ -352,7 +352,7 @@ VERBS = {
         add_export,
     ),
     "import": Verb(
-        "app.verbs.exchange:bring",
+        "exchange:bring",
         "take over points, measurements, orientations and fiducials from another program",
         {
             "gruber import kobyli-1938 --from points list.csv": "surveyed points of any table",
@@ -362,7 +362,7 @@ VERBS = {
         add_import,
     ),
     "check": Verb(
-        "app.verbs.check:check",
+        "check:check",
         "plan places at which the mosaic is to be checked",
         {
             "gruber check plan kobyli-1938": "before its first run, when no result is known",
@@ -372,7 +372,7 @@ VERBS = {
         add_check,
     ),
     "teach": Verb(
-        "app.verbs.teach:teach",
+        "teach:teach",
         "open lessons of photogrammetry whose formulas can be moved",
         {
             "gruber teach": "opens the lessons in the browser",
@@ -383,7 +383,7 @@ VERBS = {
         add_teach,
     ),
     "demo": Verb(
-        "app.verbs.demo:demo",
+        "demo:demo",
         "make a synthetic block with known truth, run it and open the desk",
         {
             "gruber demo": "six scans of 1938, run, compared with their truth, opened",
@@ -393,7 +393,7 @@ VERBS = {
         add_demo,
     ),
     "doctor": Verb(
-        "app.verbs.doctor:doctor",
+        "doctor:doctor",
         "say what this machine and a block lack; lines with ! need attention",
         {
             "gruber doctor": "GDAL drivers, PROJ grids, browser, memory",

@@ -290,7 +290,7 @@ def run_apart(
     Returns:
         The block, done or failed.
     """
-    command = [sys.executable, "-m", "app", "--log-json", "run", str(task.block)]
+    command = [sys.executable, "-m", "gruber", "--log-json", "run", str(task.block)]
     command += ["--workers", str(threads), *(["--until", task.until] if task.until else [])]
     started, stage, why, last = time.monotonic(), "", "", ""
     # A session of its own: Ctrl-C reaches this program alone, which hands it on.

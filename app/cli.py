@@ -16,6 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("CPL_LOG", os.devnull)
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
+from app import verbs
 from app.arguments import VERBS, add_language, add_log, wrong_use
 from app.terminal import JsonLines, Terminal, Voice
 from app.usage import Parser, Verbs, asked_language, asked_verb, teller_of_usage
@@ -63,7 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     voice: Voice = (
         JsonLines() if given.log_json else Terminal(language=given.language or LANGUAGES[0])
     )
-    act: Callable[[argparse.Namespace, Voice], None] = resolve_name(VERBS[given.verb].act)
+    act: Callable[[argparse.Namespace, Voice], None] = resolve_name(
+        f"{verbs.__name__}.{VERBS[given.verb].act}"
+    )
     try:
         with named_files():
             act(given, voice)

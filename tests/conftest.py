@@ -82,7 +82,7 @@ def tiny_run(tiny_block: Path, tmp_path_factory: pytest.TempPathFactory) -> Tiny
         with_check_points(open_tiny(folder))
         # In a process of its own: checking shapes at every call takes a third of the time.
         subprocess.run(
-            [sys.executable, "-m", "app", "run", str(folder)], cwd=REPOSITORY, check=True
+            [sys.executable, "-m", "gruber", "run", str(folder)], cwd=REPOSITORY, check=True
         )
 
     ready = made_once(tmp_path_factory, "tiny-run", run)

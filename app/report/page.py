@@ -58,6 +58,7 @@ from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.said import Said
 from sessions.atomic_write import whole_file
+from ui import web
 from ui.review.scene import short_names
 from ui.words.catalogue import Teller
 
@@ -218,10 +219,10 @@ def type_family() -> Markup:
     """The desk's type family with its files inline: a report opens alike on every computer."""
 
     def inline(url: re.Match[str]) -> str:
-        font = base64.b64encode((files("ui.web") / "pages" / url[1]).read_bytes()).decode("ascii")
+        font = base64.b64encode((files(web) / "pages" / url[1]).read_bytes()).decode("ascii")
         return f'url("data:font/woff2;base64,{font}")'
 
-    faces = (files("ui.web") / "pages" / "inter.css").read_text(encoding="utf-8")
+    faces = (files(web) / "pages" / "inter.css").read_text(encoding="utf-8")
     return Markup(re.sub(r'url\("/pages/([a-z-]+\.woff2)"\)', inline, faces))
 
 

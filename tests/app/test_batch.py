@@ -90,7 +90,7 @@ def test_a_block_that_fails_stops_no_other__truth(tiny_run, tmp_path, capsys, ex
 
 def test_ctrl_c_stops_the_runs_under_way_and_the_next_call_resumes__law(tiny_block, tmp_path):
     shutil.copytree(tiny_block, tmp_path / "one")
-    command = [sys.executable, "-m", "app", "batch", str(tmp_path)]
+    command = [sys.executable, "-m", "gruber", "batch", str(tmp_path)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     products = tmp_path / "one" / ".gruber" / "products" / "scans"
     while not products.exists():

@@ -291,7 +291,7 @@ def prove(name: str) -> None:
 def take_sample(name: str) -> None:
     """Run the command of a sample in an empty folder, and keep what it prints."""
     samples = read_samples()
-    words = [sys.executable, "-m", "app", *shlex.split(samples[name].command)[1:]]
+    words = [sys.executable, "-m", "gruber", *shlex.split(samples[name].command)[1:]]
     commit, date = version_now(("core", "app"))
     with tempfile.TemporaryDirectory() as folder:
         lines = output_of(words, Path(folder))

@@ -106,7 +106,7 @@ def by_hand(folder: Path, metres: float, rng: np.random.Generator) -> Told:
         queue = {(row[0], row[1]): row[8] for row in hand.parts["rows"] if row[8] is not None}
     finally:
         hand.close()
-    command = [sys.executable, "-m", "app", "report", str(folder)]
+    command = [sys.executable, "-m", "gruber", "report", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
     model = json.loads((folder / "results/report.json").read_text(encoding="utf-8"))
     page = (folder / "results/report.html").read_text(encoding="utf-8")

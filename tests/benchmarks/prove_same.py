@@ -72,7 +72,7 @@ def everything(folder: Path) -> dict[str, str]:
 def ran(source: Path, folder: Path, workers: int) -> dict[str, str]:
     """A copy of a block taken through the whole run, in a process of its own."""
     shutil.copytree(source, folder)
-    words = [sys.executable, "-m", "app", "run", str(folder), "--workers", str(workers)]
+    words = [sys.executable, "-m", "gruber", "run", str(folder), "--workers", str(workers)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(done.stdout + done.stderr)

@@ -137,7 +137,7 @@ def test_the_mosaic_is_made_again_and_run_finds_the_same__truth(real_desk, sit_a
 
 def served(folder: Path, port: int) -> tuple[subprocess.Popen, str]:
     """The desk as a process of its own, and its address."""
-    command = [sys.executable, "-m", "app", "review", str(folder), "--no-browser"]
+    command = [sys.executable, "-m", "gruber", "review", str(folder), "--no-browser"]
     process = subprocess.Popen(
         [*command, "--port", str(port), "--operator", "anna"], cwd=REPOSITORY,
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,

@@ -230,7 +230,7 @@ def made_block(folder: Path) -> Path:
     """The tiny block of the tests, run."""
     make_block(folder, SyntheticOptions("tiny"))
     with_check_points(open_tiny(folder))
-    subprocess.run([sys.executable, "-m", "app", "run", str(folder)], cwd=REPOSITORY, check=True)
+    subprocess.run([sys.executable, "-m", "gruber", "run", str(folder)], cwd=REPOSITORY, check=True)
     return folder
 
 

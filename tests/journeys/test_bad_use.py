@@ -214,7 +214,7 @@ if kind == "read-only" and os.geteuid() == 0:
     # Without these two capabilities the rights of files hold for root as well.
     for capability in (1, 2):
         assert ctypes.CDLL(None).prctl(24, capability, 0, 0, 0) == 0
-os.execv(sys.executable, [sys.executable, "-m", "app", *command])
+os.execv(sys.executable, [sys.executable, "-m", "gruber", *command])
 """
 """Starts the program on a disk that is full or may not be written."""
 

@@ -1,5 +1,0 @@
-"""`python -m app` is `gruber`."""
-
-from app.cli import program
-
-program()
