@@ -165,6 +165,14 @@ def add_teach(verb: Parser) -> None:
     verb.add_option("--lesson NAME", "the lesson to begin with", default="")
     verb.add_switch("--list", "name the lessons and end")
     verb.add_option("--own FILE", "a Python file with one more lesson", type=Path)
+    from app.experiments import EXPERIMENTS
+
+    repeated = say(
+        "repeat an experiment of the thesis and end; one of {names}", names=tuple(EXPERIMENTS)
+    )
+    verb.add_option("--experiment NAME", repeated, choices=tuple(EXPERIMENTS), default="")
+    where = "the block with truth that the experiment is made on (%(default)s)"
+    verb.add_option("--block FOLDER", where, type=Path, default=Path("gruber-demo"))
     add_address(verb)
 
 
@@ -379,6 +387,7 @@ VERBS = {
             "gruber teach --lesson relief": "begins with one of them",
             "gruber teach --list": "names them all",
             "gruber teach --own tower.py": "a teacher's own lesson among them",
+            "gruber teach --experiment table-4": "a table of the thesis on the block of the demo",
         },
         add_teach,
     ),

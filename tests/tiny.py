@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from core.arrays import locked
-from core.block import Block, ExteriorPrior, Photo, TiePoints
+from core.block import Block, Photo, TiePoints
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.interior import InteriorOrientation
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference
 from core.raster.dem import Dem, open_dem
@@ -64,22 +62,7 @@ def open_tiny(folder: Path) -> Tiny:
 
 
 def true_photo(truth: Truth, name: str, dem: Dem) -> Photo:
-    true = truth.photos[name]
-    linear = np.linalg.inv(true.pixel_from_film[:, :2])
-    matrix = np.column_stack([linear, -linear @ true.pixel_from_film[:, 2]])
-    none = np.zeros((0, 2))
-    return Photo(
-        name,
-        truth.folder / "scans" / f"{name}.tif",
-        true.size_px,
-        truth.camera.name,
-        InteriorOrientation("affine", matrix, (), none, none, float("nan")),
-        true.exterior,
-        true.exterior,
-        ExteriorPrior(locked([10.0] * 3), locked([0.01] * 3)),
-        dem.mean_height(),
-        oriented=True,
-    )
+    return truth.photo(name, truth.folder / "scans" / f"{name}.tif", dem.mean_height())
 
 
 def with_check_points(tiny: Tiny) -> None:

@@ -1,14 +1,21 @@
-"""The lessons."""
+"""The lessons, and the experiments."""
 
 import argparse
+import time
 import webbrowser
+from pathlib import Path
 
+from app.experiments import EXPERIMENTS, Table, open_ground, write_log
 from app.teaching import Teacher, find_lessons, open_teaching
 from app.terminal import Voice
+from ui.words.catalogue import Teller
 
 
 def teach(given: argparse.Namespace, voice: Voice) -> None:
-    """The lessons, until Ctrl-C, or only their names."""
+    """The lessons, until Ctrl-C, or only their names, or an experiment."""
+    if given.experiment:
+        experiment(given.experiment, given.block, voice)
+        return
     found = find_lessons(given.own)
     if given.list:
         told = Teacher(found).listed(voice.tell.language)["words"]
@@ -21,3 +28,39 @@ def teach(given: argparse.Namespace, voice: Voice) -> None:
         if not given.no_browser:
             webbrowser.open(url)
         page.wait()
+
+
+def experiment(name: str, folder: Path, voice: Voice) -> None:
+    """One experiment of the thesis: its table beside ours, and where its log is."""
+    started, title = time.monotonic(), voice.tell(f"experiment.{name}")
+    ground = open_ground(folder)
+    made = EXPERIMENTS[name](ground, voice.stage(name, name))
+    seconds = time.monotonic() - started
+    log = write_log(folder, ground, made, seconds)
+    voice.ended(name, name, seconds, title)
+    for line in table_lines(made, voice.tell):
+        voice.say(line)
+    voice.say(voice.tell(f"experiment.{name}.note"))
+    voice.say(voice.tell("experiment.log", path=str(log)))
+
+
+def table_lines(table: Table, tell: Teller) -> list[str]:
+    """A table in columns: words to the left, figures to the right."""
+    head = [tell(f"experiment.column.{name}") for name in table.columns]
+    body = [[_cell(one, tell) for one in row] for row in table.rows]
+    wide = [max(len(row[i]) for row in [head, *body]) for i in range(len(head))]
+    left = [any(isinstance(row[i], str) for row in table.rows) for i in range(len(head))]
+    return [
+        "  ".join(
+            one.ljust(size) if text else one.rjust(size)
+            for one, size, text in zip(row, wide, left, strict=True)
+        ).rstrip()
+        for row in [head, *body]
+    ]
+
+
+def _cell(value: str | float | None, tell: Teller) -> str:
+    if isinstance(value, str):
+        return tell(f"experiment.{value[1:]}") if value.startswith("@") else value
+    whole = value is not None and value == int(value)
+    return tell.number(value, ".0f" if whole else ".2f")

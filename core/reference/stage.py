@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from core.arrays import ObjectPoints
 from core.block import Block, Source
 from core.doubts import Doubt
-from core.formats.roads import read_roads
+from core.formats.roads import Roads, read_roads
 from core.formats.vectors import read_mask_polygons
 from core.geometry.crs import Bounds, read_crs
 from core.matching.patches import OpenPhoto
@@ -76,15 +77,9 @@ def find_reference_points(
         return join_points((), ())
     bounds = block.search_bounds
     reference = open_reference(files, bounds)
-    crs = read_crs(files.crs, "block.toml")
-    mask = read_mask_polygons(files.mask, crs, bounds) if files.mask else None
-    bridges = read_mask_polygons(files.bridges, crs, bounds) if files.bridges else None
+    mask = _polygons(files.mask, files, bounds)
     roads = read_roads(files.roads, files.crs, bounds)
-    junctions = find_junctions(
-        planar_graph(roads), reference.dem,
-        ortho_sigma_m=files.ortho_sigma_m, dem_sigma_m=files.dem_sigma_m,
-        bounds=bounds, mask=mask, bridges=bridges,
-    )  # fmt: skip
+    junctions = junctions_of(roads, reference, files, bounds)
     sizes = [
         (opened.width_m, opened.ground_pixel_m)
         for name, photo in block.photos.items()
@@ -103,6 +98,23 @@ def find_reference_points(
         mapper=work.mapper,
     )
     return replace(features, doubts=roads.notes)
+
+
+def junctions_of(
+    roads: Roads, reference: Reference, files: ReferenceFiles, bounds: Bounds
+) -> tuple[Junction, ...]:
+    """Junctions of the roads within bounds (west, south, east, north, metres)."""
+    return find_junctions(
+        planar_graph(roads), reference.dem,
+        ortho_sigma_m=files.ortho_sigma_m, dem_sigma_m=files.dem_sigma_m, bounds=bounds,
+        mask=_polygons(files.mask, files, bounds),
+        bridges=_polygons(files.bridges, files, bounds),
+    )  # fmt: skip
+
+
+def _polygons(path: Path | None, files: ReferenceFiles, bounds: Bounds) -> BaseGeometry | None:
+    crs = read_crs(files.crs, "block.toml")
+    return read_mask_polygons(path, crs, bounds) if path else None
 
 
 def gather_reference_points(

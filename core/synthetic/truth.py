@@ -11,11 +11,13 @@ import rasterio
 from scipy import ndimage
 
 from core.arrays import Affine2, ObjectPoints, PixelPoints, Scalars, locked
-from core.block import Block, Measurement, Photo
+from core.block import Block, ExteriorPrior, Measurement, Photo
 from core.errors import ReferenceDataError
 from core.geometry.camera import Camera
 from core.geometry.collinearity import EARTH_RADIUS_M, Atmosphere
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import InteriorOrientation
+from core.geometry.transforms import invert_affine
 from core.raster.grid import Grid
 from core.synthetic.flight import Exposure, Flight
 from core.synthetic.network import Network
@@ -24,6 +26,9 @@ from core.synthetic.random_surfaces import PlanPoints
 
 WRONG_M = 3.0
 """A control measurement further than this from the true place, on the ground, is wrong."""
+
+TRUE_WITHIN = ExteriorPrior(np.full(3, 10.0), np.full(3, 0.01))
+"""What the archive would say of a photo, metres and radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +58,24 @@ class Truth:
         place = grid.grid_from_object(points[:, :2]) - 0.5
         true = ndimage.map_coordinates(heights, place.T[::-1], order=1, cval=np.nan)
         return np.where(np.isfinite(true), true, points[:, 2])
+
+    def photo(self, name: str, scan: Path, ground_height_m: float) -> Photo:
+        """A photo in its true orientation over mean ground of a height."""
+        true = self.photos[name]
+        none = np.zeros((0, 2))
+        matrix = invert_affine(true.pixel_from_film)
+        return Photo(
+            name,
+            scan,
+            true.size_px,
+            self.camera.name,
+            InteriorOrientation("affine", matrix, (), none, none, float("nan")),
+            true.exterior,
+            true.exterior,
+            TRUE_WITHIN,
+            ground_height_m,
+            oriented=True,
+        )
 
     def ground_of(self, photo_id: str, pixels: PixelPoints, heights: Scalars) -> PlanPoints:
         """Easting and northing that a photo's pixels truly show at given heights, metres."""

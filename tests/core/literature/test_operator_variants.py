@@ -1,0 +1,51 @@
+"""Every variant of the thesis's Table 2 on a pair whose shift is known."""
+
+import cv2
+import numpy as np
+import pytest
+
+from core.literature.common_grid import GridPair
+from core.literature.operator_variants import Sizes, paired
+from core.raster.grid import Grid
+
+SIDE, SHIFT = 240, np.array([4, -3])
+SIZES = Sizes(12, 10)
+
+
+@pytest.fixture(scope="module")
+def shifted() -> GridPair:
+    """A scan that shows the ortho four columns to the right and three rows up, with grain."""
+    rng = np.random.default_rng(3)
+    ground = cv2.GaussianBlur(rng.normal(0, 1, (SIDE + 40, SIDE + 40)), (0, 0), 2.0)
+    ground = (128 + 60 * ground / ground.std()).astype(np.float32)
+    ortho = ground[20 : 20 + SIDE, 20 : 20 + SIDE]
+    scan = ground[20 - SHIFT[1] : 20 - SHIFT[1] + SIDE, 20 - SHIFT[0] : 20 - SHIFT[0] + SIDE]
+    grain = rng.normal(0, 3, scan.shape).astype(np.float32)
+    grid = Grid(0.0, float(SIDE), 1.0, SIDE, SIDE)
+    seen, nowhere = np.ones((SIDE, SIDE), bool), np.zeros((SIDE, SIDE, 2))
+    return GridPair(grid, scan + grain, np.ascontiguousarray(ortho), seen, nowhere)
+
+
+@pytest.mark.parametrize(
+    ("variant", "within", "least"),
+    [
+        # Dense ways look at every place: the right one is among them.
+        ("sift-vd", 2, 0.95), ("orb-vd", 2, 0.95), ("ncc-vd", 2, 0.95), ("cfog-vd", 2, 0.95),
+        ("sift-d", 2, 0.9),
+        # A detector must find the same point again.
+        ("sift-dd", 2, 0.7), ("orb-dd", 2, 0.7),
+        # It knows nothing of junctions: the nearest point it detects lies some pixels beside.
+        ("sift-vdd", 5, 0.7), ("orb-vdd", 5, 0.7),
+    ],
+)  # fmt: skip
+def test_a_shift_is_found_by_every_variant__truth(
+    shifted: GridPair, variant: str, within: float, least: float
+) -> None:
+    line = np.arange(40, SIDE - 40, 20) + 0.5
+    junctions = np.stack(np.meshgrid(line, line), axis=2).reshape(-1, 2)
+    pairs = paired(variant, shifted, junctions, SIZES)
+    assert len(pairs) >= 20
+    off = np.linalg.norm(pairs[:, 0] - pairs[:, 1] - SHIFT, axis=1)
+    assert np.mean(off <= within) >= least
+    # Nothing is sought outside the window.
+    assert np.abs(pairs[:, 0] - pairs[:, 1]).max() <= SIZES.half + 1
