@@ -47,6 +47,10 @@ class Plan:
     """Of an image coordinate, pixels of 15 um."""
     seed: int
     """Of everything that is drawn."""
+    relief_m: float = 40.0
+    """Hills rise and fall by so much."""
+    tilt: float = 0.015
+    """Standard deviation of omega, phi and kappa, radians."""
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -55,10 +59,10 @@ class Plan:
         return along, SIDE_M * (1 + (self.strips - 1) * (1 - ACROSS))
 
 
-def on_hills(plan: Matrix) -> ObjectPoints:
+def on_hills(plan: Matrix, relief_m: float = 40.0) -> ObjectPoints:
     """Places in plan on the ground."""
     east, north = plan.T
-    return np.column_stack([plan, 300 + 40 * np.sin(east / 900) * np.cos(north / 1100)])
+    return np.column_stack([plan, 300 + relief_m * np.sin(east / 900) * np.cos(north / 1100)])
 
 
 @lru_cache(maxsize=8)
@@ -71,7 +75,7 @@ def flown(plan: Plan) -> dict[str, Photo]:
         for place in range(plan.photos):
             east = SIDE_M * (0.5 + place * (1 - FORWARD)) + rng.normal(0, 15)
             north = SIDE_M * (0.5 + strip * (1 - ACROSS)) + rng.normal(0, 15)
-            omega, phi, kappa = rng.normal(0, 0.015, 3)
+            omega, phi, kappa = rng.normal(0, 1, 3) * plan.tilt
             exterior = ExteriorOrientation(
                 np.array([east, north, 300 + ABOVE_M]), omega, phi, kappa + np.pi * (strip % 2)
             )
@@ -96,8 +100,8 @@ def fly(plan: Plan, control: Matrix, sigma_m: float) -> Flight:
     """A flight with control at places in plan, known to a standard deviation per axis."""
     photos, camera = flown(plan), camera_with(C_MM)
     rng = np.random.default_rng(1000 + plan.seed)
-    ties = on_hills(rng.uniform([0, 0], plan.extent, (plan.ties, 2)))
-    known = on_hills(control)
+    ties = on_hills(rng.uniform([0, 0], plan.extent, (plan.ties, 2)), plan.relief_m)
+    known = on_hills(control, plan.relief_m)
     rays: list[tuple[int, int, float, float]] = []
     measured: list[Measurement] = []
     for number, (name, photo) in enumerate(photos.items()):

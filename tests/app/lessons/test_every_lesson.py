@@ -210,3 +210,25 @@ def test_errors_of_the_block_are_as_large_as_it_says__truth() -> None:
         for s in range(1, 9)
     ]
     assert all(0.85 < sigma < 1.15 for sigma in seen)
+
+
+def test_four_methods_on_one_flight_rank_as_the_books_say__paper() -> None:
+    """Radial on hills behind strips and models, the bundle before all; control holds heights."""
+    rms = {
+        method: np.sqrt(
+            np.mean(
+                [figure("triangulation", "plan", method=method, seed=s) ** 2 for s in (1, 2, 3)]
+            )
+        )
+        for method in (1, 2, 3, 4)
+    }
+    assert rms[4] < min(rms[2], rms[3]) < max(rms[2], rms[3]) < rms[1]
+    # Two known points leave the tilt about their line to nothing; centres by GNSS hold it.
+    loose, held = (
+        figure("triangulation", "height", method=4, control=2, gnss=gnss) for gnss in (0, 1)
+    )
+    assert held < 1 < loose
+    few = LESSONS["triangulation"].view(
+        LESSONS["triangulation"].start | {"method": 2, "control": 2}
+    )
+    assert set(few.figures) == {"delta"}
