@@ -20,7 +20,7 @@ UNSEEN := $(BIN)/python -m pytest -m "not browser" $(TWICE)
 SEEN   := JAXTYPING_DISABLE=1 $(BIN)/python -m pytest -m browser $(TWICE)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check lint style types contracts pages browser bench prove clean
+.PHONY: help install demo test check lint style types contracts pages browser bench prove site clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*##/ {printf "%-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -83,5 +83,10 @@ bench: install  ## benchmarks, each beside its peer where one is installed
 prove: install  ## measure again and draw the notebook (TABLE=repair: one table; all take many hours)
 	$(BIN)/python -m tests.benchmarks.notebook prove $(TABLE)
 
+site: install  ## the manual as a site, in build/site
+	@$(PIP) --no-build-isolation --editable '.[site]'
+	$(BIN)/python -m sphinx -C -W -q -D project=Gruber -D root_doc=site -D myst_heading_anchors=4 \
+	    -D extensions=myst_parser,sphinx.ext.autodoc,sphinx.ext.napoleon docs build/site
+
 clean:  ## remove the installation and the demo
-	rm -rf $(VENV) $(OUT)
+	rm -rf $(VENV) $(OUT) build
