@@ -56,6 +56,24 @@ test("zooming stops at its limits__truth", () => {
   near([view.x, view.y], [30, 40]);
 });
 
+test("what filled the pane fills it again until a hand moves it__law", () => {
+  const view = new View(0.01, 50).fit([0, 0], [200, 100], SIZE);
+  const larger = [1280, 800];
+  view.refit(larger);
+  near(view.screenFromLayer([0, 0], larger), [0, 80]);
+  view.refit([0, 0]);
+  near(view.screenFromLayer([200, 100], larger), [1280, 720]);
+  for (const act of [
+    (v) => v.pan([0, 0], [1, 0]), (v) => v.zoom(2), (v) => v.show([100, 50], v.scale),
+  ]) {
+    view.fit([0, 0], [200, 100], larger);
+    act(view);
+    const { x, y, scale } = view;
+    view.refit(SIZE);
+    assert.deepEqual([view.x, view.y, view.scale], [x, y, scale]);
+  }
+});
+
 test("a view of nothing is not zoomed__law", () => {
   const view = new View(0.5, 8);
   view.zoom(2);

@@ -58,6 +58,7 @@ function look(side) {
   if (side === "right") view.x = width - across;
   if (side === "top") view.y = down;
   if (side === "bottom") view.y = height - down;
+  if (side !== "whole") view.filled = null;
   redraw();
 }
 

@@ -17,6 +17,8 @@ export class View {
   y = 0;
   /** Css pixels a unit; 0 while there is nothing to show. */
   scale = 0;
+  /** The box that fills the pane, until a hand moves or zooms: then the pane may grow. */
+  filled = /** @type {{ from: Pair, to: Pair, share: number } | null} */ (null);
 
   /** Scales between which it zooms. */
   constructor(least = 0, most = Infinity) {
@@ -26,7 +28,7 @@ export class View {
 
   /** @param {Pair} middle @param {number} scale */
   show([x, y], scale) {
-    return Object.assign(this, { x, y, scale });
+    return Object.assign(this, { x, y, scale, filled: null });
   }
 
   /** @param {Pair} place @param {Pair} size of the pane, css pixels @returns {Pair} */
@@ -49,6 +51,7 @@ export class View {
   pan(from, to) {
     this.x += from[0] - to[0];
     this.y += from[1] - to[1];
+    this.filled = null;
   }
 
   /** The place `fixed` stays where it is on the screen. @param {number} factor */
@@ -59,6 +62,7 @@ export class View {
     this.x = fixed[0] + (this.x - fixed[0]) * share;
     this.y = fixed[1] + (this.y - fixed[1]) * share;
     this.scale = scale;
+    this.filled = null;
   }
 
   /**
@@ -68,7 +72,15 @@ export class View {
   fit(from, to, [width, height], share = 1) {
     const [across, down] = [Math.abs(to[0] - from[0]), Math.abs(to[1] - from[1])];
     const middle = [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2];
-    return this.show(middle, share * Math.min(width / across, height / down));
+    this.show(middle, share * Math.min(width / across, height / down));
+    return Object.assign(this, { filled: { from, to, share } });
+  }
+
+  /** What filled the pane fills it again at its new size. @param {Pair} size */
+  refit(size) {
+    if (this.filled && size[0] && size[1]) {
+      this.fit(this.filled.from, this.filled.to, size, this.filled.share);
+    }
   }
 }
 
@@ -188,7 +200,10 @@ export class Pane {
     this.label = first(".label", room);
     this.where = first(".where", room);
     this.#listen();
-    new ResizeObserver(hand.redraw).observe(room);
+    new ResizeObserver(() => {
+      view.refit(this.size);
+      hand.redraw();
+    }).observe(room);
   }
 
   get size() {
