@@ -1,17 +1,23 @@
-"""The misfit of the mosaic against the reference: the product, its table, and what tells of it."""
+"""The misfit of the mosaic against the reference, and all places at which it is likely wrong."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from app.mosaic import seam_guides
+from app.project import Project
 from app.report.tables import Cell, write_table
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.control.prediction import covariances_of
 from core.matching.reference import ReferenceFiles
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.fault_places import FaultPlace, worst_places
 from core.mosaic.misfit import BlockErrors, measure_misfit
-from core.mosaic.misfit_places import Misfit, MisfitPlace, judge_misfit
+from core.mosaic.misfit_places import Misfit, judge_misfit
+from core.mosaic.seam_fit import SeamFit
 from core.progress import Work
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
@@ -21,6 +27,8 @@ from sessions.products import Products
 from sessions.session import Session
 
 PRODUCT, TABLE = "misfit", "misfit.csv"
+PLACES = "fault-places"
+"""Product that keeps the places, worst first."""
 COLUMNS = "X,Y,dX,dY,sigma,predicted_X,predicted_Y,probability,scan"
 CENTI, MILLI = 2, 3
 """Decimal places of coordinates, and of metres and probabilities."""
@@ -79,12 +87,50 @@ def make_misfit(
     return misfit
 
 
-def known_places(products: Products) -> tuple[MisfitPlace, ...]:
-    """Places of the mosaic on disk, worst first; none where an earlier one was compared."""
-    match products.latest_value(PRODUCT):
-        # Earlier versions of the program kept the misfit alone.
-        case (version, Misfit() as misfit) if version == version_on_disk(products):
-            return misfit.places
+def make_places(
+    session: Session,
+    project: Project,
+    given: BlockInput,
+    mosaic: MosaicProduct,
+    report: AdjustmentReport,
+    dem: Dem,
+    found: tuple[Misfit | None, Sequence[SeamFit]],
+) -> tuple[FaultPlace, ...]:
+    """Places at which the mosaic is likely wrong, worst first; they are kept for the desk.
+
+    Args:
+        session: Where they are kept.
+        project: For the outlines of buildings.
+        given: The reference, and how the block is adjusted.
+        mosaic: The mosaic, on disk.
+        report: The adjusted block.
+        dem: Heights.
+        found: How the mosaic fits the reference, and its photos along the seams.
+    """
+    products, (misfit, fits) = session.products, found
+    files, buildings = given.reference, project.reference.buildings
+    digest = products.digest_of(
+        PLACES, 1, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
+        report.exterior_sigmas, report.tie_residuals_px,
+    )  # fmt: skip
+    places = worst_places(
+        () if misfit is None else misfit.places,
+        fits,
+        mosaic.seams,
+        seam_guides(project, mosaic.grid.bounds).buildings,
+        errors=_errors(given, report, dem),
+        grid=mosaic.grid,
+        dem=dem if files.dem else None,
+    )
+    products.save_value(PLACES, digest, (version_on_disk(products), places))
+    return places
+
+
+def known_places(products: Products) -> tuple[FaultPlace, ...]:
+    """Places of the mosaic on disk, worst first; none where an earlier one was looked at."""
+    match products.latest_value(PLACES):
+        case (version, tuple() as places) if version == version_on_disk(products):
+            return cast("tuple[FaultPlace, ...]", places)
         case _:
             return ()
 

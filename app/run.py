@@ -9,7 +9,7 @@ import shapely
 
 from app.bring_points import brought_points
 from app.height_checks import doubts_after
-from app.misfit import make_misfit
+from app.misfit import make_misfit, make_places
 from app.mosaic import compare_neighbours, make_change, make_mosaic
 from app.project import Project, described
 from app.report.checked import REMARK_COLUMNS, REMARKS, remark_rows
@@ -373,6 +373,15 @@ class Run:
             self.dem(),
             work.part(0.1, 1.0),
             anew=anew,
+        )
+        make_places(
+            self.session,
+            self.project,
+            self.given,
+            mosaic,
+            self.adjusted,
+            self.dem(),
+            (misfit, fits),
         )
         return ReportContent(
             name=self.project.block.name,

@@ -52,6 +52,7 @@ from core.georeference.stage import Georeferenced
 from core.localisation.initial_orientation import WeakControl
 from core.localisation.stage import Localised
 from core.mosaic.composition import MosaicProduct
+from core.mosaic.fault_places import FaultPlace
 from core.mosaic.misfit import MisfitVectors
 from core.mosaic.misfit_places import Misfit, MisfitPlace, SystematicMisfit
 from core.mosaic.radiometry import Balance, FilmPlane
@@ -99,6 +100,7 @@ REGISTERED: tuple[type, ...] = (
     ExteriorPrior,
     ExteriorSigmas,
     Failure,
+    FaultPlace,
     FiducialMeasurement,
     FilmArea,
     FilmPlane,

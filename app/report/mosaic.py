@@ -46,8 +46,13 @@ def mosaic_figures(
             }
             for seam in seams
         ],
-        "neighbours": [asdict(fit) for fit in fits],
+        "neighbours": [_neighbours(fit) for fit in fits],
     }
+
+
+def _neighbours(fit: SeamFit) -> Figures:
+    """Two photos along their seam, without every match."""
+    return {name: value for name, value in asdict(fit).items() if name != "matches"}
 
 
 def misfit_figures(misfit: Misfit | None) -> Figures | None:

@@ -6,7 +6,7 @@ that breaks off. Nothing found here steers the mosaic.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -18,11 +18,13 @@ from shapely.geometry.base import BaseGeometry
 from core.matching.peaks import correlation_scores, detect_peaks
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.layers import Layers, OrthoFiles
+from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.progress import Work, tracked
 from core.raster.grid import Grid
 
 Values = Float64[np.ndarray, "n"]
+Matches = Float64[np.ndarray, "n 4"]
 Pair = tuple[int, int]
 Gray = Float32[np.ndarray, "_ _"]
 # design: several fields and ways, little relief: what is compared should lie on the ground.
@@ -46,7 +48,7 @@ LARGE_PERCENT = 95
 SEPARATION_PX = 2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SeamFit:
     """Two photos along all seams between them."""
 
@@ -67,6 +69,8 @@ class SeamFit:
     """Median of second minus first (east, north), metres; NaN without a match."""
     shift_95_m: float
     """95th percentile of the lengths of the shifts, metres."""
+    matches: Matches = field(default_factory=lambda: np.zeros((0, 4)))
+    """Every match along the seam: easting, northing, shift east and north, metres."""
 
 
 def fit_seams(
@@ -84,7 +88,7 @@ def fit_seams(
     """
     work = work or Work()
     index = {ortho.photo_id: number for number, ortho in enumerate(orthos)}
-    borders = borders_of(mosaic, index)
+    borders = borders_of(mosaic.seams, index)
     if not borders:
         return ()
     length_m = sum(line.length for line in borders.values())
@@ -101,9 +105,9 @@ def fit_seams(
     return tuple(sorted(fits, key=lambda fit: -np.nan_to_num(np.hypot(*fit.shift_m), nan=-1)))
 
 
-def borders_of(mosaic: MosaicProduct, index: dict[str, int]) -> dict[Pair, BaseGeometry]:
+def borders_of(seams: Sequence[Seam], index: dict[str, int]) -> dict[Pair, BaseGeometry]:
     """Where one photo gives way to another, by the numbers of the two."""
-    seams = [seam for seam in mosaic.seams if seam.photo_id in index]
+    seams = [seam for seam in seams if seam.photo_id in index]
     areas = [seam.area for seam in seams]
     found: dict[Pair, list[BaseGeometry]] = defaultdict(list)
     for one, other in shapely.STRtree(areas).query(areas, predicate="intersects").T.tolist():
@@ -133,6 +137,7 @@ def _fit_pair(
     names = (files.orthos[pair[0]].photo_id, files.orthos[pair[1]].photo_id)
     steps: list[float] = []
     shifts: list[tuple[float, float]] = []
+    matched: list[tuple[int, int]] = []
     reach = PATCH_HALF_PX + REACH_PX
     inner = slice(REACH_PX, -REACH_PX)
     cells = np.floor(grid.grid_from_object(places_along(line, spacing_m))).astype(int)
@@ -146,6 +151,7 @@ def _fit_pair(
         shift = _shift_px(np.ascontiguousarray(one[inner, inner]), other)
         if shift is not None:
             shifts.append(shift)
+            matched.append((column, row))
     shifts_m = np.array(shifts).reshape(-1, 2) * grid.ground_sample_distance_m
     east, north = (_median(axis) for axis in shifts_m.T)
     return SeamFit(
@@ -157,6 +163,7 @@ def _fit_pair(
         len(shifts),
         (east, north),
         _large(np.hypot(*shifts_m.T)),
+        np.hstack([grid.object_from_grid(np.array(matched).reshape(-1, 2) + 0.5), shifts_m]),
     )
 
 

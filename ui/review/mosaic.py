@@ -38,7 +38,7 @@ MOST_PLACES = 2000
 HOLES_TOLD = 60
 """Holes in the list; the largest come first."""
 MISFITS_TOLD = 20
-"""Places that do not fit the reference in the list; the worst come first."""
+"""Places that are likely wrong in the list; the worst come first."""
 NEAR_TOLD = 6
 """Measurements told about a place, the nearest ones."""
 NEAR_TIES = 20
@@ -56,6 +56,8 @@ class MosaicPicked:
     north: float
     number: int
     """The page's own number of the question, so that it knows the answer again."""
+    photo_id: str = ""
+    """The photo that is asked about; that which the mosaic shows there when empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,8 @@ def place_of(message: Mapping[str, Any]) -> tuple[float, float]:
 
 def picked_from_message(seat_id: str, message: Mapping[str, Any]) -> MosaicPicked:
     """A place on the mosaic."""
-    return MosaicPicked(seat_id, *place_of(message), int(message["number"]))
+    photo_id = str(message.get("photo", ""))
+    return MosaicPicked(seat_id, *place_of(message), int(message["number"]), photo_id)
 
 
 def near_from_message(seat_id: str, message: Mapping[str, Any]) -> NearAsked:
@@ -186,12 +189,14 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
         "misfits": [
             {
                 "place": [round(one.east, 1), round(one.north, 1)],
-                "photo": one.photo_id,
+                "kind": one.kind,
+                "photos": list(one.photo_ids),
                 "shift": [short(value, 2) for value in one.shift_m],
                 "length": short(one.length_m, 2),
                 "sigma": short(one.sigma_m, 2),
                 "predicted": short(float(np.hypot(*one.predicted_m)), 2),
                 "significant": one.significant,
+                "height": short(one.height_m, 0),
             }
             for one in shown.misfit[:MISFITS_TOLD]
         ],
@@ -227,32 +232,41 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
         "place": [round(east, 2), round(north, 2), short(height, 1)],
         "photo": None,
     }
-    seam = seam_at(desk, east, north)
-    block = desk.state.oriented
-    if seam is None or seam.photo_id not in block.photos:
+    seam, block = seam_at(desk, east, north), desk.state.oriented
+    shown = "" if seam is None else seam.photo_id
+    if shown not in block.photos:
         return told
-    name = seam.photo_id
+    level = block.photos[shown].ground_height_m
+    position = np.array([east, north, height if np.isfinite(height) else level])
+    others = photos_over(position, block, desk.dem)
+    asked = gesture.photo_id in {one.photo_id for one in others}
+    name = gesture.photo_id if asked else shown
     photo = block.photos[name]
-    position = np.array([east, north, height if np.isfinite(height) else photo.ground_height_m])
     pixel_from_plane = pixels_by_plan(photo, block.camera_of(name), position[None])[0]
     sigma = ground_sigma_m(desk, name, position)
     near = nearest_keys(desk, name, east, north)
     return {
         **told,
         "photo": name,
-        "date": seam.date,
+        "shown": shown,
+        "date": _date_of(desk, name),
         "stale": name in desk.stale,
         "pixel": short(float(abs(np.linalg.det(pixel_from_plane))) ** -0.5, 3),
         "sigma": None if sigma is None else [short(value, 2) for value in sigma],
         "others": [
-            [one.photo_id, round(one.nadir_deg, 1), round(one.pixel_m, 3)]
-            for one in photos_over(position, block, desk.dem)
+            [one.photo_id, round(one.nadir_deg, 1), round(one.pixel_m, 3)] for one in others
         ],
         "points": len(near),
         "nearest": short(near[0][0], 0) if near else None,
         "control": [_control_near(desk, away, key) for away, key in near[:NEAR_TOLD]],
         "ties": _ties_near(desk, name, position),
     }
+
+
+def _date_of(desk: DeskSnapshot, photo_id: str) -> str:
+    """When a photo of the mosaic was taken; empty where that is not known."""
+    seams = () if desk.state.mosaic is None else desk.state.mosaic.seams
+    return next((seam.date for seam in seams if seam.photo_id == photo_id), "")
 
 
 def _control_near(desk: DeskSnapshot, away_m: float, key: Key) -> Part:

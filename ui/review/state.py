@@ -12,7 +12,7 @@ from core.geometry.camera import Camera
 from core.geometry.crs import Bounds
 from core.geometry.exterior import ExteriorOrientation
 from core.mosaic.composition import MosaicProduct
-from core.mosaic.misfit_places import MisfitPlace
+from core.mosaic.fault_places import FaultPlace
 from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
@@ -268,8 +268,8 @@ class ShownMosaic:
     """What it was composed of."""
     edition: int = 0
     """Names the seams where they are not those of the file, which is 0."""
-    misfit: tuple[MisfitPlace, ...] = ()
-    """Where it is off the reference, worst first."""
+    misfit: tuple[FaultPlace, ...] = ()
+    """Where it is likely to be wrong, worst first."""
     changed: Bounds | None = None
     """Where another photo shows the ground than in the file: west, south, east, north, metres."""
 
