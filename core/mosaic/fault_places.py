@@ -48,6 +48,7 @@ MOST_CELLS = 4_000_000
 # design: blunders of heights are a few cells wide, whatever the cell is.
 REDUCTIONS = (1, 2, 4)
 """Heights are looked at in cells so many times as wide as those of the DEM."""
+# design: the most that OpenCV takes of floats; a spike of up to three cells a side is the minority.
 MEDIAN_CELLS = 5
 """What a cell stands out of: the median of so many cells a side."""
 # design: each step leaves the slope's share of the tangent of the view, less than a fifth.

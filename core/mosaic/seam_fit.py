@@ -24,7 +24,7 @@ from core.progress import Work, tracked
 from core.raster.grid import Grid
 
 Values = Float64[np.ndarray, "n"]
-Matches = Float64[np.ndarray, "n 4"]
+Matches = Float64[np.ndarray, "_ 4"]
 Pair = tuple[int, int]
 Gray = Float32[np.ndarray, "_ _"]
 # design: several fields and ways, little relief: what is compared should lie on the ground.

@@ -249,11 +249,11 @@ def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     page.wait_for_selector("#mosaic-cause")
     view = page.evaluate("(({ picked }) => picked.place)(gruber.mosaicState())")
     assert view[:2] == pytest.approx(worst["place"], abs=0.2)
-    assert page.get_attribute("#mosaic-photo", "title") == worst["photo"]
+    assert page.get_attribute("#mosaic-photo", "title") == worst["photos"][0]
     assert page.locator("#mosaic-cause tr").count() > 0
     # By keys: the second place, then the queue at its photo's points.
     second = page.locator("[data-misfit]").nth(1)
-    other = page.evaluate("gruber.mosaicState().found.misfits[1].photo")
+    other = page.evaluate("gruber.mosaicState().found.misfits[1].photos[0]")
     second.focus()
     page.keyboard.press("Enter")
     page.wait_for_function("p => gruber.mosaicState().picked.photo === p", arg=other)

@@ -329,7 +329,7 @@ interface Mosaic {
   /** Where: west, south, east, north, metres. */
   changed?: number[] | null;
   edits?: SeamEdited[];
-  /** Where the mosaic is off the reference, worst first; metres. */
+  /** Where the mosaic is likely wrong, worst first; metres. */
   misfits?: MisfitPlace[];
   /** Open ones first. */
   faults?: Fault[];
@@ -343,8 +343,12 @@ interface Fault {
   said: { who: string, when: string, words: string, closes: boolean | null }[];
 }
 interface MisfitPlace {
+  kind: "reference" | "seam" | "house" | "ground" | "ties";
   place: Pair;
-  photo: string;
+  /** The one that is off, or the two that do not fit. */
+  photos: string[];
+  /** By which heights stand out. */
+  height: number;
   shift: Pair;
   length: number;
   sigma: number;
@@ -357,6 +361,8 @@ interface PickedPlace {
   number: number;
   place: [east: number, north: number, height: number | null];
   photo: string | null;
+  /** The photo that the mosaic shows there. */
+  shown?: string;
   date?: string;
   stale?: boolean;
   pixel?: number | null;

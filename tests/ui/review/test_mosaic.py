@@ -12,7 +12,7 @@ from core.control.prediction import covariances_of
 from core.geometry.collinearity import rotations_from_increments
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.mosaic.composition import MosaicProduct
-from core.mosaic.misfit_places import MisfitPlace
+from core.mosaic.fault_places import FaultPlace, Kind
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.mosaic.seams import Seam
 from core.raster.grid import Grid
@@ -231,19 +231,34 @@ def test_a_place_nowhere_is_no_gesture__truth(place: list[object]) -> None:
         assert gesture_from_message("s", message) is None
 
 
-def test_places_of_misfit_are_told_worst_first__law(desk: DeskSnapshot) -> None:
+def test_places_that_are_likely_wrong_are_told_worst_first__law(desk: DeskSnapshot) -> None:
     east, north = middle_of(desk)
+    rows: tuple[tuple[Kind, tuple[str, ...], float], ...] = (
+        ("seam", (WEST, EAST), 3.0), ("reference", (EAST,), 1.5),
+    )  # fmt: skip
     places = tuple(
-        MisfitPlace(east, north, EAST, (length, 0.0), 0.3, (0.3, 0.4), probability, 5, 90.0)
-        for length, probability in ((3.0, 0.99), (1.5, 0.2))
+        FaultPlace(kind, east, north, photos, (length, 0.0), 0.3, (0.3, 0.4), length > 2)
+        for kind, photos, length in rows
     )
     mosaic = desk.state.mosaic
     assert mosaic is not None
     shown = replace(desk, state=replace(desk.state, mosaic=replace(mosaic, misfit=places)))
     told = mosaic_part(shown)["misfits"]
     assert [one["significant"] for one in told] == [True, False]
+    assert [one["photos"] for one in told] == [[WEST, EAST], [EAST]]
+    assert told[0]["kind"] == "seam"
     assert told[0]["length"] == 3.0
     assert told[0]["predicted"] == 0.5
+
+
+def test_a_place_may_be_asked_of_another_photo_that_shows_it__law(desk: DeskSnapshot) -> None:
+    mosaic = desk.state.mosaic
+    assert mosaic is not None
+    east, south, _, north = mosaic.seams[1].area.bounds
+    told = picked_part(MosaicPicked("s", east - 5, (south + north) / 2, 1, EAST), desk)
+    assert (told["photo"], told["shown"]) == (EAST, WEST)
+    strange = picked_part(MosaicPicked("s", east - 5, (south + north) / 2, 1, "strange"), desk)
+    assert (strange["photo"], strange["shown"]) == (WEST, WEST)
 
 
 def test_a_place_leads_to_what_holds_its_photo__truth(desk: DeskSnapshot) -> None:

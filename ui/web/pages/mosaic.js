@@ -252,10 +252,10 @@ function goTo(ground) {
   redraw();
 }
 
-/** @param {Pair} ground */
-function ask(ground) {
+/** @param {Pair} ground @param {string} photo that which is shown there when empty */
+function ask(ground, photo = "") {
   goTo(ground);
-  pick(layerFromGround(ground));
+  pick(layerFromGround(ground), photo);
 }
 
 function fit() {
@@ -267,12 +267,12 @@ function fit() {
   redraw();
 }
 
-/** @param {Pair} place on the layer */
-function pick(place) {
+/** @param {Pair} place on the layer @param {string} photo */
+function pick(place, photo = "") {
   const ground = groundFromLayer(place);
   state.number += 1;
   state.cursor = place;
-  send({ kind: "pick", number: state.number, place: ground });
+  send({ kind: "pick", number: state.number, place: ground, photo });
 }
 
 /** @param {Pane} pane @returns {Content} */

@@ -9,7 +9,7 @@ import { send } from "./wire.js";
  * @typedef {object} Acts
  * @property {(ground: Pair) => void} goTo @property {() => void} remake
  * @property {(part: string) => void} leave
- * @property {(ground: Pair) => void} ask goes to a place and asks about it
+ * @property {(ground: Pair, photo?: string) => void} ask goes to a place and asks about it
  * @property {() => void} refresh
  */
 
@@ -78,6 +78,7 @@ function place(picked, { leave }) {
     element("th", {}, word(`mosaic.${name}`)));
   return [
     element("h3", { id: "mosaic-photo", title: photo }, shortName(photo),
+      picked.shown === photo ? "" : ` \u00b7 ${word("mosaic.beside")}`,
       picked.stale ? ` \u00b7 ${word("mosaic.moved")}` : ""),
     element("div", { class: "board-figures" },
       figure("date", picked.date || word("mosaic.unknown")), figure("pixel", number(picked.pixel,
@@ -106,16 +107,17 @@ function cause({ control = [], ties }) {
     element("p", { id: "mosaic-ties", class: "muted" }, held)];
 }
 
-/** Places that are off the reference, worst first. @param {Mosaic} found @param {Acts} acts */
+/** Places that are likely wrong, worst first. @param {Mosaic} found @param {Acts} acts */
 function misfits({ misfits: places = [] }, { ask }) {
   if (!places.length) return [element("p", { class: "muted" }, word("mosaic.misfit.none"))];
-  const lines = places.map(({ place: ground, photo, length, sigma, predicted, significant }) =>
-    element("button", { class: "scan", "data-misfit": "", onclick: () => ask(ground),
-      title: word("mosaic.misfit.tip", { length: number(length, 2), sigma: number(sigma, 2),
-        predicted: number(predicted, 2) }) },
-    element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} `,
-      word(significant ? "mosaic.misfit.sure" : "mosaic.misfit.unsure")),
-    element("span", { class: "muted" }, shortName(photo))));
+  const lines = places.map(({ kind, height, length, photos, place: ground, predicted, sigma,
+    significant }) => element("button", { class: "scan", "data-misfit": kind,
+    onclick: () => ask(ground, photos[0]), title: word("mosaic.misfit.tip", {
+      length: number(length, 2), sigma: number(sigma, 2), predicted: number(predicted, 2) }) },
+  element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} `,
+    word(`mosaic.misfit.${kind}`, { height: number(height, 0) }),
+    significant ? "" : `, ${word("mosaic.misfit.unsure")}`),
+  element("span", { class: "muted" }, photos.map(shortName).join(" | "))));
   const count = places.filter(({ significant }) => significant).length;
   return [element("h3", {}, word("mosaic.misfit", { count })),
     element("div", { class: "scans", id: "mosaic-misfits" }, ...lines)];
