@@ -365,24 +365,11 @@ class Run:
         anew = self.anew("report")
         work = Work(progress, self.threads.map)
         fits = compare_neighbours(self.session, mosaic, work.part(0.0, 0.1), anew=anew)
+        dem, adjusted = self.dem(), self.adjusted
         misfit = make_misfit(
-            self.session,
-            self.given,
-            mosaic,
-            self.adjusted,
-            self.dem(),
-            work.part(0.1, 1.0),
-            anew=anew,
+            self.session, self.given, mosaic, adjusted, dem, work.part(0.1, 1.0), anew=anew
         )
-        make_places(
-            self.session,
-            self.project,
-            self.given,
-            mosaic,
-            self.adjusted,
-            self.dem(),
-            (misfit, fits),
-        )
+        make_places(self.session, self.project, self.given, mosaic, adjusted, dem, (misfit, fits))
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
