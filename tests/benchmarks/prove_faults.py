@@ -52,6 +52,8 @@ OFF_M = 3.0
 TIES_OFF_M, TIES_RADIUS_M = 5.0, 150.0
 SPIKE_M, SPIKE_CELLS = (15.0, 40.0), 3
 DOUBLE_M, DOUBLE_RADIUS_M = 6.0, 90.0
+NEAREST = 8
+"""A house or road is drawn among so many nearest to a seam."""
 Place = tuple[float, float]
 
 
@@ -185,10 +187,11 @@ def cut_house(copy: Copy) -> Planted:
         both = copy.shown_by(one).intersection(copy.shown_by(other))
         parts = {seam.photo_id: seam.area for seam in copy.mosaic.seams}
         for house in houses:
-            if 5 < house.distance(line) < 150 and both.contains(house):
-                own = next((n for n in (one, other) if parts[n].contains(house)), None)
-                found += [] if own is None else [(house, own, one if own == other else other)]
-    house, own, other = copy.drawn(found)
+            own = next((n for n in (one, other) if parts[n].contains(house)), None)
+            if own is not None and house.distance(line) > 5 and both.contains(house):
+                row = (house.distance(line), house, own, one if own == other else other)
+                found.append(row)
+    _, house, own, other = copy.drawn(sorted(found, key=lambda row: row[0])[:NEAREST])
     x, y = house.centroid.coords[0]
     ring = ((x, y - 40), (x + 60, y - 40), (x + 60, y + 40), (x, y + 40))
     copy.session.record(SeamArea(other, ring))
@@ -205,10 +208,11 @@ def double_road(copy: Copy) -> Planted:
         parts = {seam.photo_id: seam.area for seam in copy.mosaic.seams}
         for road in lines:
             middle = road.interpolate(0.5, normalized=True)
-            if road.length > 120 and middle.distance(line) < 150 and both.contains(middle):
-                own = next((n for n in (one, other) if parts[n].contains(middle)), None)
-                found += [] if own is None else [(road, middle, own, other if own == one else one)]
-    road, middle, own, other = copy.drawn(found)
+            own = next((n for n in (one, other) if parts[n].contains(middle)), None)
+            if own is not None and road.length > 120 and both.contains(middle):
+                found.append((middle.distance(line), road, own, other if own == one else one))
+    _, road, own, other = copy.drawn(sorted(found, key=lambda row: row[0])[:NEAREST])
+    middle = road.interpolate(0.5, normalized=True)
     at = road.project(middle)
     ahead, behind = (np.array(road.interpolate(at + d).coords[0]) for d in (20, -20))
     along = (ahead - behind) / np.hypot(*(ahead - behind))
