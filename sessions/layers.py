@@ -130,11 +130,11 @@ MISFIT = Layer(
 
 FAULTS = Layer(
     "faults",
-    "Faults of the mosaic that people marked, with what was answered",
+    "Faults of mosaic and photos that people marked, with what was answered",
     "POINT",
     False,
     {"number": "INTEGER", "is_open": "BOOLEAN"}
-    | dict.fromkeys(("fault", "words", "who", "when", "assigned", "answers"), "TEXT"),
+    | dict.fromkeys(("fault", "photo", "words", "who", "when", "assigned", "answers"), "TEXT"),
 )
 
 
@@ -306,7 +306,7 @@ def _faults(faults: Sequence[Fault]) -> Iterable[Feature]:
     for one in faults:
         item, said = one.recorded, one.said
         answers = "; ".join(f"{who.who}: {answer.words}" for who, answer in one.answers)
-        told = said.fault, said.words, item.who, item.when, one.assigned, answers
+        told = said.fault, said.name, said.words, item.who, item.when, one.assigned, answers
         yield shapely.Point(said.place or (0, 0)), (item.decision_id, one.is_open, *told)
 
 

@@ -70,7 +70,7 @@ class FaultPlace:
     north: float
     """Northing, metres."""
     photo_ids: tuple[str, ...]
-    """The photo that is off; for seams and houses both photos, no one knows which."""
+    """The photo that is off; of two, the one first that is off at more places."""
     shift_m: tuple[float, float]
     """By how much (east, north), metres: of the mosaic against the reference, of the second photo
     against the first, of the ground by the heights, of what ties say."""
@@ -126,7 +126,21 @@ def worst_places(
     found += cut_houses(seams, buildings, errors, LEAST_CUT_PX * grid.ground_sample_distance_m)
     found += [] if dem is None else ground_places(dem, grid.bounds, seams, errors)
     found += tie_places(errors)
-    return tuple(sorted(found, key=lambda place: place.rank)[:MOST])
+    worst = sorted(found, key=lambda place: place.rank)[:MOST]
+    return tuple(_suspect_first(place, worst) for place in worst)
+
+
+def _suspect_first(place: FaultPlace, places: Sequence[FaultPlace]) -> FaultPlace:
+    """A place of two photos with the one first that is off at more places."""
+    if place.kind not in ("seam", "ties"):
+        return place
+    first, second = (
+        sum(name in one.photo_ids for one in places if one.significant) for name in place.photo_ids
+    )
+    if second <= first:
+        return place
+    turned, (east, north) = place.photo_ids[::-1], place.shift_m
+    return replace(place, photo_ids=turned, shift_m=(-east, -north))
 
 
 def seam_places(fits: Sequence[SeamFit], errors: BlockErrors) -> list[FaultPlace]:

@@ -46,7 +46,7 @@ from core.synthetic.options import CRS, SyntheticOptions
 from sessions.session import Session
 from tests.benchmarks.loop_hand import LoopHand
 
-SEEDS = (951, 952, 953, 954, 955, 956)
+SEEDS = (961, 962, 963, 964, 965, 966)
 TOLD = 20
 OFF_M = 3.0
 TIES_OFF_M, TIES_RADIUS_M = 5.0, 150.0
@@ -132,7 +132,7 @@ def photo_off(copy: Copy) -> Planted:
     report = replace(copy.report, block=block.with_photos({**block.photos, name: moved}))
     copy.rectify(report)
     copy.remake(report)
-    return Planted(("reference",), frozenset([name]))
+    return Planted(("reference", "seam", "ties"), frozenset([name]))
 
 
 def wrong_ties(copy: Copy) -> Planted:
@@ -154,7 +154,7 @@ def wrong_ties(copy: Copy) -> Planted:
     report = adjusted_without_gross(replace(block, ties=wrong), run.given.adjustment)
     copy.rectify(report)
     copy.remake(report)
-    return Planted(("ties", "reference"), frozenset([name]), tuple(centre), 2 * TIES_RADIUS_M)
+    return Planted(("ties",), frozenset([name]), tuple(centre), 2 * TIES_RADIUS_M)
 
 
 def dem_spike(copy: Copy) -> Planted:
@@ -272,12 +272,12 @@ def ask_desk(folder: Path, fault: Planted) -> Found:
         hand.send("sheet", sheet="mosaic", shown=True)
         hand.until(lambda parts: parts.get("mosaic", {}).get("version"))
         places = hand.parts["mosaic"]["misfits"][:TOLD]
-        near = [number for number, one in enumerate(places, 1) if _matches(one, fault)]
-        right = [number for number in near if places[number - 1]["kind"] in fault.kinds]
+        near = [number for number, one in enumerate(places, 1) if is_near(one, fault)]
+        right = [number for number in near if leads(places[number - 1], fault)]
         told = False
         if right:
             one = places[right[0] - 1]
-            photo = next(name for name in one["photos"] if name in fault.photos)
+            photo = one["photos"][0]
             hand.send("pick", place=one["place"], photo=photo, number=71)
             hand.until(lambda parts: (parts.get("picked") or {}).get("number") == 71)
             told = hand.parts["picked"]["photo"] == photo
@@ -287,7 +287,12 @@ def ask_desk(folder: Path, fault: Planted) -> Found:
     return Found(right[0] if right else 0, told, near[0] if near else 0, listed)
 
 
-def _matches(one: dict[str, Any], fault: Planted) -> bool:
+def leads(one: dict[str, Any], fault: Planted) -> bool:
+    """Whether a place is of the cause, and opens the photo at fault."""
+    return one["kind"] in fault.kinds and one["photos"][0] in fault.photos
+
+
+def is_near(one: dict[str, Any], fault: Planted) -> bool:
     east, north = one["place"]
     near = fault.place is None or np.hypot(east - fault.place[0], north - fault.place[1])
     return bool(set(one["photos"]) & fault.photos) and (near is True or near <= fault.radius_m)
@@ -347,20 +352,17 @@ def main() -> int:
 
 
 def tell(rows: dict[str, list[Found]], sound: list[int]) -> None:
-    """The table."""
+    """The table: a row for each kind of fault, and one for blocks in which none was planted."""
     sys.stdout.write(
-        "| fault | planted | among 20, leads to the cause | first | ranks | near, other kind |\n"
-        "|---|---|---|---|---|---|\n"
+        "| fault | planted | led to its cause | place in the list | only near it |\n"
+        "|---|---|---|---|---|\n"
     )
     for name, every in rows.items():
-        led = [one for one in every if one.rank and one.told]
         ranks = ", ".join(str(one.rank or "–") for one in every)
-        cells = (
-            name, len(every), len(led), sum(one.rank == 1 for one in every), ranks,
-            sum(not one.rank and one.beside > 0 for one in every),
-        )  # fmt: skip
-        sys.stdout.write(f"| {' | '.join(map(str, cells))} |\n")
-    sys.stdout.write(f"| none: places called off | {len(sound)} | {sum(sound)} | | | |\n")
+        led = sum(one.rank > 0 and one.told for one in every)
+        near = sum(not one.rank and one.beside > 0 for one in every)
+        sys.stdout.write(f"| {name} | {len(every)} | {led} | {ranks} | {near} |\n")
+    sys.stdout.write(f"| none: places called off | 0 | {sum(sound)} in {len(sound)} blocks | | |\n")
 
 
 if __name__ == "__main__":

@@ -57,7 +57,8 @@ def remark_from_message(seat_id: str, message: Mapping[str, Any]) -> Remarked:
     subject, fault = message["subject"], message.get("fault", "")
     words, assigned = _words(message, "words"), _words(message, "assigned")
     closes = message.get("closes")
-    about = _place(message["place"]) if subject == "place" else None
+    of_photo = subject == "photo" and bool(fault)
+    about = _place(message["place"]) if subject == "place" or of_photo else None
     if subject not in SUBJECTS or fault not in ("", *FAULT_KINDS):
         raise ValueError(subject)
     if len(assigned) > LONGEST_NAME or closes not in (None, True, False):

@@ -232,6 +232,7 @@ def faults_part(recorded: Sequence[Recorded]) -> list[Part]:
         {
             "id": one.recorded.decision_id,
             "place": one.said.place,
+            "photo": one.said.name,
             "kind": one.said.fault,
             "open": one.is_open,
             "assigned": one.assigned,

@@ -337,6 +337,8 @@ interface Mosaic {
 interface Fault {
   id: number;
   place: Pair;
+  /** The photo it is a fault of; empty for one of the mosaic. */
+  photo: string;
   kind: string;
   open: boolean;
   assigned: string;

@@ -135,3 +135,19 @@ def test_the_list_is_one_with_what_is_surely_there_first__law(run):
     )
     assert [place.kind for place in places] == ["seam"]
     assert [place.rank for place in places] == sorted(place.rank for place in places)
+
+
+def test_the_photo_that_fits_none_of_its_neighbours_is_told_first__law(run):
+    """Three photos about one that is off: it is in every pair, whichever way these are written."""
+    _, mosaic, errors = run
+    odd, *others = sorted({seam.photo_id for seam in mosaic.seams})[2:6]
+    rng, fits = np.random.default_rng(6), []
+    for number, name in enumerate(others):
+        fit = fit_of(run, rng, off=range(8, 30))
+        pair = (odd, name) if number % 2 else (name, odd)
+        fits.append(replace(fit, photo_ids=pair))
+    places = worst_places((), fits, mosaic.seams, (), errors=errors, grid=mosaic.grid, dem=None)
+    assert [place.photo_ids[0] for place in places] == [odd] * len(others)
+    # Written the other way round, a shift is that of the other photo.
+    ways = {place.photo_ids[1]: place.shift_m[0] > 0 for place in places}
+    assert [ways[name] for name in others] == [False, True, False]

@@ -6,7 +6,13 @@ import pytest
 import shapely
 from shapely.geometry import box
 
-from core.quality.check_plan import RIM_M, DrawnPlan, PlanRequest, draw_places
+from core.quality.check_plan import (
+    RIM_M,
+    DrawnPlan,
+    PlanRequest,
+    crossing_edges_px,
+    draw_places,
+)
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from tests.tiny import Tiny
@@ -89,3 +95,27 @@ def test_ground_beside_the_reference_has_no_places__law(ortho: Ortho) -> None:
     west, south, _, _ = ortho.bounds
     aside = box(west - 900, south - 900, west - 100, south - 100)
     assert not draw_places(PlanRequest(aside, ortho, np.zeros((0, 2)), 40.0, 1)).places
+
+
+def test_corners_of_houses_come_before_crowns_of_trees__truth() -> None:
+    """Crowns stand out more than roofs, and have no straight edges."""
+    rng = np.random.default_rng(8201)
+    picture = np.full((400, 400), 120.0)
+    roofs, crowns = list[np.ndarray](), list[np.ndarray]()
+    for number in range(24):
+        middle = np.array([40 + 65 * (number % 6), 40 + 100 * (number // 6)])
+        if number % 2:
+            turn = rng.uniform(0, np.pi)
+            sides = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+            corners = middle + np.array([[-12, -8], [12, -8], [12, 8], [-12, 8]]) @ sides
+            cv2.fillPoly(picture, [np.rint(corners).astype(np.int32)], 150.0)
+            roofs += list(np.rint(corners))
+        else:
+            cv2.circle(picture, middle.tolist(), 7, 40.0, -1)
+            crowns += [middle + 7 * np.array([np.cos(a), np.sin(a)]) for a in range(6)]
+    shown = cv2.GaussianBlur(picture, (0, 0), 0.8) + rng.normal(0, 2, picture.shape)
+    on_roofs = crossing_edges_px(shown.astype(np.float32), np.array(roofs))
+    on_crowns = crossing_edges_px(shown.astype(np.float32), np.array(crowns))
+    # A roof's shorter side is sixteen pixels.
+    assert (on_roofs > 8).mean() > 0.8
+    assert (on_crowns > 8).mean() < 0.05

@@ -56,6 +56,10 @@ def test_a_fault_is_a_place_with_a_kind_and_words_are_about_something__law() -> 
     assert gesture_from_message("s", closed) == Remarked(
         "s", Remark("decision", "3", "", closes=True)
     )
+    of_photo = {"subject": "photo", "name": "A", "place": [1, 2], "fault": "smear", "words": ""}
+    assert gesture_from_message("s", {"kind": "remark", **of_photo}) == Remarked(
+        "s", Remark("photo", "A", "", (1.0, 2.0), "smear")
+    )
     for wrong in (
         {"subject": "place", "place": [1, 2], "fault": "ugly"},
         {"subject": "place", "fault": "tone"},

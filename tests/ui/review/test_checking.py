@@ -159,3 +159,8 @@ def test_a_fault_is_shown_with_who_said_what__law(desk: DeskSnapshot) -> None:
     assert (line["kind"], line["open"], line["assigned"]) == ("tone", False, "eve")
     said_by = [(one["who"], one["words"]) for one in line["said"]]
     assert said_by == [("ada", "dark"), ("eve", "done")]
+    assert line["photo"] == ""
+    (line,) = faults_part(
+        recorded(("ada", Remark("photo", "1938_01_016", "", (1.0, 2.0), "smear")))
+    )
+    assert (line["photo"], line["place"]) == ("1938_01_016", (1.0, 2.0))

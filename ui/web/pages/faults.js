@@ -1,13 +1,13 @@
 // Faults of the mosaic: marked at a place, answered, closed and opened again.
 import { halo, text } from "./overlay.js";
-import { byId, element, start, word } from "./words.js";
+import { byId, element, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 const KINDS = ["double", "smear", "cloud", "cut", "tone", "shift", "other"];
 const OPEN = "#ff5d8f";
 const CLOSED = "#9aa7b4";
 const ARM_PX = 6; // design: seen beside an arrow of misfit, and no wider than a double image
-const state = { kind: KINDS[0], words: "", assigned: "", answer: "", chosen: 0 };
+const state = { kind: KINDS[0], of: "", words: "", assigned: "", answer: "", chosen: 0 };
 
 /** @typedef {"words" | "assigned" | "answer"} Text */
 
@@ -26,12 +26,21 @@ export function markFault(picked) {
       state.kind = /** @type {HTMLSelectElement} */ (target).value;
     } }, ...KINDS.map((one) =>
     element("option", { value: one, selected: one === state.kind }, word(`fault.${one}`))));
+  const photos = (picked.others ?? []).map(([name]) => name);
+  if (!photos.includes(state.of)) state.of = "";
+  const of = element("select", { id: "fault-of", "aria-label": word("fault.of"),
+    disabled: start.guest, onchange: (/** @type {Event} */ { target }) => {
+      state.of = /** @type {HTMLSelectElement} */ (target).value;
+    } }, ...["", ...photos].map((name) => element("option", { value: name, title: name,
+    selected: name === state.of }, name ? word("fault.of.photo", { photo: shortName(name) })
+      : word("fault.of.mosaic"))));
   const mark = () => {
-    send({ kind: "remark", subject: "place", place: picked.place.slice(0, 2), fault: state.kind,
+    const about = state.of ? { subject: "photo", name: state.of } : { subject: "place" };
+    send({ kind: "remark", ...about, place: picked.place.slice(0, 2), fault: state.kind,
       words: state.words, assigned: state.assigned });
     Object.assign(state, { words: "", assigned: "" });
   };
-  return [element("div", { class: "acts fault-form" }, kind, field("words", "fault.words"),
+  return [element("div", { class: "acts fault-form" }, kind, of, field("words", "fault.words"),
     field("assigned", "fault.assigned"), element("button", { id: "fault-mark", onclick: mark,
       disabled: start.guest, title: word("fault.mark.tip") }, word("fault.mark")))];
 }
@@ -53,8 +62,9 @@ export function faultList({ faults = [] }, ask, changed) {
     const line = element("button", { class: "scan", "data-fault": `${fault.id}`, onclick: choose,
       "aria-expanded": `${shown}` },
     element("span", { class: fault.open ? "doubted" : "" }, word(`fault.${fault.kind}`)),
-    element("span", { class: "muted" }, [word(fault.open ? "fault.open" : "fault.closed"),
-      fault.assigned].filter(Boolean).join(" \u2192 ")));
+    element("span", { class: "muted" }, [[shortName(fault.photo),
+      word(fault.open ? "fault.open" : "fault.closed")].filter(Boolean).join(" \u00b7 "),
+    fault.assigned].filter(Boolean).join(" \u2192 ")));
     return shown ? [line, thread(fault)] : [line];
   });
   const open = faults.filter((one) => one.open).length;
