@@ -111,13 +111,16 @@ function cause({ control = [], ties }) {
 function misfits({ misfits: places = [] }, { ask }) {
   if (!places.length) return [element("p", { class: "muted" }, word("mosaic.misfit.none"))];
   const lines = places.map(({ kind, height, length, photos, place: ground, predicted, sigma,
-    significant }) => element("button", { class: "scan", "data-misfit": kind,
-    onclick: () => ask(ground, photos[0]), title: word("mosaic.misfit.tip", {
-      length: number(length, 2), sigma: number(sigma, 2), predicted: number(predicted, 2) }) },
-  element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} `,
-    word(`mosaic.misfit.${kind}`, { height: number(height, 0) }),
-    significant ? "" : `, ${word("mosaic.misfit.unsure")}`),
-  element("span", { class: "muted" }, photos.map(shortName).join(" | "))));
+    significant }) => {
+    const what = word(`mosaic.misfit.${kind}`, { height: number(height, 0) });
+    const tip = word("mosaic.misfit.tip", { length: number(length, 2), sigma: number(sigma, 2),
+      predicted: number(predicted, 2) });
+    return element("button", { class: "scan", "data-misfit": kind, title: `${what}: ${tip}`,
+      onclick: () => ask(ground, photos[0]) },
+    element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} ${what}`,
+      significant ? "" : `, ${word("mosaic.misfit.unsure")}`),
+    element("span", { class: "muted" }, photos.map(shortName).join(" | ")));
+  });
   const count = places.filter(({ significant }) => significant).length;
   return [element("h3", {}, word("mosaic.misfit", { count })),
     element("div", { class: "scans", id: "mosaic-misfits" }, ...lines)];
