@@ -1,9 +1,10 @@
 """`kill -9` a thousand times at random over stages, decisions, exports, sheets and reports.
 
 `python -m tests.journeys.kills --kills 1000 --seed 1 BLOCK` works on a copy of a block that was
-run. After each kill the session opens with every decision that was said to be on the disk, all
-files of the results are whole, and nothing is left over. At the end the block is run through: its
-tables and rasters are those of a second copy that was given the same decisions in peace.
+run; with `--job readings` only a reviewer is killed, who reads the places of a plan. After each
+kill the session opens with every decision that was said to be on the disk, all files of the results
+are whole, and nothing is left over. At the end the block is run through: its tables and rasters are
+those of a second copy that was given the same decisions in peace.
 """
 
 import argparse
@@ -24,11 +25,14 @@ import rasterio
 
 import app.verbs.exchange
 import app.verbs.run  # noqa: F401
+from app.check_plan import PlanWish, plan_checks
 from app.cli import main as gruber
 from app.exchange import format_names
+from app.project import read_project
 from app.run import STAGE_NAMES, WHEN_ASKED
 from core.raster.grid import refuse_incomplete
-from sessions.decisions import Accept, Reject, Withdraw
+from sessions.checks import version_on_disk
+from sessions.decisions import Accept, ReadCheck, Reject, Withdraw
 from sessions.session import Session
 from tests.journeys.copies import BlockCopy
 from tests.journeys.test_kills import TABLES, left_over, pixels
@@ -41,8 +45,11 @@ SHEETS = '\n[sheets]\nrule = "sm5"\n'
 class Killed:
     """A block whose jobs are killed, and what is known to be on its disk."""
 
-    def __init__(self, folder: Path, rng: np.random.Generator) -> None:
-        self.copy, self.rng, self.said = BlockCopy(folder), rng, set[int]()
+    def __init__(self, folder: Path, rng: np.random.Generator, job: str = "") -> None:
+        self.copy, self.rng, self.said, self.job = BlockCopy(folder), rng, set[int](), job
+        with Session.open(folder, "reader") as session:
+            made = plan_checks(read_project(folder), session, PlanWish())
+        self.places = made.plan.places
         with Session.open(folder, "reader") as session:
             report = session.products.latest_value("control").report
             self.known = len(session.decisions())
@@ -57,6 +64,7 @@ class Killed:
         out = str(self.copy.folder / "out" / form)
         return {
             "decisions": self.decide,
+            "readings": self.read,
             f"export {form}": lambda _: gruber(["export", folder, "--to", form, "--out", out]),
             f"stage {stage}": lambda _: gruber(["run", folder, "--from", stage, "--workers", "1"]),
             "report": lambda _: gruber(["report", folder]),
@@ -75,11 +83,24 @@ class Killed:
                 number = session.record(decision).decision_id
                 os.write(saying, f"{number}\n".encode())
 
+    def read(self, saying: int) -> None:
+        """Readings without end, now and then of places where nothing is to be seen."""
+        with Session.open(self.copy.folder, "reviewer") as session:
+            version = version_on_disk(session.products)
+            for count in range(10_000):
+                place = self.places[(count * 7 + self.known) % len(self.places)]
+                seen = None if count % 6 == 5 else (place.east + 0.4, place.north - 0.2)
+                there = None if seen is None else (place.east, place.north)
+                why = "changed" if seen is None else ""
+                said = session.record(ReadCheck(place.place_id, seen, there, version, why))
+                os.write(saying, f"{said.decision_id}\n".encode())
+
     def kill_one(self) -> tuple[str, bool, list[str]]:
         """The job, whether it was killed before its end, and what was wrong afterwards."""
         jobs = self.jobs()
-        name = list(jobs)[int(self.rng.integers(len(jobs)))]
-        most = 0.05 if name == "decisions" else LONGEST
+        names = [one for one in jobs if one.startswith(self.job)]
+        name = names[int(self.rng.integers(len(names)))]
+        most = {"decisions": 0.05, "readings": 0.5}.get(name, LONGEST)
         heard, saying = os.pipe()
         child = os.fork()
         if child == 0:
@@ -158,6 +179,7 @@ def main() -> int:
     parser.add_argument("block", type=Path)
     parser.add_argument("--kills", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--job", default="", help="kill no other job: decisions, readings, ...")
     given = parser.parse_args()
     room = Path(tempfile.mkdtemp(prefix="kills-"))
     began, kills, faults = time.monotonic(), Counter[str](), 0
@@ -165,7 +187,7 @@ def main() -> int:
         shutil.copytree(given.block, room / name)
         with (room / name / "block.toml").open("a") as file:
             file.write(SHEETS)
-    work = Killed(room / "killed", np.random.default_rng(given.seed))
+    work = Killed(room / "killed", np.random.default_rng(given.seed), given.job)
     while kills.total() < given.kills:
         job, was_killed, wrong = work.kill_one()
         kills[job.split()[0]] += was_killed
