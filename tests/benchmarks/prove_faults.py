@@ -182,15 +182,15 @@ def dem_spike(copy: Copy) -> Planted:
 def cut_house(copy: Copy) -> Planted:
     """A seam led through the middle of a house, by an edit as at the desk."""
     houses = seam_guides(copy.project, copy.mosaic.grid.bounds).buildings
-    found = []
-    for one, other, line in copy.pairs():
-        both = copy.shown_by(one).intersection(copy.shown_by(other))
-        parts = {seam.photo_id: seam.area for seam in copy.mosaic.seams}
-        for house in houses:
-            own = next((n for n in (one, other) if parts[n].contains(house)), None)
-            if own is not None and house.distance(line) > 5 and both.contains(house):
-                row = (house.distance(line), house, own, one if own == other else other)
-                found.append(row)
+    parts = {seam.photo_id: seam.area for seam in copy.mosaic.seams}
+    found = [
+        (house.distance(area.boundary), house, own, other)
+        for own, area in parts.items()
+        for other in parts
+        if other != own
+        for house in houses
+        if area.contains(house) and copy.shown_by(other).contains(house)
+    ]
     _, house, own, other = copy.drawn(sorted(found, key=lambda row: row[0])[:NEAREST])
     x, y = house.centroid.coords[0]
     ring = ((x, y - 40), (x + 60, y - 40), (x + 60, y + 40), (x, y + 40))
