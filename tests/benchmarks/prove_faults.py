@@ -303,7 +303,7 @@ def ready(folder: Path, seed: int) -> None:
     options = SyntheticOptions("tiny", seed=seed)
     if not (folder / "results/mosaic.tif").is_file():
         make_block(folder, options)
-        subprocess.run([sys.executable, "-m", "app", "run", str(folder)], check=True,
+        subprocess.run([sys.executable, "-m", "gruber", "run", str(folder)], check=True,
                        capture_output=True)  # fmt: skip
     if (folder / "buildings.gpkg").is_file():
         return
