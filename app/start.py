@@ -1,5 +1,6 @@
 """The start page: from any folder to a block that can be run, and to the run itself."""
 
+import json
 import os
 import secrets
 import threading
@@ -25,11 +26,14 @@ from app.placing import drawn_raw
 from app.project import Project, read_project
 from app.running import Running
 from app.start_checks import Outline, checks_of, outlines_of, stages_ahead
+from core.adjustment.adjusted import AdjustmentReport
 from core.errors import PhotogrammetryError, ProjectError, ScanError, StorageError
 from core.raster.scan_file import ScanFile, ScanFiles, open_scan
 from core.said import say
 from sessions.atomic_write import clean_leftovers, whole_file
-from sessions.session import HIDDEN, Session
+from sessions.checks import judged_parts, standing_signatures, version_on_disk
+from sessions.remarks import standing_faults
+from sessions.session import HIDDEN, RESULTS, Session
 from ui.review.looks import page_palette
 from ui.web.access import Access, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
@@ -157,7 +161,9 @@ class Starting:
                 "crs": crs,
                 "outlines": [outline.part() for outline in outlines],
                 "form": form.part(),
-                "blocks": blocks_in(self.folder),
+                "blocks": [
+                    one | block_told(self.folder / one["path"]) for one in blocks_in(self.folder)
+                ],
                 "links": self._links(),
                 **self._judged(form.project, scans, outlines),
             }  # fmt: skip
@@ -388,6 +394,34 @@ def blocks_in(folder: Path) -> list[dict[str, Any]]:
         }
         for path in sorted(found)[:MOST_LISTED]
     ]
+
+
+def block_told(folder: Path) -> dict[str, Any]:
+    """How good a block is by its last report, its open faults, and who has signed it."""
+    told: dict[str, Any] = {"sigma": None, "m_p": None, "open": 0, "signed": []}
+    if not was_made(folder, "control"):
+        return told
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        figures = json.loads((folder / RESULTS / "report.json").read_text(encoding="utf-8"))
+        told["sigma"] = figures["adjustment"]["sigma_nought"]
+        told["m_p"] = figures["checked"]["figures"]["together"]["rmse_plan_m"]
+    # A session that cannot be read is told of when its desk is opened.
+    with suppress(StorageError), Session.open(folder, "gruber") as session:
+        decisions = session.decisions()
+        told["open"] = sum(one.is_open for one in standing_faults(decisions))
+        if not standing_signatures(decisions, {}):
+            return told
+        report = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
+        now = (
+            {}
+            if report is None
+            else judged_parts(decisions, report, version_on_disk(session.products))
+        )
+        told["signed"] = [
+            [one.recorded.who, one.said.verdict, one.holds]
+            for one in standing_signatures(decisions, now)
+        ]
+    return told
 
 
 def is_plain(name: str) -> bool:

@@ -8,10 +8,13 @@ from typing import Any
 import pytest
 
 from app.project import read_project
-from app.start import Starting, blocks_in, is_plain, wants_start
+from app.start import Starting, block_told, blocks_in, is_plain, wants_start
 from core.errors import PhotogrammetryError, StorageError
+from sessions.checks import judged_parts, version_on_disk
+from sessions.decisions import Remark, SignBlock
 from sessions.session import Session
 from tests.core.scans.test_margin import scan_with_print
+from tests.tiny import Tiny
 
 DISTANCE = "camera.film.principal_distance_mm"
 MARKS = {"1": [-85.589, 0.091], "2": [85.303, -0.002], "3": [0.121, 85.589], "4": [-0.075, -85.322]}
@@ -179,13 +182,37 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path
     assert "fiducials" in checks
 
 
+def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
+    tiny_run: Tiny,
+) -> None:
+    folder = tiny_run.folder
+    (one,) = Starting(folder.parent).found()["blocks"]
+    assert (one["path"], one["run"], one["open"], one["signed"]) == (folder.name, True, 0, [])
+    assert one["sigma"] == pytest.approx(1.0, abs=0.3)
+    with Session.open(folder, "ada") as session:
+        for kind in ("tone", "cut"):
+            session.record(Remark("place", "", "dark", (1.0, 2.0), kind))
+        session.record(Remark("decision", f"{len(session.decisions())}", "mended", closes=True))
+        report = session.products.latest_value("adjustment")
+        version = version_on_disk(session.products)
+        judged = judged_parts(session.decisions(), report, version)
+        session.record(SignBlock("accept", "", judged))
+    told = block_told(folder)
+    assert (told["open"], told["signed"]) == (1, [["ada", "accept", True]])
+    with Session.open(folder, "bob") as session:
+        session.record(Remark("place", "", "again", (1.0, 2.0), "tone"))
+    told = block_told(folder)
+    assert (told["open"], told["signed"]) == (2, [["ada", "accept", False]])
+
+
 def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
     tiny_block: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     (tmp_path / "many" / "empty").mkdir()
     starting = Starting(tmp_path / "many")
-    assert starting.found()["blocks"] == [{"path": "one", "run": False}]
+    bare = {"path": "one", "run": False, "sigma": None, "m_p": None, "open": 0, "signed": []}
+    assert starting.found()["blocks"] == [bare]
     assert blocks_in(tmp_path / "many" / "one") == []
     with pytest.raises(PhotogrammetryError):
         starting.open("nowhere")

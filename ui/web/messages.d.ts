@@ -551,7 +551,9 @@ interface Found {
   crs: string;
   outlines: { kind: string; name: string; crs: string; corners: Pair[] }[];
   form: Form;
-  blocks: { path: string; run: boolean }[];
+  /** Figures of the last report; verdicts with whether they still hold. */
+  blocks: { path: string; run: boolean; sigma: number | null; m_p: number | null; open: number;
+    signed: [who: string, verdict: string, holds: boolean][] }[];
   links: string[];
   checks: [grave: boolean, name: string, values: Record<string, unknown>][];
   /** Stages that a run would make again. */

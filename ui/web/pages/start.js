@@ -1,5 +1,6 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
-import { again, all, byId, element, fillWords, first, renew, start, word } from "./words.js";
+import { again, all, byId, element, fillWords, first, number, renew, start, word }
+  from "./words.js";
 import { beginRun, cancelRun, lookAgain, post, runLines, runNow, tell, watchRun } from "./run.js";
 import { fillFields, formShown, formValues, showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
@@ -38,12 +39,23 @@ function show() {
 function folderPart({ folder, blocks }) {
   const parts = [element("h2", {}, word("start.folder")), element("p", { class: "path" }, folder)];
   if (!blocks.length) return parts;
-  const lines = blocks.map(({ path, run: walked }) => element("li", { class: "have" },
-    element("i", {}, walked ? "\u2713" : "\u00b7"),
-    element("span", {}, element("button", { disabled: start.guest, onclick: () => open(path) },
-      path), element("small", {}, word(walked ? "start.block.run" : "start.block.unrun")))));
+  const lines = blocks.map((one) => element("li", { class: "have" },
+    element("i", {}, one.run ? "\u2713" : "\u00b7"), element("span", {}, element("button",
+      { disabled: start.guest, onclick: () => open(one.path) }, one.path),
+    element("small", {}, blockTold(one).join(" \u00b7 ")))));
   return [...parts, element("h2", {}, word("start.blocks")),
     element("ul", { class: "holds" }, ...lines)];
+}
+
+/** @param {Found["blocks"][number]} block */
+function blockTold({ run: walked, sigma, m_p: mp, open: faults, signed }) {
+  if (!walked) return [word("start.block.unrun")];
+  return [word("start.block.run"),
+    ...sigma === null ? [] : [word("start.block.sigma", { value: number(sigma, 2) })],
+    ...mp === null ? [] : [word("start.block.read", { value: number(mp, 2) })],
+    ...faults ? [word("start.block.faults", { count: faults })] : [],
+    ...signed.map(([who, verdict, holds]) => word(holds ? "start.block.signed"
+      : "start.block.outdated", { who, verdict: word(`accepted.${verdict}`) }))];
 }
 
 function dropPart() {
