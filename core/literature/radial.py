@@ -27,9 +27,9 @@ LEAST_KNOWN = 2
 # point would be thrown along it. The notes' wing points stand far aside.
 LEAST_CROSSING = np.pi / 6
 """Directions to a new point cross at this angle at least, radians."""
-# design: a tenth of a frame's half; what lies nearer has hardly a direction, and would throw the
-# first steps about.
-LEAST_ARM_MM = 10.0
+# design: three degrees of tilt move the nadir of 152 mm by 8; nearer than three times that a
+# direction says little, and throws the first steps about.
+LEAST_ARM_MM = 25.0
 """Directions to images nearer to the radial point are not used."""
 # design: an upper limit; a network of directions settles in five or six.
 PASSES = 30

@@ -232,3 +232,14 @@ def test_four_methods_on_one_flight_rank_as_the_books_say__paper() -> None:
         LESSONS["triangulation"].start | {"method": 2, "control": 2}
     )
     assert set(few.figures) == {"delta"}
+
+
+def test_unchanged_ground_is_found_by_all_and_changed_ground_by_edges__truth() -> None:
+    def hits(operator: int, changed: int) -> int:
+        return sum(
+            figure("matching", "miss", operator=operator, changed=changed, junction=j) <= 2.0
+            for j in range(1, 10)
+        )
+
+    assert all(hits(operator, 0) == 9 for operator in range(1, 6))
+    assert hits(3, 100) > hits(1, 100)
