@@ -3,8 +3,8 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  again, fileSize, learnNames, learnPoints, number, numbers, shortName, shortPoint, start, tip,
-  word,
+  again, fileSize, learnNames, learnPoints, number, numbers, roundNumber, shortName, shortPoint,
+  start, tip, word,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -19,6 +19,13 @@ test("numbers have a real minus, a narrow space before the unit, a dash for none
   assert.equal(number(0, 1), "0.0");
   assert.equal(number(null, 1, "m"), "\u2013");
   assert.equal(number(undefined, 1), "\u2013");
+});
+
+test("a round number has the digits it has__truth", () => {
+  const wanted = { 0.05: "0.05", 0.1: "0.1", 0.5: "0.5", 1: "1", 20: "20", 500: "500" };
+  for (const [value, text] of Object.entries(wanted)) {
+    assert.equal(roundNumber(Number(value), "m"), `${text}\u2009m`);
+  }
 });
 
 test("a small file has a size too__truth", () => {

@@ -1,5 +1,5 @@
 // The deformation of the films: vectors of the marks of one photo, and the mean over the roll.
-import { element, number, numbers, shortName, svg, tip, word } from "./words.js";
+import { element, number, numbers, roundNumber, shortName, svg, tip, word } from "./words.js";
 import { roundLength } from "./view.js";
 
 const COLUMNS = [
@@ -60,13 +60,16 @@ function drawing(marks, [width, height], longest) {
   const step = Math.min(roundLength(longest * 1.05), 100);
   const [left, low] = [-width / 2, height / 2 + 0.55 * margin];
   const scale = { x1: left, y1: low, x2: left + step * longer, y2: low, class: "vector check" };
-  const legend = { x: left + step * longer + 2 * unit, y: low + 1.2 * unit };
+  const legend = {
+    x: left + step * longer + 2 * unit, y: low + 1.2 * unit,
+    "font-size": 4.4 * unit, class: "legend",
+  };
   const box = [-width / 2 - margin, -height / 2 - margin, width + 2 * margin, height + 2 * margin];
   return svg("svg", { viewBox: box.join(" "), class: "map film" },
     svg("rect", { ...outline, "stroke-width": 0.25 * unit }),
     ...marks.map((mark) => vector(mark, longer, unit)),
     svg("line", { ...scale, "stroke-width": 0.7 * unit }),
-    svg("text", { ...legend, "font-size": 4.4 * unit, class: "legend" }, `${step} \u00b5m`));
+    svg("text", legend, roundNumber(step, "\u00b5m")));
 }
 
 /** @param {FilmMark} mark @param {number} longer @param {number} unit */

@@ -2,7 +2,7 @@
 import { eyeOf, northOf, pixelMetres } from "./eye.js";
 import { roundLength } from "./view.js";
 import {
-  byId, element, glyph, number, roleGlyph, shortName, start, stateGlyph, svg, word,
+  byId, element, glyph, number, roleGlyph, roundNumber, shortName, start, stateGlyph, svg, word,
 } from "./words.js";
 
 const STATES = /** @type {State[]} */ (["auto", "accepted", "dubious", "rejected", "unused"]);
@@ -31,7 +31,7 @@ export function followEye() {
   const metres = roundLength(BAR_PX * pixel);
   byId("scene-scale").replaceChildren(
     element("i", { style: `width: ${Math.round(metres / pixel)}px` }),
-    metres < 1000 ? number(metres, metres < 1 ? 1 : 0, "m") : number(metres / 1000, 0, "km"));
+    metres < 1000 ? roundNumber(metres, "m") : roundNumber(metres / 1000, "km"));
   showArrow(pixel, scale);
 }
 
@@ -47,8 +47,7 @@ function showArrow(/** @type {number} */ pixel, /** @type {number} */ scale) {
   const width = Math.round((metres * scale) / pixel);
   const drawing = svg("svg", { width, height: 9, viewBox: `0 0 ${width} 9` },
     svg("path", { d: `M0 4.5H${width - 1}M${width - 5} 1l4 3.5-4 3.5` }));
-  const digits = metres >= 1 ? 0 : Math.ceil(-Math.log10(metres));
-  room.replaceChildren(drawing, number(metres, digits, "m"));
+  room.replaceChildren(drawing, roundNumber(metres, "m"));
 }
 
 /** @param {SceneSwitches} scene */

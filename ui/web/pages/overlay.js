@@ -1,6 +1,6 @@
 // What is drawn over pictures: lines with a dark rim, crosses, words; all in css pixels.
 import { roundLength } from "./view.js";
-import { number, start } from "./words.js";
+import { number, roundNumber, start } from "./words.js";
 
 /**
  * An empty canvas as sharp as the screen, with its size in css pixels.
@@ -122,7 +122,7 @@ export function scaleBar(context, [width, height], scale, pixel) {
   const times = scale * pixel;
   // However far it is zoomed out, one figure tells how far.
   const digits = Math.max(1, Math.ceil(-Math.log10(times)));
-  const words = `${metres} m  \u00b7  ${number(times, digits)}\u00d7`;
+  const words = `${roundNumber(metres, "m")}  \u00b7  ${number(times, digits)}\u00d7`;
   context.font = "12px Inter, sans-serif";
   const from = Math.min(left, right - context.measureText(words).width);
   text(context, words, [from, bottom - 8], "#ffffff");

@@ -276,6 +276,10 @@ export function number(value, digits, unit = "") {
   return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
 
+/** 1, 2 or 5 of some power of ten, with the digits it has. @param {number} value */
+export const roundNumber = (value, unit = "") =>
+  number(value, Math.max(0, Math.ceil(-Math.log10(value))), unit);
+
 /** A misfit beyond so many sigmas is marked, as the desk asks about a draft. */
 export const MARKED_SIGMA = 3;
 
