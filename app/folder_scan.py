@@ -14,7 +14,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.errors import RasterioIOError
 
-from app.block_toml import RASTERS
+from app.block_toml import FILE, RASTERS
 from core.errors import ReferenceDataError
 from core.formats.vectors import GDAL_ERRORS, check_files, no_remarks
 from core.geometry.crs import horizontal
@@ -130,7 +130,7 @@ class Findings:
 
 
 def find(folder: Path) -> Findings:
-    """Look through a folder; what Gruber itself wrote there is passed over."""
+    """Look through a folder; what Gruber wrote there, and blocks of their own, are passed over."""
     return look_at(list(_files(folder)))
 
 
@@ -153,13 +153,13 @@ def _files(folder: Path) -> Iterator[Path]:
     for place, folders, names in os.walk(folder, followlinks=True):
         here = Path(place)
         deep = len(here.relative_to(folder).parts) >= DEPTH
-        kept = [] if deep else [name for name in folders if not _passed_over(name)]
+        kept = [] if deep else [name for name in folders if not _passed_over(here / name)]
         folders[:] = sorted(kept)
-        yield from (here / name for name in sorted(names) if not _passed_over(name))
+        yield from (here / name for name in sorted(names) if not _passed_over(here / name))
 
 
-def _passed_over(name: str) -> bool:
-    return name.startswith(".") or name in OWN
+def _passed_over(place: Path) -> bool:
+    return place.name.startswith(".") or place.name in OWN or (place / FILE).is_file()
 
 
 def _each(

@@ -78,6 +78,13 @@ def test_a_usual_folder_is_recognised__truth(folder: Path) -> None:
     assert found.notes == ()
 
 
+def test_a_block_of_its_own_inside_is_passed_over__law(folder: Path) -> None:
+    alone = recognise(folder)
+    shutil.copytree(folder / "scans", folder / "another" / "scans")
+    (folder / "another" / "block.toml").touch()
+    assert recognise(folder) == alone
+
+
 def test_a_crs_without_a_code_is_told_by_its_projection__truth(folder: Path) -> None:
     local = pyproj.CRS.from_proj4("+proj=tmerc +lon_0=25 +datum=WGS84 +units=m")
     found = replace(recognise(folder), crs=local.to_wkt())

@@ -70,3 +70,15 @@ def test_a_list_of_nothing_says_so_and_brings_nothing__law(page, inputs):
     page.wait_for_selector("#points[open]")
     page.wait_for_selector("#points .bad, #points-bring[disabled]")
     assert not inputs.session.decisions()
+
+
+def test_a_typed_point_far_away_is_asked_about__law(page, inputs):
+    page.click("#points-open")
+    for name, value in {"id": "FAR", "X": "0", "Y": "0", "Z": "280"}.items():
+        page.fill(f"#points-one-{name}", value)
+    page.click("#points-one-bring")
+    page.wait_for_selector("#points .bad:has-text('far outside the block')")
+    assert not inputs.session.decisions()
+    page.click("#points-one-bring")
+    page.wait_for_selector("#points", state="hidden")
+    assert "FAR" in inputs.session.replayed(inputs.block).surveyed

@@ -21,6 +21,11 @@ test("numbers have a real minus, a narrow space before the unit, a dash for none
   assert.equal(number(undefined, 1), "\u2013");
 });
 
+test("what the engine quotes is quoted__truth", () => {
+  const told = { said: "must be a number, not {value!r}.", values: { value: "abc" } };
+  assert.equal(again(told), "must be a number, not 'abc'.");
+});
+
 test("a round number has the digits it has__truth", () => {
   const wanted = { 0.05: "0.05", 0.1: "0.1", 0.5: "0.5", 1: "1", 20: "20", 500: "500" };
   for (const [value, text] of Object.entries(wanted)) {

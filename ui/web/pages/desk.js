@@ -399,7 +399,11 @@ async function open() {
   setUpPlaced();
   setUpPoints();
   setUpResults();
-  setUpSettings();
+  setUpSettings(() => {
+    const { people = [], drafts = 0 } = state.parts.status ?? {};
+    const values = { people: people.length, drafts };
+    return people.length || drafts ? word("settings.ask", values) : "";
+  });
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);
   watchHand();

@@ -64,6 +64,24 @@ function placeAt(pane, screen) {
   return pane.name === "scan" ? place : groundFromLayer(place);
 }
 
+/**
+ * The ground of a photo, and half as much about it, as far as there is ortho.
+ * @param {{ east: number, north: number, pixel: number }} known @param {Pair} size
+ */
+function lookNear({ east, north, pixel }, size) {
+  const { views, panes } = state;
+  const middle = layerFromGround([east, north]);
+  const whole = [start.lattice.width, start.lattice.height];
+  const half = size.map((length) => 0.75 * length * pixel);
+  const low = middle.map((place, n) => Math.max(place - half[n], 0));
+  const high = middle.map((place, n) => Math.min(place + half[n], whole[n]));
+  if (low.every((edge, n) => edge < high[n])) {
+    views.ortho.fit(low, high, panes.ortho.size, 0.97);
+  } else {
+    views.ortho.show(middle, views.scan.scale / pixel / 1.5);
+  }
+}
+
 /** @param {ScanToPlace} scan */
 function choose(scan) {
   const { views, panes } = state;
@@ -71,8 +89,7 @@ function choose(scan) {
   Object.assign(state, { scan, pending: {}, fit: {}, last: null, history: [], saved });
   views.scan.fit([0, 0], scan.size, panes.scan.size, 0.97);
   if (scan.known) {
-    const { east, north, pixel } = scan.known;
-    views.ortho.show(layerFromGround([east, north]), views.scan.scale / pixel / 1.5);
+    lookNear(scan.known, scan.size);
   } else if (!views.ortho.scale) {
     const { width, height } = start.lattice;
     views.ortho.fit([0, 0], [width, height], panes.ortho.size, 0.97);

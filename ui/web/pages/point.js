@@ -12,6 +12,7 @@ const STATE_ACTS = { accepted: "accept", rejected: "reject", dubious: "dubious" 
 const PARTS = ["figures", "off", "why", "trial", "doubts", "neighbours", "point-name"];
 const TO_MEASURE = ["predicted", "proposed"];
 const LINES = 2; // design: what fits in sight, the rest is folded
+const LINE_PX = 20; // a reason that is higher takes both
 
 /** @param {Point | null} point */
 export function showPoint(point) {
@@ -166,18 +167,21 @@ function showWhy({ figures: { remark }, readings, state, why }) {
     lines.unshift([word("readings", { value, one: readings[0].who, other: readings[1].who }),
       "remark"]);
   }
-  if (remark) lines.unshift([word(`remark.${kind}`, { remark }), "remark"]);
+  const told = /** @type {[string, string]} */ ([word(`remark.${kind}`, { remark }), "remark"]);
+  if (remark && kind === "other") lines.push(told);
+  else if (remark) lines.unshift(told);
   if (!lines.length) lines.push([word("why.not"), "fine"]);
   const items = lines.map(([line, look]) => element("li", { class: look, title: line }, line));
-  const more = items.length > LINES
-    ? span(` \u00b7 ${word("why.more", { count: items.length - LINES })}`, "") : null;
   byId("why").title = lines.map(([line]) => line).join("\n");
-  const title = TO_MEASURE.includes(state) ? "why.measure" : "why";
-  byId("why").append(element("h3", {}, word(title), more),
-    element("ul", {}, ...items.slice(0, LINES)));
-  if (!more) return;
-  byId("doubts").append(element("h3", {}, word("why")),
-    element("ul", {}, ...items.slice(LINES)));
+  const head = element("h3", {}, word(TO_MEASURE.includes(state) ? "why.measure" : "why"));
+  const list = element("ul", {}, items[0]);
+  byId("why").append(head, list);
+  const fitting = items[0].offsetHeight > LINE_PX ? 1 : LINES;
+  list.append(...items.slice(1, fitting));
+  const more = items.slice(fitting);
+  if (!more.length) return;
+  head.append(span(` \u00b7 ${word("why.more", { count: more.length })}`, ""));
+  byId("doubts").append(element("h3", {}, word("why")), element("ul", {}, ...more));
 }
 
 /**

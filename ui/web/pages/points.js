@@ -16,6 +16,8 @@ const state = {
   reading: /** @type {Record<string, any>} */ ({}),
   found: /** @type {ReadList | null} */ (null),
   error: "",
+  /** The typed point of which it was said that it lies far from the block. */
+  far: "",
   /** How often the list was read; only the last answer counts. */
   turn: 0,
 };
@@ -312,14 +314,20 @@ async function bringTyped(event) {
   const plain = cells.map((cell, n) => (n && n < TYPED.length ? cell.replace(",", ".") : cell));
   const text = `${names.join("\t")}\n${plain.join("\t")}\n`;
   const reading = { encoding: "utf-8", delimiter: "\t", decimal: ".", header: true, axes: "E N",
-    columns: names, outside: "keep" };
+    columns: names, ...(state.far === text ? { outside: "keep" } : {}) };
   const answer = await ask("bring", new Blob([text]), "", reading);
   if (answer.brought) {
     byId("points").close();
     return;
   }
   const refused = answer.refused?.[0];
-  const said = answer.error ?? refused?.cause ?? answer.questions?.[0]?.words ?? "";
+  const asked = answer.questions?.[0];
+  if (asked?.about === "outside") {
+    state.far = text;
+    tellTyped(`${again(asked.words)} ${word("points.one.far")}`);
+    return;
+  }
+  const said = answer.error ?? refused?.cause ?? asked?.words ?? "";
   tellTyped(refused ? `${again(said)} ${again(refused.remedy)}` : again(said));
 }
 

@@ -66,11 +66,20 @@ export async function watchRun(changed) {
   state.timer = setTimeout(() => watchRun(changed), BUSY_MS);
 }
 
-/** Files and settings take the place of this page. */
-export function setUpSettings() {
+/**
+ * Files and settings take the place of this page, for everybody who has it open.
+ * @param {() => string} hinders what would be lost or who is disturbed: it is said, and asked, once
+ */
+export function setUpSettings(hinders = () => "") {
   const button = byId("settings-open");
+  let asked = "";
   button.title = word("settings.tip");
   button.addEventListener("click", async () => {
+    const why = hinders();
+    if (why !== asked) {
+      asked = why;
+      if (why) return tell(why, true);
+    }
     const answer = await post("/settings");
     if (answer.ok === false) tell(answer.error ?? "", true);
   });

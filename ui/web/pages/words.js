@@ -7,7 +7,7 @@ export const start = /** @type {any} */ ({
 });
 const state = { prefix: "", suffix: "", halves: /** @type {number[] | null} */ (null) };
 const NUMERAL = /^[+\-\u2212]?\d+(?:\.\d+)?$/;
-const PLACE = /\{(\w+)(?::([^{}]*))?\}/g;
+const PLACE = /\{(\w+)(!r)?(?::([^{}]*))?\}/g;
 const COORDINATES = /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/;
 
 /** @param {string} key @param {Record<string, unknown>} values @returns {string} */
@@ -21,8 +21,10 @@ export const again = (told) => (typeof told === "string" ? start.messages[told] 
  * A sentence with its places filled.
  * @param {string} text @param {Record<string, unknown>} values @returns {string}
  */
-const filled = (text, values) => text.replace(PLACE, (whole, name, format = "") =>
-  ((values[name] ?? null) === null ? whole : placed(values[name], format)));
+const filled = (text, values) => text.replace(PLACE, (whole, name, quoted, format = "") => {
+  if ((values[name] ?? null) === null) return whole;
+  return quoted ? `'${placed(values[name], format)}'` : placed(values[name], format);
+});
 
 /**
  * One place of a sentence.
