@@ -11,7 +11,7 @@ const ROWS = [
   row("1", "a", "control", "auto"), row("1", "b", "control", "rejected"),
   row("2", "a", "check", "unused"), row("t", "a", "tie", "auto"),
 ];
-const ALL = { state: "all", photo: "", role: "" };
+const ALL = { state: "all", photo: "", role: "", text: "" };
 const ORDER = [3, 2, 1, 0];
 
 test("points are shown in their order, ties only when they are asked for__truth", () => {
@@ -36,6 +36,14 @@ test("what the block contradicts is a filter of its own__truth", () => {
   const { counts, shown } = sifted(rows, [4, ...ORDER], { ...ALL, state: "disputed" });
   assert.deepEqual(shown, [4]);
   assert.deepEqual([counts.disputed, counts.accepted], [1, 1]);
+});
+
+test("a name is found by its parts__truth", () => {
+  const rows = [row("J-5765650_-11947411", "a", "control", "auto"), row("KR12", "a", "control",
+    "auto")];
+  const named = (text) => sifted(rows, [0, 1], { ...ALL, text }).shown;
+  assert.deepEqual([named("j 65650 47411"), named("kr"), named("65650 kr"), named(" ")],
+    [[0], [1], [], [0, 1]]);
 });
 
 test("an order that is ahead of the rows leaves out what is not there yet__law", () => {

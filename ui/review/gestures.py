@@ -160,6 +160,7 @@ class Filtered:
     state: StateFilter
     photo_id: str
     role: str
+    text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,7 +379,8 @@ def _sorted(seat_id: str, message: Message) -> Gesture:
 def _filtered(seat_id: str, message: Message) -> Gesture:
     if message["state"] not in STATE_FILTERS or message["role"] not in ("", *KINDS):
         raise ValueError(message["state"])
-    return Filtered(seat_id, message["state"], str(message["photo"]), str(message["role"]))
+    photo_id, role = str(message["photo"]), str(message["role"])
+    return Filtered(seat_id, message["state"], photo_id, role, str(message.get("text", "")))
 
 
 def _layer(seat_id: str, message: Message) -> Gesture:

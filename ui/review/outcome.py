@@ -492,7 +492,7 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
         case Sorted(column=column, descending=descending):
             sorting = Sorting(column, descending)
             return replace(seat, sorting=sorting, order=sort_keys(desk.rows.values(), sorting))
-        case Filtered(state=state, photo_id=photo_id, role=role):
-            return with_filter(seat, desk.rows, QueueFilter(state, photo_id, role))
+        case Filtered(state=state, photo_id=photo_id, role=role, text=text):
+            return with_filter(seat, desk.rows, QueueFilter(state, photo_id, role, text))
         case _:
             return seat

@@ -51,6 +51,7 @@ def queue_part(
             "state": seat.filter.state,
             "photo": seat.filter.photo_id,
             "role": seat.filter.role,
+            "text": seat.filter.text,
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": list(seat.explaining) if seat.explaining else None,

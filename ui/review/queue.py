@@ -220,9 +220,16 @@ def visible(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
     return tuple(key for key in seat.order if key in rows and passes(rows[key], seat.filter))
 
 
+def is_named(point_id: str, text: str) -> bool:
+    """True when a name holds every part of a text, whatever the case."""
+    return all(part in point_id.lower() for part in text.lower().split())
+
+
 def passes(row: Row, wanted: QueueFilter) -> bool:
     """True when a filter lets a row through."""
     if wanted.photo_id and wanted.photo_id != row.key[1]:
+        return False
+    if not is_named(row.key[0], wanted.text):
         return False
     if row.role != wanted.role if wanted.role else row.role not in POINT_KINDS:
         return False
@@ -266,7 +273,9 @@ def next_open(rows: Mapping[Key, Row], seat: Seat) -> Key | None:
 
 def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Seat:
     """The seat under another filter, where it was under it before, or at the next thing there."""
-    places = {**dict(seat.places), **({seat.filter: seat.current} if seat.current else {})}
+    # A name that is being typed is a filter with every letter: none is come back to.
+    kept = seat.current and not seat.filter.text
+    places = {**dict(seat.places), **({seat.filter: seat.current} if kept else {})}
     there = places.get(wanted, seat.current)
     seat = replace(seat, filter=wanted, places=tuple(places.items()))
     shown = visible(rows, seat)
@@ -285,9 +294,9 @@ def showing(seat: Seat, rows: Mapping[Key, Row], key: Key) -> Seat:
     if not passes(row, replace(wanted, state="all")):
         role = wanted.role if row.role == wanted.role else ""
         photo_id = wanted.photo_id if row.key[1] == wanted.photo_id else ""
-        wanted = replace(
-            wanted, role=role if row.role in POINT_KINDS else row.role, photo_id=photo_id
-        )
+        text = wanted.text if is_named(row.key[0], wanted.text) else ""
+        role = role if row.role in POINT_KINDS else row.role
+        wanted = replace(wanted, role=role, photo_id=photo_id, text=text)
     if not passes(row, wanted):
         wanted = replace(wanted, state=_filter_of(row))
     if wanted != seat.filter:

@@ -71,6 +71,8 @@ class QueueFilter:
     """One photo, or all when empty."""
     role: str = ""
     """One kind; control and check points when empty."""
+    text: str = ""
+    """Parts of the point's name, between spaces; all points when empty."""
 
 
 @dataclass(frozen=True, slots=True)

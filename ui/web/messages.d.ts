@@ -56,7 +56,7 @@ interface Start {
 /** point, photo, role, state, decided by hand, doubt, misfit px, score; metres in dispute, misfit in sigmas */
 type Row = [string, string, string, State, number, number, number | null, number | null,
   disputed: number | null, sigmas: number | null, readings: number];
-interface Filter { state: string; photo: string; role: string }
+interface Filter { state: string; photo: string; role: string; text: string }
 interface Sort { column: string; descending: boolean }
 interface Queue {
   current: number;
@@ -622,6 +622,7 @@ interface Ids {
   scene: HTMLIFrameElement;
   "sieve-photo": HTMLSelectElement;
   "sieve-role": HTMLSelectElement;
+  "sieve-text": HTMLInputElement;
   "sort-column": HTMLSelectElement;
   swipe: HTMLInputElement;
   tour: HTMLDialogElement;

@@ -19,8 +19,10 @@ from ui.review.queue import (
     queue_row,
     row_line,
     seat_down,
+    showing,
     sort_keys,
     visible,
+    with_filter,
 )
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, QueueFilter, Seat, Sorting
@@ -107,6 +109,23 @@ def test_a_filter_lets_through_what_it_names__truth(desk, wanted, state, role, l
     assert passes(row, QueueFilter(wanted)) == let_through
     assert passes(row, QueueFilter("all", role=role))
     assert not passes(row, QueueFilter("all", photo_id="elsewhere", role=role))
+
+
+def test_a_name_is_found_by_its_parts_and_leaves_no_place_behind__law(desk, seat):
+    row = replace(next(iter(desk.rows.values())), key=("J-5765650_-11947411", "a"))
+    found = {
+        text: passes(row, QueueFilter("all", text=text))
+        for text in ("j 65650 47411", "J-57", "65650 kr", " ")
+    }
+    assert found == {"j 65650 47411": True, "J-57": True, "65650 kr": False, " ": True}
+    key = seat.current
+    elsewhere = next(other for other in desk.rows if other[0] != key[0])
+    only = replace(seat, filter=QueueFilter("all", text=key[0]))
+    assert showing(only, desk.rows, key).filter.text == key[0]
+    assert showing(only, desk.rows, elsewhere).filter.text == ""
+    there = with_filter(seat, desk.rows, QueueFilter("all", text=key[0]))
+    back = with_filter(there, desk.rows, QueueFilter("open"))
+    assert all(not filtered.text for filtered, _ in back.places)
 
 
 @pytest.mark.parametrize(("seed", "metres"), [(1, 3.0), (2, 8.0), (3, 18.0)])

@@ -3,9 +3,11 @@ import {
   MARKED_SIGMA, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start,
   stateGlyph, turn, word,
 } from "./words.js";
+import { afterPause } from "./view.js";
 import { send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
+const TYPING_MS = 150; // design: a word typed is one search
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
 const STATES = [
   "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
@@ -92,6 +94,10 @@ export function setUpQueue() {
   const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
   fill("sieve-role", [["", word("role.both")], ...kinds], (role) => sieve({ role }));
   const sorts = ["gain", "doubt", "misfit", "score", "photo", "point"];
+  const typed = afterPause((/** @type {string} */ text) => sieve({ text }), TYPING_MS);
+  byId("sieve-text").placeholder = word("queue.search");
+  byId("sieve-text").addEventListener("input", () => typed(byId("sieve-text").value));
+  byId("sieve-text").addEventListener("change", () => byId("sieve-text").blur());
   fill("sort-column", sorts.map((name) => [name, word(`sort.${name}`)]), (column) => sort(column));
   byId("sort-column").title = word("sort.by");
   byId("sort-turn").title = word("sort.turn");
@@ -142,8 +148,13 @@ function sieve(change) {
   showQueue({ queue: { ...queue, filter } });
 }
 
+/** By parts of a name, as `ui/review/queue.py`. @param {string} name @param {string} text */
+const isNamed = (name, text) =>
+  text.toLowerCase().split(" ").every((part) => name.toLowerCase().includes(part));
+
 /** @param {Row} row @param {Filter} filter */
-const ofKind = (row, filter) => (!filter.photo || row[PHOTO] === filter.photo)
+const ofKind = (row, filter) => isNamed(row[POINT], filter.text)
+  && (!filter.photo || row[PHOTO] === filter.photo)
   && (filter.role ? row[ROLE] === filter.role : POINTS.includes(row[ROLE]));
 
 /** @param {Row} row @param {string} wanted */
@@ -219,6 +230,7 @@ function showSieve({ counts, filter, sort: by }, kinds) {
   }
   byId("sieve-photo").value = filter.photo;
   byId("sieve-role").value = filter.role;
+  if (document.activeElement !== byId("sieve-text")) byId("sieve-text").value = filter.text;
   byId("sort-column").value = by.column;
   byId("sort-turn").textContent = by.descending ? "\u2193" : "\u2191";
   for (const heading of /** @type {Iterable<HTMLElement>} */ (byId("columns").children)) {
