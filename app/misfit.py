@@ -109,10 +109,14 @@ def make_places(
     """
     products, (misfit, fits) = session.products, found
     files, buildings = given.reference, project.reference.buildings
+    version = version_on_disk(products)
     digest = products.digest_of(
-        PLACES, 1, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
+        PLACES, 2, version, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
         report.exterior_sigmas, report.tie_residuals_px,
     )  # fmt: skip
+    kept: tuple[str, tuple[FaultPlace, ...]] | None = products.load_value(PLACES, digest)
+    if kept is not None:
+        return kept[1]
     places = worst_places(
         () if misfit is None else misfit.places,
         fits,
@@ -122,7 +126,7 @@ def make_places(
         grid=mosaic.grid,
         dem=dem if files.dem else None,
     )
-    products.save_value(PLACES, digest, (version_on_disk(products), places))
+    products.save_value(PLACES, digest, (version, places))
     return places
 
 

@@ -183,9 +183,10 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path
 
 
 def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
-    tiny_run: Tiny,
+    tiny_run: Tiny, tmp_path: Path
 ) -> None:
-    folder = tiny_run.folder
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
     (one,) = Starting(folder.parent).found()["blocks"]
     assert (one["path"], one["run"], one["open"], one["signed"]) == (folder.name, True, 0, [])
     assert one["sigma"] == pytest.approx(1.0, abs=0.3)
