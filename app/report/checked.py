@@ -26,7 +26,7 @@ from sessions.checks import (
     standing_plans,
     standing_signatures,
 )
-from sessions.decisions import Recorded, Withdraw, standing
+from sessions.decisions import Decision, Recorded, Withdraw, standing
 from sessions.remarks import standing_faults, standing_remarks
 from ui.words.catalogue import Teller
 
@@ -321,14 +321,14 @@ def _readings(
 
 
 def decision_figures(recorded: Sequence[Recorded]) -> dict[str, Any]:
-    """Decisions that stand, by operator and kind; how many were taken back.
+    """Decisions that stand, by operator and kind, and all of them one by one, newest first.
 
     Args:
         recorded: Every decision of the session, withdrawals included.
     """
     plain = [one for one in recorded if not isinstance(one.decision, Withdraw)]
     kept = [one for one in standing(recorded) if not isinstance(one.decision, Withdraw)]
-    operators = sorted({one.who for one in kept})
+    operators, numbers = sorted({one.who for one in kept}), {one.decision_id for one in kept}
     counts = {
         who: Counter(KINDS[type(one.decision).__name__] for one in kept if one.who == who)
         for who in operators
@@ -348,4 +348,21 @@ def decision_figures(recorded: Sequence[Recorded]) -> dict[str, Any]:
             }
             for who in operators
         ],
+        "log": [
+            {
+                "number": one.decision_id,
+                "when": one.when[:16].replace("T", " "),
+                "who": one.who,
+                "kind": KINDS[type(one.decision).__name__],
+                "about": _about(one.decision),
+                "stands": one.decision_id in numbers,
+            }
+            for one in reversed(plain)
+        ],
     }
+
+
+def _about(decision: Decision) -> str:
+    """Names of the point and photo that a decision is about, where it is about any."""
+    named = (getattr(decision, name, "") for name in ("point_id", "photo_id", "name"))
+    return " ".join(str(name) for name in named if name)

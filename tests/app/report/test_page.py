@@ -73,6 +73,16 @@ def test_page_is_a_function_of_the_json__law(written):
     assert render(figures, picture) == page
 
 
+def test_every_decision_is_told_with_who_made_it_and_whether_it_stands__law(written):
+    page, figures = written
+    third, second, first = figures["decisions"]["log"]
+    assert [one["stands"] for one in (first, second, third)] == [True, True, False]
+    text = text_of(page)
+    assert f"3 2025-11-20 10:02 anna accepted, taken back {third['about']}" in text
+    assert f"2 2025-11-20 10:01 anna rejected {second['about']}" in text
+    assert len(first["about"].split()) == 2
+
+
 def test_the_ortho_beneath_shows_the_ground_of_the_mosaic__truth(tmp_path, mosaic):
     """Of an ortho that is red in the west and blue in the east, twice as wide as the mosaic."""
     with rasterio.open(mosaic) as file:
