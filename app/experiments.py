@@ -311,7 +311,8 @@ def _compared_row(one: Variant, scores: np.ndarray, misses: np.ndarray) -> tuple
 
 def graph_5(ground: Ground, progress: Progress) -> Table:
     """How many candidates each step leaves, how many are right, and how many chance leaves."""
-    options, rows, matches = MILOVICE_1938, list[tuple[Cell, ...]](), list[Mapping[str, Any]]()
+    options, matches = MILOVICE_1938, list[Mapping[str, Any]]()
+    counted: dict[str, list[float]] = {}
     for number, opened in enumerate(ground.photos):
         progress.report(number, len(ground.photos), opened.photo.photo_id)
         seen = list(
@@ -319,7 +320,7 @@ def graph_5(ground: Ground, progress: Progress) -> Table:
                 opened, ground.reference.ortho, ground.reference.dem, ground.junctions, options
             )
         )
-        counts: list[Cell] = [opened.photo.photo_id, float(len(seen))]
+        counts = [float(len(seen))]
         for mirrored in (False, True):
             found = [
                 one for name, pair in seen for one in candidates_in(name, pair, options, mirrored)
@@ -338,12 +339,12 @@ def graph_5(ground: Ground, progress: Progress) -> Table:
                  "candidates": [{**asdict(one), "right": r}
                                 for one, r in zip(found, right, strict=True)]}
             )  # fmt: skip
-        rows.append(tuple(counts))
-    sums = (float(sum(row[i] for row in rows)) for i in range(1, len(rows[0])))  # type: ignore[misc]
-    rows.append(("@sum", *sums))
+        counted[opened.photo.photo_id] = counts
+    counted["@sum"] = [sum(column) for column in zip(*counted.values(), strict=True)]
     columns = ("photo", "junctions", "above", "clusters", "clusters.right", "agree",
                "agree.right", "above.chance", "clusters.chance", "agree.chance")  # fmt: skip
-    return Table("graph-5", columns, tuple(rows), tuple(matches))
+    rows = tuple((name, *counts) for name, counts in counted.items())
+    return Table("graph-5", columns, rows, tuple(matches))
 
 
 def _agreeing(

@@ -21,15 +21,13 @@ from core.matching.patches import OpenPhoto, Window, filled, read_scan
 from core.matching.peaks import Image, ScoreMap
 from core.raster.dem import Dem
 from core.raster.grid import Grid
-from core.raster.ortho import Ortho
+from core.raster.ortho import LEAST_COVERAGE, Ortho
 from core.raster.sampling import ReadOptions, read_onto
 
 Band = Literal["grey", "green", "nearest"]
 """RGB2grey, the green band alone, or grey of the nearest pixel without interpolation."""
 Places = Float64[np.ndarray, "_ 2"]
 """Grid points (column, row)."""
-# design: what `core/raster/ortho.py` asks of a pixel that it calls known.
-KNOWN = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +117,7 @@ def _read_band(ortho: Ortho, grid: Grid, band: Band) -> tuple[Image, Mask]:
     if band == "green":
         sampled = read_onto(ortho.sheets, grid, ReadOptions("colour"))
         green = sampled.values[min(1, len(sampled.values) - 1)]
-        return np.asarray(green, np.float32), sampled.coverage >= KNOWN
+        return np.asarray(green, np.float32), sampled.coverage >= LEAST_COVERAGE
     gsd = ortho.ground_sample_distance_m
     west, south, east, north = grid.bounds
     own = Grid.over((west - gsd, south - gsd, east + gsd, north + gsd), gsd)
