@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import cast
 
 import shapely
 
@@ -70,8 +70,9 @@ PAGE = "report.html"
 QGIS_PROJECT = "block.qgs"
 LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
-WALKED = "walked"
-"""Product that keeps what the last walk took, for a report written without one."""
+WALKED, TIMES = "walked", "times"
+"""Products that keep the last walk for a report written without one, and how long each product
+took to make, stage by stage, whatever stopped the walk."""
 NOTHING_STANDS = (
     "No photo is oriented yet, so there is nothing to make orthos of. Measure four surveyed points "
     "in a photo at the desk (gruber review), then run the block again."
@@ -110,6 +111,7 @@ class Run:
         self.passes = 1
         self.digests: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
+        self.times: dict[str, float] = session.products.latest_value(TIMES) or {}
         self.threads = Threads(options.workers)
         self.interruption = Interruption()
         self.films: Films = {}
@@ -184,9 +186,14 @@ class Run:
             "sheets": self.cut,
             "report": self.report,
         }
+        products = self.session.products
+        saved, product = products.saved, f"{name}/{self.passes}"
         said = last[name](progress) if stage is None else self.compute(stage, progress)
         took = time.monotonic() - started
-        self.seconds[name] = self.seconds.get(name, 0.0) + took
+        if products.saved > saved or product not in self.times:
+            self.times[product] = took
+            products.save_value(TIMES, self.digest_of(TIMES), self.times)
+        self.seconds[name] = self.seconds.get(name, 0.0) + self.times[product]
         self.voice.ended(name, title, took, said)
 
     def anew(self, name: str) -> bool:
@@ -336,17 +343,9 @@ class Run:
         self.results = StageResults(**latest, adjustment=report, mosaic=mosaic, change=change)
 
     def report(self, progress: Progress) -> str:
-        """Tables, layers and the accuracy report.
-
-        A walk that made nothing anew tells how long the one took that did.
-        """
-        products = self.session.products
-        digest = self.digest_of(WALKED, sorted(self.digests.items()))
-        walked: dict[str, Any] | None = products.load_value(WALKED, digest)
-        if walked is None:
-            walked = {"seconds": self.seconds, "digests": self.digests}
-            products.save_value(WALKED, digest, walked)
-        self.seconds = walked["seconds"]
+        """Tables, layers and the accuracy report."""
+        walked = {"seconds": self.seconds, "digests": self.digests}
+        self.session.products.save_value(WALKED, self.digest_of(WALKED), walked)
         write_all(self.session, self.content(progress), self.dem())
         return str(self.session.results / PAGE)
 

@@ -55,6 +55,8 @@ class Products:
             here: The block's folder: it may be moved with all that lies in it.
         """
         self.folder, self._here = folder, here
+        self.saved = 0
+        """Products saved since the folder was opened."""
 
     def digest_of(self, *parts: Any) -> str:
         """`digest_of` that stays the same when the block's folder is moved."""
@@ -74,6 +76,7 @@ class Products:
         path = self._value_path(stage, digest)
         with whole_file(path) as temporary:
             temporary.write_bytes(b" ".join([_MAGIC, header]) + b"\n" + payload)
+        self.saved += 1
         self._prune(path)
         return path
 
@@ -103,6 +106,7 @@ class Products:
             sizes = {name: size for name, size in _sizes(temporary).items() if name != _MANIFEST}
             with explain_disk_errors(path):
                 (temporary / _MANIFEST).write_text(json.dumps(sizes), encoding="utf-8")
+        self.saved += 1
         self._prune(path)
 
     def _stage_path(self, stage: str) -> Path:

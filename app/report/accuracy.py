@@ -16,7 +16,12 @@ from core.mosaic.comparison import (
     OUTLIER_RULE,
     MosaicAccuracy,
 )
-from core.quality.check_points import CHECKS, STANDARD_LEAST, independent_checks, kept_out
+from core.quality.check_points import (
+    SPREAD_LEAST,
+    STANDARD_LEAST,
+    independent_checks,
+    kept_out,
+)
 from core.quality.control_count import ray_counts_of
 from core.quality.readings import circular_error_90, rms_interval
 from core.quality.residuals import film_patterns, residual_trends
@@ -27,7 +32,7 @@ FEW = 3
 BINS = 24
 """Bars of a histogram, over four times the RMS to either side."""
 REACH = 4.0
-"""Residuals beyond so many times the RMS are counted in the outermost bars."""
+"""What lies beyond so many times the RMS stands in no bar: it is counted apart."""
 
 
 def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
@@ -65,8 +70,8 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
         "ratio": found.ratio,
         "ratio_interval": list(found.ratio_interval),
         "independent_errors": found.freedom,
-        "enough": len(own) >= CHECKS,
         "asprs_least": STANDARD_LEAST,
+        "enough": found.enough,
         "asprs_enough": found.enough,
     }
 
@@ -147,7 +152,7 @@ def _heights(differences: np.ndarray) -> dict[str, Any]:
 def _differs_from_nought(values: np.ndarray) -> bool:
     """True when a t-test at 5 % says the mean is not nought."""
     count = len(values)
-    if count < CHECKS or float(np.ptp(values)) == 0:
+    if count < SPREAD_LEAST or float(np.ptp(values)) == 0:
         return False
     t = abs(float(values.mean())) / (float(values.std(ddof=1)) / np.sqrt(count))
     return bool(t > stdtrit(count - 1, 0.975))
@@ -188,9 +193,10 @@ def histogram(values: Scalars, unit: str = "px") -> dict[str, Any]:
     rms = float(np.sqrt(np.mean(values**2)))
     reach = REACH * rms or 1.0
     edges = np.linspace(-reach, reach, BINS + 1)
-    counts, _ = np.histogram(np.clip(values, -reach, reach), edges)
-    sizes = {f"rms_{unit}": rms, f"reach_{unit}": reach}
-    return {"count": len(values), **sizes, "counts": counts.tolist()}
+    counts, _ = np.histogram(values, edges)
+    told: dict[str, Any] = {f"rms_{unit}": rms, f"reach_{unit}": reach, "counts": counts.tolist()}
+    told |= {"beyond": len(values) - int(counts.sum()), "largest": float(np.abs(values).max())}
+    return {"count": len(values), **told}
 
 
 def _strips(report: AdjustmentReport) -> list[dict[str, Any]]:

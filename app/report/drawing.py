@@ -420,13 +420,11 @@ def draw_histogram(figures: Figures, tell: Teller, unit: str = "px") -> Markup:
 
 
 def _expected(rms: float, number: int, bars: int) -> float:
-    """Share of a normal distribution in a bar; tails in the outermost; RMS as a share of reach."""
+    """Share of a normal distribution in a bar; RMS as a share of reach."""
     if not rms:
         return 0.0
     low, high = ((2 * (number + side) / bars - 1) / rms / sqrt(2) for side in (0, 1))
-    below = -1.0 if number == 0 else erf(low)
-    above = 1.0 if number == bars - 1 else erf(high)
-    return (above - below) / 2
+    return (erf(high) - erf(low)) / 2
 
 
 def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:

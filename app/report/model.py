@@ -34,7 +34,7 @@ from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
 from core.quality.residuals import displacement
-from core.quality.rules import Finding, Release, check_release, judge_block
+from core.quality.rules import Finding, Release, check_release, human_doubts, judge_block
 from core.raster.holes import Hole
 from core.raster.ortho import Ortho
 from core.sheets.delivery import Delivery, sheet_figures
@@ -160,16 +160,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "exterior": _exterior_figures(report, content.before),
         "interior": [_interior_figures(photo) for photo in block.photos.values()],
         "cameras": _camera_figures(content),
-        "doubts": [
-            {
-                "kind": doubt.kind,
-                "subject": doubt.subject,
-                "message": doubt.message,
-                "gravity": doubt.gravity,
-                "evidence": dict(doubt.evidence),
-            }
-            for doubt in sorted(content.doubts, key=lambda doubt: -doubt.gravity)
-        ],
+        "doubts": _doubts(content),
         "set_aside": dict(content.set_aside),
         "map": _map_figures(report, footprints),
         "mosaic": None
@@ -182,6 +173,21 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "provenance": dict(content.provenance),
     }
     return json_value(figures)
+
+
+def _doubts(content: ReportContent) -> list[dict[str, Any]]:
+    """What the engine is unsure of, and where a human and the block disagree; gravest first."""
+    doubts = (*human_doubts(content.report), *content.doubts)
+    return [
+        {
+            "kind": doubt.kind,
+            "subject": doubt.subject,
+            "message": doubt.message,
+            "gravity": doubt.gravity,
+            "evidence": dict(doubt.evidence),
+        }
+        for doubt in sorted(doubts, key=lambda doubt: -doubt.gravity)
+    ]
 
 
 def _judged(

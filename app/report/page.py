@@ -44,6 +44,7 @@ from app.report.model import ReportContent, gather
 from app.report.mosaic import misfit_shown
 from app.report.wording import (
     WORST,
+    beyond_told,
     certificate,
     checks_told,
     comparison_told,
@@ -172,6 +173,7 @@ def render(
         decided_kind=lambda kind: tell(f"report.decided.{kind.replace(' ', '-')}"),
         stage_name=lambda name: tell(f"stage.{name}"),
         draw_histogram=lambda bars: draw_histogram(bars, tell),
+        beyond_told=lambda bars, unit="px": beyond_told(bars, tell, unit),
         draw_film=draw_film,
         draw_trend=lambda trend, unit: draw_trend(trend, unit, tell),
         longest_px=longest_mean(figures["residuals"]["films"]),

@@ -199,6 +199,15 @@ def checks_told(checks: Figures, tell: Teller) -> str:
     )  # fmt: skip
 
 
+def beyond_told(bars: Figures, tell: Teller, unit: str) -> str:
+    """How many values lie outside a histogram; nothing where it shows them all."""
+    if not bars["beyond"]:
+        return ""
+    told = {name: tell.number(bars[name], ",.3g") for name in (f"reach_{unit}", "largest")}
+    reach, largest = told.values()
+    return tell("report.beyond", count=bars["beyond"], reach=reach, largest=largest, unit=unit)
+
+
 def comparison_told(one: Figures, tell: Teller) -> str:
     """The figures of a mosaic against another ortho."""
     low, high = one["m_p_interval"]

@@ -18,10 +18,10 @@ from core.block import Block
 
 # source: ASPRS Positional Accuracy Standards, edition 2 (2023): fewer allow no statement.
 STANDARD_LEAST = 30
-"""Check points that a statement by the standard needs."""
+"""Check points that any statement of ours needs: the one limit of their number."""
 # source: a deviation about a mean needs three values to be one.
-CHECKS = 3
-"""Independent check points below which they say nothing of the whole block."""
+SPREAD_LEAST = 3
+"""Fewer values than these have no spread to compare their mean with."""
 # source: definition of a two-sided interval of 95 %.
 TAILS = (0.975, 0.025)
 """Chances of being above the lower and the upper end of the interval."""
@@ -99,15 +99,19 @@ class CheckFigures:
         Args:
             limit_m: Position error on the ground up to which the block is released, metres.
         """
-        told = {"count": str(self.count), "least": str(CHECKS), "value": f"{self.plan_m:.2f}"}
-        if self.count < CHECKS:
-            return ("no-checks", "one-check", "checks-few")[self.count], told
+        told = {"count": str(self.count), "least": str(STANDARD_LEAST)}
+        if not self.count:
+            return "no-checks", told
+        told["value"] = f"{self.plan_m:.2f}"
         low, high = self.ratio_interval
         told |= {"ratio": f"{self.ratio:.2f}", "low": f"{low:.2f}", "high": f"{high:.2f}"}
         if self.least_fit_m > limit_m:
             return "checks-over", {**told, "limit": f"{limit_m:.2f}"}
         if self.ratio > high:
             return "checks-worse", told
+        # Few cannot bear a block out, though they may show it wrong: the interval knows how few.
+        if not self.enough:
+            return "one-check" if self.count == 1 else "checks-few", told
         return "checks-better" if self.ratio < low else "checks", told
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float64
 from scipy.special import chdtri, stdtr
 
 from core.geometry.robust import robust_sigma
-from core.quality.check_points import CHECKS, STANDARD_LEAST, TAILS
+from core.quality.check_points import SPREAD_LEAST, STANDARD_LEAST, TAILS
 from core.quality.rules import DOUBTFUL, POOR, SOUND, Finding
 
 PlaneShifts = Float64[np.ndarray, "n 2"]
@@ -399,7 +399,7 @@ def _pairs(by_observer: Mapping[str, Sequence[Reading]]) -> list[ObserverPair]:
 def _chance(values: Float64[np.ndarray, "n"]) -> float:
     """How often chance brings about so large a mean (two-sided t-test); NaN of too few."""
     count = len(values)
-    spread = float(values.std(ddof=1)) if count >= CHECKS else 0.0
+    spread = float(values.std(ddof=1)) if count >= SPREAD_LEAST else 0.0
     if spread == 0:
         return NOT_KNOWN
     t = abs(float(values.mean())) / (spread / np.sqrt(count))

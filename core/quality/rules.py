@@ -126,17 +126,22 @@ def doubts_of(
     """
     if findings is None:
         findings = judge_block(assess_block(report), report)
-    return (
-        *report.doubts,
-        *(
-            Doubt(
-                finding.kind, finding.values.get("worst", "block"), finding.sentence,
-                GRAVITY[finding.grave], dict(finding.values),
-            )
-            for finding in findings
-            if finding.grave
-        ),
-    )  # fmt: skip
+    return *report.doubts, *(_doubt(finding) for finding in findings if finding.grave)
+
+
+def human_doubts(report: AdjustmentReport) -> tuple[Doubt, ...]:
+    """Every accepted measurement that the block contradicts, as the queue's filter shows them.
+
+    Args:
+        report: The adjustment.
+    """
+    limit = release_limit_m(report.block)
+    return tuple(_doubt(_against(one, report.block, limit)) for one in report.contradictions)
+
+
+def _doubt(finding: Finding) -> Doubt:
+    told, subject = dict(finding.values), finding.values.get("worst", "block")
+    return Doubt(finding.kind, subject, finding.sentence, GRAVITY[finding.grave], told)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +227,7 @@ def human_findings(report: AdjustmentReport) -> list[Finding]:
         return [Finding("agreed", SOUND, {"count": str(accepted)})] if accepted else []
     # What alone moves the ground by more than the block may be off is named in any case.
     named = [one for n, one in enumerate(against) if n < NAMED or one.shift_m > limit]
-    findings = [_contradiction(one, report.block, limit) for one in named]
+    findings = [_against(one, report.block, limit) for one in named]
     rest = [one.metres for one in against if one not in named]
     if rest:
         told = {"count": str(len(rest)), "metres": f"{max(rest):.1f}"}
@@ -236,7 +241,7 @@ def release_limit_m(block: Block) -> float:
     return max(LIMIT_M, LIMIT_PX * float(np.median(pixels))) if pixels else LIMIT_M
 
 
-def _contradiction(one: Contradiction, block: Block, limit_m: float) -> Finding:
+def _against(one: Contradiction, block: Block, limit_m: float) -> Finding:
     """One accepted measurement that the block contradicts."""
     told = {
         "worst": one.point_id, "photo": one.photo_id, "metres": f"{one.metres:.1f}",

@@ -43,7 +43,8 @@ SENTENCES = {
     "{photo}).",
     "no-checks": "No independent check points: the accuracy is predicted, not proved.",
     "one-check": "One independent check point, {value} m off with its own error: too few to judge.",
-    "checks-few": "Independent check points: {count}, RMSE {value} m: too few to judge.",
+    "checks-few": "Independent check points: {count}, fewer than {least}, RMSE {value} m, {ratio} "
+    "times what is predicted (by chance {low} to {high}): too few to judge.",
     "checks": "Independent check points: {count}, RMSE {value} m, {ratio} times what is predicted "
     "(by chance {low} to {high}).",
     "checks-better": "Independent check points: {count}, RMSE {value} m, {ratio} times what is "

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,37 @@ def test_what_was_made_before_a_stop_is_kept__law(kitchen, monkeypatch, error):
         kitchen.walk()
     monkeypatch.setattr(app.run, "STAGES", whole)
     assert kitchen.walk() == ["georeference"]
+
+
+def test_a_resumed_run_tells_how_long_each_product_took_to_make__truth(kitchen, monkeypatch):
+    """The time told was that of looking through what was there already."""
+    clock = [0.0]
+
+    def slow(stage, seconds, stops=False):
+        def run(given, results, work):
+            clock[0] += seconds
+            if stops:
+                raise Cancelled
+            return stage.run(given, results, work)
+
+        return replace(stage, run=run)
+
+    def walk():
+        with Session.open(kitchen.folder, "cook") as session:
+            walk = Run(kitchen.project, session, Listener(), RunOptions(None, "georeference"))
+            walk.walk()
+            return walk.seconds
+
+    monkeypatch.setattr(app.run, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    first, second = kitchen.stages
+    monkeypatch.setattr(app.run, "STAGES", (slow(first, 70.0), slow(second, 5.0, stops=True)))
+    with pytest.raises(Cancelled):
+        walk()
+    monkeypatch.setattr(app.run, "STAGES", (slow(first, 1.0), slow(second, 30.0)))
+    assert walk() == walk() == {"scans": 70.0, "georeference": 30.0}
+    kitchen.inputs["georeference"] = 2
+    monkeypatch.setattr(app.run, "STAGES", (slow(first, 1.0), slow(second, 40.0)))
+    assert walk() == {"scans": 70.0, "georeference": 40.0}
 
 
 def test_a_report_without_a_walk_tells_digests_and_times_of_the_last_one__truth(

@@ -16,10 +16,12 @@ from PIL import Image
 from app.report.model import ReportContent
 from app.report.page import render, requirements, under, write_report
 from app.report.wording import fine
+from core.adjustment.adjusted import Contradiction
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
+from core.quality.check_points import STANDARD_LEAST
 from core.quality.rules import doubts_of
 from core.raster.ortho import open_ortho
 from ui.review.scene import short_names
@@ -143,7 +145,7 @@ def test_headings_say_the_finding__truth(written):
     text = text_of(page)
     assert "6 of 6 photos oriented" in text
     assert "3 doubts are open, the gravest about junction 118" in text
-    assert f"m_p = {figures['checks']['m_p']:.2f} m in plan at" in text
+    assert f"in plan: m_p = {figures['checks']['m_p']:.2f} m, too few to judge" in text
     assert "residuals are as large as the a-priori standard deviations say" in text
     assert "One scan was set aside" in text
     assert "The file ends after 3 of 9 MB" in text
@@ -268,10 +270,52 @@ def test_a_blunder_accepted_by_hand_is_named_where_the_block_is_certified__truth
     worst = report.contradictions[0]
     assert worst.key == keys[5]
     line = f"{worst.metres:.1f} m ({worst.pixels:.1f} px) away"
-    # In the certificate, and in the verdict that the desk shows too.
-    assert text.count(line) == 2
+    # In the certificate, in the verdict that the desk shows too, and among the doubts.
+    assert text.count(line) == 3
     verdict = json.loads(figures.read_text(encoding="utf-8"))["verdict"]
     assert verdict[0]["kind"].startswith("contradicted")
+
+
+def test_the_chapter_of_doubts_names_all_that_the_filter_of_disputed_points_shows__law(
+    content, flown, tmp_path
+):
+    """More than the verdict names one by one."""
+    report = content.report
+    keys = [key for key in sorted(flown.measurements) if flown.surveyed[key[0]].role == "control"]
+    many = tuple(Contradiction(*key, 9.0, 4.5 + n, 6.0, 0.1) for n, key in enumerate(keys[:14]))
+    told = replace(content, report=replace(report, contradictions=many))
+    html, figures = write_report(tmp_path, told)
+    doubts = json.loads(figures.read_text(encoding="utf-8"))["doubts"]
+    named = {(one["subject"], one["evidence"].get("photo")) for one in doubts}
+    assert {one.key for one in many} <= named
+    text = text_of(html.read_text(encoding="utf-8"))
+    chapter = text[text.index("doubts are open") :]
+    assert all(f"{one.metres:.1f} m (9.0 px) away" in chapter for one in many)
+
+
+def test_few_and_many_check_points_have_one_limit_in_the_whole_report__law(content, tmp_path):
+    """The table asked for three, the certificate for thirty."""
+    few = replace(content, report=replace(content.report, checks=content.report.checks[:5]))
+    html, figures = write_report(tmp_path, few)
+    told = json.loads(figures.read_text(encoding="utf-8"))
+    row = next(r for r in requirements(told, TELL) if r["name"] == "Independent check points")
+    assert row["limit"] == f"at least {STANDARD_LEAST}"
+    assert row["grave"] == 1
+    assert not told["checks"]["enough"]
+    assert "5 independent check points, m_p" in text_of(html.read_text(encoding="utf-8"))
+
+
+def test_what_lies_outside_a_histogram_is_counted_and_told__truth(content, tmp_path):
+    residuals = np.array(content.report.tie_residuals_px)
+    good = np.flatnonzero(np.isfinite(residuals).all(axis=1))
+    residuals[good[:3], 0] = 40.0
+    wild = replace(content, report=replace(content.report, tie_residuals_px=residuals))
+    html, figures = write_report(tmp_path, wild)
+    bars = json.loads(figures.read_text(encoding="utf-8"))["residuals"]["histograms"]["tie"]
+    assert bars["beyond"] >= 3
+    assert sum(bars["counts"]) + bars["beyond"] == bars["count"]
+    told = f"{bars['beyond']} values lie beyond ±{bars['reach_px']:,.3g} px, the largest 40 px."
+    assert told in text_of(html.read_text(encoding="utf-8"))
 
 
 def test_without_check_points_accuracy_is_relative__law(content, tmp_path):

@@ -11,6 +11,7 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.quality.assessment import assess_block
+from core.quality.check_points import STANDARD_LEAST
 from core.quality.residuals import displacement
 from core.quality.rules import (
     HOLDING_BACK,
@@ -210,12 +211,15 @@ def test_proposals_kept_out_bear_nothing_out__law():
     assert not release.certified
 
 
-@pytest.mark.parametrize(("count", "kind"), [(0, "no-checks"), (1, "one-check"), (2, "checks-few")])
+@pytest.mark.parametrize(
+    ("count", "kind"), [(0, "no-checks"), (1, "one-check"), (2, "checks-few"), (29, "checks-few")]
+)
 def test_few_check_points_are_too_few_to_judge__truth(count, kind):
-    flown = fly(replace(BLOCK_PLAN, check=12), np.random.default_rng(9)).block
+    flown = fly(replace(BLOCK_PLAN, check=45), np.random.default_rng(9)).block
     report = adjust_block(flown)
     few = finding(replace(report, checks=report.checks[:count]), kind)
     assert few.grave == 1
+    assert few.values["least"] == str(STANDARD_LEAST)
     assert finding(report, "checks").grave == 0
 
 
