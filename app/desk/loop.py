@@ -43,6 +43,7 @@ from app.desk.messages import (
 from core.doubts import Failure
 from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
 from sessions.decisions import (
+    Accept,
     AddPoint,
     Decision,
     Place,
@@ -58,10 +59,10 @@ from ui.review.doubtful import extra_of
 from ui.review.gestures import AnswerAsked, Freed, Gesture, MarkPlaced
 from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
 from ui.review.mosaic import with_seam_edits
-from ui.review.new_points import ORTHO, act_of, next_name
+from ui.review.new_points import ORTHO, act_of, next_name, with_begun
 from ui.review.outcome import Act, outcome_of
 from ui.review.pages import Pages
-from ui.review.queue import seat_down
+from ui.review.queue import keep_seat_up, seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat, ShownMosaic
@@ -80,6 +81,7 @@ class ReviewLoop:
         self._now = first_snapshot(inputs)
         self._pages, self._footprints = Pages(), Footprints(inputs.dem)
         self._scenes: set[str] = set()
+        self._seen: dict[str, tuple[DeskSnapshot, dict[str, AddPoint], DeskSnapshot]] = {}
         self._last: Recorded | None = None
         self._edits: tuple[SeamEdit, ...] | None = None
         self._replay_due = self._adjust_due = self._only_seams = False
@@ -172,7 +174,7 @@ class ReviewLoop:
         first = getattr(event, "seat_id", "")
         seats = sorted(self._now.present_seats(), key=lambda seat: seat.seat_id != first)
         for seat in seats:
-            if parts := self._pages.changed_parts(seat, self._now):
+            if parts := self._pages.changed_parts(seat, self._seen_by(seat)):
                 self._screen.show(seat.seat_id, parts)
         if self._adjust_due:
             self._adjust_due = False
@@ -181,8 +183,7 @@ class ReviewLoop:
             drawn = seat.seat_id in self._scenes
             if drawn and (picture := self._pages.changed_scene(seat, self._now)):
                 self._screen.scene(seat.seat_id, picture, seat, self._now.state.oriented)
-        looked_at = [seat.draft_of(seat.current) or seat.current for seat in seats]
-        self._try_out([subject for subject in looked_at if subject])
+        self._try_out(seats)
         for wanted in self._proposer.wanted(self._now.state, seats):
             self._measurer.measure(wanted, self._now)
 
@@ -234,13 +235,18 @@ class ReviewLoop:
         self._trial = None
         self._worker.submit(self._work)
 
-    def _try_out(self, subjects: list[Key | Draft]) -> None:
+    def _try_out(self, seats: Sequence[Seat]) -> None:
         """Find out what turning a measurement or keeping a draft would do, while it is shown."""
         if self._now.state.adjusting:
             return
-        wanted = [one for one in subjects if one not in self._now.trials]
+        wanted: dict[Key | Draft, Seat] = {}
+        for seat in seats:
+            subject = seat.draft_of(seat.current) or seat.current
+            if subject and subject not in self._now.trials:
+                wanted.setdefault(subject, seat)
         if wanted and (self._trial is None or self._trial.subject not in wanted):
-            self._trial = TrialWork(self._now.state, wanted[0])
+            subject, seat = next(iter(wanted.items()))
+            self._trial = TrialWork(self._seen_by(seat).state, subject)
             self._worker.try_out(self._trial)
 
     def _take_page(self, event: SeatTaken | SeatLeft | SceneOpened) -> None:
@@ -258,10 +264,13 @@ class ReviewLoop:
 
     def _take_gesture(self, gesture: Gesture) -> None:
         """What a gesture comes to: the decision on the disk before anything else."""
-        outcome = outcome_of(gesture, self._seat(gesture.seat_id), self._now)
+        before = self._seat(gesture.seat_id)
+        outcome = outcome_of(gesture, before, self._seen_by(before))
         seat = outcome.seat
         if outcome.decisions:
             self._record(outcome.decisions, seat.operator, outcome.act == "amend")
+        elif seat.begun or before.begun:
+            seat = keep_seat_up(seat, self._seen_by(seat).rows)
         self._now = self._now.with_seat(seat)
         if outcome.notice is not None:
             self._screen.tell(seat.seat_id, outcome.notice)
@@ -288,7 +297,7 @@ class ReviewLoop:
         state = self._now.state
         match act:
             case "measure":
-                self._measurer.measure(gesture, self._now)
+                self._measurer.measure(gesture, self._seen_by(seat))
             case "answer" if isinstance(gesture, AnswerAsked):
                 self._screen.show(seat.seat_id, {"answered": gesture.number})
             case "free" if isinstance(gesture, Freed) and self._inputs.choose is not None:
@@ -335,17 +344,20 @@ class ReviewLoop:
         self._screen.tell(seat.seat_id, Notice(text, {"what": about}))
 
     def _take_measured(self, event: Measured) -> None:
-        """Record what was measured, unless somebody decided otherwise about it meanwhile."""
+        """Record what was measured, unless somebody decided otherwise about it meanwhile.
+
+        What was measured of a point is a draft, and so is a new point.
+        """
         decision, notice, seat = event.decision, event.notice, self._seat(event.seat_id)
         if isinstance(decision, AddPoint):
-            if decision.point_id in self._now.state.block.surveyed:
-                # Two were asked for before either was found: the second takes the next name.
-                decision = with_name(
-                    decision, next_name(ORTHO, self._now.state, self._now.recorded)
-                )
-                notice = notice_of_point(decision)
+            # Two may have been asked for before either was found: the second has the next name.
+            decision = with_name(decision, next_name(ORTHO, self._now))
+            notice = notice_of_point(decision)
             best = max(decision.measured, key=lambda item: item.score)
-            seat = replace(seat, current=best.key)
+            accepted = Accept(*best.key, best.column, best.row)
+            seat = replace(seat, current=best.key, explaining=None)
+            seat = seat.with_draft(Draft(best.key, accepted, decision))
+            seat, decision = keep_seat_up(seat, self._seen_by(seat).rows), None
         elif isinstance(decision, Place | PlaceFiducial) and is_overtaken(
             decision, self._now.recorded[event.known :]
         ):
@@ -448,6 +460,22 @@ class ReviewLoop:
         version = self._inputs.mosaic_version()
         self._now = replace(self._now, state=state, stale=stale, mosaic_version=version)
         self._screen.tell("", notice)
+
+    def _seen_by(self, seat: Seat) -> DeskSnapshot:
+        """The desk with what drafts of a seat add to it: the same values until one changes."""
+        now, begun = self._now, seat.begun
+        if not begun:
+            return now
+        base, known, seen = self._seen.get(seat.seat_id, (None, {}, now))
+        if (
+            base is None
+            or base.state is not now.state
+            or base.table is not now.table
+            or known != begun
+        ):
+            seen = with_begun(now, seat)
+            self._seen[seat.seat_id] = now, begun, seen
+        return replace(now, state=seen.state, table=seen.table)
 
     def _change_state(self, **changes: Any) -> None:
         self._now = replace(self._now, state=replace(self._now.state, **changes))

@@ -104,7 +104,7 @@ class MeasuringTool:
         if not shown:
             return Measured(seat_id, None, Notice("notice.no-scan", grave=True))
         begun(MeasuringBegun(seat_id, Notice("notice.measuring", {"count": str(len(shown))})))
-        name = next_name(ORTHO, desk.state, desk.recorded)
+        name = next_name(ORTHO, desk)
         found = measure_point(desk.state, name, place, (desk.dem, self.likeness), self.sigma_m)
         return Measured(seat_id, found, notice_of_point(found), known=len(desk.recorded))
 

@@ -279,6 +279,7 @@ OTHERS = "document.querySelectorAll('.other:not(.on)').length > 0"
 GROWN = "document.getElementById('desk').dataset.grown"
 TWO_PEAKS = "document.querySelectorAll('.peak:not(.on)').length > 0"
 PLACED, MARKED, BACK = ("Place",), ("PlaceFiducial",), ("Withdraw",)
+ADDED = ("AddPoint", "Accept")
 AMENDED = ("Reject", "Withdraw", "Reject")
 REASONS = ("wrong object", "changed", "hidden", "blurred", "other")
 
@@ -308,9 +309,9 @@ DECISIONS = (
     Decides("other peak, Y",
             kept(walked_until(TWO_PEAKS, unfolded(click(".peak:not(.on)"))), key("y")),
             ("ChoosePeak",)),
-    Decides("P, click in the ortho", new_point(key("p")), ("AddPoint",)),
-    Decides("add button, click", new_point(button("add")), ("AddPoint",)),
-    Decides("U after it", key("u"), BACK),
+    Decides("P, click in the ortho, Y", kept(new_point(key("p")), key("y")), ADDED),
+    Decides("add button, click, Y", kept(new_point(button("add")), key("y")), ADDED),
+    Decides("U after it", key("u"), (*BACK, *BACK)),
 )  # fmt: skip
 BOARD = (
     Decides("board: V", key("v"), ("JudgeFiducial",)),

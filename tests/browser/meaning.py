@@ -53,7 +53,7 @@ EYE = """(() => {
       current: head.map(part => part.textContent).join("|"),
       state: document.querySelector("#acts .stands")?.dataset.act ?? "",
       asked: document.getElementById("asked")?.className ?? "",
-      adding: shown("adding"), drafts: document.getElementById("drafts")?.textContent ?? "",
+      drafts: document.getElementById("drafts")?.textContent ?? "",
       marked: [...document.querySelectorAll(".row.marked")].map(r => r.dataset.state),
       many: document.getElementById("queue-place")?.className === "many",
       chip: document.querySelector(".chip.on")?.dataset.state ?? "",
@@ -83,15 +83,15 @@ Names = frozenset[str]
 VERDICTS = {"y": "accept", "n": "reject", "m": "dubious", "v": "invisible"}
 OTHERS = {"JudgeTie", "JudgePhoto", "JudgeFiducial"}
 WRITES: dict[str, Names] = {
-    "accept": frozenset({"Accept", "Place", "ChoosePeak", *OTHERS}),
+    "accept": frozenset({"AddPoint", "Accept", "Place", "ChoosePeak", *OTHERS}),
     "reject": frozenset({"Reject", *OTHERS}),
     "dubious": frozenset({"MarkDubious"}), "invisible": frozenset({"MarkNotVisible"}),
     "role": frozenset({"SetRole"}), "undo": frozenset({"Withdraw"}),
     "redo": frozenset({"Withdraw"}), "back": frozenset({"Withdraw"}),
-    "reason": frozenset({"Withdraw", "Reject"}), "add": frozenset({"AddPoint"}),
+    "reason": frozenset({"Withdraw", "Reject"}),
     "use": frozenset({"JudgeFiducial"}), "put": frozenset({"PlaceFiducial"}),
     "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask", "SeamLine", "SeamArea"}),
-    "drop": frozenset({"Withdraw"}), "stand": frozenset({"PlacePhoto"}),
+    "stand": frozenset({"PlacePhoto"}),
     "read": frozenset({"ReadCheck"}), "sign": frozenset({"SignBlock"}),
     "say": frozenset({"Remark"}),
 }  # fmt: skip
@@ -100,7 +100,7 @@ STANDS = {"accept": "accept", "reject": "reject", "dubious": "dubious", "invisib
 """The button that is lit where a verdict stands."""
 REFUSED = (
     "ahead", "yes-or-no", "still-drafts", "guest", "wire", "not-done", "overtaken", "place-first",
-    "read-first",
+    "read-first", "only-draft",
 )  # fmt: skip
 ANSWERS = {
     "undo": ("nothing-to-undo",), "redo": ("nothing-to-redo",), "reason": ("no-reason",),
@@ -108,7 +108,7 @@ ANSWERS = {
     "put": ("outside", "snapped", "not-snapped"), "fill": ("filled", "filled-anew", "not-filled"),
 }  # fmt: skip
 """Notices that answer what was meant, in the file or not."""
-LATE = frozenset({"add", "put", "fill"})
+LATE = frozenset({"put", "fill"})
 """What is measured first, or waits for the hand to pause."""
 PRESSES, MOVES = {"Enter", " "}, {"Home", "End", "PageUp", "PageDown"}
 ARROWS = {"ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"}
@@ -163,8 +163,6 @@ def _key_means(seen: dict[str, Any]) -> Meaning | None:
         # After a button that is gone Enter may mean nothing; it never means anything else.
         must = seen["able"] and not (seen["gone"] and letter == "Enter")
         return Meaning("role" if letter == "c" else "refine", seen["current"], must)
-    if key == "Escape" and seen["drafts"]:
-        return Meaning("drop")
     return _undo(seen) if letter == "u" else None
 
 
@@ -196,14 +194,9 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
         return {"keep": Meaning("read"), "reason": Meaning("read"), "back": Meaning("back")}.get(
             name
         )
-    drawing = {
-        "mask": Meaning("draw"),
-        "mosaic": Meaning("draw"),
-        "": Meaning("add") if seen["adding"] else None,
-    }
+    drawing = {"mask": Meaning("draw"), "mosaic": Meaning("draw")}
     return {
         "back": Meaning("back", must=True),
-        "drop": Meaning("drop"),
         "reason": Meaning("reason", must=seen["asked"] == "why"),
         "magnified": Meaning("put", seen["mark"], must=True),
         "placing-save": Meaning("stand"),
@@ -279,7 +272,7 @@ def is_about(decision: Decision, key: str) -> bool:
     """True when a decision is about a row or a mark of the board."""
     one, _, other = key.partition("|")
     point, photo = getattr(decision, "point_id", None), getattr(decision, "photo_id", None)
-    if type(decision).__name__ == "SetRole":
+    if type(decision).__name__ in ("SetRole", "AddPoint"):
         return point == one
     if point is not None:
         return (point, photo) == (one, other)

@@ -398,7 +398,8 @@ class DeskWalk(PageWalk):
             cause = next((one for one in self.owed if self.allows(one, decision)), None)
             if cause is None:
                 raise Wrong(f"decided without being meant: {decision}, owed {self.owed}")
-            if cause.what in STANDS:
+            # A new point is kept with the place that was drafted for it.
+            if cause.what in STANDS and not isinstance(decision, AddPoint):
                 self.owed.remove(cause)
         return new
 
@@ -406,17 +407,7 @@ class DeskWalk(PageWalk):
         what = meaning.what.removesuffix(" all")
         if type(decision).__name__ not in WRITES.get(what, frozenset()):
             return False
-        if what == "drop" and not self.takes_back_a_point(decision):
-            return False
         return not meaning.key or isinstance(decision, Withdraw) or is_about(decision, meaning.key)
-
-    def takes_back_a_point(self, decision: Decision) -> bool:
-        """True for a new point that goes with the draft that was all of it."""
-        taken = getattr(decision, "decision_id", None)
-        return any(
-            item.decision_id == taken and isinstance(item.decision, AddPoint)
-            for item in self.session.decisions()
-        )
 
     def is_done(self, meaning: Meaning, fresh: Sequence[Decision], eye: dict[str, Any]) -> bool:
         """True when it is in the file, or a notice answers it."""

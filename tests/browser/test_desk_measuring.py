@@ -124,6 +124,7 @@ def test_a_detail_of_two_scans_gets_coordinates_and_is_undone_as_one__truth(page
     page.mouse.click(*page.evaluate(AT, true_pixel((name, photo)).tolist()))
     page.wait_for_function("gruber.parts.point.key[0] === 'N001' && gruber.parts.point.draft")
     assert key_of(page) == ("N001", photo)
+    assert inputs.session.decisions() == ()
     assert not page.locator("#adding").is_visible()
     keep(page)
     page.wait_for_function("gruber.parts.point.key[0] === 'N001'")
@@ -155,7 +156,9 @@ def test_a_new_point_that_is_dropped_leaves_nothing__law(page, inputs):
     page.wait_for_function("gruber.parts.point.key[0] === 'N001' && gruber.parts.point.draft")
     page.keyboard.press("Escape")
     page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'N001')")
-    assert "N001" not in inputs.session.replayed(inputs.block).surveyed
+    assert inputs.session.decisions() == ()
+    assert not page.inner_text("#drafts")
+    assert key_of(page)
 
 
 GRAY = """name => {

@@ -12,6 +12,7 @@ from tests.browser.hands import (
     current,
     gone_on,
     grow,
+    keep_draft,
     look_at,
     settled,
     state_of,
@@ -31,11 +32,17 @@ def test_a_new_point_is_clicked_in_the_ortho_and_taken_back__truth(sit, desk):
     page.click('[data-act="add"]')
     box = page.locator('.pane[data-pane="left"]').bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2 + 30, box["y"] + box["height"] / 2 + 20)
-    page.wait_for_function("gruber.parts.point.key[0] === 'H1'")
-    assert page.evaluate("gruber.parts.status.decided") == 1
-    assert page.evaluate("gruber.parts.point.history[0].what") == "AddPoint"
+    page.wait_for_function("gruber.parts.point.key[0] === 'H1' && gruber.parts.point.draft")
+    key = "|".join(page.evaluate("gruber.parts.point.key"))
+    assert page.locator("#keep").is_visible()
+    assert page.evaluate("gruber.parts.status.decided") == 0
+    keep_draft(page)
+    page.wait_for_function("gruber.parts.status.decided === 2")
+    assert state_of(page, key) == "accepted"
+    caught_up(page)
     page.keyboard.press("u")
     page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'H1')")
+    assert not page.inner_text("#drafts")
 
 
 def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):

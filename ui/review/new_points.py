@@ -9,11 +9,13 @@ import numpy as np
 from core.arrays import PixelPoints
 from core.block import UNKNOWN_M
 from core.control.prediction import shown_in
-from sessions.decisions import AddPoint, Decision, Place, Recorded, Withdraw, standing
+from sessions.decisions import AddPoint, Decision, Place, Recorded, standing
+from sessions.replay import replay
 from ui.review.compare import ground_from_pixel
 from ui.review.queue import with_filter
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, Draft, QueueFilter, Seat
+from ui.review.to_measure import kept_up
 
 ORTHO, PHOTOS = "H#", "N###"
 """Names of points chosen in the ortho, and of details of photos."""
@@ -23,10 +25,13 @@ LEAST_PHOTOS = 2
 """Rays that a new point needs for its coordinates: until then all said of it is one act."""
 
 
-def next_name(pattern: str, state: DeskState, recorded: Sequence[Recorded]) -> str:
+def next_name(pattern: str, desk: DeskSnapshot) -> str:
     """N001, N002 and so on: never a name that was given before, withdrawn points included."""
-    names = [item.decision.point_id for item in recorded if isinstance(item.decision, AddPoint)]
-    return name_after(pattern, (*names, *state.block.surveyed))
+    names = [
+        item.decision.point_id for item in desk.recorded if isinstance(item.decision, AddPoint)
+    ]
+    drafted = [name for seat in desk.seats.values() for name in seat.begun]
+    return name_after(pattern, (*names, *drafted, *desk.state.block.surveyed))
 
 
 def name_after(pattern: str, taken: Iterable[str]) -> str:
@@ -46,10 +51,8 @@ def name_after(pattern: str, taken: Iterable[str]) -> str:
     return f"{before}{max(numbers, default=0) + 1:0{len(run[0])}d}{after}"
 
 
-def begun(
-    seat: Seat, desk: DeskSnapshot, photo_id: str, pixel: PixelPoints
-) -> tuple[Seat, AddPoint] | None:
-    """A new point where somebody pointed at a detail of a scan, and a draft of its place there.
+def begun(seat: Seat, desk: DeskSnapshot, photo_id: str, pixel: PixelPoints) -> Seat | None:
+    """The seat with a draft of a new point where somebody pointed at a detail of a scan.
 
     None where the photo does not show it within its picture.
 
@@ -63,26 +66,28 @@ def begun(
     ground = ground_from_pixel(pixel, picture, desk.dem, picture.photo.ground_height_m)
     if not np.isfinite(ground).all() or shown_in(picture.photo, picture.camera, ground)[1][0] <= 0:
         return None
-    name = next_name(PHOTOS, desk.state, desk.recorded)
+    name = next_name(PHOTOS, desk)
     column, row = (float(value) for value in pixel[0])
     east, north, height = (float(value) for value in ground[0])
     seat = with_filter(seat, desk.rows, QueueFilter("measure"))
     key = name, photo_id
-    seat = replace(seat, current=key).with_draft(Draft(key, Place(*key, column, row)))
-    return seat, AddPoint(name, east, north, height, UNKNOWN, ())
+    begins = AddPoint(name, east, north, height, UNKNOWN, ())
+    draft = Draft(key, Place(*key, column, row), begins)
+    return replace(seat, current=key).with_draft(draft)
 
 
-def given_up(state: DeskState, recorded: Sequence[Recorded], name: str) -> tuple[Withdraw, ...]:
-    """What takes a new point back of which nothing was kept yet; nothing for any other."""
-    point = state.block.surveyed.get(name)
-    if (
-        point is None
-        or point.role != "new"
-        or any(key[0] == name for key in state.block.measurements)
-    ):
-        return ()
-    made = _made(recorded, name)
-    return () if made is None else (Withdraw(made.decision_id),)
+def with_begun(desk: DeskSnapshot, seat: Seat) -> DeskSnapshot:
+    """The desk as a seat sees it: with the new points that its drafts begin."""
+    begun = seat.begun
+    if not begun:
+        return desk
+    said = [Recorded(0, "", "", point) for point in begun.values()]
+    block = replay(desk.state.block, said).block
+    state = kept_up(desk.state, replace(desk.state, block=block), desk.dem)
+    table = desk.table
+    for name in begun:
+        table = table.with_point(state, name)
+    return replace(desk, state=state, table=table)
 
 
 def act_of(

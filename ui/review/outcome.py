@@ -60,7 +60,7 @@ from ui.review.gestures import (
     VectorsScaled,
 )
 from ui.review.history import taken_back
-from ui.review.new_points import begun, given_up
+from ui.review.new_points import begun
 from ui.review.picture import Part
 from ui.review.queue import (
     UNDECIDED,
@@ -72,12 +72,11 @@ from ui.review.queue import (
     visible,
     with_filter,
 )
-from ui.review.second_reading import is_blind
 from ui.review.sight import Picked, card_part, ground_under, photos_over, pick, sight_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
 from ui.review.to_measure import WAITING, by_view
-from ui.review.verdicts import decision_of, not_measured, standing_verdict
+from ui.review.verdicts import decision_of, refusal, standing_verdict
 
 Act = Literal[
     "",
@@ -170,14 +169,14 @@ def _act(
     """What only the loop can do, and drafts given up."""
     match gesture:
         case Dropped(key=key):
-            return _dropped(key, seat, desk)
+            return Outcome(seat.without_draft(key))
         case Freed():
             return Outcome(seat, act="free")
         case AnswerAsked():
             return Outcome(seat, act="answer")
         case Undone() if (draft := seat.draft_of(seat.current)) is not None:
             # What was done last is taken back first.
-            return _dropped(draft.key, seat, desk)
+            return Outcome(seat.without_draft(draft.key))
         case Undone():
             return Outcome(replace(seat, explaining=None), act="undo")
         case Redone():
@@ -189,11 +188,6 @@ def _act(
         case Fitted(whole=whole):
             seat = _with_photo(seat, seat.scene.photo)
             return Outcome(seat, act="fit whole" if whole else "fit current")
-
-
-def _dropped(key: Key, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """Without a draft, and without the new point that was nothing else."""
-    return Outcome(seat.without_draft(key), given_up(desk.state, desk.recorded, key[0]))
 
 
 def _judge(gesture: Judged | JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -209,14 +203,10 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     measurement = desk.state.measurement_of(key)
     if measurement is None or key not in desk.rows:
         return Outcome(seat)
-    extra = key in desk.state.extra.measurements
-    if extra and verdict not in ("accept", "reject"):
-        return Outcome(seat, notice=Notice("notice.yes-or-no"))
-    draft = seat.draft_of(key) if verdict == "accept" else None
-    if not draft and (notice := not_measured(desk.rows[key].state, measurement, verdict)):
+    if notice := refusal(desk.state, seat, desk.rows[key].state, measurement, verdict):
         return Outcome(seat, notice=notice)
-    if not draft and is_blind(desk.state, seat, key):
-        return Outcome(seat, notice=Notice("notice.read-first"))
+    extra, begins = key in desk.state.extra.measurements, seat.begun.get(key[0])
+    draft = seat.draft_of(key) if verdict == "accept" else None
     if draft and is_to_be_asked(desk.state, seat, draft):
         return Outcome(replace(seat, asking=draft))
     stands = not draft and standing_verdict(measurement) == verdict
@@ -233,9 +223,11 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
         decided = Place(*key, measurement.column, measurement.row, measurement.sigma_px)
     else:
         decided = decision_of(verdict, key)
+    if begins:
+        after = after.with_recorded(key[0])
     return Outcome(
         after,
-        () if stands or decided is None else (decided,),
+        () if stands or decided is None else (*((begins,) if begins else ()), decided),
         notice=Notice("notice.queue-done") if last else None,
     )
 
@@ -346,11 +338,10 @@ def _place(
 
 def _begin(seat: Seat, desk: DeskSnapshot, photo_id: str, pixel: PixelPoints) -> Outcome:
     """A new point at a detail of a scan."""
-    new = begun(seat, desk, photo_id, pixel)
-    if new is None:
+    after = begun(seat, desk, photo_id, pixel)
+    if after is None or after.current is None:
         return _outside(seat, photo_id)
-    notice = Notice("notice.begun", {"what": new[1].point_id})
-    return Outcome(new[0], (new[1],), notice=notice)
+    return Outcome(after, notice=Notice("notice.begun", {"what": after.current[0]}))
 
 
 def _drafted(seat: Seat, decision: Place | ChoosePeak) -> Outcome:
@@ -371,6 +362,8 @@ def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> O
 def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outcome:
     if gesture.point_id in desk.state.extra.kinds:
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
+    if gesture.point_id in seat.begun:
+        return Outcome(seat, notice=Notice("notice.only-draft", {"what": gesture.point_id}))
     point = desk.state.block.surveyed.get(gesture.point_id)
     if point is None or point.role == "new":
         return Outcome(seat)

@@ -126,6 +126,22 @@ class QueueTable:
             lines[self.places[key]] = row_line(rows[key])
         return replace(self, rows=rows, lines=lines, figures=figures)
 
+    def with_point(self, state: DeskState, name: str) -> "QueueTable":
+        """With the rows of one more point behind all others."""
+        every = {**state.to_measure.waiting, **state.block.measurements}
+        keys = sorted(key for key in every if key[0] == name and key not in self.rows)
+        fresh = {**self.figures.misfits, **misfits(state, keys)}
+        figures = replace(self.figures, misfits=fresh)
+        more = {key: queue_row(state, figures, key) for key in keys}
+        rows = {**self.rows, **more}
+        return QueueTable(
+            rows,
+            {key: number for number, key in enumerate(rows)},
+            [*self.lines, *(row_line(row) for row in more.values())],
+            {**self.by_point, name: keys},
+            figures,
+        )
+
     def _line(self, key: Key, line: list[Any]) -> list[Any]:
         place = self.places.get(key)
         return self.lines[place] if place is not None and self.lines[place] == line else line
@@ -332,14 +348,19 @@ def seat_down(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) 
 
 
 def keep_seat_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
-    """The seat with measurements that are new at the end of its queue, and no vanished ones."""
-    known = set(seat.order)
+    """The seat with measurements that are new at the end of its queue, and no vanished ones.
+
+    Drafts of what has vanished go as well; new points that only drafts begin are not in the rows.
+    """
+    known, begun = set(seat.order), seat.begun
     if len(known) == len(rows) and all(key in known for key in rows):
         return seat
-    order = tuple(key for key in seat.order if key in rows)
+    order = tuple(key for key in seat.order if key in rows or key[0] in begun)
     fresh = tuple(sorted(key for key in rows if key not in known))
-    current = seat.current if seat.current in rows else _beside(seat, rows)
-    return replace(seat, order=order + fresh, current=current)
+    stays = seat.current is not None and (seat.current in rows or seat.current[0] in begun)
+    current = seat.current if stays else _beside(seat, rows)
+    drafts = tuple(one for one in seat.drafts if one.key in rows or one.begins)
+    return replace(seat, order=order + fresh, current=current, drafts=drafts)
 
 
 def _beside(seat: Seat, rows: Mapping[Key, Row]) -> Key | None:

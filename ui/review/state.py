@@ -18,7 +18,7 @@ from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
-from sessions.decisions import ChoosePeak, Place
+from sessions.decisions import Accept, AddPoint, ChoosePeak, Place
 from ui.review.looks import ShownState
 
 Key = tuple[str, str]
@@ -108,8 +108,10 @@ class Draft:
 
     key: Key
     """Point and photo."""
-    decision: Place | ChoosePeak
+    decision: Place | ChoosePeak | Accept
     """What it becomes once it is kept."""
+    begins: AddPoint | None = None
+    """The new point it is a draft of as well: recorded with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,13 +151,26 @@ class Seat:
         """The draft about a measurement."""
         return next((draft for draft in self.drafts if draft.key == key), None)
 
+    @property
+    def begun(self) -> dict[str, AddPoint]:
+        """New points that are nothing but drafts so far, by name."""
+        return {draft.key[0]: draft.begins for draft in self.drafts if draft.begins}
+
     def without_draft(self, key: Key) -> "Seat":
         """The seat without a draft about a measurement."""
         return replace(self, drafts=tuple(draft for draft in self.drafts if draft.key != key))
 
     def with_draft(self, draft: Draft) -> "Seat":
         """The seat with a draft in the place of an earlier one about the same measurement."""
+        draft = replace(draft, begins=draft.begins or self.begun.get(draft.key[0]))
         return replace(self, drafts=(*self.without_draft(draft.key).drafts, draft))
+
+    def with_recorded(self, name: str) -> "Seat":
+        """The seat once a new point is on disk: its other drafts are about a point that exists."""
+        drafts = (
+            replace(draft, begins=None) if draft.key[0] == name else draft for draft in self.drafts
+        )
+        return replace(self, drafts=tuple(drafts))
 
 
 @dataclass(frozen=True, slots=True)

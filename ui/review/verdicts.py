@@ -11,8 +11,25 @@ from sessions.decisions import (
 )
 from ui.review.gestures import Verdict
 from ui.review.looks import ShownState
-from ui.review.state import Key, Notice
+from ui.review.second_reading import is_blind
+from ui.review.state import DeskState, Key, Notice, Seat
 from ui.review.to_measure import WAITING
+
+
+def refusal(
+    state: DeskState, seat: Seat, shown: ShownState, measurement: Measurement, verdict: Verdict
+) -> Notice | None:
+    """Why a verdict cannot be given on a measurement; None where it can."""
+    key = measurement.key
+    if key in state.extra.measurements and verdict not in ("accept", "reject"):
+        return Notice("notice.yes-or-no")
+    if verdict == "accept" and seat.draft_of(key):
+        return None
+    if verdict != "accept" and key[0] in seat.begun:
+        return Notice("notice.only-draft", {"what": key[0]})
+    if notice := not_measured(shown, measurement, verdict):
+        return notice
+    return Notice("notice.read-first") if is_blind(state, seat, key) else None
 
 
 def not_measured(state: ShownState, measurement: Measurement, verdict: Verdict) -> Notice | None:

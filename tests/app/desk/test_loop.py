@@ -17,6 +17,7 @@ from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
 from ui.review.compare import made_with
 from ui.review.gestures import (
     AnswerAsked,
+    Dropped,
     Explained,
     Judged,
     JudgedTogether,
@@ -294,11 +295,25 @@ def test_a_desk_state_never_changes__law():
     assert state.decided == 0
 
 
-def test_a_new_point_is_measured_recorded_and_looked_at__truth(desk: Any, tmp_path: Any):
+def test_a_new_point_is_a_draft_until_it_is_kept__truth(desk: Any, tmp_path: Any):
     place = tiny_block().block.surveyed["J150"].position[:2] + 7.0
     desk.loop.submit(PointAsked("anna-1", float(place[0]), float(place[1])))
-    desk.settled(1)
-    assert desk.glass.current()[0] == "H1"
+    desk.glass.until(lambda glass: glass.current()[0] == "H1")
+    # What keeping it would do is shown before it is kept, and nobody else sees the point.
+    desk.glass.until(lambda glass: glass.parts["anna-1"]["point"]["trial"])
+    assert desk.glass.parts["anna-1"]["point"]["draft"]
+    desk.sit("berta-1")
+    assert "H1" not in {row[0] for row in desk.glass.parts["berta-1"]["rows"]}
+    assert desk.session.decisions() == ()
+    dropped = desk.glass.current()
+    desk.loop.submit(Dropped("anna-1", dropped))
+    desk.glass.until(lambda glass: glass.current()[0] != "H1")
+    assert desk.glass.status()["drafts"] == 0
+    assert not [row for row in desk.glass.parts["anna-1"]["rows"] if row[0] == "H1"]
+    desk.loop.submit(PointAsked("anna-1", float(place[0]), float(place[1])))
+    desk.glass.until(lambda glass: glass.current() == dropped)
+    desk.loop.submit(Judged("anna-1", dropped, "accept"))
+    desk.settled(2)
     with Session.open(tmp_path, "berta") as other:
         added = other.decisions()[0].decision
     assert isinstance(added, AddPoint)
@@ -310,9 +325,15 @@ def test_a_new_point_is_measured_recorded_and_looked_at__truth(desk: Any, tmp_pa
         assert np.hypot(*(there - item.pixel)[0]) < 3
         # Without anything to compare with, the place is only predicted: not to be used.
         assert item.status == "dubious"
+    # A draft of a place in another scan has nothing to be about once the point is taken back.
+    other = next(item.key for item in added.measured if item.key != dropped)
+    desk.loop.submit(PlacedInScan("anna-1", other, added.measured[0].column, 300.0))
+    desk.glass.until(lambda glass: glass.status()["drafts"] == 1)
+    desk.loop.submit(Selected("anna-1", next(iter(tiny_block().block.measurements))))
     desk.loop.submit(Undone("anna-1"))
     desk.settled(0)
     assert not [row for row in desk.glass.parts["anna-1"]["rows"] if row[0] == "H1"]
+    assert desk.glass.status()["drafts"] == 0
 
 
 def test_any_decision_of_a_history_is_taken_back_by_itself__law(desk: Any):

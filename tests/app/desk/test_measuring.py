@@ -114,8 +114,8 @@ def test_on_a_bare_field_a_point_waits_for_the_operator__truth(state):
         assert "chance alone" in item.reason
 
 
-def test_names_are_never_given_twice__law(state):
-    assert next_name(ORTHO, state, ()) == "H1"
+def test_names_are_never_given_twice__law():
+    assert next_name(ORTHO, tiny_snapshot()) == "H1"
 
 
 def test_enter_moves_the_measurement_onto_the_peak_and_says_how_far__law():

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from sessions.decisions import AddPoint, Place, Recorded, Withdraw
 from sessions.replay import replay
 from tests.ui.user_points import measuring_snapshot, true_pixel
-from ui.review.gestures import Dropped, PlacedInScan
-from ui.review.new_points import UNKNOWN, act_of, given_up, name_after, next_name
+from ui.review.gestures import Dropped, Judged, PlacedInScan
+from ui.review.new_points import UNKNOWN, act_of, name_after, next_name, with_begun
 from ui.review.outcome import outcome_of
-from ui.review.queue import seat_down
+from ui.review.queue import keep_seat_up, seat_down
 from ui.review.state import QueueFilter, Seat
 
 
@@ -22,24 +22,57 @@ def desk():
 
 
 def clicked(desk):
-    """The seat and the decision after a click, and where it was."""
+    """The seat and the new point it begins after a click, and where that was."""
     seat = seat_down(Seat("seat-1", "anna", filter=QueueFilter("measure")), desk.rows)
     photo, place = seat.current[1], true_pixel(seat.current)
     outcome = outcome_of(PlacedInScan("seat-1", ("", photo), *place), seat, desk)
-    return outcome.seat, outcome.decisions, photo, place
+    assert outcome.decisions == ()
+    (added,) = outcome.seat.begun.values()
+    return outcome.seat, added, photo, place
 
 
 def test_a_click_names_a_point_and_drafts_its_place__law(desk):
-    seat, (added,), photo, place = clicked(desk)
+    seat, added, photo, place = clicked(desk)
     assert (added.point_id, added.sigma_m, added.measured) == ("N001", UNKNOWN, ())
     assert seat.current == ("N001", photo)
     assert seat.draft_of(seat.current).decision == Place("N001", photo, *place.tolist())
-    known = [Recorded(1, "t1", "anna", added), Recorded(2, "t2", "anna", Withdraw(1))]
-    assert next_name("N###", desk.state, known) == "N002"
+    known = (Recorded(1, "t1", "anna", added), Recorded(2, "t2", "anna", Withdraw(1)))
+    assert next_name("N###", replace(desk, recorded=known)) == "N002"
+    # What somebody else has drafted is taken as well.
+    assert next_name("N###", desk.with_seat(seat)) == "N002"
+
+
+def test_who_drafts_a_point_alone_has_its_rows_and_keeps_it_with_its_place__law(desk):
+    seat, added, photo, place = clicked(desk)
+    there = with_begun(desk, seat)
+    assert with_begun(desk, seat.without_draft(seat.current)) is desk
+    assert not any(key[0] == "N001" for key in desk.rows)
+    assert there.rows[seat.current].state == "predicted"
+    assert [line[:2] for line in there.table.lines[len(desk.table.lines) :]] == [
+        list(key) for key in there.rows if key[0] == "N001"
+    ]
+    refused = outcome_of(Judged("seat-1", seat.current, "reject"), seat, there)
+    assert (refused.decisions, refused.notice.text) == ((), "notice.only-draft")
+    kept = outcome_of(Judged("seat-1", seat.current, "accept"), seat, there)
+    assert kept.decisions == (added, Place("N001", photo, *place.tolist()))
+    assert not kept.seat.drafts
+
+
+def test_other_drafts_of_a_kept_point_go_when_it_is_taken_back__law(desk):
+    seat, added, photo, place = clicked(desk)
+    there = with_begun(desk, seat)
+    seat = keep_seat_up(seat, there.rows)
+    other = next(key for key in there.rows if key[0] == "N001" and key[1] != photo)
+    seat = outcome_of(PlacedInScan("seat-1", other, *place), seat, there).seat
+    assert seat.draft_of(other).begins == added
+    kept = outcome_of(Judged("seat-1", ("N001", photo), "accept"), seat, there).seat
+    assert [(one.key, one.begins) for one in kept.drafts] == [(other, None)]
+    assert keep_seat_up(kept, there.rows).drafts == kept.drafts
+    assert keep_seat_up(kept, desk.rows).drafts == ()
 
 
 def test_a_point_belongs_to_its_first_two_rays__law(desk):
-    _, (added,), photo, place = clicked(desk)
+    _, added, photo, place = clicked(desk)
     made = Recorded(1, "t1", "anna", added)
     state = replace(desk.state, block=replay(desk.state.block, [made]).block)
     first = Place("N001", photo, *place.tolist())
@@ -49,16 +82,13 @@ def test_a_point_belongs_to_its_first_two_rays__law(desk):
     rays += [Recorded(n, "t3", "anna", replace(first, photo_id=p)) for n, p in enumerate(others, 3)]
     two = replace(state, block=replay(state.block, rays[:2]).block)
     assert act_of((rays[2].decision,), two, [made, *rays[:2]]) is None
-    assert given_up(two, [made, *rays[:2]], "N001") == ()
 
 
 def test_a_dropped_draft_takes_its_new_point_along__law(desk):
-    seat, (added,), _, _ = clicked(desk)
-    made = Recorded(1, "t1", "anna", added)
-    state = replace(desk.state, block=replay(desk.state.block, [made]).block)
-    there = replace(desk, state=state, recorded=(made,))
+    seat, added, _, _ = clicked(desk)
     assert isinstance(added, AddPoint)
-    assert outcome_of(Dropped("seat-1", seat.current), seat, there).decisions == (Withdraw(1),)
+    dropped = outcome_of(Dropped("seat-1", seat.current), seat, with_begun(desk, seat))
+    assert (dropped.decisions, dropped.seat.begun) == ((), {})
 
 
 def test_names_count_on__truth():
