@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import shapely
 
@@ -111,10 +111,17 @@ class Run:
         self.passes = 1
         self.digests: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
-        self.times: dict[str, float] = session.products.latest_value(TIMES) or {}
+        self.times: dict[str, float] = session.products.latest_value(TIMES) or {
+            f"{name}/1": seconds for name, seconds in self.last_walk.get("seconds", {}).items()
+        }
         self.threads = Threads(options.workers)
         self.interruption = Interruption()
         self.films: Films = {}
+
+    @property
+    def last_walk(self) -> dict[str, Any]:
+        """Seconds and digests by stage, as the last report told them; empty without one."""
+        return self.session.products.latest_value(WALKED) or {}
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
@@ -190,10 +197,10 @@ class Run:
         saved, product = products.saved, f"{name}/{self.passes}"
         said = last[name](progress) if stage is None else self.compute(stage, progress)
         took = time.monotonic() - started
-        if products.saved > saved or product not in self.times:
+        if products.saved > saved:
             self.times[product] = took
             products.save_value(TIMES, self.digest_of(TIMES), self.times)
-        self.seconds[name] = self.seconds.get(name, 0.0) + self.times[product]
+        self.seconds[name] = self.seconds.get(name, 0.0) + self.times.get(product, 0.0)
         self.voice.ended(name, title, took, said)
 
     def anew(self, name: str) -> bool:
@@ -334,9 +341,8 @@ class Run:
 
         What the last walk took, and what its stages were made from, is told again.
         """
-        walked = self.session.products.latest_value(WALKED) or {}
-        self.seconds = {**walked.get("seconds", {})}
-        self.digests = {**walked.get("digests", {})}
+        self.seconds = {**self.last_walk.get("seconds", {})}
+        self.digests = {**self.last_walk.get("digests", {})}
         latest = {stage.name: self.session.products.latest_value(stage.name) for stage in STAGES}
         latest["sheets"] = self.session.products.latest_value(SHEETS)
         latest["scans"] = self.corrected(cast("ScanSet", latest["scans"]))

@@ -90,9 +90,13 @@ class Products:
         For showing what was, until what is has been made. A repeated stage has a product for each
         pass, in folders below its own.
         """
-        found = self._stage_path(stage).rglob("*.value")
-        newest = max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
+        newest = self._newest(stage)
         return None if newest is None else _value_in(newest, self._here)
+
+    def latest_digest(self, stage: str) -> str:
+        """The digest of `latest_value`; empty if there is none."""
+        newest = self._newest(stage)
+        return "" if newest is None else newest.stem
 
     @contextmanager
     def making(self, stage: str, digest: str) -> Generator[Path]:
@@ -108,6 +112,10 @@ class Products:
                 (temporary / _MANIFEST).write_text(json.dumps(sizes), encoding="utf-8")
         self.saved += 1
         self._prune(path)
+
+    def _newest(self, stage: str) -> Path | None:
+        found = self._stage_path(stage).rglob("*.value")
+        return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
 
     def _stage_path(self, stage: str) -> Path:
         return self.folder.joinpath(*(quote(part, safe=" ") for part in stage.split("/")))

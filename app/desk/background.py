@@ -1,6 +1,7 @@
 """Background work of the desk: adjusting (newest wins) and what follows, measuring, orthos."""
 
 import logging
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from app.desk.messages import (
     Adjusted,
     Deliver,
     Delivery,
+    Event,
     FillEnded,
     FillStep,
     Measured,
@@ -21,6 +23,7 @@ from app.desk.messages import (
     RemakeStep,
     Tried,
     Work,
+    WrittenBeside,
 )
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
@@ -43,6 +46,8 @@ BEGIN_AFTER_S = 0.1
 """An adjustment begins this much later: first the picture of what was decided goes out."""
 REPORT_EVERY_S = 0.15
 """Progress is passed on no more often than this."""
+LOOK_S = 1.0
+"""An idle desk looks so often whether a run beside it has written results."""
 
 Remake = Callable[[tuple[str, ...], Progress, AdjustmentReport], None]
 """(photo_ids, progress, report): make these orthos, and the mosaic, with these orientations."""
@@ -337,6 +342,35 @@ class _Watched:
         share = done / total if total else 0.0
         left = (now - self._begun) * (1 - share) / share if share > 0.02 else None
         self._deliver(self._step(done, total, what, left))
+
+
+class Beside:
+    """Looks for results that another process wrote while nothing happens at the desk."""
+
+    def __init__(self, written_ms: Callable[[], int], engine: Callable[[], str]) -> None:
+        """Ask when the report on disk was written, and what the engine's block was made from."""
+        self._written_ms, self._engine, self._block = written_ms, engine, engine()
+        self.outdated = threading.Event()
+        """Set once another block was made: the desk is to be opened anew."""
+
+    def next_event(
+        self, inbox: "queue.SimpleQueue[Event]", shown_ms: Callable[[], int | None]
+    ) -> Event:
+        """The next event; `WrittenBeside` when the report is not the one that is shown.
+
+        Args:
+            inbox: What the desk is told.
+            shown_ms: When the report was written that the desk tells of; None while it writes one.
+        """
+        while True:
+            try:
+                return inbox.get(timeout=LOOK_S)
+            except queue.Empty:
+                if shown_ms() in (None, self._written_ms()):
+                    continue
+            if self._engine() != self._block:
+                self.outdated.set()
+            return WrittenBeside()
 
 
 def survived(function: Callable[[Any], None], argument: Any) -> str:

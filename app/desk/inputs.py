@@ -18,7 +18,7 @@ from app.desk.mosaic import MosaicFile, sheet_routes
 from app.mosaic import make_change, make_mosaic
 from app.placing import Placeable, standing_block
 from app.project import Project, described
-from app.run import Run, RunOptions, make_orthos, terrain_of, write_all
+from app.run import PAGE, Run, RunOptions, make_orthos, terrain_of, write_all
 from app.running import Running
 from app.sheets import check_sheets, make_sheets
 from app.terminal import JsonLines
@@ -162,12 +162,30 @@ class DeskInputs:
         """What the mosaic on disk was made of; empty where there is none."""
         return version_on_disk(self.session.products)
 
+    def written_ms(self) -> int:
+        """When the report on disk was written, milliseconds since 1970; 0 where there is none."""
+        page = None if self.results is None else self.results / PAGE
+        return page.stat().st_mtime_ns // 1_000_000 if page is not None and page.is_file() else 0
+
+    def engine_digest(self) -> str:
+        """What the newest block of the engine on disk was made from."""
+        return self.session.products.latest_digest("control")
+
+    def files(self, state: DeskState) -> DeskState:
+        """The same with mosaic and report as they are on disk now."""
+        mosaic = None if self.mosaic is None else self.mosaic.on_disk()
+        return replace(state, mosaic=mosaic, written_ms=self.written_ms())
+
+    def on_disk(self, state: DeskState) -> DeskState:
+        """The same with all that the last run made, and with what it was made of."""
+        made, latest = last_results(self.session, self.block)
+        return replace(self.files(state), made=made, written_of=latest)
+
 
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
-    mosaic = None if desk.mosaic is None else desk.mosaic.on_disk()
-    return DeskState(desk.block, desk.report, made=made, written_of=desk.written_of, mosaic=mosaic)
+    return desk.files(DeskState(desk.block, desk.report, made=made, written_of=desk.written_of))
 
 
 def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
@@ -212,7 +230,7 @@ def desk_inputs(
     compared = Comparing(reference, given.control.orientation, opened)
     adjusting = adjusting_of(given, reference)
     report = adjusting(session.replayed(block, initial.films, initial.cameras))
-    latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
+    made, latest = last_results(session, block)
     return DeskInputs(
         name=project.block.name,
         block=block,
@@ -234,7 +252,7 @@ def desk_inputs(
         results=session.results,
         mosaic=MosaicFile(session, block.crs),
         remake=OrthoMaker(project, reference, operator),
-        made=ortho_orientations(session, block if latest is None else latest.block),
+        made=made,
         written_of=latest,
         operator=operator,
         host=host,
@@ -414,6 +432,17 @@ class OrthoMaker:
             products = session.products
             products.save_value("adjustment", products.digest_of("desk", decisions), report)
             walk.threads.close()
+
+
+def last_results(session: Session, block: Block) -> tuple[Made, AdjustmentReport | None]:
+    """What the orthos on disk were made with, and the adjustment that tables and report tell of.
+
+    Args:
+        session: With what the last run made.
+        block: As the engine left it, for a block that was not adjusted yet.
+    """
+    latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
+    return ortho_orientations(session, block if latest is None else latest.block), latest
 
 
 def ortho_orientations(session: Session, adjusted: Block) -> Made:

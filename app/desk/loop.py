@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from app.desk.background import (
     AfterAdjustment,
+    Beside,
     Filler,
     Measurer,
     Remaker,
@@ -29,6 +30,7 @@ from app.desk.messages import (
     Event,
     FillEnded,
     FillStep,
+    Making,
     Measured,
     MeasuringBegun,
     Proposed,
@@ -39,6 +41,7 @@ from app.desk.messages import (
     SeatLeft,
     SeatTaken,
     Tried,
+    WrittenBeside,
 )
 from core.doubts import Failure
 from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
@@ -65,7 +68,7 @@ from ui.review.pages import Pages
 from ui.review.queue import keep_seat_up, seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Key, Notice, Remaking, SceneOptions, Seat, ShownMosaic
+from ui.review.state import DeskState, Draft, Key, Notice, Remaking, SceneOptions, Seat, ShownMosaic
 from ui.review.to_measure import kept_up, with_predictions, with_proposals
 from ui.review.trial import Trial, TrialWork
 
@@ -79,6 +82,7 @@ class ReviewLoop:
         self._inputs, self._screen, self._session = inputs, screen, inputs.session
         self._inbox: queue.SimpleQueue[Event] = inbox or queue.SimpleQueue()
         self._now = first_snapshot(inputs)
+        self.beside = Beside(inputs.written_ms, inputs.engine_digest)
         self._pages, self._footprints = Pages(), Footprints(inputs.dem)
         self._scenes: set[str] = set()
         self._seen: dict[str, tuple[DeskSnapshot, dict[str, AddPoint], DeskSnapshot]] = {}
@@ -132,12 +136,15 @@ class ReviewLoop:
 
     def _run(self) -> None:
         while True:
-            event = self._inbox.get()
+            event = self.beside.next_event(self._inbox, self._shown_ms)
             if isinstance(event, Closed):
                 return
             failures = survived(self._handle, event), survived(self._catch_up, event)
             for failure in filter(None, failures):
                 self._screen.tell("", Notice("notice.not-done", {"why": failure}, grave=True))
+
+    def _shown_ms(self) -> int | None:
+        return None if self._remaker.busy else self._now.state.written_ms
 
     def _handle(self, event: Event) -> None:
         match event:
@@ -153,7 +160,7 @@ class ReviewLoop:
                 self._take_measured(event)
             case Proposed():
                 self._take_proposals(event)
-            case RemakeStep() | FillStep() | RemakeEnded() | FillEnded():
+            case RemakeStep() | FillStep() | RemakeEnded() | FillEnded() | WrittenBeside():
                 self._take_long_work(event)
             case Closed():
                 pass
@@ -414,8 +421,11 @@ class ReviewLoop:
         self._change_state(remaking=Remaking())
         self._remaker.start(stale, state.report)
 
-    def _take_long_work(self, event: RemakeStep | FillStep | RemakeEnded | FillEnded) -> None:
+    def _take_long_work(self, event: Making) -> None:
         match event:
+            case WrittenBeside():
+                self._show_made(self._inputs.on_disk(self._now.state))
+                self._screen.tell("", Notice("notice.written-beside"))
             case RemakeStep() | FillStep():
                 self._take_step(event)
             case RemakeEnded():
@@ -450,16 +460,17 @@ class ReviewLoop:
         elif ended.cancelled:
             notice = Notice("notice.remake-cancelled")
         else:
-            oriented = replace(state, report=ended.made_with).oriented
-            made = with_made(state, ended.photo_ids, oriented)
-            on_disk = None if self._inputs.mosaic is None else self._inputs.mosaic.on_disk()
-            mosaic = self._with_edits(on_disk, self._now.recorded)
-            state = replace(made, written_of=ended.made_with, mosaic=mosaic)
+            state = with_made(self._inputs.files(state), ended.photo_ids, ended.made_with)
             notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
+        self._show_made(state)
+        self._screen.tell("", notice)
+
+    def _show_made(self, state: DeskState) -> None:
+        """Show what is on disk now."""
+        state = replace(state, mosaic=self._with_edits(state.mosaic, self._now.recorded))
         stale = stale_photos(state, self._inputs.stale_m)
         version = self._inputs.mosaic_version()
         self._now = replace(self._now, state=state, stale=stale, mosaic_version=version)
-        self._screen.tell("", notice)
 
     def _seen_by(self, seat: Seat) -> DeskSnapshot:
         """The desk with what drafts of a seat add to it: the same values until one changes."""

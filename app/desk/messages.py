@@ -46,6 +46,11 @@ class SceneOpened:
 
 
 @dataclass(frozen=True, slots=True)
+class WrittenBeside:
+    """Another process wrote the results of the block anew."""
+
+
+@dataclass(frozen=True, slots=True)
 class Closed:
     """The desk closes."""
 
@@ -182,10 +187,9 @@ class FillEnded:
     """What to tell the operator."""
 
 
-Delivery = (
-    Adjusted | Tried | Measured | Proposed | MeasuringBegun | RemakeStep | RemakeEnded
-    | FillStep | FillEnded
-)  # fmt: skip
+Making = RemakeStep | RemakeEnded | FillStep | FillEnded | WrittenBeside
+"""How far long work is, here or beside the desk."""
+Delivery = Adjusted | Tried | Measured | Proposed | MeasuringBegun | Making
 """What the work in the background hands back."""
 Event = Gesture | Delivery | SeatTaken | SeatLeft | SceneOpened | Closed
 """All that the loop takes, in order."""

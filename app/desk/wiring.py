@@ -73,8 +73,9 @@ class OpenDesk(Opened):
 
     @property
     def ran(self) -> bool:
-        """Whether a run from the desk has gone through: the desk is to be opened on its block."""
-        return self._running is not None and self._running.gone_through.is_set()
+        """Whether a run from the desk or beside it made a block: the desk is to be opened on it."""
+        own = self._running is not None and self._running.gone_through.is_set()
+        return own or self.loop.beside.outdated.is_set()
 
     def wait(self) -> bool:
         """Whether an operator wants to see files and settings; False when the desk was closed.

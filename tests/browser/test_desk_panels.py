@@ -4,6 +4,7 @@ from importlib.metadata import version
 
 import pytest
 
+from app.desk.wiring import open_desk
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE
 from tests.browser.hands import (
@@ -18,6 +19,7 @@ from tests.browser.hands import (
     state_of,
     unfold,
 )
+from tests.ui.desk_block import desk_inputs
 from ui.words.catalogue import words
 
 pytestmark = pytest.mark.browser
@@ -281,3 +283,24 @@ def test_the_wipe_line_is_dragged_in_the_picture_and_places_nothing__law(sit):
     page.wait_for_timeout(300)
     assert page.evaluate("gruber.compareState().view") == before
     assert page.evaluate("gruber.parts.point.draft") is None
+
+
+def test_a_report_that_was_written_beside_the_desk_is_told_listed_and_shown__law(sit_at, tmp_path):
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "report.html").write_text("<p>of yesterday</p>", encoding="utf-8")
+    inputs = desk_inputs(tmp_path, results=results)
+    with open_desk(inputs) as opened:
+        page = sit_at(opened.url, scene=False)
+        page.click("#results-open")
+        with page.expect_popup() as asked:
+            page.click("#results a[href$='report.html']")
+        report = asked.value
+        report.wait_for_selector("text=of yesterday")
+        (results / "misfit.csv").write_text("a", encoding="utf-8")
+        (results / "report.html").write_text("<p>of today</p>", encoding="utf-8")
+        report.wait_for_selector("text=of today")
+        page.wait_for_selector("#results[open] a[href$='misfit.csv']")
+        said = page.locator(".notice").all_inner_texts()
+        assert words("en")["notice.written-beside"] in said
+    inputs.session.close()

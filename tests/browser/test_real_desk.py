@@ -163,6 +163,7 @@ def test_a_page_comes_back_to_a_desk_that_was_killed__law(run_folder, sit_at):
         page.wait_for_selector("#lost:not([hidden])")
         process, again = served(run_folder, int(url.partition("127.0.0.1:")[2].partition("/")[0]))
         assert again == url
+        page.wait_for_selector(f".notice >> text={words('en')['notice.reopened']}")
         page.wait_for_selector("#lost", state="hidden")
         page.wait_for_function(
             "key => document.querySelector('.row.current')?.dataset.key === key", arg=here

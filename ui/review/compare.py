@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
+from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import ObjectPoints, PixelPoints
 from core.block import Block, Photo
 from core.control.likeness import Likeness
@@ -162,10 +163,11 @@ def stale_photos(state: DeskState, tolerance_m: float) -> tuple[str, ...]:
     return tuple(stale)
 
 
-def with_made(state: DeskState, photo_ids: tuple[str, ...], oriented: Block) -> DeskState:
-    """The state once the orthos of some photos were made with the orientations of a block."""
-    fresh = made_with(oriented)
-    return replace(state, made={**state.made, **{name: fresh[name] for name in photo_ids}})
+def with_made(state: DeskState, photo_ids: tuple[str, ...], report: AdjustmentReport) -> DeskState:
+    """The state once results, and the orthos of some photos, were made with an adjustment."""
+    fresh = made_with(replace(state, report=report).oriented)
+    made = {**state.made, **{name: fresh[name] for name in photo_ids}}
+    return replace(state, made=made, written_of=report)
 
 
 def made_with(oriented: Block) -> Made:

@@ -105,6 +105,7 @@ def status_part(
         "adjusting": state.adjusting,
         "stale": list(stale),
         "written": state.written,
+        "written_ms": state.written_ms,
         "remaking": _making_part(state.remaking),
         "filling": _making_part(state.filling),
     }

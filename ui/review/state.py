@@ -322,6 +322,8 @@ class DeskState:
     """Set while marks like an example are being searched."""
     written_of: AdjustmentReport | None = None
     """The adjustment that tables and report on disk tell of; None where there are none."""
+    written_ms: int = 0
+    """When that report was written, milliseconds since 1970; 0 where there is none."""
     free: tuple[bool, bool] = (True, True)
     """Whether cameras are estimated, and whether gross errors are looked for."""
     mosaic: "ShownMosaic | None" = None

@@ -97,6 +97,7 @@ interface Status {
   adjusting: boolean;
   stale: string[];
   written: boolean;
+  written_ms: number;
   remaking: Making | null;
   filling: Making | null;
 }

@@ -428,3 +428,27 @@ def test_marks_are_searched_while_the_desk_decides_and_recorded_as_one__law(tmp_
         desk.close()
     texts = [text for _, text in desk.glass.notices]
     assert texts[-3:] == ["notice.fill-cancelled", "notice.filled", "notice.undo.FillMarks"]
+
+
+def test_results_that_a_run_beside_the_desk_wrote_are_noticed__law(tmp_path: Any):
+    """The desk went on telling of the report it had found when it opened."""
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "report.html").write_text("old")
+    desk = Opened(tmp_path, results=results)
+    try:
+        first = desk.glass.status()["written_ms"]
+        products = desk.session.products
+        newer = replace(adjust(tiny_block().block), sigma_nought=1.25)
+        products.save_value("adjustment", products.digest_of("beside"), newer)
+        (results / "report.html").write_text("new")
+        desk.glass.until(lambda glass: ("", "notice.written-beside") in glass.notices)
+        desk.glass.until(lambda glass: glass.status()["written_ms"] > first)
+        assert not desk.glass.status()["written"]
+        assert not desk.loop.beside.outdated.is_set()
+        # Another block of the engine: what is open is no longer what the run left.
+        products.save_value("control", products.digest_of("other"), ())
+        (results / "report.html").write_text("newer")
+        assert desk.loop.beside.outdated.wait(10)
+    finally:
+        desk.close()

@@ -53,7 +53,7 @@ def test_orthos_are_stale_until_they_are_made_again__law(state):
     older = replace(state, made=made_with(state.block))
     stale = stale_photos(older, 0.1)
     assert set(stale) == set(state.block.photos)
-    assert stale_photos(with_made(older, stale, older.oriented), 0.1) == ()
+    assert stale_photos(with_made(older, stale, older.report), 0.1) == ()
 
 
 def test_pixels_on_the_ground_come_back_to_themselves__law(state):

@@ -24,7 +24,7 @@ import {
 import { checksKey, checksState, openChecks, setUpChecks, showChecks } from "./checks.js";
 import { openPlaced, setUpPlaced } from "./placed.js";
 import { setUpPoints } from "./points.js";
-import { setUpResults } from "./results.js";
+import { setUpResults, tellResults } from "./results.js";
 import { setUpSettings } from "./run.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 import { startTour, tourIsNew } from "./tour.js";
@@ -38,7 +38,10 @@ import {
   connect, finish, inTurn, isAhead, isElsewhere, mergeRows, send, takeSeat,
 } from "./wire.js";
 
-/** @typedef {{ key: Key | null, filter: Filter, sort: Sort }} Seen where one was in the queue */
+/**
+ * @typedef {{ key: Key | null, filter: Filter, sort: Sort, reopened: boolean }} Seen
+ *   where one was in the queue
+ */
 
 const NOTICE_MS = 3500; // design: one sentence is read
 const GRAVE_MS = 30000; // design: what went wrong is not missed
@@ -311,6 +314,7 @@ function receive(message) {
     showStatus(fresh.status);
     showFilling(fresh.status.filling);
     tellMosaic(fresh.status);
+    tellResults(fresh.status);
   }
   if (parts.status && (fresh.status || "point" in fresh)) {
     showPeople(parts.status, parts.point?.key);
@@ -352,13 +356,16 @@ function keepPlace({ current, filter, sort }) {
 }
 
 function keptPlace() {
-  const text = sessionStorage.getItem(placeName()) ?? localStorage.getItem(placeName());
+  const own = sessionStorage.getItem(placeName());
+  const text = own ?? localStorage.getItem(placeName());
   const place = text && JSON.parse(text);
-  return place && place.edition !== start.edition ? place : null;
+  const other = place && place.edition !== start.edition;
+  return other ? { ...place, reopened: own !== null } : null;
 }
 
 /** @param {Seen} seen */
-function comeBack({ key, filter, sort }) {
+function comeBack({ key, filter, sort, reopened }) {
+  if (reopened) tell({ text: "notice.reopened", values: {}, grave: false });
   send({ kind: "sort", ...sort });
   send({ kind: "filter", ...filter });
   if (key) send({ kind: "select", key });

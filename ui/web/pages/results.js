@@ -3,6 +3,23 @@ import { mosaicButton } from "./mosaic.js";
 import { post } from "./run.js";
 import { again, byId, element, fileSize, focused, start, word } from "./words.js";
 
+const state = {
+  /** When the report shown was written. */
+  written: 0,
+  /** The tab it was opened in. */
+  page: /** @type {Window | null} */ (null),
+};
+
+/** A report written anew is listed, and shown where it is open. @param {Status} status */
+export function tellResults({ written_ms: written }) {
+  const before = state.written;
+  state.written = written;
+  if (!before || before === written) return;
+  if (state.page && !state.page.closed) state.page.location.reload();
+  const list = document.querySelector("#results[open] .files");
+  if (list) fill(/** @type {HTMLElement} */ (list));
+}
+
 export function setUpResults() {
   const button = byId("results-open");
   button.hidden = !start.results;
@@ -17,7 +34,7 @@ export function setUpResults() {
 
 async function open() {
   const sheet = byId("results");
-  const list = element("div", { "aria-busy": "true" }, word("wait"));
+  const list = element("div", { class: "files", "aria-busy": "true" }, word("wait"));
   // The sheet opens before its list is there, so that no key goes to what lies below.
   sheet.replaceChildren(
     element("h2", {}, word("results")), element("p", {}, word("results.long")),
@@ -25,6 +42,11 @@ async function open() {
     ...sheets(), ...exporting(),
     element("button", { onclick: () => sheet.close() }, word("act.close")));
   sheet.showModal();
+  await fill(list);
+}
+
+/** @param {HTMLElement} list */
+async function fill(list) {
   const answer = await fetch("/results/");
   /** @type {[name: string, bytes: number][]} */
   const files = answer.ok ? await answer.json() : [];
@@ -51,10 +73,17 @@ const line = ([name, bytes]) => element("li", {}, link(name),
 function link(name) {
   const page = name.endsWith(".html");
   const plain = name.split("/").at(-1) ?? name;
-  const how = page ? { target: "_blank" } : { download: plain };
+  const how = page ? { target: "_blank", onclick: openPage } : { download: plain };
   const text = page ? word("results.report", { name }) : plain;
   const href = `/results/${name.split("/").map(encodeURIComponent).join("/")}`;
   return element("a", { href, ...how }, text);
+}
+
+/** In a tab that is kept, to be loaded again. @param {MouseEvent} event */
+function openPage(event) {
+  event.preventDefault();
+  const { href } = /** @type {HTMLAnchorElement} */ (event.currentTarget);
+  state.page = window.open(href, href);
 }
 
 /**
