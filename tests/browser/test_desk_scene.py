@@ -1,9 +1,11 @@
 """The 3D scene under a hand in a real Chromium: cards, flights, lists, and what fits the inset."""
 
+import numpy as np
 import pytest
 
 from tests.browser.conftest import scene_of
-from tests.browser.hands import grow
+from tests.browser.hands import caught_up, grow
+from tests.ui.desk_block import tiny_block
 
 pytestmark = pytest.mark.browser
 ON_SCREEN = """name => {
@@ -56,6 +58,61 @@ def test_a_photo_is_named_chosen_entered_and_left__truth(sit):
     name = first.get_attribute("data-photo")
     first.click()
     page.wait_for_function("name => gruber.parts.scene.inside === name", arg=name)
+
+
+SEEN_AT = """places => {
+  const { nodeRefFromName, camera } = window.__viserMutable;
+  const frame = nodeRefFromName["/footprints"].matrixWorld;
+  return places.map(place => {
+    const seen = camera.position.clone().set(...place).applyMatrix4(frame).project(camera);
+    return [(seen.x + 1) / 2 * innerWidth, (1 - seen.y) / 2 * innerHeight];
+  });
+}"""
+SHOWN = """[...gruber.parts.order].map(n => gruber.parts.rows[n]).filter(row =>
+  gruber.areaShown().places.some(([e, n]) => e === row[11] && n === row[12])).map(row => row[0])"""
+
+
+def test_an_area_drawn_over_the_scene_is_what_the_queue_shows__truth(sit):
+    page = sit()
+    page.click('.chip[data-state="all"]')
+    grow(page, "block")
+    scene, room = scene_of(page), page.locator("#scene")
+    page.wait_for_selector("#scene-scale:not([hidden])")
+    scene.wait_for_function(
+        "innerWidth > 1000 && "
+        "Math.abs(__viserMutable.camera.aspect - innerWidth / innerHeight) < 0.01"
+    )
+    block = tiny_block().block
+    names = sorted({name for name, _ in block.measurements})
+    places = {name: block.surveyed[name].position - block.origin for name in names}
+    seen = np.array(scene.evaluate(SEEN_AT, [place.tolist() for place in places.values()]))
+    at = dict(zip(places, seen, strict=True))
+    low, high = np.quantile(seen, 0.3, axis=0), np.quantile(seen, 0.75, axis=0)
+    box = room.bounding_box()
+    # Escape leaves it, and the next drag turns the block again.
+    page.keyboard.press("Shift+F")
+    page.wait_for_selector("#scene-area:not([hidden])")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#scene-area", state="hidden")
+    page.click('[data-act="area"]')
+    page.wait_for_selector('[data-act="area"].on')
+    page.mouse.move(box["x"] + low[0], box["y"] + low[1])
+    page.mouse.down()
+    page.mouse.move(box["x"] + high[0], box["y"] + high[1], steps=4)
+    page.mouse.up()
+    page.wait_for_function("gruber.parts.queue.filter.area.length > 4")
+    caught_up(page)
+    shown = set(page.evaluate(SHOWN))
+    # Points lie on the ground as the reference has it; the outline may pass them by a few pixels.
+    sure = 6
+    inside = {n for n, p in at.items() if (p > low + sure).all() and (p < high - sure).all()}
+    near = {n for n, p in at.items() if (p > low - sure).all() and (p < high + sure).all()}
+    assert len(inside) > 5
+    assert inside <= shown <= near
+    page.click('[data-grow="block"]')
+    page.click("#sieve-area")
+    page.wait_for_selector("#sieve-area", state="hidden")
+    assert set(page.evaluate(SHOWN)) > near
 
 
 def test_the_inset_has_only_what_fits__law(sit):

@@ -14,10 +14,16 @@ from core.matching.reference import open_reference
 from core.scans.stage import ScanSet
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS
+from tests.browser.hands import caught_up
+from tests.ui.desk_block import tiny_block
 
 pytestmark = pytest.mark.browser
 CELL = """name => gruber.boardState().found.photos.flatMap(row => row.cells.map(cell =>
   [`${row.photo}|${cell.name}`, cell])).find(([key]) => key === name)[1]"""
+
+
+SHOWN = """gruber.parts.rows.filter(row =>
+  gruber.areaShown().places.some(([e, n]) => e === row[11] && n === row[12]))"""
 
 
 def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
@@ -67,6 +73,53 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
     page.keyboard.press("j")
     page.keyboard.press("Escape")
     page.wait_for_selector("#placement", state="hidden")
+
+
+def test_an_area_drawn_on_the_map_is_what_the_queue_shows__truth(sit):
+    page = sit(scene=False)
+    page.click('.chip[data-state="all"]')
+    caught_up(page)
+    before = page.evaluate("gruber.areaShown().places.length")
+    page.keyboard.press("g")
+    page.wait_for_selector("#placement tr[data-photo]")
+    box = page.locator("#placement .pane").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    # Escape leaves the drawing, and only then the map.
+    page.keyboard.press("Shift+F")
+    page.wait_for_selector("#map-area.on")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#map-area:not(.on)")
+    page.click("#map-area")
+    page.wait_for_selector("#map-area.on")
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] - 4, box["y"] + 4, steps=4)
+    page.mouse.up()
+    page.wait_for_function("gruber.parts.queue.filter.area.length === 4")
+    page.wait_for_selector("#map-area:not(.on)")
+    caught_up(page)
+    found = page.evaluate("gruber.areaShown()")
+    view = page.evaluate("(({ x, y, scale }) => [x, y, scale])(gruber.placementState().view)")
+    assert view[2] > 0
+    # North-east of the middle of the map.
+    west, south = np.min(found["area"], axis=0)
+    block = tiny_block().block
+    there = {
+        name
+        for name, one in block.surveyed.items()
+        if one.position[0] > west and one.position[1] > south
+    }
+    shown = {row[0] for row in page.evaluate(SHOWN)}
+    assert 0 < len(found["places"]) < before
+    assert shown == {name for name, _ in block.measurements if name in there}
+    page.keyboard.press("g")
+    page.wait_for_selector("#sieve-area:not([hidden])")
+    # It is part of the filter: kept through a reload, taken away by its chip.
+    page.reload()
+    page.wait_for_selector("#sieve-area:not([hidden])")
+    page.click("#sieve-area")
+    page.wait_for_selector("#sieve-area", state="hidden")
+    assert page.evaluate("gruber.areaShown().places.length") == before
 
 
 def test_guests_look_at_the_board_and_change_nothing__law(real_desk, sit_at):

@@ -11,7 +11,7 @@ const ROWS = [
   row("1", "a", "control", "auto"), row("1", "b", "control", "rejected"),
   row("2", "a", "check", "unused"), row("t", "a", "tie", "auto"),
 ];
-const ALL = { state: "all", photo: "", role: "", text: "" };
+const ALL = { state: "all", photo: "", role: "", text: "", area: [] };
 const ORDER = [3, 2, 1, 0];
 
 test("points are shown in their order, ties only when they are asked for__truth", () => {
@@ -44,6 +44,13 @@ test("a name is found by its parts__truth", () => {
   const named = (text) => sifted(rows, [0, 1], { ...ALL, text }).shown;
   assert.deepEqual([named("j 65650 47411"), named("kr"), named("65650 kr"), named(" ")],
     [[0], [1], [], [0, 1]]);
+});
+
+test("an area lets through what lies in it__truth", () => {
+  const rows = [[10, 10], [30, 5], [19, 19]].map((place, n) =>
+    [...row(`${n}`, "a", "control", "auto"), 0, 1, ...place]);
+  const triangle = [[0, 0], [40, 0], [0, 20.5]];
+  assert.deepEqual(sifted(rows, [0, 1, 2], { ...ALL, area: triangle }).shown, [0, 1]);
 });
 
 test("an order that is ahead of the rows leaves out what is not there yet__law", () => {

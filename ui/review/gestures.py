@@ -10,10 +10,12 @@ from ui.review.mosaic import (
     MosaicPicked,
     NearAsked,
     SeamDrawn,
+    area_of,
     near_from_message,
     picked_from_message,
     seam_from_message,
 )
+from ui.review.sight import Outlined, outlined_from_message, ray_of
 from ui.review.state import (
     KINDS,
     LAYERS,
@@ -22,9 +24,9 @@ from ui.review.state import (
     SORT_COLUMNS,
     STATE_FILTERS,
     Key,
+    QueueFilter,
     Sheet,
     SortColumn,
-    StateFilter,
 )
 
 Verdict = Literal["accept", "reject", "dubious", "invisible"]
@@ -157,10 +159,7 @@ class Filtered:
     """The queue filtered anew."""
 
     seat_id: str
-    state: StateFilter
-    photo_id: str
-    role: str
-    text: str = ""
+    wanted: QueueFilter
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,6 +321,7 @@ class Freed:
 Looking = (
     Stepped | Selected | Sorted | Filtered | Aimed | PhotoEntered | ReliefRaised | LayerSwitched
     | VectorsScaled | Fitted | QualityAsked | SheetAsked | AnswerAsked | MosaicPicked | NearAsked
+    | Outlined
 )  # fmt: skip
 Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
@@ -379,8 +379,8 @@ def _sorted(seat_id: str, message: Message) -> Gesture:
 def _filtered(seat_id: str, message: Message) -> Gesture:
     if message["state"] not in STATE_FILTERS or message["role"] not in ("", *KINDS):
         raise ValueError(message["state"])
-    photo_id, role = str(message["photo"]), str(message["role"])
-    return Filtered(seat_id, message["state"], photo_id, role, str(message.get("text", "")))
+    photo, role, text = (str(message.get(name, "")) for name in ("photo", "role", "text"))
+    return Filtered(seat_id, QueueFilter(message["state"], photo, role, text, area_of(message)))
 
 
 def _layer(seat_id: str, message: Message) -> Gesture:
@@ -404,14 +404,7 @@ def _aimed(act: Aim) -> Callable[[str, Message], Gesture]:
     """Reads a ray of the scene."""
 
     def read(seat_id: str, message: Message) -> Gesture:
-        east, north, height, *towards = (float(value) for value in message["ray"])
-        right, forward, up = towards
-        if not all(abs(value) < 1e9 for value in (east, north, height)):
-            raise ValueError("not a place")
-        if not 0.5 < right**2 + forward**2 + up**2 < 2:
-            raise ValueError("not a direction")
-        origin, direction = (east, north, height), (right, forward, up)
-        return Aimed(seat_id, act, origin, direction, int(message["number"]))
+        return Aimed(seat_id, act, *ray_of(message["ray"]), int(message["number"]))
 
     return read
 
@@ -467,6 +460,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "select": lambda seat, message: Selected(seat, _key(message)),
     "sort": _sorted,
     "filter": _filtered,
+    "outline": outlined_from_message,
     "layer": _layer,
     "vectors": _scaled,
     "relief": _raised,

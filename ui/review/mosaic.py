@@ -30,7 +30,7 @@ from ui.review.quality import footprint_polygons
 from ui.review.queue import passes, with_filter
 from ui.review.sight import photos_over
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Key, Notice, QueueFilter, Seat, ShownMosaic
+from ui.review.state import Area, Key, Notice, QueueFilter, Seat, ShownMosaic
 
 Part = dict[str, Any]
 MOST_PLACES = 2000
@@ -80,6 +80,19 @@ def place_of(message: Mapping[str, Any]) -> tuple[float, float]:
     if not (abs(east) < 1e9 and abs(north) < 1e9):
         raise ValueError("not a place")
     return east, north
+
+
+def area_of(message: Mapping[str, Any]) -> Area:
+    """Corners of an area in a message; none where it has none.
+
+    Raises:
+        ValueError: They are too few or too many, or lie nowhere.
+    """
+    places = cast("list[Any]", message.get("area") or [])
+    area = tuple(place_of({"place": place}) for place in places)
+    if area and not 3 <= len(area) <= MOST_PLACES:
+        raise ValueError("not an area")
+    return area
 
 
 def picked_from_message(seat_id: str, message: Mapping[str, Any]) -> MosaicPicked:

@@ -17,7 +17,7 @@ from sessions.decisions import (
     Reject,
     SetRole,
 )
-from ui.review import mosaic
+from ui.review import mosaic, sight
 from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
@@ -72,9 +72,8 @@ from ui.review.queue import (
     visible,
     with_filter,
 )
-from ui.review.sight import Picked, card_part, ground_under, photos_over, pick, sight_part
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Key, Notice, QueueFilter, Seat, Sorting
+from ui.review.state import Draft, Key, Notice, Seat, Sorting
 from ui.review.to_measure import WAITING, by_view
 from ui.review.verdicts import decision_of, refusal, standing_verdict
 
@@ -140,7 +139,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _act(gesture, seat, desk)
         case TakenBack() | CheckRead() | BlockSigned() | Remarked():
             return _record(gesture, seat, desk)
-        case Aimed() | mosaic.MosaicPicked():
+        case Aimed() | mosaic.MosaicPicked() | sight.Outlined():
             return _aim(gesture, seat, desk)
         case _:
             return Outcome(_moved(gesture, seat, desk))
@@ -371,8 +370,15 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
 
-def _aim(gesture: Aimed | mosaic.MosaicPicked, seat: Seat, desk: DeskSnapshot) -> Outcome:
+def _aim(
+    gesture: Aimed | mosaic.MosaicPicked | sight.Outlined, seat: Seat, desk: DeskSnapshot
+) -> Outcome:
     """What the pointer meets in 3D, or on the mosaic."""
+    if isinstance(gesture, sight.Outlined):
+        area = sight.area_under(gesture.rays, desk.state.oriented, desk.dem, seat.scene)
+        if not area:
+            return Outcome(seat, notice=Notice("notice.area.sky"))
+        return Outcome(with_filter(seat, desk.rows, replace(seat.filter, area=area)))
     if isinstance(gesture, mosaic.MosaicPicked):
         return Outcome(seat, answer=("picked", mosaic.picked_part(gesture, desk)))
     match gesture.act:
@@ -389,7 +395,7 @@ def _pick(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
 
     Beside both, the photo that was chosen is let go.
     """
-    found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
+    found = sight.pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
     if found is None:
         return Outcome(seat if seat.scene.inside else _with_photo(seat, ""))
     if found.kind == "photo":
@@ -402,8 +408,8 @@ def _pick(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
 
 def _hover(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What lies under the pointer in 3D."""
-    found = pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
-    card = {} if found is None else card_part(found, desk)
+    found = sight.pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
+    card = {} if found is None else sight.card_part(found, desk)
     return Outcome(seat, answer=("card", {"number": gesture.number, **card}))
 
 
@@ -413,13 +419,13 @@ def _follow(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
         return Outcome(_with_photo(seat, seat.scene.photo))
     block, scene = desk.state.oriented, seat.scene
     ray = gesture.origin, gesture.direction
-    found = pick(*ray, block, scene)
+    found = sight.pick(*ray, block, scene)
     if found is not None and found.kind == "photo":
         return Outcome(_with_photo(seat, found.name, inside=True))
-    place = ground_under(*ray, block, desk.dem, scene)
+    place = sight.ground_under(*ray, block, desk.dem, scene)
     if place is None:
         return Outcome(seat)
-    seen = sight_part(place, photos_over(place, block, desk.dem))
+    seen = sight.sight_part(place, sight.photos_over(place, block, desk.dem))
     return Outcome(seat, answer=("sight", {"number": gesture.number, **seen}))
 
 
@@ -429,7 +435,7 @@ def _with_photo(seat: Seat, photo_id: str, inside: bool = False) -> Seat:
     return replace(seat, scene=scene)
 
 
-def _worst(found: Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
+def _worst(found: sight.Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
     """The most doubtful measurement of what was picked; a point keeps the photo looked at."""
     place = 0 if found.kind == "point" else 1
     rows = [row for row in desk.rows.values() if row.key[place] == found.name]
@@ -485,7 +491,7 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
         case Sorted(column=column, descending=descending):
             sorting = Sorting(column, descending)
             return replace(seat, sorting=sorting, order=sort_keys(desk.rows.values(), sorting))
-        case Filtered(state=state, photo_id=photo_id, role=role, text=text):
-            return with_filter(seat, desk.rows, QueueFilter(state, photo_id, role, text))
+        case Filtered(wanted=wanted):
+            return with_filter(seat, desk.rows, wanted)
         case _:
             return seat

@@ -52,6 +52,7 @@ def queue_part(
             "photo": seat.filter.photo_id,
             "role": seat.filter.role,
             "text": seat.filter.text,
+            "area": [list(corner) for corner in seat.filter.area],
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": list(seat.explaining) if seat.explaining else None,

@@ -66,6 +66,8 @@ class Row:
     """So many operators have placed it, of points of the user."""
     sigmas: float = math.nan
     """The misfit in its standard deviations; NaN when it is not known."""
+    place: tuple[float, float] = (math.nan, math.nan)
+    """Easting and northing of the point, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +181,8 @@ def row_line(row: Row) -> list[Any]:
     """One line of the table."""
     return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
             short(row.misfit_px, 2), short(row.score, 2), short(row.disputed_m, 1),
-            short(row.sigmas, 1), row.readings]  # fmt: skip
+            short(row.sigmas, 1), row.readings,
+            *(short(value, 1) for value in row.place)]  # fmt: skip
 
 
 def queue_figures(state: DeskState) -> QueueFigures:
@@ -210,10 +213,15 @@ def queue_row(state: DeskState, figures: QueueFigures, key: Key) -> Row:
     measurement = state.measurement_of(key)
     assert measurement is not None, "rows are made of measurements"
     if key in state.extra.measurements:
-        return _extra_row(state, measurement, figures.misfits.get(key))
-    if state.is_waiting(key):
-        return _waiting_row(state, measurement, figures)
-    return _row(state, measurement, figures)
+        row = _extra_row(state, measurement, figures.misfits.get(key))
+    elif state.is_waiting(key):
+        row = _waiting_row(state, measurement, figures)
+    else:
+        row = _row(state, measurement, figures)
+    point = state.point_of(key[0])
+    if point is None:
+        return row
+    return replace(row, place=(float(point.position[0]), float(point.position[1])))
 
 
 def sort_keys(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
@@ -236,16 +244,11 @@ def visible(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
     return tuple(key for key in seat.order if key in rows and passes(rows[key], seat.filter))
 
 
-def is_named(point_id: str, text: str) -> bool:
-    """True when a name holds every part of a text, whatever the case."""
-    return all(part in point_id.lower() for part in text.lower().split())
-
-
 def passes(row: Row, wanted: QueueFilter) -> bool:
     """True when a filter lets a row through."""
     if wanted.photo_id and wanted.photo_id != row.key[1]:
         return False
-    if not is_named(row.key[0], wanted.text):
+    if not wanted.is_named(row.key[0]) or not wanted.is_within(row.place):
         return False
     if row.role != wanted.role if wanted.role else row.role not in POINT_KINDS:
         return False
@@ -310,9 +313,10 @@ def showing(seat: Seat, rows: Mapping[Key, Row], key: Key) -> Seat:
     if not passes(row, replace(wanted, state="all")):
         role = wanted.role if row.role == wanted.role else ""
         photo_id = wanted.photo_id if row.key[1] == wanted.photo_id else ""
-        text = wanted.text if is_named(row.key[0], wanted.text) else ""
+        text = wanted.text if wanted.is_named(row.key[0]) else ""
+        area = wanted.area if wanted.is_within(row.place) else ()
         role = role if row.role in POINT_KINDS else row.role
-        wanted = replace(wanted, role=role, photo_id=photo_id, text=text)
+        wanted = QueueFilter(wanted.state, photo_id, role, text, area)
     if not passes(row, wanted):
         wanted = replace(wanted, state=_filter_of(row))
     if wanted != seat.filter:

@@ -1,8 +1,8 @@
 """What a ray in the 3D scene hits: point, photo or ground; and which photos see a place."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float64
@@ -22,7 +22,7 @@ from ui.review.scene import (
     ground_level_m,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import SceneOptions
+from ui.review.state import Area, SceneOptions
 
 POINT_ANGLE = np.radians(0.9)
 """How far beside a point or a perspective centre a click still means it, seen from the eye."""
@@ -39,6 +39,10 @@ PICTURE = np.array([[1, 2, 3], [1, 3, 4]])
 SIDES = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
 """Triangles of its open sides."""
 Place = tuple[float, float, float]
+Ray = tuple[Place, Place]
+"""Origin and direction, local frame."""
+MOST_RAYS = 100
+"""An outline has at most so many."""
 Triangles = Float64[np.ndarray, "n 3 3"]
 
 
@@ -62,6 +66,45 @@ class Sighting:
     """Angle of the ray from the vertical, degrees."""
     pixel_m: float
     """Size of its pixel on the ground, metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlined:
+    """An outline drawn over the 3D scene: what lies in it on the ground is to be in the queue."""
+
+    seat_id: str
+    rays: tuple[Ray, ...]
+    """Through places along it, in their order."""
+
+
+def outlined_from_message(seat_id: str, message: Mapping[str, Any]) -> Outlined:
+    """The outline of a message."""
+    rays = tuple(ray_of(ray) for ray in cast("list[Any]", message["rays"]))
+    if not 3 <= len(rays) <= MOST_RAYS:
+        raise ValueError("not an outline")
+    return Outlined(seat_id, rays)
+
+
+def ray_of(numbers: Iterable[Any]) -> Ray:
+    """A ray of a message: where it begins, and its direction.
+
+    Raises:
+        ValueError: It begins nowhere or has no direction.
+    """
+    east, north, height, *towards = (float(value) for value in numbers)
+    right, forward, up = towards
+    if not all(abs(value) < 1e9 for value in (east, north, height)):
+        raise ValueError("not a place")
+    if not 0.5 < right**2 + forward**2 + up**2 < 2:
+        raise ValueError("not a direction")
+    return (east, north, height), (right, forward, up)
+
+
+def area_under(rays: Iterable[Ray], block: Block, dem: HeightSource, scene: SceneOptions) -> Area:
+    """Where the rays of an outline meet the ground; nothing where one of them does not."""
+    found = [ground_under(*ray, block, dem, scene) for ray in rays]
+    places = [(float(place[0]), float(place[1])) for place in found if place is not None]
+    return tuple(places) if len(places) == len(found) else ()
 
 
 def pick(origin: Place, direction: Place, block: Block, scene: SceneOptions) -> Picked | None:

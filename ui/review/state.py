@@ -45,6 +45,8 @@ LAYERS: tuple[str, ...] = (
     "checks", "ties", "tie_vectors", "labels",
 )  # fmt: skip
 """Layers of the 3D scene that can be switched."""
+Area = tuple[tuple[float, float], ...]
+"""Corners on the ground, metres east and north."""
 RELIEFS = (1.0, 2.0, 5.0)
 """So many times as high as they are, heights can be drawn."""
 
@@ -73,6 +75,21 @@ class QueueFilter:
     """One kind; control and check points when empty."""
     text: str = ""
     """Parts of the point's name, between spaces; all points when empty."""
+    area: Area = ()
+    """Corners about the points; all points when empty."""
+
+    def is_named(self, point_id: str) -> bool:
+        """True when a name holds every part of the text, whatever the case."""
+        return all(part in point_id.lower() for part in self.text.lower().split())
+
+    def is_within(self, place: tuple[float, float]) -> bool:
+        """True when a place lies inside the area: a line from it to the east crosses it oddly."""
+        east, north = place
+        crossed = not self.area
+        for (e1, n1), (e2, n2) in zip(self.area, self.area[1:] + self.area[:1], strict=True):
+            if (n1 > north) != (n2 > north) and east < e1 + (e2 - e1) * (north - n1) / (n2 - n1):
+                crossed = not crossed
+        return crossed
 
 
 @dataclass(frozen=True, slots=True)

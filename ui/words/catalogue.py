@@ -29,7 +29,8 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("Z", "together"), ("P", "act.add"), ("B", "quality"), ("Shift+B", "checks"),
     ("I", "board"), ("Shift+I", "mask"), ("G", "placement"), ("Shift+G", "placing"),
     ("Shift+O", "mosaic"), ("X", "grow"),
-    (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("H", "act.help"),
+    (".", "details"), ("+ \u2212", "zoom"), ("F", "act.fit"), ("Shift+F", "act.area"),
+    ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the text of what it does."""
 

@@ -40,6 +40,9 @@ from ui.review.gestures import (
         {"kind": "hover", "number": 1, "ray": [0, 0, 0, 0, 0, 0]},
         {"kind": "hover", "number": 1, "ray": [0, 0, 0, 1, 0]},
         {"kind": "follow", "number": 1, "ray": ["nan", 0, 0, 0, 0, 1]},
+        {"kind": "outline", "rays": [[0, 0, 9, 0, 0, -1]] * 2},
+        {"kind": "outline", "rays": [[0, 0, 9, 0, 0, -1]] * 101},
+        {"kind": "filter", "state": "all", "photo": "", "role": "", "area": [[0, 0], [1, 1]]},
     ],
 )
 def test_messages_that_are_not_well_formed_are_no_gestures__law(message):

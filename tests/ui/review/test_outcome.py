@@ -225,7 +225,9 @@ def test_sorting_orders_by_the_column__law(desk, seat):
 
 def test_a_filter_shows_only_what_fits_and_keeps_a_current_point__law(desk, seat):
     photo = next(iter(desk.state.block.photos))
-    filtered = outcome_of(Filtered(seat.seat_id, "all", photo, "check"), seat, desk).seat
+    filtered = outcome_of(
+        Filtered(seat.seat_id, QueueFilter("all", photo, "check")), seat, desk
+    ).seat
     shown = visible(desk.rows, filtered)
     assert shown
     assert all(key[1] == photo and desk.rows[key].role == "check" for key in shown)
@@ -331,21 +333,21 @@ def test_selected_must_exist__law(desk, seat):
 
 def test_a_filter_that_lets_nothing_through_shows_nothing_and_forgets_nothing__law(desk, seat):
     here = replace(seat, current=seat.order[3])
-    empty = outcome_of(Filtered(seat.seat_id, "open", "", "fiducial"), here, desk).seat
+    empty = outcome_of(Filtered(seat.seat_id, QueueFilter("open", "", "fiducial")), here, desk).seat
     assert empty.current is None
-    back = outcome_of(Filtered(seat.seat_id, "open", "", ""), empty, desk).seat
+    back = outcome_of(Filtered(seat.seat_id, QueueFilter("open")), empty, desk).seat
     assert back.current == here.current
 
 
 def test_every_filter_keeps_its_own_place__law(desk, seat):
     shown = visible(desk.rows, seat)
     here = replace(seat, current=shown[4])
-    there = outcome_of(Filtered(seat.seat_id, "unused", "", ""), here, desk).seat
+    there = outcome_of(Filtered(seat.seat_id, QueueFilter("unused")), here, desk).seat
     assert desk.rows[there.current].state == "unused"
     there = outcome_of(Stepped(seat.seat_id, 1), there, desk).seat
-    back = outcome_of(Filtered(seat.seat_id, "open", "", ""), there, desk).seat
+    back = outcome_of(Filtered(seat.seat_id, QueueFilter("open")), there, desk).seat
     assert back.current == shown[4]
-    again = outcome_of(Filtered(seat.seat_id, "unused", "", ""), back, desk).seat
+    again = outcome_of(Filtered(seat.seat_id, QueueFilter("unused")), back, desk).seat
     assert again.current == there.current
     # What was decided meanwhile is passed over.
     rows = {**desk.rows, shown[4]: replace(desk.rows[shown[4]], state="accepted")}

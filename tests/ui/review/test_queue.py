@@ -25,7 +25,7 @@ from ui.review.queue import (
     with_filter,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import DeskState, QueueFilter, Seat, Sorting
+from ui.review.state import POINT_KINDS, DeskState, QueueFilter, Seat, Sorting
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +128,27 @@ def test_a_name_is_found_by_its_parts_and_leaves_no_place_behind__law(desk, seat
     assert all(not filtered.text for filtered, _ in back.places)
 
 
+def test_an_area_lets_through_the_points_inside_of_it__truth(desk, seat):
+    places = {key: desk.state.point_of(key[0]).position[:2] for key in desk.rows}
+    east, north = (np.median(list(places.values()), axis=0) + 0.013).tolist()
+    # A triangle: its right angle at the middle of the points, its legs east and north.
+    legs = 1e5
+    area = ((east, north), (east + legs, north), (east, north + legs))
+    wanted = QueueFilter("all", area=area)
+    inside = {
+        key
+        for key, (x, y) in places.items()
+        if x > east and y > north and desk.rows[key].role in POINT_KINDS
+    }
+    assert {key for key, row in desk.rows.items() if passes(row, wanted)} == inside
+    there = with_filter(seat, desk.rows, wanted)
+    assert there.current in inside
+    outside = next(key for key in desk.rows if key not in inside)
+    assert showing(there, desk.rows, outside).filter.area == ()
+    back = with_filter(with_filter(there, desk.rows, QueueFilter("open")), desk.rows, wanted)
+    assert back.current == there.current
+
+
 @pytest.mark.parametrize(("seed", "metres"), [(1, 3.0), (2, 8.0), (3, 18.0)])
 def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, metres):
     flown = fly(FlightPlan(ties=300, control=30, check=0), np.random.default_rng(seed)).block
@@ -144,7 +165,7 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert seat.order[0] == key
     assert rows[key].disputed_m == pytest.approx(metres, abs=1.5)
     assert rows[key].grounds[0].text == "doubt.disputed"
-    assert row_line(rows[key])[-3] == round(rows[key].disputed_m, 1)
+    assert row_line(rows[key])[-5] == round(rows[key].disputed_m, 1)
     # Rejected, it is not disputed any more.
     after = replace(state, block=block.with_measurement(replace(wrong, status="rejected")))
     assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)
@@ -172,7 +193,7 @@ def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
     assert row.grounds[0].text == "doubt.misfit"
     assert row.grounds[0].value == 20.0
     assert row.doubt > 0.95 > calm.doubt
-    assert row_line(row)[-2] == 20.0
+    assert row_line(row)[-4] == 20.0
     usual = replace(figures, misfits={**figures.misfits, key: Misfit((9.0, 0.0), (1.0, 0.0), 1.4)})
     assert "doubt.misfit" not in {g.text for g in queue_row(desk.state, usual, key).grounds}
     poor = replace(desk.state.block.measurements[key], score=0.1)
@@ -184,4 +205,4 @@ def test_a_line_holds_what_the_page_expects__law(desk):
     row = next(iter(desk.rows.values()))
     line = row_line(replace(row, misfit_px=np.pi, score=float("nan"), sigmas=1.25))
     assert line[:2] == list(row.key)
-    assert line[6:] == [3.14, None, None, 1.2, 0]
+    assert line[6:] == [3.14, None, None, 1.2, 0, *(round(value, 1) for value in row.place)]

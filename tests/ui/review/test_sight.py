@@ -7,7 +7,14 @@ import pytest
 
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.scene import exaggerate_heights, frustum_depth_m, ground_level_m
-from ui.review.sight import Picked, frustum_corners, ground_under, photos_over, pick
+from ui.review.sight import (
+    Picked,
+    area_under,
+    frustum_corners,
+    ground_under,
+    photos_over,
+    pick,
+)
 from ui.review.state import DeskState, SceneOptions
 
 DEM = tiny_block().land.dem
@@ -27,6 +34,16 @@ def test_a_ray_hits_the_point_it_is_aimed_at__truth(state):
         assert pick(tuple(eye), tuple(target - eye), block, ALL) == Picked("point", name)
         bare = SceneOptions(frozenset({"points", "photos"}))
         assert pick(tuple(eye), tuple(target - eye), block, bare) is None
+
+
+def test_an_outline_lies_where_its_rays_meet_the_ground__truth(state):
+    block = state.oriented
+    corners = np.array([[-80.0, -60.0], [90.0, -50.0], [10.0, 70.0]]) + block.origin[:2]
+    places = np.column_stack([corners, DEM.heights(corners)]) - block.origin
+    eye = np.array([200.0, -700.0, 1500.0])
+    rays = [(tuple(eye), tuple((one - eye) / np.linalg.norm(one - eye))) for one in places]
+    assert area_under(rays, block, DEM, ALL) == pytest.approx(corners, abs=0.5)
+    assert area_under([*rays, (tuple(eye), (0.0, 0.0, 1.0))], block, DEM, ALL) == ()
 
 
 def test_a_ray_into_the_sky_hits_nothing__truth(state):

@@ -2,7 +2,7 @@
 import {
   all, byId, element, fillWords, focused, glyph, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
-import { clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
+import { areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
 import { askAbout, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
 import {
@@ -31,7 +31,7 @@ import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
 import { listenToKeys } from "./keys.js";
 import { openScene, setUpScene, showScene } from "./block.js";
-import { closeSight, leavePhoto, showCard, showSight } from "./sight.js";
+import { closeSight, drawArea, leavePhoto, showCard, showSight, stopArea } from "./sight.js";
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import {
@@ -128,6 +128,10 @@ const ACTS = {
   help: toggleHelp,
   add: () => switchCompare("adding"),
   grow: () => grow(),
+  area: () => {
+    if (!byId("scene-room").checkVisibility({ visibilityProperty: true })) grow();
+    drawArea();
+  },
   details: toggleDetails,
   quality: () => openQuality(state.parts.quality),
   board: () => openBoard(state.parts.board),
@@ -162,7 +166,7 @@ const GLYPHS = { accept: "accepted", reject: "rejected", dubious: "dubious" };
 /** What a key does with Shift. @type {Record<string, string>} */
 const SHIFTED = {
   undo: "redo", accept: "accept-all", board: "mask", placement: "placing", edges: "mosaic",
-  quality: "checks",
+  quality: "checks", fit: "area",
 };
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
@@ -173,14 +177,14 @@ function takeKey(event) {
   const sheet = document.querySelector("dialog[open]");
   if (sheet) return sheetKey(event, /** @type {HTMLDialogElement} */ (sheet));
   const down = event.type === "keydown";
-  if (event.key === "Escape" && down && clearMarked()) return true;
+  if (event.key === "Escape" && down && (stopArea() || clearMarked())) return true;
   if (event.key === "Escape" && compareState().adding) {
     switchCompare("adding");
     return true;
   }
   if (event.key === "Escape" && down) {
     finish();
-    if (!closeSight()) inTurn(() => dropDraft() || leavePhoto());
+    inTurn(() => dropDraft() || closeSight() || leavePhoto());
     return true;
   }
   return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);
@@ -420,7 +424,7 @@ async function open() {
   openScene();
   window.gruber = {
     parts: state.parts, isAhead, compareState, boardState, placementState, maskState, mosaicState,
-    checksState,
+    checksState, areaShown,
   };
   if (tourIsNew()) startTour();
 }

@@ -46,5 +46,7 @@ export const SHAPES = {
   play: drawn("M5 3.5l7 4.5-7 4.5z"),
   tiles: drawn("M2.5 2.5h4.5v4.5h-4.5zM9 2.5h4.5v4.5h-4.5z"
     + "M2.5 9h4.5v4.5h-4.5zM9 9h4.5v4.5h-4.5z"),
+  area: drawn("M2.5 5V2.5H5M7 2.5h2M11 2.5h2.5V5M13.5 7v2M13.5 11v2.5H11M9 13.5H7M5 13.5H2.5V11"
+    + "M2.5 9V7"),
   details: drawn("M2.5 4h11M2.5 8h11M2.5 12h7"),
 };

@@ -6,14 +6,20 @@ import { cleared, halo, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
 import { Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
 import { openPlaced } from "./placed.js";
+import { areaShown, sieveArea } from "./queue.js";
 import { send } from "./wire.js";
 
 const BEFORE = "#f3b13c";
 const AFTER = "#56b4e9";
+const AREA = "#ffffff";
 const state = {
   found: /** @type {Placement | null} */ (null),
   current: "",
   mode: "both",
+  /** True while the next drag draws an area of the queue, from `corner` to `other`. */
+  drawing: false,
+  corner: /** @type {Pair | null} */ (null),
+  other: /** @type {Pair | null} */ (null),
   view: new View(),
   pane: /** @type {Pane | null} */ (null),
 };
@@ -27,14 +33,39 @@ const HAND = {
     pane.where.textContent = ground ? ground.map((value) => number(value, 0)).join("  ") : "";
   },
   click: pick,
+  grips: (pane, screen) => {
+    if (state.drawing) state.corner = pane.layerFromScreen(screen);
+    return state.drawing;
+  },
+  drag: (pane, screen) => {
+    state.other = screen && pane.layerFromScreen(screen);
+    redraw();
+  },
+  drop: () => {
+    sieveArea(boxDrawn().map((place) => /** @type {Pair} */ (groundFromLayer(place))));
+    drawArea(false);
+  },
 };
+
+/** Corners of what is being drawn, on the layer. @returns {Pair[]} */
+function boxDrawn() {
+  const { corner, other } = state;
+  if (!corner || !other) return [];
+  return [corner, [other[0], corner[1]], other, [corner[0], other[1]]];
+}
+
+/** The next drag draws an area, or moves the map again. @param {boolean} on */
+function drawArea(on) {
+  Object.assign(state, { drawing: on, corner: null, other: null });
+  if (state.found) showPlacement(state.found);
+}
 
 export function setUpPlacement() {
   // design: from any block at once to 20 pixels of the screen for one of the ortho.
   state.view = new View(0.001, 20 / start.ortho_pixel);
   onTile(redraw);
   byId("placement").addEventListener("close", () => {
-    state.pane = null;
+    Object.assign(state, { pane: null, drawing: false });
     send({ kind: "sheet", sheet: "placement", shown: false });
   });
 }
@@ -102,8 +133,25 @@ function head(found) {
     element("span", { class: "muted" }, words), element("span", { class: "stretch" }),
     element("span", { class: "legend-line before" }, word("placement.given")),
     element("span", { class: "legend-line after" }, word("placement.placed")),
+    ...areaButtons(),
     element("button", { onclick: fit }, word("act.fit")),
     element("button", { id: "placement-close", onclick: close }, word("act.close")));
+}
+
+/** Draws an area, and takes it away. */
+function areaButtons() {
+  const { drawing } = state;
+  const draws = element("button", { id: "map-area", class: drawing ? "on" : "",
+    "aria-pressed": `${drawing}`, title: word("act.area.tip"),
+    onclick: () => drawArea(!state.drawing) }, word("act.area"),
+  element("kbd", {}, "Shift+F"));
+  if (!areaShown().area.length) return [draws];
+  const clear = () => {
+    sieveArea([]);
+    drawArea(false);
+  };
+  return [draws, element("button", { class: "small", title: word("queue.area.tip"),
+    "aria-label": word("queue.area.tip"), onclick: clear }, "\u00d7")];
 }
 
 /** @param {string} mode */
@@ -194,6 +242,19 @@ function draw() {
     const colour = strong ? "#ffffff" : one.oriented ? AFTER : BEFORE;
     text(over, shortName(one.photo), [at[0] + 7, at[1] - 7], colour);
   }
+  drawQueue(over, onScreen);
+}
+
+/** The points of the queue, and the area they lie in or that is being drawn.
+ * @param {Context} context @param {(ground: Pair) => Pair} onScreen */
+function drawQueue(context, onScreen) {
+  const { area, places } = areaShown();
+  if (!state.drawing && !area.length) return;
+  context.fillStyle = AREA;
+  for (const [x, y] of places.map(onScreen)) context.fillRect(x - 1.5, y - 1.5, 3, 3);
+  const drawn = boxDrawn();
+  const ring = drawn.length ? drawn.map(groundFromLayer) : state.drawing ? [] : area;
+  if (ring.length) outline(context, ring.map(onScreen), AREA, false, true);
 }
 
 /**
@@ -237,7 +298,8 @@ function arrow(context, [x1, y1], [x2, y2], strong) {
 export function placementKey(event, letter) {
   const down = event.type === "keydown";
   if (event.key === "Escape" || letter === "KeyG") {
-    if (down) byId("placement").close();
+    if (down && event.key === "Escape" && state.drawing) drawArea(false);
+    else if (down) byId("placement").close();
     return true;
   }
   if (!state.found || !down) return event.key.length === 1;
@@ -245,7 +307,8 @@ export function placementKey(event, letter) {
     setMode(state.mode === "before" ? "after" : "before");
     return true;
   }
-  const act = ACTS[letter] ?? ACTS[event.key];
+  const act = letter === "KeyF" && event.shiftKey ? () => drawArea(!state.drawing)
+    : ACTS[letter] ?? ACTS[event.key];
   if (act) act();
   else if (ZOOMS[event.key]) zoom(ZOOMS[event.key]);
   return Boolean(act) || event.key.length === 1;

@@ -1,6 +1,6 @@
 // The queue: a virtual table; only the rows in sight exist.
 import {
-  MARKED_SIGMA, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start,
+  MARKED_SIGMA, all, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start,
   stateGlyph, turn, word,
 } from "./words.js";
 import { afterPause } from "./view.js";
@@ -20,8 +20,8 @@ const FIGURES = ["misfit", "score"];
 const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "new", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check", "new"];
-const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS, READINGS] =
-  /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
+const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS, READINGS, EAST,
+  NORTH] = /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
 /** States of the rows behind a filter of another name. @type {Record<string, State>} */
 const LOOKS = { open: "auto", measure: "predicted" };
 const PLAIN = ["all", "disputed", "second"]; // filters that are no state of a row
@@ -89,6 +89,10 @@ export function setUpQueue() {
       { class: "chip", "data-state": name, title, onclick: () => sieve({ state: name }) },
       mark, word(`state.${name}`), element("b")));
   }
+  byId("chips").append(element("button",
+    { class: "chip", id: "sieve-area", title: word("queue.area.tip"), hidden: true,
+      onclick: () => sieveArea([]) },
+    word("queue.area"), element("b", {}, "\u00d7")));
   const photos = start.photos.map((name) => [name, shortName(name)]);
   fill("sieve-photo", [["", word("photo.all")], ...photos], (photo) => sieve({ photo }));
   const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
@@ -148,12 +152,35 @@ function sieve(change) {
   showQueue({ queue: { ...queue, filter } });
 }
 
+/** Only points within an area; without corners, all. @param {Pair[]} area */
+export const sieveArea = (area) => sieve({ area });
+
+/** The area of the filter, and where what it lets through lies. */
+export function areaShown() {
+  const { area = [] } = state.queue?.filter ?? {};
+  const places = (state.queue?.shown ?? []).map((index) => placeAt(state.rows[index]));
+  return { area, places };
+}
+
+/** @param {Row} row @returns {Pair} */
+const placeAt = (row) => [row[EAST], row[NORTH]];
+
+/** Whether a line from a place to the east crosses the outline oddly, as `ui/review/state.py`.
+ * @param {Pair} place @param {Pair[]} area */
+const isWithin = ([east, north], area) => area.reduce((crossed, [e1, n1], i) => {
+  const [e2, n2] = area[(i + 1) % area.length];
+  const crosses = (n1 > north) !== (n2 > north)
+    && east < e1 + ((e2 - e1) * (north - n1)) / (n2 - n1);
+  return crosses ? !crossed : crossed;
+}, !area.length);
+
 /** By parts of a name, as `ui/review/queue.py`. @param {string} name @param {string} text */
 const isNamed = (name, text) =>
   text.toLowerCase().split(" ").every((part) => name.toLowerCase().includes(part));
 
 /** @param {Row} row @param {Filter} filter */
 const ofKind = (row, filter) => isNamed(row[POINT], filter.text)
+  && isWithin(placeAt(row), filter.area)
   && (!filter.photo || row[PHOTO] === filter.photo)
   && (filter.role ? row[ROLE] === filter.role : POINTS.includes(row[ROLE]));
 
@@ -222,7 +249,8 @@ function showSieve({ counts, filter, sort: by }, kinds) {
       option.textContent = `${word(`role.${value}`)} (${kinds[value]})`;
     }
   }
-  for (const chip of /** @type {Iterable<HTMLElement>} */ (byId("chips").children)) {
+  byId("sieve-area").hidden = !filter.area.length;
+  for (const chip of all("[data-state]", byId("chips"))) {
     const name = chip.dataset.state ?? "";
     turn(chip, name === filter.state);
     chip.hidden = RARE.includes(name) && name !== filter.state && !counts[name];

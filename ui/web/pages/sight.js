@@ -1,10 +1,13 @@
 // What the pointer does in the 3D scene: cards of what it rests on, the way into a photo and out
 // again, and the photos that see a place. A click itself goes through viser.
 import { eyeOf, rayThrough } from "./eye.js";
-import { byId, element, number, shortName, shortPoint, stateGlyph, word } from "./words.js";
+import {
+  byId, element, first, number, shortName, shortPoint, stateGlyph, turn, word,
+} from "./words.js";
 import { send } from "./wire.js";
 
 const REST_MS = 120; // design: a hand on its way wants no card
+const SIDE_RAYS = 8; // design: hills of an eighth of the area are followed
 const MOVED_PX = 5; // design: as still as a hand is held
 const BESIDE_PX = 14; // design: clear of the pointer
 const state = {
@@ -13,6 +16,8 @@ const state = {
   pointer: /** @type {Pair} */ ([0, 0]),
   timer: 0,
   inside: "",
+  /** Where a hand has begun to draw an area. */
+  corner: /** @type {Pair | null} */ (null),
 };
 
 const card = () => byId("scene-card");
@@ -31,6 +36,60 @@ export function setUpSight() {
     });
   });
   byId("scene-leave").addEventListener("click", leavePhoto);
+  const sheet = byId("scene-area");
+  sheet.addEventListener("pointerdown", (event) => {
+    sheet.setPointerCapture(event.pointerId);
+    state.corner = [event.offsetX, event.offsetY];
+  });
+  sheet.addEventListener("pointermove", ({ offsetX, offsetY }) => {
+    if (state.corner) showBox(state.corner, [offsetX, offsetY]);
+  });
+  sheet.addEventListener("pointerup", ({ offsetX, offsetY }) => {
+    const { corner } = state;
+    if (corner && Math.hypot(offsetX - corner[0], offsetY - corner[1]) > MOVED_PX) {
+      outline(corner, [offsetX, offsetY]);
+      stopArea();
+    }
+    state.corner = null;
+  });
+}
+
+/** The next drag over the scene draws an area of the queue; once more, and it does not. */
+export function drawArea() {
+  if (stopArea()) return;
+  hideCard();
+  showBox([0, 0], [0, 0]);
+  byId("scene-area").hidden = false;
+  turn(first("[data-act=area]"), true);
+}
+
+/** True when an area was to be drawn. */
+export function stopArea() {
+  const open = !byId("scene-area").hidden;
+  byId("scene-area").hidden = true;
+  state.corner = null;
+  turn(first("[data-act=area]"), false);
+  return open;
+}
+
+/** @param {Pair} from @param {Pair} to */
+function showBox([x1, y1], [x2, y2]) {
+  const [left, top] = [Math.min(x1, x2), Math.min(y1, y2)];
+  Object.assign(byId("scene-box").style, { left: `${left}px`, top: `${top}px`,
+    width: `${Math.abs(x2 - x1)}px`, height: `${Math.abs(y2 - y1)}px` });
+}
+
+/** The ground is not flat: several rays along each side. @param {Pair} from @param {Pair} to */
+function outline([x1, y1], [x2, y2]) {
+  const eye = eyeOf(byId("scene").contentWindow);
+  if (!eye) return;
+  const corners = /** @type {Pair[]} */ ([[x1, y1], [x2, y1], [x2, y2], [x1, y2]]);
+  const places = corners.flatMap(([x, y], i) => {
+    const [u, v] = corners[(i + 1) % 4];
+    return Array.from({ length: SIDE_RAYS }, (_, n) => /** @type {Pair} */ (
+      [x + ((u - x) * n) / SIDE_RAYS, y + ((v - y) * n) / SIDE_RAYS]));
+  });
+  send({ kind: "outline", rays: places.map((place) => rayThrough(eye, place)) });
 }
 
 /** What is under a place of the screen, asked of the desk. */

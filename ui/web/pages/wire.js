@@ -19,7 +19,7 @@ const state = {
 };
 
 /** Gestures after which another point may be shown than the hand knows of. */
-const ELSEWHERE = ["filter", "sort", "undo", "redo"];
+const ELSEWHERE = ["filter", "outline", "sort", "undo", "redo"];
 
 export const isOpen = () => state.socket?.readyState === WebSocket.OPEN;
 
