@@ -1,14 +1,15 @@
 """The form of the start page: checks single keys of `block.toml` and writes them into the file."""
 
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
 from app.block_schema import TABLES, Key, keys_of, missing_reference
-from app.block_sections import read_camera
+from app.block_sections import read_block, read_camera
 from app.block_toml import Document, FieldError, Table
 from app.block_writing import with_values
 from app.new_block import CAMERA, Recognition, toml_of
@@ -110,16 +111,24 @@ class BlockForm:
             text = Document(self.file).text
         now: dict[str, Any] = tomllib.loads(text)
         changes: dict[tuple[str, str], Any] = {}
+        twice: dict[str, str] = {}
         for name, value in values.items():
             table, _, key = name.rpartition(".")
             self._check(table, key)
+            if keys_of(table)[key].kind == "marks" and isinstance(value, list):
+                marks = Counter(mark for mark, _ in value)
+                again, _ = marks.most_common(1)[0]
+                twice[name] = say("Mark {name} is listed twice.", name=again)
+                continue
             if _value_in(now, table, key) != value:
                 changes[table, key] = value
         if _value_in(now, "scans", "camera") is None:
             cameras = [name for name in _tables(now) if name.startswith("camera.")]
             changes["scans", "camera"] = cameras[0].removeprefix("camera.")
-        text = with_values(text, changes)
-        return judged(Document(self.file, text))
+        found = judged(Document(self.file, with_values(text, changes)))
+        return (
+            found if not twice else replace(found, errors={**found.errors, **twice}, project=None)
+        )
 
     def _check(self, table: str, key: str) -> None:
         known = table in TABLES or table.startswith("camera.")
@@ -149,10 +158,9 @@ def judged(document: Document) -> Judged:
                 missing.append(f"{name}.{key.name}")
             else:
                 errors |= _error_of(table, key)
-        if name.startswith("camera.") and not any(
-            one.startswith(name) for one in (*errors, *missing)
-        ):
-            errors |= _error_of_camera(document, name.removeprefix("camera."))
+        whole = name == "block" or name.startswith("camera.")
+        if whole and not any(one.startswith(f"{name}.") for one in (*errors, *missing)):
+            errors |= _error_of_table(document, name)
     missing += [
         f"reference.{key}"
         for key in missing_reference(document.values, brought=may_have_points(document))
@@ -183,10 +191,13 @@ def _error_of(table: Table, key: Key) -> dict[str, str]:
     return {}
 
 
-def _error_of_camera(document: Document, name: str) -> dict[str, str]:
-    """What of a camera cannot be, such as a principal point outside the picture."""
+def _error_of_table(document: Document, name: str) -> dict[str, str]:
+    """What of a block or camera cannot be, such as a principal point outside the picture."""
     try:
-        read_camera(document, name)
+        if name == "block":
+            read_block(document)
+        else:
+            read_camera(document, name.removeprefix("camera."))
     except FieldError as error:
         return {f"{error.table}.{error.key}": _why(error)}
     except PhotogrammetryError as error:

@@ -1,4 +1,4 @@
-"""Sections of `block.toml`: `[camera.NAME]`, `[adjustment]`, `[surface]` and `[sheets]`."""
+"""Sections of `block.toml`: `block`, `camera.NAME`, `adjustment`, `surface` and `sheets`."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -12,11 +12,12 @@ import pyogrio
 from app.block_toml import Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
-from core.errors import PhotogrammetryError
+from core.errors import CrsError, PhotogrammetryError
 from core.formats.micmac_points import read_camera_measures
 from core.formats.vectors import GDAL_ERRORS, LAYER_MARK, no_remarks
 from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_table
-from core.geometry.crs import read_crs
+from core.geometry.collinearity import CORRECTIONS
+from core.geometry.crs import parse_crs, read_crs
 from core.georeference.principal_distance import camera_types, proposed_distances, types_named
 from core.said import say
 from core.sheets.cutting import Form
@@ -27,6 +28,20 @@ from core.surface.stage import SurfaceOptions
 MARKS = (0, 4, 8)
 
 PRODUCT = re.compile(r"[A-Z]{4}")
+
+
+@dataclass(frozen=True, slots=True)
+class BlockSection:
+    """`[block]`."""
+
+    name: str
+    """Name of the block, for the report."""
+    crs: str
+    """Horizontal CRS: X east, Y north, metres."""
+    heights: str = ""
+    """Height system, in words or as a code."""
+    corrections: tuple[str, ...] = CORRECTIONS
+    """What rays are corrected for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,6 +316,39 @@ def _corners(table: Table) -> dict[str, Corner]:
         corners[name] = east, north
     _refusing(table, "sm50", lambda: check_corners(corners, ""))
     return corners
+
+
+def read_block(document: Document) -> BlockSection:
+    """The table `[block]`.
+
+    Raises:
+        FieldError: It lacks something, its CRS is none of a map in metres, its heights are none.
+    """
+    table = document.table("block", required=True)
+    crs, heights = table.text("crs"), table.text("heights")
+    _refusing(table, "crs", lambda: parse_crs(crs, ""))
+    if heights.upper().startswith("EPSG:"):
+        _refusing(table, "heights", lambda: _check_heights(heights))
+    return BlockSection(table.text("name"), crs, heights, _corrections(table))
+
+
+def _check_heights(heights: str) -> None:
+    if not read_crs(heights, "").is_vertical:
+        remedy = 'Name one, such as "EPSG:8357", or write words: "Bpv".'
+        raise CrsError("", say("{heights} is no height system.", heights=heights), remedy)
+
+
+def _corrections(table: Table) -> tuple[str, ...]:
+    """What rays are corrected for, each once."""
+    key = "corrections"
+    given: object = table.values.get(key, list(CORRECTIONS))
+    if not isinstance(given, list) or any(one not in CORRECTIONS for one in given):
+        raise table.error(
+            key,
+            say("must be a list of corrections, not {given!r}.", given=given),
+            say("Write some of {names}, or [] for none.", names=list(CORRECTIONS)),
+        )
+    return tuple(name for name in CORRECTIONS if name in given)
 
 
 def _refusing(table: Table, key: str, check: Callable[[], object]) -> None:

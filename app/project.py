@@ -11,9 +11,11 @@ import numpy as np
 
 from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
 from app.block_sections import (
+    BlockSection,
     SheetsSection,
     adjustment_options,
     check_attribute,
+    read_block,
     read_camera,
     sheets_section,
     surface_options,
@@ -23,14 +25,13 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
 from core.doubts import Failure
-from core.errors import CrsError, ProjectError
+from core.errors import ProjectError
 from core.formats.listed_point import ListedPoint
 from core.formats.micmac_points import read_image_measures
 from core.formats.point_list import read_control_points
 from core.formats.stac import time_span
 from core.geometry.camera import Camera
-from core.geometry.collinearity import CORRECTIONS
-from core.geometry.crs import bounds_of, check_range, parse_crs, read_crs
+from core.geometry.crs import bounds_of, check_range, read_crs
 from core.georeference import archive
 from core.literature.baselines import operator_named
 from core.literature.dense_descriptors import has_akaze
@@ -44,20 +45,6 @@ from core.said import say
 from core.scans.stage import ScanInput
 from core.surface.stage import SurfaceOptions
 from sessions.session import FILE as SESSION_FILE
-
-
-@dataclass(frozen=True, slots=True)
-class BlockSection:
-    """`[block]`."""
-
-    name: str
-    """Name of the block, for the report."""
-    crs: str
-    """Horizontal CRS: X east, Y north, metres."""
-    heights: str = ""
-    """Height system, in words or as a code."""
-    corrections: tuple[str, ...] = CORRECTIONS
-    """What rays are corrected for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +187,6 @@ def read_project(path: Path, *, brought: bool = False) -> Project:
 
     Raises:
         ProjectError: Something in it cannot be used; says in which line and what to do.
-        CrsError: The same, for the CRS.
     """
     file = path / FILE if path.is_dir() else path
     # Unlike Path.resolve, this follows links in a circle no further.
@@ -219,7 +205,7 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         raise document.table("adjustment").error("cameras", cause, remedy)
     return Project(
         document.path,
-        _block(document),
+        read_block(document),
         cameras,
         _scans(document, cameras),
         _reference(document, brought or may_have_points(document)),
@@ -229,31 +215,6 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         surface_options(document),
         sheets_section(document),
     )
-
-
-def _block(document: Document) -> BlockSection:
-    table = document.table("block", required=True)
-    crs, heights = table.text("crs"), table.text("heights")
-    parse_crs(crs, document.place("block", "crs"))
-    if heights.upper().startswith("EPSG:"):
-        place = document.place("block", "heights")
-        if not read_crs(heights, place).is_vertical:
-            remedy = 'Name one, such as "EPSG:8357", or write words: "Bpv".'
-            raise CrsError(place, say("{heights} is no height system.", heights=heights), remedy)
-    return BlockSection(table.text("name"), crs, heights, _corrections(table))
-
-
-def _corrections(table: Table) -> tuple[str, ...]:
-    """What rays are corrected for, each once."""
-    key = "corrections"
-    given: object = table.values.get(key, list(CORRECTIONS))
-    if not isinstance(given, list) or any(one not in CORRECTIONS for one in given):
-        raise table.error(
-            key,
-            say("must be a list of corrections, not {given!r}.", given=given),
-            say("Write some of {names}, or [] for none.", names=list(CORRECTIONS)),
-        )
-    return tuple(name for name in CORRECTIONS if name in given)
 
 
 def _cameras(document: Document) -> dict[str, Camera]:

@@ -8,8 +8,9 @@ import pyogrio.raw
 import pytest
 import shapely
 
+from app.block_sections import BlockSection
 from app.mosaic import make_mosaic, seam_guides
-from app.project import BlockSection, ListedScan, Project, ReferenceSection, ScansSection
+from app.project import ListedScan, Project, ReferenceSection, ScansSection
 from core.errors import ReferenceDataError
 from core.formats.vectors import write_polygons
 from core.mosaic.seams import read_seams, write_seams

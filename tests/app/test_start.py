@@ -80,6 +80,27 @@ def test_files_fill_the_form_and_the_principal_distance_completes_it__truth(data
     assert found["checks"] == []
 
 
+@pytest.mark.parametrize(("key", "value", "why"), [
+    ("block.crs", "EPSG:99999", "PROJ does not know the CRS"),
+    ("block.crs", "EPSG:4326", "does not count in metres"),
+    ("block.crs", "Czechia", "PROJ does not know the CRS"),
+    ("block.heights", "EPSG:5514", "is no height system"),
+    ("camera.film.fiducials_mm", [["1", [-85.6, 0.1]], ["2", [85.3, 0.0]], ["1", [0.1, 85.6]]],
+     "Mark 1 is listed twice."),
+])  # fmt: skip
+def test_what_is_wrong_stands_at_its_field_while_others_are_empty__truth(
+    data: Path, key: str, value: Any, why: str
+) -> None:
+    """A wrong CRS was told of the whole file, and only once all else was filled in."""
+    starting = Starting(data)
+    told = starting.judge(values_of(starting) | {DISTANCE: None, key: value})
+    assert why in told["errors"][key]
+    assert set(told["errors"]) == {key}
+    saved = starting.save(values_of(starting) | {key: value})
+    assert not saved["saved"]
+    assert why in saved["errors"][key]
+
+
 def test_comments_of_the_file_stay_and_an_unfinished_one_can_be_saved__truth(data: Path) -> None:
     starting = Starting(data)
     assert starting.save(values_of(starting))["saved"]

@@ -116,6 +116,10 @@ def test_axe_finds_nothing_on_the_start_page__oracle(
         page.evaluate(axe)
         page.fill("#field-camera-film-principal_distance_mm", "0.2")
         page.wait_for_selector(".field.bad")
+        page.fill("#field-block-crs", "EPSG:99999")
+        page.wait_for_selector("#field-block-crs[aria-invalid=true]")
+        page.fill("#field-camera-film-fiducials_mm", "1 -85 0\n2 85 0\n1 0 85")
+        page.wait_for_selector("#field-camera-film-fiducials_mm-wrong:has-text('1')")
         found = [page.evaluate(VIOLATIONS)]
         for tab in ("map", "run"):
             page.click(f'[data-tab="{tab}"]')

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import rasterio
 
+from app.block_sections import BlockSection
 from app.desk.mosaic import MosaicFile, SheetMaker, sheet_routes
 from app.mosaic import make_mosaic
-from app.project import BlockSection, ListedScan, Project, ReferenceSection, ScansSection
+from app.project import ListedScan, Project, ReferenceSection, ScansSection
 from core.errors import Cancelled
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seam_edits import SeamArea, SeamLine

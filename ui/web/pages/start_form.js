@@ -114,10 +114,13 @@ function valueOf({ kind }, text) {
     return text.trim().split(/[\s;]+|,\s+|,(?=\s*$)/).filter(Boolean).map(numberOf);
   }
   if (kind === "marks") {
-    return Object.fromEntries(lines.map((line) => {
+    const marks = lines.map((line) => {
       const [name, ...place] = line.split(/[\s;=]+/);
       return [name, place.map((part) => numberOf(part.replace(/,$/, "")))];
-    }));
+    });
+    // A name that stands twice would be lost among names: it is refused with its reason.
+    const names = new Set(marks.map(([name]) => name));
+    return names.size < marks.length ? marks : Object.fromEntries(marks);
   }
   if (LONG.includes(kind)) return lines.length === 1 ? lines[0] : lines;
   return text.trim();
