@@ -303,7 +303,11 @@ def _conventions(convention: AngleConvention, reads: str) -> Conventions:
 def _format(convention: AngleConvention) -> ExchangeFormat:
     return ExchangeFormat(
         name=f"eo-{convention.name}",
-        title=f"Exterior orientations: {convention.order}, {UNIT_NAMES[convention.unit]}",
+        title=say(
+            "Exterior orientations: {order}, {unit}",
+            order=convention.order,
+            unit=UNIT_NAMES[convention.unit],
+        ),
         conventions=_conventions(convention, ""),
         holds="nothing",
         write=_writer(convention),

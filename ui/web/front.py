@@ -220,7 +220,8 @@ class Front:
         texts = {"words": words(language), "language": language, "keys": KEYS,
                  "messages": messages(language)}  # fmt: skip
         told = {**texts, **self._inputs.start, **self._inputs.told()}
-        return web.json_response({**told, "seat": seat, "guest": is_guest(request)})
+        whole = as_json({**told, "seat": seat, "guest": is_guest(request)})
+        return web.Response(text=whole, content_type="application/json")
 
     @property
     def _upstream(self) -> Upstream:

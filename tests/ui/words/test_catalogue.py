@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from app.block_schema import TABLES
 from app.run import STAGE_NAMES
 from core.errors import PhotogrammetryError
+from core.formats.exchange_formats import FORMATS
 from core.quality.sentences import CLASSES, SENTENCES
-from ui.words.catalogue import KEYS, LANGUAGES, messages, preferred_language, words
+from ui.words.catalogue import KEYS, LANGUAGES, Teller, messages, preferred_language, words
 
 HOME = Path(__file__).resolve().parents[3]
 UNTOLD = ("core/literature", "core/synthetic", "app/desk/background.py")
@@ -232,3 +234,34 @@ def test_no_sentence_of_the_catalogue_is_built_of_pieces__law() -> None:
         if isinstance(inside, ast.Call) and getattr(inside.func, "id", "") in ("tell", "say")
     ]
     assert not built
+
+
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_formats_of_other_programs_are_told_in_every_language__law(language: str) -> None:
+    """But those that are nothing but names, as QGIS or COLMAP."""
+    known, tell = messages(language), Teller(language)
+    titles = [form.title for form in FORMATS.values()]
+    english = [title for title in titles if re.search(r"(?<![\w.])[a-z]+(?![\w.])", title)]
+    assert len(english) > 15
+    assert all(tell.again(title) != title for title in english)
+    assert {"degrees", "radians"} <= set(known)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_choice_of_the_form_has_a_text__law(language: str) -> None:
+    choices = {
+        choice
+        for table in TABLES.values()
+        for key in table
+        if key.asked != "file"
+        for choice in key.choices
+        if choice and not choice.isdigit()
+    }
+    assert len(choices) > 5
+    assert {f"choice.{choice}" for choice in choices} <= set(words(language))
+
+
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_texts_of_a_language_call_no_key_by_its_english_name__truth(language: str) -> None:
+    assert words(language)["key.Space"] != "Space"
+    assert not [key for key, text in words(language).items() if re.search(r"\bSpace\b", text)]

@@ -1,6 +1,6 @@
 // The desk: joins queue, scene, compare and status to the wire; keys and buttons mean the same.
 import {
-  all, byId, element, fillWords, focused, glyph, learnNames, start, stateGlyph, tip, word,
+  all, byId, element, fillWords, focused, glyph, keyName, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
 import { areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showPoint } from "./point.js";
@@ -272,7 +272,8 @@ function setUpButtons() {
   for (const button of all("[data-act]")) {
     const act = button.dataset.act ?? "";
     const name = TEXTS[act] ?? `act.${act}`;
-    const key = keyOf.get(name);
+    const named = keyOf.get(name);
+    const key = named && keyName(named);
     const long = tip(name) ?? word(name);
     button.title = key ? `${long} (${key})` : long;
     label(button, word(name), GLYPHS[act] ? stateGlyph(GLYPHS[act], 14) : null);

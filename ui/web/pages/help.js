@@ -1,5 +1,5 @@
 // The sheet of keys and marks, those of the other sheets too.
-import { byId, element, first, glyph, start, stateGlyph, tip, word } from "./words.js";
+import { byId, element, first, glyph, keyName, start, stateGlyph, tip, word } from "./words.js";
 
 /** @type {State[]} */
 const STATES = ["auto", "accepted", "dubious", "rejected", "unused"];
@@ -8,7 +8,7 @@ export function toggleHelp() {
   const dialog = byId("help");
   if (dialog.open) return dialog.close();
   const lines = start.keys.map(([key, name]) => element("tr", {},
-    element("td", {}, element("kbd", {}, key)),
+    element("td", {}, element("kbd", {}, keyName(key))),
     element("td", {}, word(name), element("span", {}, tip(name) ?? ""))));
   const half = Math.ceil(lines.length / 2);
   const { current, check, predicted, peak } = start.palette;

@@ -114,7 +114,7 @@ function formatChoice() {
   if (!state.data || !Object.keys(start.imports).length) return "";
   const now = state.reading.format ?? state.foreign?.format ?? "";
   const options = [["", word("points.table")], ...Object.entries(start.imports)].map(
-    ([value, text]) => element("option", { value, selected: value === now }, text));
+    ([value, text]) => element("option", { value, selected: value === now }, again(text)));
   const onchange = (/** @type {any} */ { target }) => {
     state.reading.format = target.value;
     readAgain();

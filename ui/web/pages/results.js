@@ -136,7 +136,7 @@ function exporting() {
   const formats = Object.entries(start.formats);
   if (!formats.length || start.guest) return [];
   const chosen = element("select", { id: "export-format", "aria-label": word("export.format") },
-    ...formats.map(([name, title]) => element("option", { value: name }, title)));
+    ...formats.map(([name, title]) => element("option", { value: name }, again(title))));
   const said = element("div", { id: "export-said", role: "status" });
   const begin = element("button", { id: "export-begin", onclick: write }, word("export.begin"));
   const pictures = element("input", { type: "checkbox", id: "export-pictures" });

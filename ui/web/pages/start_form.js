@@ -67,7 +67,7 @@ function inputOf(field, id) {
   const { kind, choices } = field;
   if (choices.length) {
     const empty = field.required || choices.includes("") ? [] : [["", usual(field)]];
-    const known = choices.map((choice) => [choice, choice || word("form.none")]);
+    const known = choices.map((choice) => [choice, chosen(choice)]);
     return element("select", { id }, ...[...empty, ...known]
       .map(([value, text]) => element("option", { value }, text)));
   }
@@ -79,9 +79,13 @@ function inputOf(field, id) {
   return element("input", { id, placeholder, spellcheck: "false" });
 }
 
+/** A choice in words; numbers are none. @param {string} choice */
+const chosen = (choice) => (choice === "" ? word("form.none")
+  : /^\d+$/.test(choice) ? choice : word(`choice.${choice}`));
+
 /** What holds where a field is left empty. @param {FormField} field */
-function usual({ default: value, range }) {
-  const text = textOf(value);
+function usual({ choices, default: value, range }) {
+  const text = choices.length ? chosen(textOf(value)) : textOf(value);
   if (text) return word("form.usual", { value: text });
   return range.length ? `${range[0]}\u2013${range[1]}` : "";
 }

@@ -17,6 +17,9 @@ export const word = (key, values = {}) => filled(start.words[key] ?? key, values
 export const again = (told) => (typeof told === "string" ? start.messages[told] ?? told
   : filled(start.messages[told.said] ?? told.said, told.values));
 
+/** A key as the language calls it. @param {string} key */
+export const keyName = (key) => start.words[`key.${key}`] ?? key;
+
 /**
  * A sentence with its places filled.
  * @param {string} text @param {Record<string, unknown>} values @returns {string}
