@@ -59,6 +59,7 @@ from sessions.decisions import (
 )
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
+from ui.review.drafts import with_measured
 from ui.review.gestures import AnswerAsked, Freed, Gesture, MarkPlaced
 from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
 from ui.review.mosaic import with_seam_edits
@@ -370,12 +371,12 @@ class ReviewLoop:
         ):
             self._screen.tell(event.seat_id, Notice("notice.overtaken"))
             return
-        if isinstance(decision, Place):
-            draft = Draft((decision.point_id, decision.photo_id), decision)
-            if seat.draft_of(draft.key) != event.since:
+        if isinstance(decision, Place | PlaceFiducial):
+            drafted = with_measured(seat, decision, event.since)
+            if drafted is None:
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
-            seat, decision = seat.with_draft(draft), None
+            seat, decision = drafted, None
         if decisions := (*((decision,) if decision else ()), *event.more):
             self._record(decisions, seat.operator)
         self._now = self._now.with_seat(seat)

@@ -92,10 +92,17 @@ class MeasuringTool:
             case ProposalsWanted():
                 return self._propose(gesture, desk)
             case MarkPlaced():
-                found = _snap(gesture, desk.initial)
+                return self._snap_mark(gesture, desk)
             case _:
                 raise AssertionError("no other gesture is measured")
-        return Measured(gesture.seat_id, *found, known=len(desk.recorded))
+
+    @staticmethod
+    def _snap_mark(gesture: MarkPlaced, desk: DeskSnapshot) -> Measured:
+        """The draft of a fiducial, or the fiducial, on its middle."""
+        seat = desk.seats.get(gesture.seat_id)
+        since = None if seat is None else seat.mark_of(gesture.photo_id, gesture.name)
+        found = _snap(gesture, desk.initial)
+        return Measured(gesture.seat_id, *found, since, len(desk.recorded))
 
     def _add_point(self, gesture: PointAsked, desk: DeskSnapshot, begun: Deliver) -> Measured:
         """A new point, measured in every scan that shows it."""

@@ -101,7 +101,7 @@ class Measured:
     """To be recorded, but a place, which is a draft; None when nothing was found."""
     notice: Notice
     """What to tell the operator."""
-    since: Draft | None = None
+    since: Draft | PlaceFiducial | None = None
     """The draft a refinement began from: another one that was made meanwhile stays."""
     known: int = 0
     """So many decisions were recorded when it was asked for."""

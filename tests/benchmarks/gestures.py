@@ -164,16 +164,20 @@ def refined(hand: Hand) -> Hand:
     return walked
 
 
-def kept(hand: Hand, yes: Hand) -> Hand:
+POINT_DRAFT, MARK_DRAFT = "gruber.parts.point.draft", "gruber.parts.board_drafts[0]"
+
+
+def kept(hand: Hand, yes: Hand, draft: str = POINT_DRAFT) -> Hand:
     """A gesture that drafts a place, and the verdict that keeps it, twice where it is asked."""
 
     def keeping(page: Page) -> None:
         hand(page)
-        page.wait_for_function("gruber.parts.point.draft")
-        page.evaluate("window.aimed = gruber.parts.point.key")
+        page.wait_for_function(f"{draft} && !gruber.isAhead()")
+        aimed = "gruber.parts.point.key" if draft == POINT_DRAFT else "[]"
+        page.evaluate(f"window.aimed = {aimed}")
         yes(page)
-        page.wait_for_function("!gruber.parts.point.draft || gruber.parts.point.draft.asking")
-        if page.evaluate("gruber.parts.point.draft"):
+        page.wait_for_function(f"!{draft} || {draft}.asking")
+        if page.evaluate(draft):
             yes(page)
 
     return keeping
@@ -318,10 +322,14 @@ BOARD = (
     Decides("board: hide button", click('[data-board="hide"]'), ("JudgeFiducial",)),
     Decides("board: Y", key("y"), ("JudgeFiducial",)),
     Decides("board: keep button", click('[data-board="keep"]'), ("JudgeFiducial",)),
-    Decides("board: click in the picture", click_large, MARKED),
-    Decides("board: arrow", key("ArrowLeft"), MARKED),
-    Decides("board: Enter", key("Enter"), MARKED),
-    Decides("board: snap button", click('[data-board="snap"]'), MARKED),
+    Decides("board: click in the picture, Y", kept(click_large, key("y"), MARK_DRAFT), MARKED),
+    Decides("board: arrow, Y", kept(key("ArrowLeft"), key("y"), MARK_DRAFT), MARKED),
+    Decides("board: Enter, Y", kept(key("Enter"), key("y"), MARK_DRAFT), MARKED),
+    Decides(
+        "board: snap and keep button",
+        kept(click('[data-board="snap"]'), click('[data-board="keep"]'), MARK_DRAFT),
+        MARKED,
+    ),
     Decides("board: U", key("u"), BACK),
     Decides("board: undo button", click('[data-board="undo"]'), BACK),
     Decides("board: Shift+U", key("Shift+U"), BACK),
@@ -406,6 +414,8 @@ BOARD_LOOKING = (
     Looks("J on the board", key("j"), MARK),
     Looks("K on the board", key("k"), MARK),
     Looks("mark clicked", click("#board .mark:not(.on)"), MARK),
+    Looks("click in its picture", click_large, DRAFTED),
+    Looks("Esc on its draft", key("Escape"), DRAFTED),
     Looks("next mark button", click("#mark-room h3 button >> nth=1"), MARK),
     Looks("film", click('[data-tab="film"]'), "gruber.boardState().tab"),
     Looks("marks again", click('[data-tab="board"]'), "gruber.boardState().tab"),

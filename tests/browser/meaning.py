@@ -59,7 +59,7 @@ EYE = """(() => {
       chip: document.querySelector(".chip.on")?.dataset.state ?? "",
       mark: document.querySelector("#board .mark.on")?.dataset.mark ?? "",
       able: !document.querySelector("[data-act=accept]")?.disabled,
-      tag: e?.tagName ?? "", kind: e?.type ?? "", onMark: e?.classList.contains("mark") ?? false,
+      tag: e?.tagName ?? "", kind: e?.type ?? "", drafted: shown("board-draft"),
       inQueue: Boolean(e?.closest("#queue")), gone: isGone(),
     };
   };
@@ -89,7 +89,7 @@ WRITES: dict[str, Names] = {
     "role": frozenset({"SetRole"}), "undo": frozenset({"Withdraw"}),
     "redo": frozenset({"Withdraw"}), "back": frozenset({"Withdraw"}),
     "reason": frozenset({"Withdraw", "Reject"}),
-    "use": frozenset({"JudgeFiducial"}), "put": frozenset({"PlaceFiducial"}),
+    "use": frozenset({"JudgeFiducial", "PlaceFiducial"}),
     "fill": frozenset({"FillMarks"}), "draw": frozenset({"DrawMask", "SeamLine", "SeamArea"}),
     "stand": frozenset({"PlacePhoto"}),
     "read": frozenset({"ReadCheck"}), "sign": frozenset({"SignBlock"}),
@@ -105,10 +105,10 @@ REFUSED = (
 ANSWERS = {
     "undo": ("nothing-to-undo",), "redo": ("nothing-to-redo",), "reason": ("no-reason",),
     "refine": ("refined", "refined.photos", "not-refined"),
-    "put": ("outside", "snapped", "not-snapped"), "fill": ("filled", "filled-anew", "not-filled"),
+    "fill": ("filled", "filled-anew", "not-filled"),
 }  # fmt: skip
 """Notices that answer what was meant, in the file or not."""
-LATE = frozenset({"put", "fill"})
+LATE = frozenset({"fill"})
 """What is measured first, or waits for the hand to pause."""
 PRESSES, MOVES = {"Enter", " "}, {"Home", "End", "PageUp", "PageDown"}
 ARROWS = {"ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"}
@@ -184,10 +184,13 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
     on, dialog = seen["on"], seen["dialog"]
     kind, _, name = on.partition(" ")
     if kind == "board":
+        # A draft against the other marks is asked about first.
         return {
-            "keep": Meaning("use", seen["mark"], True), "hide": Meaning("use", seen["mark"], True),
-            "snap": Meaning("put", seen["mark"]), "undo": _undo(seen), "fill": Meaning("fill"),
-        }.get(name)  # fmt: skip
+            "keep": Meaning("use", seen["mark"], not seen["drafted"]),
+            "hide": Meaning("use", seen["mark"], True),
+            "undo": _undo(seen),
+            "fill": Meaning("fill"),
+        }.get(name)
     if kind == "act":
         return _act_means(name, seen)
     if kind == "check":
@@ -198,7 +201,6 @@ def _click_means(seen: dict[str, Any]) -> Meaning | None:
     return {
         "back": Meaning("back", must=True),
         "reason": Meaning("reason", must=seen["asked"] == "why"),
-        "magnified": Meaning("put", seen["mark"], must=True),
         "placing-save": Meaning("stand"),
         "sign": Meaning("sign"),
         "fault-mark": Meaning("say"),
@@ -225,14 +227,12 @@ def _act_means(name: str, seen: dict[str, Any]) -> Meaning | None:
 def _board_means(seen: dict[str, Any]) -> Meaning | None:
     key, mark = seen["key"], seen["mark"]
     letter = key.lower() if len(key) == 1 else key
-    if not mark or (seen["repeat"] and key not in ARROWS):
+    if not mark or seen["repeat"]:
         return None
     if letter in ("y", "v", "n"):
-        return Meaning("use", mark, must=True)
+        return Meaning("use", mark, must=letter != "y" or not seen["drafted"])
     if letter in ("u", "l"):
         return _undo(seen) if letter == "u" else Meaning("fill")
-    if letter == "Enter" or (key in ARROWS and not seen["onMark"]):
-        return Meaning("put", mark)
     return None
 
 

@@ -97,8 +97,13 @@ def test_one_mark_is_shown_and_the_others_are_found_corrected_and_undone__truth(
         current = current_mark(page)
         box = page.locator("#mark-room .magnified").bounding_box()
         page.mouse.click(box["x"] + box["width"] / 2 + 5, box["y"] + box["height"] / 2 + 3)
+        page.wait_for_selector("#board-draft")
+        page.wait_for_function("!gruber.isAhead()")
+        if page.locator("#board-draft.against").count():
+            page.keyboard.press("y")
+            page.wait_for_selector("#board-draft:has-text('Keep?')")
+        page.keyboard.press("y")
         page.wait_for_selector(f'#board .mark.placed[data-mark="{current}"]')
-        page.keyboard.press("j")
     kinds = [type(item.decision) for item in session.decisions()][-4:]
     assert kinds == [FillMarks, JudgeFiducial, PlaceFiducial, PlaceFiducial]
     # All at once, whatever was said of single marks since.

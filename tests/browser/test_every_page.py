@@ -131,7 +131,7 @@ DECIDING = {
     "act=accept": "Accept", "act=reject": "Reject", "act=dubious": "MarkDubious",
     "act=invisible": "MarkNotVisible", "act=role": "SetRole",
 }  # fmt: skip
-ON_BOARD = {"keep": "JudgeFiducial", "hide": "JudgeFiducial", "snap": "PlaceFiducial"}
+ON_BOARD = {"keep": "JudgeFiducial", "hide": "JudgeFiducial"}
 AWAY = {
     "act=placing.run", "act=start.desk", "act=start.place", "act=start.save", "placing-start",
     "settings-open", "mosaic-remake",

@@ -19,8 +19,9 @@ from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial, Recorded
 from sessions.scan_decisions import mark_changes
 from ui.review.compare import Drawn
 from ui.review.doubtful import FIDUCIAL_SIGMAS, FIDUCIAL_UM
+from ui.review.drafts import mark_effect
 from ui.review.looks import round_all, short
-from ui.review.state import DeskState, InitialState
+from ui.review.state import DeskState, InitialState, Seat
 
 Part = dict[str, Any]
 MarkState = Literal["used", "filled", "placed", "hidden", "unused", "missing"]
@@ -75,6 +76,27 @@ def board_part(
         key=lambda row: (not row["cells"], -row["doubt"], -sum(c["doubt"] for c in row["cells"]))
     )
     return {"photos": photos, "films": films_part(state, initial), "examples": examples(recorded)}
+
+
+def board_drafts_part(
+    seat: Seat, state: DeskState, initial: InitialState, recorded: Sequence[Recorded]
+) -> list[Part]:
+    """The drafts of a seat, each with what keeping it would make of its scan."""
+    parts: list[Part] = []
+    for mark in seat.marks:
+        effect = mark_effect(state, initial, recorded, mark)
+        parts.append(
+            {
+                "photo": mark.photo_id,
+                "name": mark.name,
+                "place": round_all((mark.column, mark.row), 2),
+                "rms": short(effect.interior.rms_um, 1) if effect.interior.names else None,
+                "off": short(effect.length_um, 1),
+                "against": effect.is_against,
+                "asking": seat.asking == mark,
+            }
+        )
+    return parts
 
 
 def examples(recorded: Sequence[Recorded]) -> list[Part]:

@@ -1,12 +1,18 @@
-"""Drafts: where a draft lies in the block, and whether to ask before it is kept."""
+"""Drafts: where a draft lies in block or scan, and whether to ask before it is kept."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from core.block import Measurement
-from sessions.decisions import Recorded
+from core.geometry.interior import InteriorOrientation
+from core.scans.fiducials import HAND_SIGMA_PX
+from sessions.decisions import Place, PlaceFiducial, Recorded
 from sessions.replay import replay
+from sessions.scan_decisions import mark_changes, with_changes
 from ui.review.misfit import misfits
-from ui.review.state import DeskState, Draft, Seat
+from ui.review.state import DeskState, Draft, InitialState, Seat
 
 ASKING_SIGMA = 3.0
 """A draft further than this from where the block expects it is asked about before it is kept: one
@@ -32,6 +38,57 @@ def draft_ratio(state: DeskState, draft: Draft) -> float:
 def is_to_be_asked(state: DeskState, seat: Seat, draft: Draft) -> bool:
     """True for a draft that contradicts the block and was not accepted once already."""
     return seat.asking != draft and draft_ratio(state, draft) > ASKING_SIGMA
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkEffect:
+    """What the draft of a fiducial would make of its scan."""
+
+    interior: InteriorOrientation
+    """The interior orientation with it."""
+    residual_um: np.ndarray | None
+    """Measured minus certified place, (2,) micrometres; None without a certified one."""
+    is_against: bool
+    """True when the other marks contradict it: the fit leaves it out, or its residual is beyond
+    three sigmas of scan and hand."""
+
+    @property
+    def length_um(self) -> float | None:
+        """Length of the residual, micrometres."""
+        return None if self.residual_um is None else float(np.hypot(*self.residual_um))
+
+
+def mark_effect(
+    state: DeskState, initial: InitialState, recorded: Sequence[Recorded], mark: PlaceFiducial
+) -> MarkEffect:
+    """What the draft of a fiducial would make of its scan."""
+    photo_id, name = mark.photo_id, mark.name
+    alone = state.block.with_photos({photo_id: state.block.photos[photo_id]})
+    marks = mark_changes((*recorded, Recorded(0, "", "", mark)))
+    interior = with_changes(alone, marks, initial.films).photos[photo_id].interior
+    certified = state.block.camera_of(photo_id).fiducials_mm.get(name)
+    # One mark far off makes the sigma of its own fit large: the scan as it stands is the measure.
+    before = state.block.photos[photo_id].interior
+    hand_um = 1000 * HAND_SIGMA_PX * before.pixel_size_mm
+    limit = ASKING_SIGMA * np.hypot(np.nan_to_num(before.sigma_um), hand_um)
+    if name in interior.names:
+        residual = interior.residuals_um[interior.names.index(name)]
+        return MarkEffect(interior, residual, bool(np.hypot(*residual) > limit))
+    if certified is None or not interior.names:
+        return MarkEffect(interior, None, False)
+    film = interior.film_from_pixel(np.array([[mark.column, mark.row]]))[0]
+    return MarkEffect(interior, 1000 * (film - np.array(certified)), True)
+
+
+def with_measured(
+    seat: Seat, measured: Place | PlaceFiducial, since: Draft | PlaceFiducial | None
+) -> Seat | None:
+    """The seat with what was measured as a draft; None where its draft was changed meanwhile."""
+    if isinstance(measured, PlaceFiducial):
+        same = seat.mark_of(measured.photo_id, measured.name) == since
+        return seat.with_mark(measured) if same else None
+    draft = Draft((measured.point_id, measured.photo_id), measured)
+    return seat.with_draft(draft) if seat.draft_of(draft.key) == since else None
 
 
 def by_hand(measurement: Measurement) -> bool:

@@ -278,7 +278,7 @@ class SheetAsked:
 
 @dataclass(frozen=True, slots=True)
 class MarkPlaced:
-    """A fiducial set by hand, in pixels of the raw scan."""
+    """A fiducial drafted by hand, in pixels of the raw scan."""
 
     seat_id: str
     photo_id: str
@@ -292,8 +292,17 @@ class MarkPlaced:
 
 
 @dataclass(frozen=True, slots=True)
+class MarkDropped:
+    """The draft of a fiducial given up."""
+
+    seat_id: str
+    photo_id: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
 class MarkJudged:
-    """A fiducial is in use as it is, or cannot be seen."""
+    """A fiducial is in use as it is, or as it is drafted; or it cannot be seen."""
 
     seat_id: str
     photo_id: str
@@ -327,7 +336,7 @@ Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
     | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched | Undone | Redone
     | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | Freed
-    | MarkPlaced | MarkJudged | MaskDrawn | Reviewed
+    | MarkPlaced | MarkDropped | MarkJudged | MaskDrawn | Reviewed
     | SeamDrawn
 )  # fmt: skip
 LOOKING: tuple[type, ...] = get_args(Looking)
@@ -476,6 +485,9 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "free": lambda seat, message: Freed(seat, bool(message["cameras"]), bool(message["robust"])),
     "sheet": _sheet,
     "mark": _mark,
+    "mark-drop": lambda seat, message: MarkDropped(
+        seat, str(message["photo"]), str(message["name"])
+    ),
     "draw": mask_from_message,
     "pick": picked_from_message,
     "near": near_from_message,

@@ -22,7 +22,7 @@ from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
-from ui.review.drafts import is_to_be_asked
+from ui.review.drafts import is_to_be_asked, mark_effect
 from ui.review.drawing import MaskDrawn, decided_mask
 from ui.review.gestures import (
     Aimed,
@@ -36,6 +36,7 @@ from ui.review.gestures import (
     Judged,
     JudgedTogether,
     LayerSwitched,
+    MarkDropped,
     MarkJudged,
     MarkPlaced,
     Named,
@@ -78,20 +79,9 @@ from ui.review.to_measure import WAITING, by_view
 from ui.review.verdicts import decision_of, refusal, standing_verdict
 
 Act = Literal[
-    "",
-    "amend",
-    "undo",
-    "redo",
-    "remake",
-    "cancel",
-    "fit whole",
-    "fit current",
-    "cancel filling",
-    "measure",
-    "fill",
-    "free",
-    "answer",
-]
+    "", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current",
+    "cancel filling", "measure", "fill", "free", "answer",
+]  # fmt: skip
 """What the loop shall do beyond recording a decision."""
 
 
@@ -120,7 +110,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _explain(gesture, seat)
         case PlacedInScan() | PlacedOnGround() | PeakChosen():
             return _place(gesture, seat, desk)
-        case MarkPlaced() | MarkJudged() | MaskDrawn() | mosaic.SeamDrawn():
+        case MarkPlaced() | MarkDropped() | MarkJudged() | MaskDrawn() | mosaic.SeamDrawn():
             return _mark(gesture, seat, desk)
         case PointAsked() | Refined():
             return _measure(gesture, seat, desk)
@@ -273,9 +263,11 @@ def _explain(gesture: Explained, seat: Seat) -> Outcome:
 
 
 def _mark(
-    gesture: MarkPlaced | MarkJudged | MaskDrawn | mosaic.SeamDrawn, seat: Seat, desk: DeskSnapshot
+    gesture: MarkPlaced | MarkDropped | MarkJudged | MaskDrawn | mosaic.SeamDrawn,
+    seat: Seat,
+    desk: DeskSnapshot,
 ) -> Outcome:
-    """A fiducial in use or not, or where somebody put it; what was drawn on scan or mosaic."""
+    """A fiducial in use or not, or a draft of its place; what was drawn on scan or mosaic."""
     block = desk.state.block
     if isinstance(gesture, mosaic.SeamDrawn):
         made = mosaic.decided_seam(gesture, desk)
@@ -289,14 +281,22 @@ def _mark(
     fill = isinstance(gesture, MarkPlaced) and gesture.fill
     if gesture.name not in known and not fill:
         return Outcome(seat)
+    mark = gesture.photo_id, gesture.name
+    if isinstance(gesture, MarkDropped):
+        return Outcome(seat.without_mark(*mark))
     if isinstance(gesture, MarkJudged):
-        return Outcome(seat, (JudgeFiducial(gesture.photo_id, gesture.name, gesture.use),))
+        drafted = seat.mark_of(*mark) if gesture.use else None
+        known = desk.state, desk.initial, desk.recorded
+        if drafted and seat.asking != drafted and mark_effect(*known, drafted).is_against:
+            return Outcome(replace(seat, asking=drafted))
+        judged = JudgeFiducial(*mark, gesture.use)
+        return Outcome(seat.without_mark(*mark), (drafted or judged,))
     place = gesture.column, gesture.row
     if not lies_within(*place, photo.size_px):
         return _outside(seat, gesture.photo_id)
     if gesture.snap or fill:
         return Outcome(seat, act="fill" if fill else "measure")
-    return Outcome(seat, (PlaceFiducial(gesture.photo_id, gesture.name, *place),))
+    return Outcome(seat.with_mark(PlaceFiducial(*mark, *place)))
 
 
 def lies_within(column: float, row: float, size_px: tuple[int, int]) -> bool:

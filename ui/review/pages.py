@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 from sessions.remarks import fault_findings, standing_faults
-from ui.review.board import board_part
+from ui.review.board import board_drafts_part, board_part
 from ui.review.checking import read_figures, seat_checks, signatures_part
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
@@ -104,7 +104,14 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
     yield (
         "status",
         (
-            (state, desk.rows, desk.stale, seat.operator, len(seat.drafts), people),
+            (
+                state,
+                desk.rows,
+                desk.stale,
+                seat.operator,
+                len(seat.drafts) + len(seat.marks),
+                people,
+            ),
             lambda: status_part(state, desk.rows, desk.stale, seat, others),
         ),
     )
@@ -139,6 +146,13 @@ def _sheet_parts(
             (
                 (*adjusted, desk.recorded),
                 lambda: board_part(state, desk.initial, desk.drawn, desk.recorded),
+            ),
+        )
+        yield (
+            "board_drafts",
+            (
+                (seat.marks, seat.asking, *adjusted, desk.recorded),
+                lambda: board_drafts_part(seat, state, desk.initial, desk.recorded),
             ),
         )
     if seat.sheet == "mask":

@@ -100,7 +100,7 @@ def status_part(
         "redundancy": report.redundancy,
         "counts": tally,
         "decided": state.decided,
-        "drafts": len(seat.drafts),
+        "drafts": len(seat.drafts) + len(seat.marks),
         "operator": seat.operator,
         "people": [[other.operator, list(other.current or ())] for other in others],
         "adjusting": state.adjusting,

@@ -18,7 +18,7 @@ from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
-from sessions.decisions import Accept, AddPoint, ChoosePeak, Place
+from sessions.decisions import Accept, AddPoint, ChoosePeak, Place, PlaceFiducial
 from ui.review.looks import ShownState
 
 Key = tuple[str, str]
@@ -153,7 +153,9 @@ class Seat:
     """The measurement just rejected, whose reason a digit may still give."""
     drafts: tuple[Draft, ...] = ()
     """Places not decided yet, one for a measurement at most."""
-    asking: Draft | None = None
+    marks: tuple[PlaceFiducial, ...] = ()
+    """Drafts of fiducials, by hand or snapped, one for each at most."""
+    asking: Draft | PlaceFiducial | None = None
     """The draft against the block that was accepted once: once more keeps it."""
     scene: SceneOptions = SceneOptions()
     """What of the 3D scene is shown."""
@@ -188,6 +190,21 @@ class Seat:
             replace(draft, begins=None) if draft.key[0] == name else draft for draft in self.drafts
         )
         return replace(self, drafts=tuple(drafts))
+
+    def mark_of(self, photo_id: str, name: str) -> PlaceFiducial | None:
+        """The draft of a fiducial."""
+        subject = photo_id, name
+        return next((mark for mark in self.marks if (mark.photo_id, mark.name) == subject), None)
+
+    def without_mark(self, photo_id: str, name: str) -> "Seat":
+        """The seat without a draft of a fiducial."""
+        subject = photo_id, name
+        kept = tuple(mark for mark in self.marks if (mark.photo_id, mark.name) != subject)
+        return replace(self, marks=kept)
+
+    def with_mark(self, mark: PlaceFiducial) -> "Seat":
+        """The seat with the draft of a fiducial in the place of an earlier one."""
+        return replace(self, marks=(*self.without_mark(mark.photo_id, mark.name).marks, mark))
 
 
 @dataclass(frozen=True, slots=True)

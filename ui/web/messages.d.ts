@@ -249,6 +249,16 @@ interface Roll { count: number; marks: FilmMark[]; mean: number[]; spread: numbe
 interface Films { films: Film[]; rolls: Record<string, Roll | null>; frames: Record<string, Pair> }
 /** A mark that somebody showed, so that the others like it were found. */
 interface Example { id: number; camera: string; photo: string; place: Pair }
+/** A place of a mark that nobody has decided yet, and what keeping it would make of its scan. */
+interface MarkDraft {
+  photo: string;
+  name: string;
+  place: Pair;
+  off: number | null;
+  rms: number | null;
+  against: boolean;
+  asking: boolean;
+}
 interface Board { photos: ScanRow[]; films: Films; examples: Example[] }
 
 interface PlacedPhoto {
@@ -388,6 +398,7 @@ interface Parts {
   point?: Point | null;
   quality?: Quality;
   board?: Board;
+  board_drafts?: MarkDraft[];
   placement?: Placement;
   mask?: Masks;
   mosaic?: Mosaic;

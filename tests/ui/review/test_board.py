@@ -15,8 +15,9 @@ from sessions.decisions import JudgeFiducial, PlaceFiducial, Recorded, Withdraw
 from sessions.replay import replay
 from sessions.scan_decisions import judged_scans, mark_changes
 from sessions.session import Session
-from ui.review.board import board_part
+from ui.review.board import board_drafts_part, board_part
 from ui.review.compare import drawn_from_block
+from ui.review.drafts import mark_effect
 from ui.review.gestures import MarkPlaced, gesture_from_message
 from ui.review.outcome import outcome_of
 from ui.review.placement import placement_part
@@ -196,18 +197,45 @@ def test_the_map_says_how_far_each_photo_was_off__law(state: Any, given: Any):
     assert part["worst"] == max(row["rms"] for row in part["photos"])
 
 
+def test_the_effect_of_a_draft_is_what_keeping_it_comes_to__law(given: Any):
+    inputs, _ = given
+    name, mark = a_mark(inputs)
+    desk = first_snapshot(inputs)
+    placed = PlaceFiducial(name, mark.name, mark.column + 0.3, mark.row)
+    seat = Seat("s", "anna").with_mark(placed)
+    (told,) = board_drafts_part(seat, desk.state, desk.initial, desk.recorded)
+    kept = replay(inputs.block, (Recorded(1, "anna", "", placed),), inputs.initial.films).block
+    interior = kept.photos[name].interior
+    residual = interior.residuals_um[interior.names.index(mark.name)]
+    assert told["rms"] == round(interior.rms_um, 1)
+    assert told["off"] == round(float(np.hypot(*residual)), 1)
+    assert told["rms"] != round(inputs.block.photos[name].interior.rms_um, 1)
+
+
 def test_gestures_on_the_board_mean_decisions__law(given: Any):
     inputs, _ = given
     name, mark = a_mark(inputs)
     desk, seat = first_snapshot(inputs), Seat("s", "anna")
 
-    def outcome(**message: Any) -> Any:
+    def outcome(at: Seat = seat, **message: Any) -> Any:
         gesture: Any = gesture_from_message("s", {"photo": name, "name": mark.name, **message})
-        return outcome_of(gesture, seat, desk)
+        return outcome_of(gesture, at, desk)
 
     place = [mark.column + 1.5, mark.row]
     plain = outcome(kind="mark", place=place)
-    assert plain.decisions == (PlaceFiducial(name, mark.name, *place),)
+    drafted = PlaceFiducial(name, mark.name, *place)
+    assert (plain.decisions, plain.seat.marks) == ((), (drafted,))
+    assert outcome(plain.seat, kind="mark-drop").seat.marks == ()
+    kept = outcome(plain.seat, kind="mark-use", use=True)
+    assert (kept.decisions, kept.seat.marks) == ((drafted,), ())
+    # What the other marks contradict is asked about first.
+    far = outcome(kind="mark", place=[mark.column + 40, mark.row]).seat
+    assert mark_effect(desk.state, desk.initial, desk.recorded, far.marks[0]).is_against
+    asked = outcome(far, kind="mark-use", use=True)
+    assert (asked.decisions, asked.seat.asking) == ((), far.marks[0])
+    assert outcome(asked.seat, kind="mark-use", use=True).decisions == far.marks
+    hidden = outcome(plain.seat, kind="mark-use", use=False)
+    assert (hidden.decisions, hidden.seat.marks) == ((JudgeFiducial(name, mark.name, False),), ())
     assert outcome(kind="mark", place=place, snap=True).act == "measure"
     snapped: Any = MeasuringTool()(MarkPlaced("s", name, mark.name, *place, snap=True), desk, print)
     assert isinstance(snapped.decision, PlaceFiducial)

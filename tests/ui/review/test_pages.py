@@ -66,7 +66,7 @@ def test_views_are_made_only_while_they_are_open__law(desk, seat):
 
     assert names(seat) == ALWAYS
     assert names(replace(seat, quality=True)) == ALWAYS | {"quality"}
-    assert names(replace(seat, sheet="board")) == ALWAYS | {"board"}
+    assert names(replace(seat, sheet="board")) == ALWAYS | {"board", "board_drafts"}
     assert names(replace(seat, sheet="placement")) == ALWAYS | {"placement"}
 
 

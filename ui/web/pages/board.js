@@ -7,8 +7,9 @@ import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
 } from "./fiducial.js";
 import { filmPart } from "./film.js";
+import { draftBar, draftMark, draftOf, dropDraft, takeDrafts } from "./mark_drafts.js";
 import { ARROWS, ZOOMS, paneElement } from "./view.js";
-import { send } from "./wire.js";
+import { inTurn, send } from "./wire.js";
 
 /** @type {Record<FiducialState, State>} */
 const LOOKS = {
@@ -45,6 +46,25 @@ export function openBoard(known) {
   state.found = null;
   if (known) showBoard(known);
   send({ kind: "sheet", sheet: "board", shown: true });
+}
+
+/** @param {MarkDraft[]} fresh */
+export function showMarkDrafts(fresh) {
+  takeDrafts(fresh);
+  if (byId("board").open) showDrafts();
+}
+
+function showDrafts() {
+  tellDrafts();
+  showLarge();
+}
+
+/** Cells of marks with a draft look so. */
+function tellDrafts() {
+  for (const button of all(".mark", byId("board"))) {
+    const [photo, name] = (button.dataset.mark ?? "").split("|");
+    button.classList.toggle("drafted", Boolean(draftOf(photo, name)));
+  }
 }
 
 function now() {
@@ -91,6 +111,7 @@ export function showBoard(fresh) {
   const scroller = sheet.querySelector(".sheet");
   if (scroller) Object.assign(scroller, { scrollTop, scrollLeft });
   if (state.current) choose(...state.current, false);
+  tellDrafts();
   if (onTable && focused() === document.body) focusCurrent();
   showLarge();
 }
@@ -279,6 +300,7 @@ function showLarge() {
   };
   const large = /** @type {HTMLElement | null} */ (room.querySelector(".magnified"))
     ?? paneElement("magnified");
+  const draft = draftOf(row.photo, cell.name);
   const doubts = (cell.why.length ? cell.why : row.why.slice(0, 2)).map(again);
   renew(room,
     element("h3", {}, stateGlyph(LOOKS[cell.state], 14),
@@ -287,16 +309,18 @@ function showLarge() {
       element("span", { class: "stretch" }),
       stepTo("previous", -1), stepTo("next", 1)),
     large,
+    ...(draft ? [draftBar(draft, () => drop())] : []),
     element("div", { class: "board-acts" }, act("keep", "Y", () => use(true)),
       act("hide", "V", () => use(false)), act("snap", "Enter", snap),
-      act("undo", "U", () => send({ kind: "undo" })), fillPart()),
+      act("undo", "U", undo), fillPart()),
     ...(cell.name ? [element("div", { class: "board-figures" }, ...figures(row, cell))] : []),
     ...decided(row, cell.said),
     ...doubts.map((text) => element("p", { class: "doubted" }, text)),
     element("p", { class: "muted" }, word(cell.name ? "board.hint" : "board.point.hint")),
     ...(cell.name ? [element("p", { class: "muted" }, word("board.run"))] : []));
   openFiducial(large, put);
-  showFiducial(row, cell, start.palette.states[LOOKS[cell.state]].colour);
+  const { colour } = start.palette.states[LOOKS[cell.state]];
+  showFiducial(row, cell, colour, draft?.place ?? null);
 }
 
 /** @param {ScanRow} row @param {Fiducial["said"]} said */
@@ -359,8 +383,9 @@ function fill() {
 }
 
 /** @param {Pair} place @param {string} photo @param {string} name */
-function put(place, photo, name, snapped = false) {
-  if (name) return send({ kind: "mark", photo, name, place, snap: snapped });
+function put(place, photo, name) {
+  if (start.guest) return;
+  if (name) return draftMark({ photo, name, place }, showDrafts);
   state.pointed[photo] = place;
   showLarge();
 }
@@ -370,14 +395,30 @@ function use(wanted) {
   const shown = now();
   if (!shown?.cell.name) return;
   const { row: { photo }, cell: { name } } = shown;
+  const drafted = wanted && draftOf(photo, name);
   send({ kind: "mark-use", photo, name, use: wanted });
-  step(1);
+  if (!drafted) return step(1);
+  // One that the desk asks about stays in sight.
+  inTurn(() => {
+    if (state.current?.join() === `${photo},${name}` && !draftOf(photo, name)) step(1);
+  });
 }
+
+/** The draft of the mark that is shown given up; false where there is none. */
+function drop() {
+  const { row, cell } = now() ?? {};
+  return Boolean(row && cell && dropDraft(row.photo, cell.name));
+}
+
+/** What was done last is taken back first: a draft goes without a word. */
+const undo = () => drop() || send({ kind: "undo" });
 
 function snap() {
   const { row, cell } = now() ?? {};
-  const place = cell?.place ?? cell?.expected;
-  if (row && cell?.name && place) put(place, row.photo, cell.name, true);
+  if (!row || !cell?.name) return;
+  const { photo } = row;
+  const place = draftOf(photo, cell.name)?.place ?? cell.place ?? cell.expected;
+  if (place) send({ kind: "mark", photo, name: cell.name, place, snap: true });
 }
 
 /** To the next doubtful fiducial, or the one before. @param {number} by */
@@ -405,7 +446,7 @@ function walk(right, down) {
 const ACTS = {
   KeyY: () => use(true), KeyV: () => use(false), KeyN: () => use(false),
   KeyJ: () => step(1), KeyK: () => step(-1), KeyF: fitFiducial, KeyL: fill,
-  KeyU: (event) => send({ kind: event.shiftKey ? "redo" : "undo" }), Enter: snap,
+  KeyU: (event) => event.shiftKey ? send({ kind: "redo" }) : undo(), Enter: snap,
 };
 const REPEATS = ["KeyJ", "KeyK"];
 
@@ -416,7 +457,8 @@ const REPEATS = ["KeyJ", "KeyK"];
 export function boardKey(event, letter) {
   const down = event.type === "keydown";
   if (event.key === "Escape" || letter === "KeyI") {
-    if (down) byId("board").close();
+    const drops = event.key === "Escape" && state.tab === "board";
+    if (down && !(drops && drop())) byId("board").close();
     return true;
   }
   if (state.tab !== "board" || !state.found) return event.key.length === 1;

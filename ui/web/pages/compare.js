@@ -4,7 +4,8 @@ import { drawLikeness } from "./likeness.js";
 import { drawEdges } from "./edges.js";
 import { flicker } from "./flicker.js";
 import {
-  cleared, crosshair, expectedMark, halo, line, measuredMark, scaleBar, surveyedMark, text,
+  cleared, crosshair, draftedMark, expectedMark, halo, line, measuredMark, scaleBar, surveyedMark,
+  text,
 } from "./overlay.js";
 import {
   drawLayer, fetchAhead, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer, scanLayer,
@@ -393,10 +394,7 @@ function scanMarks(context, pane, point) {
   if (point.state !== "predicted") {
     measuredMark(context, measuredOn(pane, point), palette.states[point.state].colour);
   }
-  if (!draft) return;
-  context.setLineDash([3, 3]);
-  measuredMark(context, draft, palette.current);
-  context.setLineDash([]);
+  if (draft) draftedMark(context, draft);
 }
 
 /**

@@ -12,7 +12,7 @@ import { showStatus } from "./status.js";
 import { setUpPeople, showPeople } from "./people.js";
 import { openQuality, setUpQuality, showQuality } from "./quality.js";
 import {
-  boardKey, boardState, openBoard, setUpBoard, showBoard, showFilling,
+  boardKey, boardState, openBoard, setUpBoard, showBoard, showFilling, showMarkDrafts,
 } from "./board.js";
 import {
   openPlacement, placementKey, placementState, setUpPlacement, showPlacement,
@@ -325,6 +325,7 @@ function receive(message) {
     showPeople(parts.status, parts.point?.key);
   }
   if (fresh.quality) showQuality(fresh.quality);
+  if (fresh.board_drafts) showMarkDrafts(fresh.board_drafts);
   if (fresh.board) showBoard(fresh.board);
   if (fresh.placement) showPlacement(fresh.placement);
   if (fresh.mask) showMask(fresh.mask);

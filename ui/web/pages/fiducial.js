@@ -1,9 +1,8 @@
 // One fiducial large: windows of the raw scan in their own contrast; click places, drag moves.
 import { focused, numbers, start } from "./words.js";
-import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
-import { Pane, View, afterPause, oncePerFrame } from "./view.js";
+import { cleared, crosshair, draftedMark, expectedMark, measuredMark } from "./overlay.js";
+import { Pane, View, oncePerFrame } from "./view.js";
 import { image, levelFor, onTile } from "./tiles.js";
-import { finishBefore } from "./wire.js";
 
 /** @typedef {{ left: number, top: number, side: number, address: string }} ScanWindow */
 
@@ -17,8 +16,8 @@ const state = {
   cell: /** @type {Fiducial | null} */ (null),
   colour: "#ffffff",
   cursor: /** @type {Pair | null} */ (null),
-  /** Where the hand put it before the desk answers. */
-  nudged: /** @type {Pair | null} */ (null),
+  /** Where the hand has put it, and nobody has decided yet. */
+  draft: /** @type {Pair | null} */ (null),
   shownKey: "",
   /** Windows that were wanted last, drawn below until the next one is there. */
   kept: /** @type {(ScanWindow & { photo: string })[]} */ ([]),
@@ -34,10 +33,7 @@ const HAND = {
   },
   click: (pane, screen) => {
     const { row, cell } = state;
-    if (start.guest || !row || !cell) return;
-    state.nudged = pane.layerFromScreen(screen);
-    redraw();
-    state.place(state.nudged, row.photo, cell.name);
+    if (row && cell) state.place(pane.layerFromScreen(screen), row.photo, cell.name);
   },
 };
 
@@ -52,17 +48,17 @@ export function openFiducial(room, place) {
 }
 
 export function closeFiducial() {
-  Object.assign(state, { pane: null, shownKey: "", nudged: null });
+  Object.assign(state, { pane: null, shownKey: "", draft: null });
 }
 
-/** @param {ScanRow} row @param {Fiducial} cell @param {string} colour */
-export function showFiducial(row, cell, colour) {
+/** @param {ScanRow} row @param {Fiducial} cell @param {string} colour @param {Pair | null} draft */
+export function showFiducial(row, cell, colour, draft) {
   const key = `${row.photo}|${cell.name}`;
   const fresh = key !== state.shownKey;
-  Object.assign(state, { row, cell, colour, nudged: null, shownKey: key });
+  Object.assign(state, { row, cell, colour, draft, shownKey: key });
   if (fresh) {
     const room = state.pane?.size ?? [380, 380];
-    const middle = cell.place ?? cell.expected;
+    const middle = draft ?? cell.place ?? cell.expected;
     const whole = Math.min(...row.size.map((value, side) => room[side] / value));
     if (middle) state.view.show(middle, (room[0] || 380) / (1.6 * row.window));
     else state.view.show(row.size.map((value) => value / 2), whole);
@@ -71,9 +67,9 @@ export function showFiducial(row, cell, colour) {
 }
 
 export function fitFiducial() {
-  const { row, cell, colour } = state;
+  const { row, cell, colour, draft } = state;
   state.shownKey = "";
-  if (row && cell) showFiducial(row, cell, colour);
+  if (row && cell) showFiducial(row, cell, colour, draft);
 }
 
 /** @param {number} factor */
@@ -82,20 +78,11 @@ export function zoomFiducial(factor) {
   redraw();
 }
 
-// About the mark it was nudged on: the next one may be shown by then.
-const placeLater = afterPause((/** @type {Parameters<typeof state.place>} */ ...put) =>
-  state.place(...put));
-finishBefore(placeLater.now);
-
 /** @param {number} right @param {number} down scan pixels */
 export function nudgeFiducial(right, down) {
-  const { row, cell } = state;
-  const from = state.nudged ?? cell?.place ?? cell?.expected;
-  if (!row || !cell || !from || start.guest) return;
-  const target = [from[0] + right, from[1] + down];
-  state.nudged = target;
-  placeLater(target, row.photo, cell.name);
-  redraw();
+  const { row, cell, draft } = state;
+  const from = draft ?? cell?.place ?? cell?.expected;
+  if (row && cell && from) state.place([from[0] + right, from[1] + down], row.photo, cell.name);
 }
 
 /**
@@ -138,8 +125,8 @@ function draw() {
   const [over] = cleared(pane.marks);
   const { expected } = cell;
   if (expected) expectedMark(over, pane.screenFromLayer(expected), start.palette.predicted, 11);
-  const measured = state.nudged ?? cell.place;
-  if (measured) measuredMark(over, pane.screenFromLayer(measured), state.colour);
+  if (cell.place) measuredMark(over, pane.screenFromLayer(cell.place), state.colour);
+  if (state.draft) draftedMark(over, pane.screenFromLayer(state.draft));
   if (cursor) crosshair(over, pane.screenFromLayer(cursor), width, height);
   pane.where.textContent = cursor ? `${numbers(cursor, 1)} px` : "";
 }

@@ -45,6 +45,13 @@ export function measuredMark(context, [x, y], colour) {
   context.fillRect(x - 0.75, y - 0.75, 1.5, 1.5);
 }
 
+/** What nobody has decided yet. @param {Context} context @param {Pair} place */
+export function draftedMark(context, place) {
+  context.setLineDash([3, 3]);
+  measuredMark(context, place, start.palette.current);
+  context.setLineDash([]);
+}
+
 /**
  * Where a point is expected.
  * @param {Context} context @param {Pair} place @param {string} colour @param {number} radius

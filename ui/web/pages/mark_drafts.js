@@ -1,0 +1,68 @@
+// Drafts of fiducials: where the hand has put a mark, until a key keeps or drops it.
+import { element, number, tip, word } from "./words.js";
+import { afterPause } from "./view.js";
+import { finishBefore, inTurn, send } from "./wire.js";
+
+const state = {
+  told: /** @type {MarkDraft[]} */ ([]),
+  /** The draft that is under the hand, ahead of the desk's answer. */
+  hand: /** @type {MarkDraft | null} */ (null),
+};
+
+/** @param {string} photo @param {string} name */
+export function draftOf(photo, name) {
+  const every = [state.hand, ...state.told];
+  return every.find((one) => one?.photo === photo && one.name === name) ?? null;
+}
+
+/** What the desk knows. @param {MarkDraft[]} drafts */
+export function takeDrafts(drafts) {
+  state.told = drafts;
+}
+
+const tellLater = afterPause((
+  /** @type {MarkDraft} */ hand, /** @type {() => void} */ answered,
+) => {
+  const { photo, name, place } = hand;
+  send({ kind: "mark", photo, name, place });
+  inTurn(() => {
+    if (state.hand === hand) state.hand = null;
+    answered();
+  });
+});
+finishBefore(tellLater.now);
+
+/**
+ * A mark put somewhere, told once the hand pauses: it is drawn at once, and again when the desk
+ * has answered.
+ * @param {{ photo: string, name: string, place: Pair }} put @param {() => void} draw
+ */
+export function draftMark({ photo, name, place }, draw) {
+  const bare = { off: null, rms: null, against: false, asking: false };
+  const { hand } = state;
+  // The hand is on one mark at a time.
+  if (hand && (hand.photo !== photo || hand.name !== name)) tellLater.now();
+  state.hand = { ...bare, ...draftOf(photo, name), photo, name, place };
+  tellLater(state.hand, draw);
+  draw();
+}
+
+/** True where there was one to give up. @param {string} photo @param {string} name */
+export function dropDraft(photo, name) {
+  return Boolean(draftOf(photo, name)) && send({ kind: "mark-drop", photo, name });
+}
+
+/**
+ * What keeping a draft would make of its scan.
+ * @param {MarkDraft} draft @param {() => void} drop
+ */
+export function draftBar({ asking, against, off, rms }, drop) {
+  const text = off === null ? "board.draft.bare" : asking ? "board.draft.asking"
+    : against ? "board.draft.against" : "board.draft";
+  const values = { off: number(off, 1), rms: number(rms, 1) };
+  return element("p", { id: "board-draft", class: against ? "against" : "" },
+    element("span", {}, word(text, values)),
+    element("button", {
+      class: "small", "data-board": "drop", title: tip("draft.drop"), onclick: drop,
+    }, word("draft.drop"), element("kbd", {}, "Esc")));
+}
