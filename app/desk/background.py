@@ -33,8 +33,9 @@ from core.progress import Progress
 from sessions.decisions import FillMarks
 from ui.review.compare import redrawn, stale_photos
 from ui.review.doubtful import extra_of
-from ui.review.gestures import Gesture, MarkPlaced
+from ui.review.gestures import Gesture
 from ui.review.history import with_adjustment
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.scene import Footprints, tie_vectors
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Evidence, Notice

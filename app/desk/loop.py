@@ -60,8 +60,9 @@ from sessions.decisions import (
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.drafts import with_measured
-from ui.review.gestures import AnswerAsked, Freed, Gesture, MarkPlaced
+from ui.review.gestures import AnswerAsked, Freed, Gesture
 from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.mosaic import with_seam_edits
 from ui.review.new_points import ORTHO, act_of, next_name, with_begun
 from ui.review.outcome import Act, outcome_of
@@ -366,14 +367,10 @@ class ReviewLoop:
             seat = replace(seat, current=best.key, explaining=None)
             seat = seat.with_draft(Draft(best.key, accepted, decision))
             seat, decision = keep_seat_up(seat, self._seen_by(seat).rows), None
-        elif isinstance(decision, Place | PlaceFiducial) and is_overtaken(
-            decision, self._now.recorded[event.known :]
-        ):
-            self._screen.tell(event.seat_id, Notice("notice.overtaken"))
-            return
-        if isinstance(decision, Place | PlaceFiducial):
+        elif isinstance(decision, Place | PlaceFiducial):
             drafted = with_measured(seat, decision, event.since)
-            if drafted is None:
+            newer = self._now.recorded[event.known :]
+            if drafted is None or is_overtaken(decision, newer):
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = drafted, None

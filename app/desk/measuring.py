@@ -24,7 +24,8 @@ from sessions.readings import SAME_PLACE_PX
 from sessions.scan_decisions import mark_changes, with_effect
 from ui.review.compare import HeightSource, LikenessSource, PlanePoints
 from ui.review.drafts import apply_draft
-from ui.review.gestures import Gesture, MarkPlaced, PointAsked, Refined
+from ui.review.gestures import Gesture, PointAsked, Refined
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.new_points import ORTHO, next_name
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice, Seat

@@ -6,6 +6,7 @@ from typing import Any, Literal, cast, get_args
 
 from ui.review.check_gestures import LONGEST_NAME, REVIEWING, Reviewed
 from ui.review.drawing import MaskDrawn, mask_from_message
+from ui.review.mark_gestures import MARKING, MarkGesture
 from ui.review.mosaic import (
     MosaicPicked,
     NearAsked,
@@ -277,40 +278,6 @@ class SheetAsked:
 
 
 @dataclass(frozen=True, slots=True)
-class MarkPlaced:
-    """A fiducial drafted by hand, in pixels of the raw scan."""
-
-    seat_id: str
-    photo_id: str
-    name: str
-    column: float
-    row: float
-    snap: bool = False
-    """True to move it onto the mark beside that place."""
-    fill: bool = False
-    """True to look for all marks like the one at that place, whatever its name."""
-
-
-@dataclass(frozen=True, slots=True)
-class MarkDropped:
-    """The draft of a fiducial given up."""
-
-    seat_id: str
-    photo_id: str
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class MarkJudged:
-    """A fiducial is in use as it is, or as it is drafted; or it cannot be seen."""
-
-    seat_id: str
-    photo_id: str
-    name: str
-    use: bool
-
-
-@dataclass(frozen=True, slots=True)
 class AnswerAsked:
     """The page is to be told when everything it sent before is done."""
 
@@ -336,7 +303,7 @@ Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
     | PlacedInScan | PlacedOnGround | Refined | PeakChosen | RoleSwitched | Undone | Redone
     | RemakeAsked | RemakeCancelled | PointAsked | TakenBack | Named | Freed
-    | MarkPlaced | MarkDropped | MarkJudged | MaskDrawn | Reviewed
+    | MarkGesture | MaskDrawn | Reviewed
     | SeamDrawn
 )  # fmt: skip
 LOOKING: tuple[type, ...] = get_args(Looking)
@@ -444,15 +411,6 @@ def _sheet(seat_id: str, message: Message) -> Gesture:
     return SheetAsked(seat_id, message["sheet"], bool(message["shown"]))
 
 
-def _mark(seat_id: str, message: Message) -> Gesture:
-    column, row = (float(value) for value in message["place"])
-    if not (abs(column) < 1e6 and abs(row) < 1e6):
-        raise ValueError("not a place")
-    names = str(message["photo"]), str(message["name"])
-    snap, fill = bool(message.get("snap", False)), bool(message.get("fill", False))
-    return MarkPlaced(seat_id, *names, column, row, snap, fill)
-
-
 _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "judge": _judged,
     "drop": lambda seat, message: Dropped(seat, _key(message)),
@@ -484,18 +442,12 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "quality": _quality,
     "free": lambda seat, message: Freed(seat, bool(message["cameras"]), bool(message["robust"])),
     "sheet": _sheet,
-    "mark": _mark,
-    "mark-drop": lambda seat, message: MarkDropped(
-        seat, str(message["photo"]), str(message["name"])
-    ),
+    **MARKING,
     "draw": mask_from_message,
     "pick": picked_from_message,
     "near": near_from_message,
     **REVIEWING,
     "seam": seam_from_message,
-    "mark-use": lambda seat, message: MarkJudged(
-        seat, str(message["photo"]), str(message["name"]), bool(message["use"])
-    ),
     "cancel": lambda seat, message: RemakeCancelled(seat, bool(message.get("filling", False))),
     "answer": lambda seat, message: AnswerAsked(seat, int(message["number"])),
 }

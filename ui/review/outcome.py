@@ -36,9 +36,6 @@ from ui.review.gestures import (
     Judged,
     JudgedTogether,
     LayerSwitched,
-    MarkDropped,
-    MarkJudged,
-    MarkPlaced,
     Named,
     PeakChosen,
     PhotoEntered,
@@ -61,6 +58,7 @@ from ui.review.gestures import (
     VectorsScaled,
 )
 from ui.review.history import taken_back
+from ui.review.mark_gestures import MarkDropped, MarkGesture, MarkJudged, MarkPlaced
 from ui.review.new_points import begun
 from ui.review.picture import Part
 from ui.review.queue import (
@@ -263,7 +261,7 @@ def _explain(gesture: Explained, seat: Seat) -> Outcome:
 
 
 def _mark(
-    gesture: MarkPlaced | MarkDropped | MarkJudged | MaskDrawn | mosaic.SeamDrawn,
+    gesture: MarkGesture | MaskDrawn | mosaic.SeamDrawn,
     seat: Seat,
     desk: DeskSnapshot,
 ) -> Outcome:

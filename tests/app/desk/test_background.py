@@ -22,7 +22,7 @@ from core.doubts import Failure
 from core.errors import ReferenceDataError
 from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
 from ui.review.compare import made_with
-from ui.review.gestures import MarkPlaced
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.scene import Footprints
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import NO_EVIDENCE, Notice

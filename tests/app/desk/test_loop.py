@@ -21,7 +21,6 @@ from ui.review.gestures import (
     Explained,
     Judged,
     JudgedTogether,
-    MarkPlaced,
     Named,
     PlacedInScan,
     PointAsked,
@@ -34,6 +33,7 @@ from ui.review.gestures import (
     TakenBack,
     Undone,
 )
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.state import DeskState, Notice
 
 

@@ -38,7 +38,8 @@ from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
 from tests.ui.unmarked import as_found, without_marks
 from ui.review.board import board_part
 from ui.review.compare import made_with
-from ui.review.gestures import MarkPlaced, PointAsked, Refined, gesture_from_message
+from ui.review.gestures import PointAsked, Refined, gesture_from_message
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.new_points import ORTHO, next_name
 from ui.review.outcome import outcome_of
 from ui.review.state import DeskState, Seat

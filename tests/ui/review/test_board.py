@@ -18,7 +18,8 @@ from sessions.session import Session
 from ui.review.board import board_drafts_part, board_part
 from ui.review.compare import drawn_from_block
 from ui.review.drafts import mark_effect
-from ui.review.gestures import MarkPlaced, gesture_from_message
+from ui.review.gestures import gesture_from_message
+from ui.review.mark_gestures import MarkPlaced
 from ui.review.outcome import outcome_of
 from ui.review.placement import placement_part
 from ui.review.state import DeskState, Seat

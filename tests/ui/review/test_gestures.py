@@ -12,7 +12,6 @@ from ui.review.gestures import (
     Gesture,
     Judged,
     LayerSwitched,
-    MarkPlaced,
     Named,
     PhotoEntered,
     PlacedInScan,
@@ -75,10 +74,6 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
             Aimed("s", "follow", (1.0, 2.0, 3.0), (0.0, 0.0, -1.0), 7),
         ),
         ({"kind": "quality", "shown": True, "pair": [1, 3]}, QualityAsked("s", True, (1, 3))),
-        (
-            {"kind": "mark", "photo": "a", "name": "1", "place": [3, 4], "snap": True},
-            MarkPlaced("s", "a", "1", 3.0, 4.0, True),
-        ),
     ],
 )
 def test_a_message_is_its_gesture__truth(message, gesture):
