@@ -331,6 +331,8 @@ PhotoDecision = Accept | Reject | MarkDubious | MarkNotVisible | Place | ChooseP
 """A decision about one point in one photo."""
 FiducialDecision = JudgeFiducial | PlaceFiducial | FillMarks
 """A decision about one fiducial of one scan, or about those of a camera that look alike."""
+Kinds = tuple[type, ...]
+"""Kinds of decisions."""
 PointsDecision = SetRole | AddPoint | BringPoints
 """A decision about surveyed points themselves."""
 ScanDecision = DrawMask | PlacePhoto
@@ -392,15 +394,19 @@ def changing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
     return tuple(kept)
 
 
-def last_to_undo(decisions: Sequence[Recorded], operator: str) -> Recorded | None:
-    """The operator's last decision that stands."""
+def last_to_undo(
+    decisions: Sequence[Recorded], operator: str, kinds: Kinds = ()
+) -> Recorded | None:
+    """The operator's last decision that stands, of some kinds or of all."""
     own = [item for item in standing(decisions) if item.who == operator]
-    return next((item for item in reversed(own) if not isinstance(item.decision, Withdraw)), None)
+    return next((item for item in reversed(own) if _is_of(item, kinds)), None)
 
 
-def last_to_redo(decisions: Sequence[Recorded], operator: str) -> Recorded | None:
+def last_to_redo(
+    decisions: Sequence[Recorded], operator: str, kinds: Kinds = ()
+) -> Recorded | None:
     """The operator's last undo that stands; None once something new was decided after it."""
-    plain = {item.decision_id for item in decisions if not isinstance(item.decision, Withdraw)}
+    plain = {item.decision_id for item in decisions if _is_of(item, kinds)}
     own = [item.decision_id for item in decisions if item.who == operator]
     last_decided = max(plain.intersection(own), default=0)
     for item in reversed(standing(decisions)):
@@ -408,6 +414,12 @@ def last_to_redo(decisions: Sequence[Recorded], operator: str) -> Recorded | Non
         if item.who == operator and undoes and item.decision_id > last_decided:
             return item
     return None
+
+
+def _is_of(item: Recorded, kinds: Kinds) -> bool:
+    """True for a decision of one of some kinds, of any where there are none."""
+    said = item.decision
+    return isinstance(said, kinds) if kinds else not isinstance(said, Withdraw)
 
 
 def standing_seam_edits(decisions: Sequence[Recorded]) -> tuple[SeamEdit, ...]:

@@ -21,6 +21,7 @@ from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import (
     DECISIONS,
     Decision,
+    Kinds,
     Recorded,
     Withdraw,
     changing,
@@ -149,17 +150,21 @@ class Session:
         """As `replayed`, with the decisions that find no place in this block."""
         return replay(block, self.decisions(), found, given)
 
-    def undo(self, operator: str | None = None) -> Recorded | None:
+    def undo(self, operator: str | None = None, kinds: Kinds = ()) -> Recorded | None:
         """Withdraw the operator's own last decision that stands, and what was recorded with it.
+
+        Args:
+            operator: Who decided; the session's own operator by default.
+            kinds: Kinds of decisions among which it is the last; all by default.
 
         Returns:
             The last withdrawal; None when there is nothing to withdraw.
         """
-        return self._withdrawn(last_to_undo(self.decisions(), operator or self.operator))
+        return self._withdrawn(last_to_undo(self.decisions(), operator or self.operator, kinds))
 
-    def redo(self, operator: str | None = None) -> Recorded | None:
+    def redo(self, operator: str | None = None, kinds: Kinds = ()) -> Recorded | None:
         """Withdraw the operator's own last undo; None when something was decided after it."""
-        return self._withdrawn(last_to_redo(self.decisions(), operator or self.operator))
+        return self._withdrawn(last_to_redo(self.decisions(), operator or self.operator, kinds))
 
     def _withdrawn(self, last: Recorded | None) -> Recorded | None:
         """Withdraw a record with all that its operator recorded at the same time."""

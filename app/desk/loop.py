@@ -61,7 +61,14 @@ from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.drafts import with_measured
 from ui.review.gestures import AnswerAsked, Freed, Gesture
-from ui.review.history import gives_reason, key_of, subject_of, touched_by, with_adjustment
+from ui.review.history import (
+    SHEET_KINDS,
+    gives_reason,
+    key_of,
+    subject_of,
+    touched_by,
+    with_adjustment,
+)
 from ui.review.mark_gestures import MarkPlaced
 from ui.review.mosaic import with_seam_edits
 from ui.review.new_points import ORTHO, act_of, next_name, with_begun
@@ -70,7 +77,7 @@ from ui.review.pages import Pages
 from ui.review.queue import keep_seat_up, seat_down
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import DeskState, Draft, Key, Notice, Remaking, SceneOptions, Seat, ShownMosaic
+from ui.review.state import DeskState, Draft, Notice, Remaking, SceneOptions, Seat, ShownMosaic
 from ui.review.to_measure import kept_up, with_predictions, with_proposals
 from ui.review.trial import Trial, TrialWork
 
@@ -87,7 +94,7 @@ class ReviewLoop:
         self.beside = Beside(inputs.written_ms, inputs.engine_digest)
         self._pages, self._footprints = Pages(), Footprints(inputs.dem)
         self._scenes: set[str] = set()
-        self._seen: dict[str, tuple[DeskSnapshot, dict[str, AddPoint], DeskSnapshot]] = {}
+        self._seen: dict[str, tuple[object, DeskSnapshot]] = {}
         self._last: Recorded | None = None
         self._edits: tuple[SeamEdit, ...] | None = None
         self._replay_due = self._adjust_due = self._only_seams = False
@@ -248,14 +255,11 @@ class ReviewLoop:
         """Find out what turning a measurement or keeping a draft would do, while it is shown."""
         if self._now.state.adjusting:
             return
-        wanted: dict[Key | Draft, Seat] = {}
-        for seat in seats:
-            subject = seat.draft_of(seat.current) or seat.current
-            if subject and subject not in self._now.trials:
-                wanted.setdefault(subject, seat)
+        looked_at = {seat.draft_of(seat.current) or seat.current: seat for seat in seats}
+        wanted = [one for one in looked_at if one and one not in self._now.trials]
         if wanted and (self._trial is None or self._trial.subject not in wanted):
-            subject, seat = next(iter(wanted.items()))
-            self._trial = TrialWork(self._seen_by(seat).state, subject)
+            state = self._seen_by(looked_at[wanted[0]]).state
+            self._trial = TrialWork(state, wanted[0])
             self._worker.try_out(self._trial)
 
     def _take_page(self, event: SeatTaken | SeatLeft | SceneOpened) -> None:
@@ -331,12 +335,13 @@ class ReviewLoop:
                 pass
 
     def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
-        """Undo or redo the operator's own last decision, and look at what it was about."""
+        """Undo or redo the operator's own last decision, in a sheet of those made there; look."""
         turn = self._session.undo if act == "undo" else self._session.redo
-        known = len(self._session.decisions())
-        recorded = turn(seat.operator)
+        known, kinds = len(self._session.decisions()), SHEET_KINDS.get(seat.sheet, ())
+        recorded = turn(seat.operator, kinds)
         if recorded is None:
-            self._screen.tell(seat.seat_id, Notice(f"notice.nothing-to-{act}"))
+            text = f"notice.nothing-to-{act}.here" if kinds else f"notice.nothing-to-{act}"
+            self._screen.tell(seat.seat_id, Notice(text))
             return
         self._last, self._replay_due = None, True
         touched = touched_by(recorded, self._session.decisions())
@@ -353,10 +358,7 @@ class ReviewLoop:
         self._screen.tell(seat.seat_id, Notice(text, {"what": about}))
 
     def _take_measured(self, event: Measured) -> None:
-        """Record what was measured, unless somebody decided otherwise about it meanwhile.
-
-        What was measured of a point is a draft, and so is a new point.
-        """
+        """Record or draft what was measured, unless somebody decided about it meanwhile."""
         decision, notice, seat = event.decision, event.notice, self._seat(event.seat_id)
         if isinstance(decision, AddPoint):
             # Two may have been asked for before either was found: the second has the next name.
@@ -472,18 +474,14 @@ class ReviewLoop:
 
     def _seen_by(self, seat: Seat) -> DeskSnapshot:
         """The desk with what drafts of a seat add to it: the same values until one changes."""
-        now, begun = self._now, seat.begun
-        if not begun:
+        now = self._now
+        if not seat.begun:
             return now
-        base, known, seen = self._seen.get(seat.seat_id, (None, {}, now))
-        if (
-            base is None
-            or base.state is not now.state
-            or base.table is not now.table
-            or known != begun
-        ):
+        made_of = now.state, now.table, seat.begun
+        known, seen = self._seen.get(seat.seat_id, (None, now))
+        if known != made_of:
             seen = with_begun(now, seat)
-            self._seen[seat.seat_id] = now, begun, seen
+            self._seen[seat.seat_id] = made_of, seen
         return replace(now, state=seen.state, table=seen.table)
 
     def _change_state(self, **changes: Any) -> None:

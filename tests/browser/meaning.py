@@ -103,7 +103,8 @@ REFUSED = (
     "read-first", "only-draft",
 )  # fmt: skip
 ANSWERS = {
-    "undo": ("nothing-to-undo",), "redo": ("nothing-to-redo",), "reason": ("no-reason",),
+    "undo": ("nothing-to-undo", "nothing-to-undo.here"),
+    "redo": ("nothing-to-redo", "nothing-to-redo.here"), "reason": ("no-reason",),
     "refine": ("refined", "refined.photos", "not-refined"),
     "fill": ("filled", "filled-anew", "not-filled"),
 }  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 from core.formats.world_file import read_world_file
 from sessions.decisions import DrawMask, PlacePhoto
 from tests.browser.conftest import RealDesk
-from tests.browser.hands import settled
+from tests.browser.hands import becomes, current, gone_on, settled, state_of
 
 pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
@@ -45,6 +45,9 @@ def test_an_outline_takes_out_what_lies_inside_and_undo_brings_it_back__law(
 ) -> None:
     point, photo, place = used(real_desk)
     page = sit_at(real_desk.desk.url, scene=False)
+    judged = current(page)
+    page.keyboard.press("y")
+    gone_on(page, judged)
     open_masks(page)
     page.click(f'#mask [data-scan="{photo}"]')
     page.wait_for_function("photo => gruber.maskState().current === photo", arg=photo)
@@ -64,6 +67,14 @@ def test_an_outline_takes_out_what_lies_inside_and_undo_brings_it_back__law(
     page.wait_for_selector("#mask-out", state="detached")
     settled(page)
     assert photo not in page.evaluate("gruber.parts.status.stale")
+    # No other mask is left: what was decided on the desk stays, and the page says so.
+    page.keyboard.press("u")
+    page.wait_for_selector(".notice:has-text('this page')")
+    assert state_of(page, judged) == "accepted"
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#mask", state="hidden")
+    page.keyboard.press("u")
+    becomes(page, judged, "auto")
 
 
 def test_a_mask_is_drawn_and_erased_by_keys_alone_on_all_scans_of_a_camera__law(

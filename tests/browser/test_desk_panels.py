@@ -47,6 +47,41 @@ def test_a_new_point_is_clicked_in_the_ortho_and_taken_back__truth(sit, desk):
     assert not page.inner_text("#drafts")
 
 
+LOOKS = """[...document.querySelectorAll('.row')].map(row =>
+  [row.dataset.key, row.getAttribute('aria-selected') === 'true',
+    getComputedStyle(row).backgroundColor + getComputedStyle(row).boxShadow])"""
+
+
+def looking_marked(page) -> set[str]:
+    """Rows that do not look as the others do."""
+    page.mouse.move(2, 2)
+    found = page.evaluate(LOOKS)
+    plain = {look for key, chosen, look in found if not chosen}
+    assert all((look in plain) != chosen for _, chosen, look in found)
+    return {key for key, chosen, _ in found if chosen}
+
+
+def test_a_verdict_takes_exactly_the_rows_that_look_marked__law(sit):
+    page = sit(scene=False)
+    first = current(page)
+    keys = [row[0] for row in page.evaluate(LOOKS)]
+    second, third = [key for key in keys if key != first][:2]
+    for key in (second, third):
+        page.click(f'.row[data-key="{key}"]', modifiers=["Control"])
+    assert looking_marked(page) == {first, second, third}
+    # Taken out again, the current row is still shown, and no longer looks marked.
+    page.click(f'.row[data-key="{first}"]', modifiers=["Control"])
+    assert looking_marked(page) == {second, third}
+    page.click(f'.row[data-key="{first}"]', modifiers=["Control"])
+    page.click(f'.row[data-key="{third}"]', modifiers=["Control"])
+    assert looking_marked(page) == {first, second}
+    page.keyboard.press("m")
+    page.wait_for_function("gruber.parts.status.decided === 2")
+    assert {key: state_of(page, key) for key in (first, second, third)} == {
+        first: "dubious", second: "dubious", third: "auto",
+    }  # fmt: skip
+
+
 def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     page = sit(scene=False)
     first = current(page)

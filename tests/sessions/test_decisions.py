@@ -8,6 +8,7 @@ from sessions.decisions import (
     Decision,
     Recorded,
     Reject,
+    SetRole,
     Withdraw,
     last_to_redo,
     last_to_undo,
@@ -47,6 +48,19 @@ def test_undo_takes_own_decisions_only_last_first__truth() -> None:
     log.append(Recorded(4, "", "ada", Withdraw(2)))
     assert last_to_undo(log, "ada") == log[0]
     assert last_to_undo(log, "eve") is None
+
+
+def test_undo_and_redo_keep_to_the_kinds_asked_for__truth() -> None:
+    log = recorded(SetRole("P", "check"), Accept("P", "A"))
+    assert last_to_undo(log, "ada", (SetRole,)) == log[0]
+    assert last_to_undo(log, "ada", (Reject,)) is None
+    log.append(Recorded(3, "", "ada", Withdraw(1)))
+    assert last_to_redo(log, "ada", (SetRole,)) == log[2]
+    # Of another kind something was decided since: that is no reason not to restore this one.
+    log.append(Recorded(4, "", "ada", Accept("Q", "A")))
+    assert last_to_redo(log, "ada", (SetRole,)) == log[2]
+    assert last_to_redo(log, "ada", (Accept,)) is None
+    assert last_to_redo(log, "ada") is None
 
 
 def test_redo_after_a_new_decision_is_nothing__truth() -> None:

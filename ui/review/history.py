@@ -18,6 +18,7 @@ from sessions.decisions import (
     JudgeFiducial,
     JudgePhoto,
     JudgeTie,
+    Kinds,
     Place,
     PlaceFiducial,
     PlacePhoto,
@@ -36,6 +37,13 @@ from ui.review.doubtful import key_of_verdict
 from ui.review.picture import position_error_m
 from ui.review.state import DeskState, Extra, Key
 
+SHEET_KINDS: Mapping[str, Kinds] = {
+    "board": (JudgeFiducial, PlaceFiducial, FillMarks),
+    "mask": (DrawMask,),
+    "mosaic": (SeamLine, SeamArea, Remark),
+    "checks": (PlanChecks, ReadCheck, Remark),
+}
+"""What undo takes back while a sheet lies over the desk: only what is decided there."""
 LONGEST = 30
 KEPT = 60
 """So many are kept; the first one always."""

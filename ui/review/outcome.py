@@ -161,7 +161,7 @@ def _act(
             return Outcome(seat, act="free")
         case AnswerAsked():
             return Outcome(seat, act="answer")
-        case Undone() if (draft := seat.draft_of(seat.current)) is not None:
+        case Undone() if not seat.sheet and (draft := seat.draft_of(seat.current)):
             # What was done last is taken back first.
             return Outcome(seat.without_draft(draft.key))
         case Undone():

@@ -71,7 +71,12 @@ function pointAt(event, index) {
     const range = queue.shown.slice(Math.min(from, place), Math.max(from, place) + 1);
     range.forEach((at) => marked.add(textOf(at)));
   } else if (event.ctrlKey || event.metaKey) {
-    if (!marked.delete(textOf(index))) marked.add(textOf(index));
+    // The row one stands on is the first of them.
+    const first = !marked.size;
+    if (first) markCurrent();
+    if (!(first && index === queue.current) && !marked.delete(textOf(index))) {
+      marked.add(textOf(index));
+    }
   } else {
     marked.clear();
     send({ kind: "select", key: keyOf(index) });
@@ -274,6 +279,7 @@ function showPlace({ current, shown, counts, filter }) {
   const place = shown.indexOf(current);
   const values = { here: place < 0 ? "\u2013" : place + 1, all: shown.length };
   byId("queue-place").classList.toggle("many", marked.size > 0);
+  byId("table").classList.toggle("many", marked.size > 0);
   byId("queue-place").textContent = marked.size
     ? word("queue.marked", { count: marked.size }) : word("queue.place", values);
   const measuring = filter.state === "measure";
@@ -331,7 +337,8 @@ function write(line, index, { current, drafted, isTaken }) {
   const chosen = state.marked.has(textOf(index));
   const draft = drafted.has(index);
   // The index counts as well: a row that moved in the list is another one to click.
-  const shape = JSON.stringify([index, row, index === current, taken, chosen, draft]);
+  const many = state.marked.size > 0;
+  const shape = JSON.stringify([index, row, index === current, taken, chosen, draft, many]);
   if (line.dataset.shape === shape) return;
   line.dataset.shape = shape;
   const kinds = { current: index === current, human: row[HUMAN], marked: chosen, taken, draft };
@@ -345,7 +352,7 @@ function write(line, index, { current, drafted, isTaken }) {
   if (draft) said.push(word("draft.row"));
   if (taken) said.push(word("people.here", { names: taken }));
   line.title = said.join(" \u00b7 ");
-  line.setAttribute("aria-selected", `${index === current || chosen}`);
+  line.setAttribute("aria-selected", `${many ? chosen : index === current}`);
   if (index === current) byId("table").setAttribute("aria-activedescendant", line.id);
   line.onclick = (event) => pointAt(event, index);
   const bar = element("i");
