@@ -141,6 +141,41 @@ def test_the_inset_has_only_what_fits__law(sit):
     assert sit(scene=False).evaluate("gruber.parts.scene.relief") == 1
 
 
+def test_a_scene_that_was_cut_off_says_so_and_comes_back__law(sit, desk):
+    """It stood still without a sign until somebody clicked into it."""
+    page = sit()
+    page.wait_for_selector("#scene-wait", state="hidden")
+    page.focus("#table")
+    connections = vars(desk.scene.infrastructure)["_live_connections"]
+    before = dict(connections)
+    for one in before.values():
+        one.loop.call_soon_threadsafe(one.transport.abort)
+    page.wait_for_selector("#scene-wait:has-text('Loading')")
+    page.wait_for_selector("#scene-wait", state="hidden")
+    assert connections.keys() - before.keys()
+    scene_of(page).wait_for_function(NODE, arg="/photos/1938_02_015")
+
+
+def test_escape_drops_the_draft_before_it_closes_the_list_of_photos__law(sit):
+    page = sit()
+    grow(page, "block")
+    page.click('[data-layer="photos"]')
+    page.wait_for_function("!gruber.parts.scene.layers.photos")
+    page.click('[data-grow="block"]')
+    page.wait_for_function("gruber.compareState().drawn.whole")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("gruber.parts.point.draft")
+    box = page.locator("#scene").bounding_box()
+    page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.6)
+    page.wait_for_selector("#scene-list:not([hidden])")
+    assert page.evaluate("gruber.parts.point.draft")
+    page.keyboard.press("Escape")
+    page.wait_for_function("!gruber.parts.point.draft")
+    assert page.locator("#scene-list").is_visible()
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#scene-list", state="hidden")
+
+
 def test_the_scene_says_that_it_loads_and_stands_on_the_pages_ground__law(sit):
     page = sit()
     scene = scene_of(page)

@@ -645,6 +645,7 @@ interface Window {
   /** Keys that viser's page hands up; true when the key is the desk's. */
   gruberKey?: (event: KeyboardEvent) => boolean;
   /** Asked by viser's page: is a hand at work at the desk? */
+  gruberLost?: boolean;
   gruberAtWork?: () => boolean;
   /** Told by viser's page after every frame. */
   gruberEye?: () => void;

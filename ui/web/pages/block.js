@@ -50,8 +50,8 @@ export function openScene(patience = 40) {
 function awaitScene() {
   const inside = /** @type {any} */ (byId("scene").contentWindow);
   const there = Boolean(inside?.__viserMutable?.nodeRefFromName["/terrain"]);
-  byId("scene-wait").hidden = there;
-  setTimeout(awaitScene, there ? 2000 : 200);
+  byId("scene-wait").hidden = there && !inside.gruberLost;
+  setTimeout(awaitScene, 200);
 }
 
 /** @param {SceneSwitches} scene */

@@ -29,6 +29,25 @@ for (const type of /** @type {const} */ (["keydown", "keyup"])) {
   }, true);
 }
 
+// Viser connects again only while its own page has the focus, which the desk nearly always has; and
+// what it shows meanwhile is old without a sign.
+document.hasFocus = () => window.parent.document.hasFocus();
+if (window.parent !== window) {
+  for (const type of ["focus", "blur"]) {
+    window.parent.addEventListener(type, () => window.dispatchEvent(new Event(type)));
+  }
+}
+window.Worker = class extends window.Worker {
+  /** @param {string | URL} address @param {WorkerOptions} [options] */
+  constructor(address, options) {
+    super(address, options);
+    this.addEventListener("message", ({ data }) => {
+      if (data?.type === "closed") window.gruberLost = true;
+      if (data?.type === "connected") window.gruberLost = false;
+    });
+  }
+};
+
 // Without a GPU smooth edges cost four times as much, and viser draws once a second though nothing
 // changed.
 const HEARTBEAT_MS = 1000;
