@@ -183,3 +183,60 @@ def test_splitters_fit_every_window_and_go_back_by_a_double_click__law(sit, side
     page.set_viewport_size(SIZE)
     page.locator(f".split[data-side={side}]").dblclick()
     assert page.locator("#block").bounding_box() == usual
+
+
+@pytest.mark.parametrize(
+    ("side", "key", "back"),
+    [("left", "ArrowRight", "ArrowLeft"), ("low", "ArrowUp", "ArrowDown")],
+)
+def test_splitters_move_by_keys_and_tell_where_they_are__law(sit, side, key, back):
+    page = sit(scene=False)
+    usual, before = page.locator("#block").bounding_box(), page.evaluate("gruber.parts.point.key")
+    split = page.get_by_role("separator", name=words()[f"split.{side}"])
+
+    def now():
+        return int(split.get_attribute("aria-valuenow"))
+
+    told = now()
+    split.focus()
+    for _ in range(3):
+        page.keyboard.press(key)
+    # Two hundredths of the window each time, rounded to whole ones.
+    assert now() - told in (5, 6, 7)
+    moved = page.locator("#block").bounding_box()
+    side_px = "width" if side == "left" else "height"
+    assert moved[side_px] - usual[side_px] == pytest.approx(0.06 * SIZE[side_px], abs=1)
+    assert page.evaluate("gruber.parts.point.key") == before
+    assert page.evaluate("gruber.parts.status.drafts") == 0
+    for _ in range(40):
+        page.keyboard.press(key)
+    # Where the window lets it go no further, the first press back moves it.
+    limit = now()
+    assert told < limit <= int(split.get_attribute("aria-valuemax"))
+    page.keyboard.press(back)
+    assert now() == pytest.approx(limit - 2, abs=1)
+    page.keyboard.press("Home")
+    assert page.locator("#block").bounding_box() == usual
+    assert now() == told
+
+
+def test_the_theme_of_the_system_is_followed_while_the_page_is_open__law(sit):
+    page = sit(scene=False)
+    theme = "document.documentElement.dataset.theme"
+    page.emulate_media(color_scheme="dark")
+    page.click('[data-act="theme"]')
+    page.click('[data-act="theme"]')
+    assert page.evaluate(theme) == "dark"
+    page.emulate_media(color_scheme="light")
+    page.wait_for_function(f"{theme} === 'light'")
+    page.reload()
+    page.wait_for_selector(".row.current")
+    assert page.evaluate(theme) == "light"
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_function(f"{theme} === 'dark'")
+    # A theme that was chosen stays whatever the system has.
+    page.click('[data-act="theme"]')
+    page.click('[data-act="theme"]')
+    page.emulate_media(color_scheme="no-preference")
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(theme) == "light"

@@ -19,6 +19,11 @@ test("sliders move, fields and lists are written in", () => {
   assert.ok(uses(" ", "INPUT", "checkbox") && !uses("y", "INPUT", "checkbox"));
 });
 
+test("a line between two parts moves, and leaves every other key to the desk", () => {
+  const line = (key) => focusUses({ key, target: { tagName: "DIV", role: "separator" } });
+  assert.ok(line("ArrowLeft") && line("Home") && !line("y") && !line(" "));
+});
+
 test("what is no control uses no key", () => {
   assert.ok(!uses("Enter", "SECTION") && !uses(" ", "CANVAS"));
   assert.ok(!focusUses({ key: "Enter", target: null }));

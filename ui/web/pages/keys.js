@@ -18,7 +18,8 @@ const WRITES = ["TEXTAREA", "SELECT", "INPUT"];
  * @param {{ key: string, target: EventTarget | null }} event
  */
 export function focusUses({ key, target }) {
-  const { tagName, type } = /** @type {HTMLInputElement} */ (target ?? {});
+  const { tagName, type, role } = /** @type {HTMLInputElement} */ (target ?? {});
+  if (role === "separator") return MOVES.includes(key);
   const uses = tagName === "INPUT" ? USES[type] : USES[tagName];
   return uses ? uses.includes(key) : WRITES.includes(tagName);
 }

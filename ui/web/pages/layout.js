@@ -3,6 +3,10 @@ import { all, byId, first, focused, glyph, turn, word } from "./words.js";
 
 const PARTS = ["queue", "block", "compare"];
 const TALL_PX = 1200; // design: pictures stay large beside all figures
+/** A press moves a splitter by this share of the window: right, down. */
+const STEPS = /** @type {Record<string, number[]>} */ ({
+  ArrowLeft: [-0.02, 0], ArrowRight: [0.02, 0], ArrowUp: [0, -0.02], ArrowDown: [0, 0.02],
+});
 const state = {
   /** The part the hand is in. */
   under: "compare",
@@ -24,7 +28,8 @@ export function setUpLayout() {
     turn(button, false);
   }
   setUpSplit("left", (x) => [(100 * x) / window.innerWidth, 15, 60]);
-  setUpSplit("low", (_, y) => [100 - (100 * y) / window.innerHeight, 12, 70]);
+  const end = () => byId("block").getBoundingClientRect().bottom;
+  setUpSplit("low", (_, y) => [(100 * (end() - y)) / window.innerHeight, 12, 70]);
   const kept = localStorage.getItem("gruber.details");
   unfold(kept === null ? window.innerHeight >= TALL_PX : kept === "open");
 }
@@ -72,23 +77,51 @@ function setUpSplit(side, measure) {
   if (kept) take(kept);
   const split = first(`.split[data-side=${side}]`);
   split.title = word("split.tip");
+  split.tabIndex = 0;
+  split.role = "separator";
+  split.ariaLabel = word(`split.${side}`);
+  split.ariaOrientation = side === "left" ? "vertical" : "horizontal";
+  const tell = () => {
+    const { x, bottom } = split.getBoundingClientRect();
+    const [now, least, most] = measure(x, bottom);
+    const share = Math.min(Math.max(now, least), most);
+    for (const [key, value] of Object.entries({ now: share, min: least, max: most })) {
+      split.setAttribute(`aria-value${key}`, `${Math.round(value)}`);
+    }
+  };
+  /** The line comes to a place of the window. @param {number} x @param {number} y */
+  const move = (x, y) => {
+    const [share, least, most] = measure(x, y);
+    take(Math.min(Math.max(share, least), most));
+    localStorage.setItem(name, parseFloat(root.getPropertyValue(variable)).toFixed(2));
+    tell();
+  };
+  const reset = () => {
+    root.removeProperty(variable);
+    localStorage.removeItem(name);
+    tell();
+  };
+  tell();
+  split.addEventListener("focus", tell);
+  split.addEventListener("keydown", (event) => {
+    const [right, down] = STEPS[event.key] ?? [0, 0];
+    const { x, bottom: y } = split.getBoundingClientRect();
+    if (event.key === "Home") reset();
+    else if (right || down) move(x + right * window.innerWidth, y + down * window.innerHeight);
+    else return;
+    event.preventDefault();
+  });
   split.addEventListener("pointerdown", (event) => {
     split.setPointerCapture(event.pointerId);
     split.classList.add("moving");
     byId("scene").style.pointerEvents = "none";
   });
   split.addEventListener("pointermove", (event) => {
-    if (!split.hasPointerCapture(event.pointerId)) return;
-    const [share, least, most] = measure(event.clientX, event.clientY);
-    take(Math.min(Math.max(share, least), most));
-    localStorage.setItem(name, parseFloat(root.getPropertyValue(variable)).toFixed(2));
+    if (split.hasPointerCapture(event.pointerId)) move(event.clientX, event.clientY);
   });
   split.addEventListener("pointerup", () => {
     split.classList.remove("moving");
     byId("scene").style.pointerEvents = "";
   });
-  split.addEventListener("dblclick", () => {
-    root.removeProperty(variable);
-    localStorage.removeItem(name);
-  });
+  split.addEventListener("dblclick", reset);
 }

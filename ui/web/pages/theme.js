@@ -1,10 +1,12 @@
 // Dark, light, or as the machine likes it.
 import { byId, first, glyph, word } from "./words.js";
 
-const THEMES = ["dark", "light"];
+const THEMES = ["dark", "light", "system"];
+const light = matchMedia("(prefers-color-scheme: light)");
 
 export function setUpTheme() {
   show(chosen());
+  light.addEventListener("change", () => show(chosen()));
   // Paper is light whatever the desk is.
   addEventListener("beforeprint", () => show("light"));
   addEventListener("afterprint", () => show(chosen()));
@@ -12,18 +14,20 @@ export function setUpTheme() {
 
 const chosen = () => localStorage.getItem("gruber.theme") ?? "dark";
 
+/** @param {string} theme */
+const after = (theme) => THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length];
+
 export function nextTheme() {
-  const now = document.documentElement.dataset.theme ?? "";
-  const next = THEMES[(THEMES.indexOf(now) + 1) % THEMES.length];
-  localStorage.setItem("gruber.theme", next);
-  show(next);
+  localStorage.setItem("gruber.theme", after(chosen()));
+  show(chosen());
 }
 
-/** @param {string} theme */
-function show(theme) {
+/** @param {string} wanted */
+function show(wanted) {
+  const theme = wanted !== "system" ? wanted : light.matches ? "light" : "dark";
   document.documentElement.dataset.theme = theme;
   const button = first("[data-act=theme]");
   button.replaceChildren(glyph("theme", "currentColor", 15),
-    word(theme === "dark" ? "theme.light" : "theme.dark"));
+    word(`theme.${after(wanted)}`));
   byId("scene").contentDocument?.documentElement?.setAttribute("data-theme", theme);
 }
