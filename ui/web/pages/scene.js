@@ -33,9 +33,7 @@ for (const type of /** @type {const} */ (["keydown", "keyup"])) {
 // what it shows meanwhile is old without a sign.
 document.hasFocus = () => window.parent.document.hasFocus();
 if (window.parent !== window) {
-  for (const type of ["focus", "blur"]) {
-    window.parent.addEventListener(type, () => window.dispatchEvent(new Event(type)));
-  }
+  window.parent.addEventListener("focus", () => window.dispatchEvent(new Event("focus")));
 }
 window.Worker = class extends window.Worker {
   /** @param {string | URL} address @param {WorkerOptions} [options] */
