@@ -13,11 +13,11 @@ export PIP_USER := 0
 # Modules are compiled once, not at every start of the program, of which the tests make hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Two files of tests at a time. Those in a browser run apart: checking shapes, as the others do,
+# Two files of tests at a time. Those in a browser run apart: even loading what checks shapes
 # would take a fifth of their time.
 TWICE  := -n 2 --dist loadfile --no-loadscope-reorder
-UNSEEN := $(BIN)/python -m pytest -m "not browser" $(TWICE)
-SEEN   := JAXTYPING_DISABLE=1 $(BIN)/python -m pytest -m browser $(TWICE)
+UNSEEN := $(BIN)/python -m pytest --ignore=tests/browser $(TWICE)
+SEEN   := JAXTYPING_DISABLE=1 $(BIN)/python -m pytest tests/browser $(TWICE)
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint style types contracts pages browser bench prove site clean

@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fcntl import LOCK_EX, flock
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from tests.tiny import Tiny, open_tiny, with_check_points
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 LONG = ("real", "journeys")
+CORE = REPOSITORY / "tests" / "core"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -28,9 +29,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Shapes are checked at every call, which takes a third of the time of the long tests."""
-    long = item.path.parent.name in LONG or item.get_closest_marker("slow")
-    jaxtyping.config.update("jaxtyping_disable", bool(long))
+    """Shapes are checked at every call by the tests of the engine, but by its long ones.
+
+    Elsewhere checks would take a third of the time, and find what these find.
+    """
+    checked = CORE in item.path.parents and not item.get_closest_marker("slow")
+    jaxtyping.config.update("jaxtyping_disable", not checked)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Iterator[None]:
+    """What many tests share is made without checks."""
+    before = jaxtyping.config.jaxtyping_disable
+    jaxtyping.config.update("jaxtyping_disable", before or fixturedef.scope != "function")
+    try:
+        return (yield)
+    finally:
+        jaxtyping.config.update("jaxtyping_disable", before)
 
 
 @pytest.fixture(scope="session")

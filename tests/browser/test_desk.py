@@ -30,7 +30,6 @@ from ui.views import block_view as names
 from ui.views.server import SECRET_HEADER
 from ui.words.catalogue import words
 
-pytestmark = pytest.mark.browser
 REMADE = f".notice:has-text('{words()['notice.remade']}')"
 
 

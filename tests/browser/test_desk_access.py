@@ -5,8 +5,6 @@ import pytest
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, toured
 from tests.browser.hands import caught_up, grow, unfold
 
-pytestmark = pytest.mark.browser
-
 
 @pytest.fixture
 def sit_with(chromium, desk):

@@ -16,7 +16,6 @@ from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
 from tests.browser.hands import caught_up, settled
 
-pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
 BIAS_M = np.array([1.2, -0.8])
 PLACES = 4

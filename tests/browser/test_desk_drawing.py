@@ -4,14 +4,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 from core.formats.world_file import read_world_file
 from sessions.decisions import DrawMask, PlacePhoto
 from tests.browser.conftest import RealDesk
 from tests.browser.hands import becomes, current, gone_on, settled, state_of
 
-pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
 WHOLE = "() => { const s = gruber.maskState(); return s.found && s.view.scale > 0; }"
 

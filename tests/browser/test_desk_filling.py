@@ -12,7 +12,6 @@ from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial
 from sessions.session import Session
 from tests.ui.unmarked import without_marks
 
-pytestmark = pytest.mark.browser
 CELLS = "gruber.boardState().found.photos.flatMap(row => row.cells.map(cell => cell.state))"
 
 

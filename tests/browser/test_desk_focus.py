@@ -12,7 +12,6 @@ from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk, toured
 from tests.browser.hands import settled, unfold
 
-pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
 OVERHEAR = """(() => {
   const Plain = window.WebSocket;

@@ -4,7 +4,6 @@ import pytest
 
 from tests.browser.hands import current, gone_on, unfold
 
-pytestmark = pytest.mark.browser
 INK = """([pane, [red, green, blue]]) => {
   const canvas = document.querySelector(`.pane[data-pane=${pane}] .marks`);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);

@@ -6,7 +6,6 @@ from tests.browser.conftest import SIZE
 from tests.browser.hands import becomes, current, grow
 from ui.words.catalogue import words
 
-pytestmark = pytest.mark.browser
 SIZES = ((1366, 768), (1440, 900), (1600, 1000), (1920, 1080), (2560, 1440), (3840, 2160))
 CUT_OFF = """() => {
   const controls = "button, select, input, h2, h3, label, .item, .badge, .large, #facts li, "

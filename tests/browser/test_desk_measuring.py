@@ -8,7 +8,6 @@ from tests.browser.hands import caught_up, current, settled
 from tests.ui.desk_block import adjust
 from tests.ui.user_points import measuring_inputs, true_pixel, true_places
 
-pytestmark = pytest.mark.browser
 AT = """([column, row]) => {
   const { raw, marks } = gruber.parts.point;
   const { view } = gruber.compareState();

@@ -9,7 +9,6 @@ import pytest
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, RealDesk
 
-pytestmark = pytest.mark.browser
 Sit = Callable[..., Any]
 WHOLE = "() => gruber.mosaicState().drawn.whole"
 ALPHA = """pane => {

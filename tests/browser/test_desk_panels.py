@@ -22,8 +22,6 @@ from tests.browser.hands import (
 from tests.ui.desk_block import desk_inputs
 from ui.words.catalogue import words
 
-pytestmark = pytest.mark.browser
-
 
 def test_a_new_point_is_clicked_in_the_ortho_and_taken_back__truth(sit, desk):
     page = sit(scene=False)

@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from app.desk.wiring import open_desk
 from sessions.session import Session
 from tests.browser.hands import gone_on, keep_draft
 from tests.ui.desk_block import desk_inputs
 
-pytestmark = pytest.mark.browser
 STEP, OFFSET, ZOOM = 16, np.array([0.37, 0.61]), 8.0
 CENTROID = """([x, y]) => {
   const canvas = document.querySelector('.pane[data-pane=right] .picture');

@@ -5,7 +5,6 @@ import pytest
 from app.desk.wiring import open_desk
 from tests.ui.user_points import measuring_inputs, true_places
 
-pytestmark = pytest.mark.browser
 DROP = """([name, text]) => {
   const dataTransfer = new DataTransfer();
   dataTransfer.items.add(new File([text], name));

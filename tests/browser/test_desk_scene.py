@@ -1,13 +1,11 @@
 """The 3D scene under a hand in a real Chromium: cards, flights, lists, and what fits the inset."""
 
 import numpy as np
-import pytest
 
 from tests.browser.conftest import scene_of
 from tests.browser.hands import caught_up, grow
 from tests.ui.desk_block import tiny_block
 
-pytestmark = pytest.mark.browser
 ON_SCREEN = """name => {
   const { nodeRefFromName, camera, canvas } = window.__viserMutable;
   const place = nodeRefFromName[name].getWorldPosition(camera.position.clone()).project(camera);

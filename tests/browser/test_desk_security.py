@@ -11,7 +11,6 @@ from app.desk.wiring import open_desk
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs, tiny_block
 
-pytestmark = pytest.mark.browser
 HOSTILE = '"><img src=x onerror=window.hurt=1>.tif'
 
 

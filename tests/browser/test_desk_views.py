@@ -17,7 +17,6 @@ from tests.browser.conftest import PATIENCE_MS
 from tests.browser.hands import caught_up
 from tests.ui.desk_block import tiny_block
 
-pytestmark = pytest.mark.browser
 CELL = """name => gruber.boardState().found.photos.flatMap(row => row.cells.map(cell =>
   [`${row.photo}|${cell.name}`, cell])).find(([key]) => key === name)[1]"""
 

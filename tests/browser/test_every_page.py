@@ -9,7 +9,6 @@ from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
 from tests.browser.monkey import files_of
 from tests.browser.walk import Ear, Machines, open_rooms, walk_once
 
-pytestmark = pytest.mark.browser
 SEEDS = range(3)
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from app.teaching import Teacher, find_lessons, open_teaching
 
-pytestmark = pytest.mark.browser
 READY = "#figures b"
 LESSONS = find_lessons()
 

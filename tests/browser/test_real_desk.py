@@ -28,7 +28,6 @@ from tests.browser.hands import (
 from ui.views import block_view as names
 from ui.words.catalogue import words
 
-pytestmark = pytest.mark.browser
 REMAKING_MS = 3 * PATIENCE_MS
 REMADE = f".notice:has-text('{words()['notice.remade']}')"
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -15,7 +15,6 @@ from core.adjustment.influence import influence_of
 from core.raster.ortho import open_ortho
 from tests.flights import FlightPlan, fly
 
-pytestmark = pytest.mark.browser
 A4_PX = 703
 """Width of A4 within its margins, pixels."""
 

@@ -10,7 +10,6 @@ from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
 from tests.browser.test_desk_security import asked, entered
 from tests.journeys.copies import reviewing
 
-pytestmark = pytest.mark.browser
 RUN_MS = 600_000
 MARKS = "1 -85.589 0.091\n2 85.303 -0.002\n3 0.121 85.589\n4 -0.075 -85.322"
 

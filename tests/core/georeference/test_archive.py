@@ -239,6 +239,7 @@ def small_block(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_sources_stand_in_for_each_other__truth(small_block: Path) -> None:
     camera = Camera("little", 60.0, (60.0, 60.0))
     oriented = orient_scan(small_block / "p1.tif", camera, 40.0)

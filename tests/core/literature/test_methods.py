@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
@@ -21,6 +22,7 @@ from tests.flights import fly
 OPTIONS = AdjustmentOptions(estimate_cameras=False)
 
 
+@pytest.mark.slow
 def test_methods_stand_behind_the_bundle_as_the_books_say__paper():
     """Bundle before models before strips in the mean; none far behind where control is dense."""
     rms = {"strips": [], "models": [], "bundle": []}

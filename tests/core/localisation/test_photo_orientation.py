@@ -52,6 +52,7 @@ def test_what_agrees_is_mostly_right__truth(tiny, features, oriented):
     assert np.mean(np.array(away) < 2.5) > 0.8
 
 
+@pytest.mark.slow
 def test_points_that_lie_elsewhere_give_no_orientation__truth(tiny, features):
     """Another ground below, and points moved at random: starts 700 m off that claim 8 m.
 

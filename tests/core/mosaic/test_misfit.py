@@ -123,6 +123,7 @@ def run(tiny_run):
     return tiny_run, seams, errors
 
 
+@pytest.mark.slow
 def test_vectors_are_as_right_as_they_say__truth(run):
     """Where the mosaic truly lies is told by the archival ortho, which a present one is not."""
     tiny, seams, errors = run
@@ -144,6 +145,7 @@ def test_vectors_are_as_right_as_they_say__truth(run):
     assert np.array_equal(again.probabilities, vectors.probabilities)
 
 
+@pytest.mark.slow
 def test_a_photo_three_metres_off_is_the_worst_place__truth(run, tmp_path):
     tiny, seams, errors = run
     sheets = sorted((tiny.folder / "ortho").glob("*.tif"))
