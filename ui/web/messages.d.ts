@@ -644,8 +644,9 @@ interface Ids {
 interface Window {
   /** Keys that viser's page hands up; true when the key is the desk's. */
   gruberKey?: (event: KeyboardEvent) => boolean;
-  /** Asked by viser's page: is a hand at work at the desk? */
+  /** Set by viser's page: true while it is cut off from the desk. */
   gruberLost?: boolean;
+  /** Asked by viser's page: is a hand at work at the desk? */
   gruberAtWork?: () => boolean;
   /** Told by viser's page after every frame. */
   gruberEye?: () => void;
