@@ -69,8 +69,10 @@ def test_an_outline_takes_out_what_lies_inside_and_undo_brings_it_back__law(
     page.keyboard.press("u")
     page.wait_for_selector(".notice:has-text('this page')")
     assert state_of(page, judged) == "accepted"
-    page.keyboard.press("Escape")
-    page.wait_for_selector("#mask", state="hidden")
+    # Loaded anew, the desk lies under no sheet any more.
+    page.reload()
+    page.wait_for_selector(".row.current")
+    settled(page)
     page.keyboard.press("u")
     becomes(page, judged, "auto")
 

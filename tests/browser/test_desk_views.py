@@ -84,7 +84,9 @@ def test_a_draft_of_a_mark_stays_where_it_was_made__law(real_desk, sit_at):
     assert not page.locator("#board-draft").count()
     assert len(real_desk.session.decisions()) == saved
     page.click(f'#board .mark[data-mark="{name}"]')
-    page.click("[data-board=drop]")
+    page.keyboard.press("Escape")
+    assert not page.locator("#board-draft").count(), "it is gone at once"
+    assert page.locator("#board[open]").count()
     page.wait_for_function("gruber.parts.status.drafts === 0")
     assert len(real_desk.session.decisions()) == saved
 

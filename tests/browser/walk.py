@@ -220,7 +220,10 @@ def walk_once(
         walk.end()
     except (Wrong, PageError) as error:
         wrong = [str(error)]
-        walk.tidy()
+        try:
+            walk.tidy()
+        except (Wrong, PageError) as untidy:
+            wrong.append(f"not as it was for the walks after it: {untidy}")
     wrong += ear.heard
     page.close()
     return [*walk.steps, *(f"  WRONG {text}" for text in wrong)] if wrong else []

@@ -407,7 +407,9 @@ function use(wanted) {
 /** The draft of the mark that is shown given up; false where there is none. */
 function drop() {
   const { row, cell } = now() ?? {};
-  return Boolean(row && cell && dropDraft(row.photo, cell.name));
+  if (!row || !cell || !dropDraft(row.photo, cell.name)) return false;
+  showDrafts();
+  return true;
 }
 
 /** What was done last is taken back first: a draft goes without a word. */

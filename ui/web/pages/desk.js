@@ -49,6 +49,8 @@ const state = {
   parts: /** @type {Parts} */ ({}),
   /** Where one was before a desk that was opened anew, until it is there again. */
   wanted: /** @type {Seen | null} */ (null),
+  /** True once the desk has told this page of itself. */
+  begun: false,
   /** True from a decision until the desk is done with it. */
   deciding: false,
   handAt: -Infinity,
@@ -344,8 +346,16 @@ function receive(message) {
   notices.forEach(tell);
   if (notices.some((notice) => notice.grave)) comparePoint(point, true);
   if (!isAhead()) state.deciding = false;
+  if (!state.begun) begin();
   if (wanted) comeBack(wanted);
   state.wanted = null;
+}
+
+/** Of a page that is loaded anew the desk may think that a sheet still lies over it. */
+function begin() {
+  state.begun = true;
+  send({ kind: "sheet", sheet: "board", shown: false });
+  send({ kind: "quality", shown: false });
 }
 
 const placeName = () => `gruber.place.${start.name}`;

@@ -47,9 +47,16 @@ export function draftMark({ photo, name, place }, draw) {
   draw();
 }
 
-/** True where there was one to give up. @param {string} photo @param {string} name */
+/**
+ * True where there was one to give up: it is gone at once.
+ * @param {string} photo @param {string} name
+ */
 export function dropDraft(photo, name) {
-  return Boolean(draftOf(photo, name)) && send({ kind: "mark-drop", photo, name });
+  const draft = draftOf(photo, name);
+  if (!draft || !send({ kind: "mark-drop", photo, name })) return false;
+  state.told = state.told.filter((one) => one.photo !== photo || one.name !== name);
+  if (state.hand === draft) state.hand = null;
+  return true;
 }
 
 /**
