@@ -440,6 +440,9 @@ class DeskWalk(PageWalk):
         if page.query_selector("#desk[data-grown]"):
             page.click('[data-grow][aria-pressed="true"]')
         page.click('.chip[data-state="all"]')
+        page.fill("#sieve-text", "")
+        if page.locator("#sieve-area").is_visible():
+            page.click("#sieve-area")
         for select in ("sieve-photo", "sieve-role"):
             page.select_option(f"#{select}", "")
         self.expect("document.querySelector('.row')?.checkVisibility()", "no queue in sight")
