@@ -216,7 +216,7 @@ def compare_neighbours(
         anew: Compare again.
     """
     products = session.products
-    digest = products.digest_of(NEIGHBOURS, 2, mosaic.path)
+    digest = products.digest_of(NEIGHBOURS, 3, mosaic.path)
     kept: tuple[SeamFit, ...] | None = None if anew else products.load_value(NEIGHBOURS, digest)
     if kept is None:
         kept = fit_seams(mosaic, kept_orthos(session, mosaic), work)

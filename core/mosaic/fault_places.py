@@ -31,6 +31,8 @@ from core.raster.dem import Dem
 from core.raster.grid import Grid
 
 Kind = Literal["reference", "seam", "house", "ground", "ties"]
+Compared = tuple[tuple[str, str], Matches, Float64[np.ndarray, "_ 2 2"]]
+"""Two photos, their matches, and how well each is known."""
 # design: the fewest of which one that is wrong does not decide.
 SEAM_HOOD = 3
 """So many neighbouring matches along a seam have to agree."""
@@ -145,7 +147,7 @@ def _suspect_first(place: FaultPlace, places: Sequence[FaultPlace]) -> FaultPlac
 
 def seam_places(fits: Sequence[SeamFit], errors: BlockErrors) -> list[FaultPlace]:
     """Where several neighbouring matches of two photos agree that they do not fit."""
-    pairs = [(fit.photo_ids, fit.matches) for fit in fits]
+    pairs = [(fit.photo_ids, fit.matches, fit.spreads) for fit in fits]
     return _agreed("seam", pairs, SEAM_HOOD, errors)
 
 
@@ -209,25 +211,26 @@ def tie_places(errors: BlockErrors) -> list[FaultPlace]:
 
 
 def _agreed(
-    kind: Kind, pairs: Sequence[tuple[tuple[str, str], Matches]], size: int, errors: BlockErrors
+    kind: Kind, pairs: Sequence[Compared], size: int, errors: BlockErrors
 ) -> list[FaultPlace]:
     """Places where so many neighbouring matches of two photos agree on a shift."""
     steps, hoods = [np.zeros((0, 2))], dict[tuple[str, str], np.ndarray]()
-    for pair, matches in pairs:
+    for pair, matches, _ in pairs:
         if len(matches) >= size:
             _, near = KDTree(matches[:, :2]).query(matches[:, :2], k=size)
             hoods[pair] = np.asarray(near)
             steps.append((matches[hoods[pair][:, 1:], 2:] - matches[:, None, 2:]).reshape(-1, 2))
     scatter = _scatter(np.concatenate(steps)) / float(np.sqrt(2))
     count, found = sum(map(len, hoods.values())), list[FaultPlace]()
-    for pair, matches in pairs:
+    for pair, matches, spreads in pairs:
         if pair not in hoods:
             continue
         places, shifts = matches[:, :2], matches[hoods[pair], 2:]
         agreed = np.median(shifts, axis=1)
         away = np.linalg.norm(shifts - agreed[:, None], axis=2).max(axis=1)
         fit = away <= np.maximum(np.linalg.norm(agreed, axis=1) / 2, TWO_SIGMAS * scatter)
-        own = _pair_errors(places[fit], pair, errors)
+        # One edge may run through all of them: they do not make each other surer.
+        own = _pair_errors(places[fit], pair, errors) + spreads[hoods[pair][fit]].mean(axis=1)
         found += _grouped(kind, pair, (places[fit], agreed[fit], own), scatter, count)
     return found
 
@@ -325,8 +328,11 @@ def _standing_out(dem: Dem, bounds: Bounds, reduction: int) -> tuple[Vectors, Sc
     )
 
 
-def _tied_pairs(errors: BlockErrors) -> list[tuple[tuple[str, str], Matches]]:
-    """Ties of every two photos, those left out as gross errors too: place, second minus first."""
+def _tied_pairs(errors: BlockErrors) -> list[Compared]:
+    """Ties of every two photos, those left out as gross errors too: place, second minus first.
+
+    Ties lie on details that are distinct either way: their scatter tells how well.
+    """
     block = errors.report.block
     ties, ground = block.ties, np.full((len(block.ties.point), 2), np.nan)
     for number, name in enumerate(ties.photo_ids):
@@ -345,7 +351,9 @@ def _tied_pairs(errors: BlockErrors) -> list[tuple[tuple[str, str], Matches]]:
         for at in np.flatnonzero(same).tolist():
             pair = (ties.photo_ids[ties.photo[first[at]]], ties.photo_ids[ties.photo[second[at]]])
             found[pair].append(rows[at])
-    return [(pair, np.array(own)) for pair, own in sorted(found.items())]
+    return [
+        (pair, np.array(own), np.zeros((len(own), 2, 2))) for pair, own in sorted(found.items())
+    ]
 
 
 def _shown_ground(photo: Photo, pixels: PixelPoints, errors: BlockErrors) -> Vectors:

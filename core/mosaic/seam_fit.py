@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+import cv2
 import numpy as np
 import rasterio
 import shapely
@@ -16,6 +17,7 @@ from jaxtyping import Float32, Float64
 from shapely.geometry.base import BaseGeometry
 
 from core.matching.peaks import correlation_scores, detect_peaks
+from core.matching.precision import Covariance
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.layers import Layers, OrthoFiles
 from core.mosaic.seams import Seam
@@ -42,6 +44,15 @@ MOST_PLACES = 4000
 # design: half of what the patches show is shared then.
 LEAST_CORRELATION = 0.7
 """A shift counts where the patches are so much alike."""
+# design: film grain and resampling make pixels alike over two in every direction.
+GRAIN_PX2 = 16.0
+"""So many neighbouring pixels are as good as one."""
+# design: a quarter of a pixel is finer than what chance leaves of a sharp peak.
+FINER = 4
+"""Scores are looked at in steps of so many parts of a pixel."""
+# source: a normal deviation in one axis; one in twenty is larger.
+TWO_SIGMAS = 2.0
+"""Scores that differ by more than so many standard deviations do not differ by chance."""
 # design: all but what houses and moved things bring.
 LARGE_PERCENT = 95
 # design: the only peak that is asked for is the highest.
@@ -71,6 +82,9 @@ class SeamFit:
     """95th percentile of the lengths of the shifts, metres."""
     matches: Matches = field(default_factory=lambda: np.zeros((0, 4)))
     """Every match along the seam: easting, northing, shift east and north, metres."""
+    spreads: Float64[np.ndarray, "_ 2 2"] = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    """Covariances of the shifts, square metres: along an edge that is alone in a patch a shift is
+    hardly known."""
 
 
 def fit_seams(
@@ -137,6 +151,7 @@ def _fit_pair(
     names = (files.orthos[pair[0]].photo_id, files.orthos[pair[1]].photo_id)
     steps: list[float] = []
     shifts: list[tuple[float, float]] = []
+    spreads: list[Covariance] = []
     matched: list[tuple[int, int]] = []
     reach = PATCH_HALF_PX + REACH_PX
     inner = slice(REACH_PX, -REACH_PX)
@@ -148,11 +163,13 @@ def _fit_pair(
             continue
         one, other = (layers.toned(index) for index in pair)
         steps.append(float(np.mean((other - one)[inner, inner])))
-        shift = _shift_px(np.ascontiguousarray(one[inner, inner]), other)
-        if shift is not None:
-            shifts.append(shift)
+        found = _shift_px(np.ascontiguousarray(one[inner, inner]), other)
+        if found is not None:
+            shifts.append(found[0])
+            spreads.append(found[1])
             matched.append((column, row))
-    shifts_m = np.array(shifts).reshape(-1, 2) * grid.ground_sample_distance_m
+    pixel_m = grid.ground_sample_distance_m
+    shifts_m = np.array(shifts).reshape(-1, 2) * pixel_m
     east, north = (_median(axis) for axis in shifts_m.T)
     return SeamFit(
         names,
@@ -164,15 +181,29 @@ def _fit_pair(
         (east, north),
         _large(np.hypot(*shifts_m.T)),
         np.hstack([grid.object_from_grid(np.array(matched).reshape(-1, 2) + 0.5), shifts_m]),
+        np.array(spreads).reshape(-1, 2, 2) * pixel_m**2,
     )
 
 
-def _shift_px(patch: Gray, around: Gray) -> tuple[float, float] | None:
-    """How far east and north a patch lies in its surroundings; None where it is not recognised."""
-    peaks = detect_peaks(correlation_scores(around, patch), 1, SEPARATION_PX)
+def _shift_px(patch: Gray, around: Gray) -> tuple[tuple[float, float], Covariance] | None:
+    """How far east and north a patch lies in its surroundings, and how well that is known.
+
+    None where it is not recognised. Known is it as far as other places are less alike by more than
+    chance: along an edge that is alone in the patch none is.
+    """
+    scores = correlation_scores(around, patch)
+    peaks = detect_peaks(scores, 1, SEPARATION_PX)
     if not peaks or peaks[0].value < LEAST_CORRELATION:
         return None
-    return peaks[0].column - REACH_PX, REACH_PX - peaks[0].row
+    peak = peaks[0]
+    chance = np.sqrt(2 * GRAIN_PX2 / patch.size) * (1 - min(peak.value, 1.0) ** 2)
+    fine = cv2.resize(scores, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_CUBIC)
+    rows, columns = np.nonzero(np.asarray(fine) >= peak.value - TWO_SIGMAS * chance)
+    places = (np.column_stack([columns, rows]) + 0.5) / FINER - 0.5 - (peak.column, peak.row)
+    # Rows run south.
+    away = places * (1.0, -1.0)
+    spread = away.T @ away / max(len(away), 1)
+    return (peak.column - REACH_PX, REACH_PX - peak.row), spread
 
 
 def _median(values: Values) -> float:

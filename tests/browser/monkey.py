@@ -495,5 +495,10 @@ class DeskWalk(PageWalk):
         raise Wrong("undo does not come to an end")
 
 
-ROWS = "gruber.parts.rows.map(row => row.slice(0, 5)).sort()"
+ROWS = """(({ rows, queue }) => {
+  const drafted = new Set(queue.drafts.map(index => rows[index][0]));
+  return rows.map(row => row.slice(0, 5)).filter(([name, , role]) =>
+    role !== "new" || !drafted.has(name)).sort();
+})(gruber.parts)"""
+"""What the queue holds, without points that are only drafted."""
 """What the queue says of every measurement: point, photo, role, state, by hand."""

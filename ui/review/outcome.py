@@ -362,8 +362,10 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     if gesture.point_id in seat.begun:
         return Outcome(seat, notice=Notice("notice.only-draft", {"what": gesture.point_id}))
     point = desk.state.block.surveyed.get(gesture.point_id)
-    if point is None or point.role == "new":
+    if point is None:
         return Outcome(seat)
+    if point.role == "new":
+        return Outcome(seat, notice=Notice("notice.no-role", {"what": gesture.point_id}))
     role = "check" if point.role == "control" else "control"
     return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
 
