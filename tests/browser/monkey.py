@@ -473,7 +473,7 @@ class DeskWalk(PageWalk):
     def tidy(self) -> None:
         """The next walk begins with the block as it was."""
         self.page.reload()
-        self.page.wait_for_function("gruber.parts.queue")
+        self.page.wait_for_function("window.gruber?.parts.queue")
         self.page.click('.chip[data-state="all"]')
         self.known = len(self.session.decisions())
         self.undo_all()
