@@ -1,6 +1,6 @@
 """Decisions of the operator as frozen values; the session appends and replays them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -395,23 +395,34 @@ def changing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
 
 
 def last_to_undo(
-    decisions: Sequence[Recorded], operator: str, kinds: Kinds = ()
+    decisions: Sequence[Recorded],
+    operator: str,
+    kinds: Kinds = (),
+    others: Collection[int] = frozenset(),
 ) -> Recorded | None:
-    """The operator's last decision that stands, of some kinds or of all."""
-    own = [item for item in standing(decisions) if item.who == operator]
+    """The operator's last decision that stands, of some kinds or of all, but for some numbers."""
+    own = [
+        item
+        for item in standing(decisions)
+        if item.who == operator and item.decision_id not in others
+    ]
     return next((item for item in reversed(own) if _is_of(item, kinds)), None)
 
 
 def last_to_redo(
-    decisions: Sequence[Recorded], operator: str, kinds: Kinds = ()
+    decisions: Sequence[Recorded],
+    operator: str,
+    kinds: Kinds = (),
+    others: Collection[int] = frozenset(),
 ) -> Recorded | None:
     """The operator's last undo that stands; None once something new was decided after it."""
     plain = {item.decision_id for item in decisions if _is_of(item, kinds)}
-    own = [item.decision_id for item in decisions if item.who == operator]
+    mine = [item for item in decisions if item.who == operator and item.decision_id not in others]
+    own = {item.decision_id for item in mine}
     last_decided = max(plain.intersection(own), default=0)
     for item in reversed(standing(decisions)):
         undoes = isinstance(item.decision, Withdraw) and item.decision.decision_id in plain
-        if item.who == operator and undoes and item.decision_id > last_decided:
+        if item.decision_id in own and undoes and item.decision_id > last_decided:
             return item
     return None
 

@@ -1,7 +1,7 @@
 """Session: a block's folder, and the door through which all other rooms use it."""
 
 import json
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -150,21 +150,36 @@ class Session:
         """As `replayed`, with the decisions that find no place in this block."""
         return replay(block, self.decisions(), found, given)
 
-    def undo(self, operator: str | None = None, kinds: Kinds = ()) -> Recorded | None:
+    def undo(
+        self,
+        operator: str | None = None,
+        kinds: Kinds = (),
+        others: Collection[int] = frozenset(),
+    ) -> Recorded | None:
         """Withdraw the operator's own last decision that stands, and what was recorded with it.
 
         Args:
             operator: Who decided; the session's own operator by default.
             kinds: Kinds of decisions among which it is the last; all by default.
+            others: Numbers of decisions that somebody else made under the same name.
 
         Returns:
             The last withdrawal; None when there is nothing to withdraw.
         """
-        return self._withdrawn(last_to_undo(self.decisions(), operator or self.operator, kinds))
+        return self._withdrawn(
+            last_to_undo(self.decisions(), operator or self.operator, kinds, others)
+        )
 
-    def redo(self, operator: str | None = None, kinds: Kinds = ()) -> Recorded | None:
+    def redo(
+        self,
+        operator: str | None = None,
+        kinds: Kinds = (),
+        others: Collection[int] = frozenset(),
+    ) -> Recorded | None:
         """Withdraw the operator's own last undo; None when something was decided after it."""
-        return self._withdrawn(last_to_redo(self.decisions(), operator or self.operator, kinds))
+        return self._withdrawn(
+            last_to_redo(self.decisions(), operator or self.operator, kinds, others)
+        )
 
     def _withdrawn(self, last: Recorded | None) -> Recorded | None:
         """Withdraw a record with all that its operator recorded at the same time."""

@@ -62,11 +62,13 @@ from ui.review.doubtful import extra_of
 from ui.review.drafts import with_measured
 from ui.review.gestures import AnswerAsked, Freed, Gesture
 from ui.review.history import (
-    SHEET_KINDS,
     gives_reason,
     key_of,
-    subject_of,
+    mark_of,
+    nothing_notice,
     touched_by,
+    turn_back,
+    turn_notice,
     with_adjustment,
 )
 from ui.review.mark_gestures import MarkPlaced
@@ -95,6 +97,7 @@ class ReviewLoop:
         self._pages, self._footprints = Pages(), Footprints(inputs.dem)
         self._scenes: set[str] = set()
         self._seen: dict[str, tuple[object, DeskSnapshot]] = {}
+        self._made: dict[int, str] = {}
         self._last: Recorded | None = None
         self._edits: tuple[SeamEdit, ...] | None = None
         self._replay_due = self._adjust_due = self._only_seams = False
@@ -281,7 +284,7 @@ class ReviewLoop:
         outcome = outcome_of(gesture, before, self._seen_by(before))
         seat = outcome.seat
         if outcome.decisions:
-            self._record(outcome.decisions, seat.operator, outcome.act == "amend")
+            self._record(outcome.decisions, seat, outcome.act == "amend")
         elif seat.begun or before.begun:
             seat = keep_seat_up(seat, self._seen_by(seat).rows)
         self._now = self._now.with_seat(seat)
@@ -293,16 +296,17 @@ class ReviewLoop:
         if outcome.act:
             self._do(outcome.act, gesture, seat)
 
-    def _record(self, decisions: Sequence[Decision], operator: str, amends: bool = False) -> None:
+    def _record(self, decisions: Sequence[Decision], seat: Seat, amends: bool = False) -> None:
         """Only once it is on disk does anything else happen."""
         last = self._last
         if amends and last is not None and gives_reason(last.decision, decisions[0]):
             # The reason belongs to the rejection just made: one decision, one undo.
-            self._session.undo(operator)
+            self._session.undo(seat.operator, others=self._of_others(seat))
         state = self._now.state
         with_it = act_of(decisions, state, self._now.recorded)
-        self._last = self._session.record_all(decisions, state.block, operator, with_it)[-1]
-        self._replay_due = True
+        recorded = self._session.record_all(decisions, state.block, seat.operator, with_it)
+        self._made |= {item.decision_id: seat.seat_id for item in recorded}
+        self._last, self._replay_due = recorded[-1], True
         # Seams move no photo.
         self._only_seams = all(isinstance(one, SeamLine | SeamArea) for one in decisions)
 
@@ -334,28 +338,28 @@ class ReviewLoop:
             case _:
                 pass
 
+    def _of_others(self, seat: Seat) -> set[int]:
+        """What others who sit here decided: people may share a name."""
+        present = self._now.present - {seat.seat_id}
+        return {number for number, seat_id in self._made.items() if seat_id in present}
+
     def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
         """Undo or redo the operator's own last decision, in a sheet of those made there; look."""
-        turn = self._session.undo if act == "undo" else self._session.redo
-        known, kinds = len(self._session.decisions()), SHEET_KINDS.get(seat.sheet, ())
-        recorded = turn(seat.operator, kinds)
-        if recorded is None:
-            text = f"notice.nothing-to-{act}.here" if kinds else f"notice.nothing-to-{act}"
-            self._screen.tell(seat.seat_id, Notice(text))
+        made = turn_back(self._session, act, seat, self._of_others(seat))
+        if not made:
+            self._screen.tell(seat.seat_id, nothing_notice(act, seat))
             return
+        self._made |= {item.decision_id: seat.seat_id for item in made}
         self._last, self._replay_due = None, True
-        touched = touched_by(recorded, self._session.decisions())
+        touched = touched_by(made[-1], self._session.decisions())
         if touched is None:
             return
         key = key_of(touched.decision, self._now.state.extra)
         if key is not None:
             self._now = self._now.with_seat(replace(seat, current=key))
-        about = " \u00b7 ".join(key) if key else subject_of(touched.decision)
-        if (count := len(self._session.decisions()) - known) > 1:
-            self._screen.tell(seat.seat_id, Notice(f"notice.{act}.several", {"count": f"{count}"}))
-            return
-        text = f"notice.{act}.{type(touched.decision).__name__}"
-        self._screen.tell(seat.seat_id, Notice(text, {"what": about}))
+        if mark := mark_of(touched.decision):
+            self._screen.show(seat.seat_id, {"board_mark": [*mark, made[-1].decision_id]})
+        self._screen.tell(seat.seat_id, turn_notice(act, touched.decision, key, len(made)))
 
     def _take_measured(self, event: Measured) -> None:
         """Record or draft what was measured, unless somebody decided about it meanwhile."""
@@ -377,7 +381,7 @@ class ReviewLoop:
                 return
             seat, decision = drafted, None
         if decisions := (*((decision,) if decision else ()), *event.more):
-            self._record(decisions, seat.operator)
+            self._record(decisions, seat)
         self._now = self._now.with_seat(seat)
         self._screen.tell(event.seat_id, notice)
 
@@ -444,7 +448,7 @@ class ReviewLoop:
         """Record marks that were found by an example, and show them."""
         self._change_state(filling=None)
         if event.decision is not None:
-            self._record((event.decision,), self._seat(event.seat_id).operator)
+            self._record((event.decision,), self._seat(event.seat_id))
         self._screen.tell(event.seat_id, event.notice)
 
     def _fill(self, gesture: MarkPlaced) -> None:

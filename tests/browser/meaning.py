@@ -172,7 +172,8 @@ _USES = {"range": ARROWS | MOVES, "checkbox": {" "}, "radio": {" ", *ARROWS}}
 
 def _undo(seen: dict[str, Any]) -> Meaning:
     """What was done last is taken back first: a draft goes without a word."""
-    return Meaning("redo" if seen["shift"] else "undo", must=seen["shift"] or not seen["drafts"])
+    drafted = seen["drafts"] or seen["drafted"]
+    return Meaning("redo" if seen["shift"] else "undo", must=seen["shift"] or not drafted)
 
 
 def _verdict(what: str, seen: dict[str, Any]) -> Meaning:

@@ -35,8 +35,8 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
     page.wait_for_selector(f'#board .mark.hidden[data-mark="{name}"]')
     assert "|".join(page.evaluate("gruber.boardState().current")) != name
     page.keyboard.press("u")
-    page.wait_for_selector(f'#board .mark.used[data-mark="{name}"]')
-    page.click(f'#board .mark[data-mark="{name}"]')
+    # Undone, it is the one that is looked at.
+    page.wait_for_selector(f'#board .mark.used.on[data-mark="{name}"]')
     box = page.locator("#mark-room .magnified").bounding_box()
     saved = len(real_desk.session.decisions())
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

@@ -15,6 +15,7 @@ test("buttons are pressed and leave every other key to the desk", () => {
 test("sliders move, fields and lists are written in", () => {
   assert.ok(uses("ArrowLeft", "INPUT", "range") && uses("End", "INPUT", "range"));
   assert.ok(!uses("n", "INPUT", "range") && !uses(" ", "INPUT", "range"));
+  assert.ok(uses("Enter", "INPUT", "range") && uses("Enter", "INPUT", "checkbox"));
   assert.ok(uses("n", "INPUT", "text") && uses("ArrowUp", "SELECT") && uses("y", "TEXTAREA"));
   assert.ok(uses(" ", "INPUT", "checkbox") && !uses("y", "INPUT", "checkbox"));
 });
@@ -22,6 +23,7 @@ test("sliders move, fields and lists are written in", () => {
 test("a line between two parts moves, and leaves every other key to the desk", () => {
   const line = (key) => focusUses({ key, target: { tagName: "DIV", role: "separator" } });
   assert.ok(line("ArrowLeft") && line("Home") && !line("y") && !line(" "));
+  assert.ok(line("Enter"), "it refines nothing");
 });
 
 test("what is no control uses no key", () => {

@@ -1,8 +1,8 @@
 """The history of a point, and pairs of adjustments to compare."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Photo
@@ -32,10 +32,11 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
+from sessions.session import Session
 from ui.review.compare import shift_px
 from ui.review.doubtful import key_of_verdict
 from ui.review.picture import position_error_m
-from ui.review.state import DeskState, Extra, Key
+from ui.review.state import DeskState, Extra, Key, Notice, Seat
 
 SHEET_KINDS: Mapping[str, Kinds] = {
     "board": (JudgeFiducial, PlaceFiducial, FillMarks),
@@ -177,6 +178,44 @@ def touched_by(recorded: Recorded, decisions: Sequence[Recorded]) -> Recorded | 
     while found is not None and isinstance(found.decision, Withdraw):
         found = by_number.get(found.decision.decision_id)
     return found
+
+
+def turn_back(
+    session: Session, act: Literal["undo", "redo"], seat: Seat, others: Collection[int]
+) -> tuple[Recorded, ...]:
+    """What undoing or redoing a seat's last decision records; in a sheet, of those made there.
+
+    Args:
+        session: Where it is recorded.
+        act: Which of both.
+        seat: Who asks.
+        others: Numbers of decisions that somebody else made under the same name.
+    """
+    known = len(session.decisions())
+    turn = session.undo if act == "undo" else session.redo
+    turn(seat.operator, SHEET_KINDS.get(seat.sheet, ()), others)
+    return tuple(session.decisions()[known:])
+
+
+def nothing_notice(act: str, seat: Seat) -> Notice:
+    """Told where there is nothing to undo or redo, or nothing of the open sheet."""
+    here = seat.sheet in SHEET_KINDS
+    return Notice(f"notice.nothing-to-{act}.here" if here else f"notice.nothing-to-{act}")
+
+
+def mark_of(decision: Decision) -> tuple[str, str] | None:
+    """Photo and name of the fiducial that a decision is about; None for any other."""
+    if isinstance(decision, JudgeFiducial | PlaceFiducial):
+        return decision.photo_id, decision.name
+    return None
+
+
+def turn_notice(act: str, decision: Decision, key: Key | None, count: int) -> Notice:
+    """What to tell of an undo or redo: of one decision, or of so many that were made as one."""
+    if count > 1:
+        return Notice(f"notice.{act}.several", {"count": f"{count}"})
+    about = " \u00b7 ".join(key) if key else subject_of(decision)
+    return Notice(f"notice.{act}.{type(decision).__name__}", {"what": about})
 
 
 def gives_reason(before: Decision, now: Decision) -> bool:

@@ -364,7 +364,11 @@ def keep_seat_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
     stays = seat.current is not None and (seat.current in rows or seat.current[0] in begun)
     current = seat.current if stays else _beside(seat, rows)
     drafts = tuple(one for one in seat.drafts if one.key in rows or one.begins)
-    return replace(seat, order=order + fresh, current=current, drafts=drafts)
+    seat = replace(seat, order=order + fresh, current=current, drafts=drafts)
+    if current is None and seat.filter.state == "measure":
+        # What there was to measure is gone: back to what there is to do.
+        return with_filter(seat, rows, QueueFilter())
+    return seat
 
 
 def _beside(seat: Seat, rows: Mapping[Key, Row]) -> Key | None:

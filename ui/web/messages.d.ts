@@ -399,6 +399,8 @@ interface Parts {
   quality?: Quality;
   board?: Board;
   board_drafts?: MarkDraft[];
+  /** The mark that an undo was about; the number makes it news though it was before. */
+  board_mark?: [photo: string, name: string, decision: number];
   placement?: Placement;
   mask?: Masks;
   mosaic?: Mosaic;

@@ -140,6 +140,21 @@ def test_undo_brings_back_state_number_and_place__truth(desk: Any):
     desk.glass.until(lambda glass: ("anna-1", "notice.nothing-to-undo") in glass.notices)
 
 
+def test_who_shares_a_name_undoes_nothing_of_the_other__law(desk: Any):
+    first = desk.glass.current()
+    desk.loop.submit(SeatTaken("anna-2"))
+    desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.settled(1)
+    desk.loop.submit(Undone("anna-2"))
+    desk.glass.until(lambda glass: ("anna-2", "notice.nothing-to-undo") in glass.notices)
+    assert desk.glass.row(first)[3] == "rejected"
+    # Who has gone leaves what was decided under that name.
+    desk.loop.submit(SeatLeft("anna-1"))
+    desk.loop.submit(Undone("anna-2"))
+    desk.glass.until(lambda glass: ("anna-2", "notice.undo.Reject") in glass.notices)
+    assert len(desk.session.decisions()) == 2
+
+
 def test_the_reason_replaces_the_rejection_it_explains__law(desk: Any):
     first = desk.glass.current()
     desk.loop.submit(Judged("anna-1", first, "reject"))

@@ -261,6 +261,11 @@ function choose(photo, name, moving = true) {
   if (before !== key || !document.querySelector("#mark-room canvas")) showLarge();
 }
 
+/** To a mark, while the board is open. @param {string} photo @param {string} name */
+export function chooseMark(photo, name) {
+  if (byId("board").open) choose(photo, name);
+}
+
 /** @param {ScanRow} row @param {Fiducial} cell */
 function figures(row, cell) {
   const pair = (/** @type {Pair | null} */ values, /** @type {number} */ digits) =>

@@ -12,7 +12,7 @@ import { showStatus } from "./status.js";
 import { setUpPeople, showPeople } from "./people.js";
 import { openQuality, setUpQuality, showQuality } from "./quality.js";
 import {
-  boardKey, boardState, openBoard, setUpBoard, showBoard, showFilling, showMarkDrafts,
+  boardKey, boardState, chooseMark, openBoard, setUpBoard, showBoard, showFilling, showMarkDrafts,
 } from "./board.js";
 import {
   openPlacement, placementKey, placementState, setUpPlacement, showPlacement,
@@ -329,6 +329,7 @@ function receive(message) {
   if (fresh.quality) showQuality(fresh.quality);
   if (fresh.board_drafts) showMarkDrafts(fresh.board_drafts);
   if (fresh.board) showBoard(fresh.board);
+  if (fresh.board_mark) chooseMark(fresh.board_mark[0], fresh.board_mark[1]);
   if (fresh.placement) showPlacement(fresh.placement);
   if (fresh.mask) showMask(fresh.mask);
   if (fresh.mosaic) showMosaic(fresh.mosaic);

@@ -5,10 +5,10 @@ const PRESSES = ["Enter", " "];
 const MOVES = [
   "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown",
 ];
-/** What an element does with keys by itself; one that is not listed uses none. */
+/** Keys of an element, whether it does something with them or not; one not listed has none. */
 const USES = /** @type {Record<string, string[]>} */ ({
-  BUTTON: PRESSES, SUMMARY: PRESSES, A: ["Enter"], range: MOVES, checkbox: [" "],
-  radio: [" ", ...MOVES],
+  BUTTON: PRESSES, SUMMARY: PRESSES, A: ["Enter"], range: ["Enter", ...MOVES], checkbox: PRESSES,
+  radio: [...PRESSES, ...MOVES],
 });
 const WRITES = ["TEXTAREA", "SELECT", "INPUT"];
 
@@ -19,7 +19,7 @@ const WRITES = ["TEXTAREA", "SELECT", "INPUT"];
  */
 export function focusUses({ key, target }) {
   const { tagName, type, role } = /** @type {HTMLInputElement} */ (target ?? {});
-  if (role === "separator") return MOVES.includes(key);
+  if (role === "separator") return USES.range.includes(key);
   const uses = tagName === "INPUT" ? USES[type] : USES[tagName];
   return uses ? uses.includes(key) : WRITES.includes(tagName);
 }

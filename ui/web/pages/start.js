@@ -97,7 +97,7 @@ function holdings({ found, gaps, notes, links }) {
   const lacking = gaps.filter(([, , keys]) => !keys.some((key) => filled.has(key)));
   const lacks = lacking.map(([name, out]) => line(out === "nothing" ? "needs" : "lacks",
     out === "nothing" ? "\u2717" : "!", word(`gap.${name}`),
-    element("small", {}, word("start.leaves", { what: word(`gap.out.${out}`) }))));
+    element("small", {}, word(`gap.out.${out}`))));
   const remarks = notes.map(([name, values]) =>
     line("lacks", "!", word(`found.note.${name}`, values)));
   const linked = links.map((name) => line("have", "\u2192", `${name} `,
