@@ -351,7 +351,8 @@ class Run:
     def report(self, progress: Progress) -> str:
         """Tables, layers and the accuracy report."""
         walked = {"seconds": self.seconds, "digests": self.digests}
-        self.session.products.save_value(WALKED, self.digest_of(WALKED), walked)
+        if walked != self.last_walk:
+            self.session.products.save_value(WALKED, self.digest_of(WALKED), walked)
         write_all(self.session, self.content(progress), self.dem())
         return str(self.session.results / PAGE)
 
