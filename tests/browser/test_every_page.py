@@ -256,11 +256,13 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
         decided(name, f"#board [data-board={button}]", begun + number)
         page.wait_for_timeout(600)
         assert page.evaluate("document.activeElement.dataset.board") == button
-    for _ in range(len(DECIDING) + len(ON_BOARD)):
-        known = len(session.decisions())
-        page.keyboard.press("u")
-        wait_until(lambda known=known: len(session.decisions()) > known)
-    page.keyboard.press("Escape")
+    # On the board U takes back what was decided there, on the desk the rest.
+    for decisions in (ON_BOARD, DECIDING):
+        for _ in decisions:
+            known = len(session.decisions())
+            page.keyboard.press("u")
+            wait_until(lambda known=known: len(session.decisions()) > known)
+        page.keyboard.press("Escape")
     for act in ("redo", "undo"):
         decided("Withdraw", f"[data-act={act}]", len(session.decisions()))
 
