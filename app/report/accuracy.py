@@ -72,7 +72,6 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
         "independent_errors": found.freedom,
         "asprs_least": STANDARD_LEAST,
         "enough": found.enough,
-        "asprs_enough": found.enough,
     }
 
 

@@ -90,7 +90,7 @@ def _borne_out(told: str, found: Figures, checks: Figures, tell: Teller) -> str:
     low, high = checks["ratio_interval"]
     values = {name: checks[name] for name in ("count", "ratio", "rmse_plan_m")}
     key = "certified" if found["certified"] else "uncertified.against"
-    if not checks["asprs_enough"]:
+    if not checks["enough"]:
         key = "uncertified.few"
     return tell(f"report.{key}", told=told, low=low, high=high, least=STANDARD_LEAST, **values)
 
@@ -238,7 +238,7 @@ def _asprs(checks: Figures, tell: Teller) -> str:
         survey_height=checks["survey_rms_vertical"],
         space=checks["rmse_space_m"],
     )
-    key = "report.asprs.enough" if checks["asprs_enough"] else "report.asprs.few"
+    key = "report.asprs.enough" if checks["enough"] else "report.asprs.few"
     return tell(key, count=checks["count"], least=checks["asprs_least"], told=told)
 
 

@@ -20,6 +20,7 @@ from core.matching.peaks import correlation_scores, detect_peaks
 from core.matching.precision import Covariance
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.layers import Layers, OrthoFiles
+from core.mosaic.misfit_places import TWO_SIGMAS
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.progress import Work, tracked
@@ -50,9 +51,6 @@ GRAIN_PX2 = 16.0
 # design: a quarter of a pixel is finer than what chance leaves of a sharp peak.
 FINER = 4
 """Scores are looked at in steps of so many parts of a pixel."""
-# source: a normal deviation in one axis; one in twenty is larger.
-TWO_SIGMAS = 2.0
-"""Scores that differ by more than so many standard deviations do not differ by chance."""
 # design: all but what houses and moved things bring.
 LARGE_PERCENT = 95
 # design: the only peak that is asked for is the highest.
