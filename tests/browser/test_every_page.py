@@ -219,6 +219,7 @@ def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter)
         if sheet == "placed":
             frame = page.wait_for_selector("#placed iframe").content_frame()
             frame.wait_for_selector("#placing-save", state="attached")
+            frame.wait_for_function("document.readyState === 'complete' && document.hasFocus()")
             wrong[sheet] = unseen_or_unreached(frame)
             continue
         wrong[sheet] = unseen_or_unreached(page)
