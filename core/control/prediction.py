@@ -66,10 +66,10 @@ class Prediction:
         return self.margin_mm < EDGE_MM, self.nadir_angle
 
     def sigmas_away(self, column: float, row: float, sigma_px: float) -> float:
-        """Distance of a measured place, in standard deviations per axis."""
+        """Distance of a measured place, in standard deviations."""
         away = np.array([column - self.column, row - self.row])
         covariance = self.covariance + sigma_px**2 * np.eye(2)
-        return float(np.sqrt(away @ np.linalg.solve(covariance, away) / 2))
+        return float(np.sqrt(away @ np.linalg.solve(covariance, away)))
 
 
 def covariances_of(influence: Influence) -> dict[str, Covariance]:

@@ -246,10 +246,13 @@ def _against(one: Contradiction, block: Block, limit_m: float) -> Finding:
     told = {
         "worst": one.point_id, "photo": one.photo_id, "metres": f"{one.metres:.1f}",
         "pixels": f"{one.pixels:.1f}", "test": f"{one.test:.1f}", "shift": f"{one.shift_m:.2f}",
+        "limit": f"{limit_m:.2f}",
     }  # fmt: skip
     if block.surveyed[one.point_id].role == "check":
         return Finding("contradicted-check", DOUBTFUL, told)
-    if one.shift_m > limit_m:
+    # A gross error holds the block back even where the others outweigh it: whoever accepted one may
+    # have accepted more.
+    if max(one.metres, one.shift_m) > limit_m:
         return Finding("contradicted-far", POOR, told)
     return Finding("contradicted", DOUBTFUL, told)
 

@@ -22,8 +22,9 @@ from ui.review.state import DeskState, DoubtReason, Extra, Key, Kind
 Verdict = JudgeTie | JudgePhoto | JudgeFiducial | PlaceFiducial
 TIES_SHOWN = 60
 """So many tie points are put into the queue, the worst ones."""
-TIE_SIGMAS = 2.6
-"""A tie point whose worst ray is further off than this, standard deviations, is looked at."""
+TIE_SIGMAS = 3.7
+"""A tie point whose worst ray is further off than this, standard deviations, is looked at: one good
+ray in a thousand."""
 FEW_RAYS = 12
 """A photo with fewer rays of tie points hardly hangs together with its neighbours."""
 FIDUCIAL_SIGMAS, FIDUCIAL_UM = 1.8, 12.0
@@ -203,7 +204,7 @@ def worst_ties(state: DeskState) -> dict[int, float]:
     if not len(ties.point):
         return {}
     unit = max(report.sigma_nought, 0.3)
-    ratio = np.linalg.norm(residuals, axis=1) / np.sqrt(2) / (ties.sigma_px * unit)
+    ratio = np.linalg.norm(residuals, axis=1) / (ties.sigma_px * unit)
     worst = np.zeros(ties.count)
     taking_part = np.isfinite(ratio)
     np.maximum.at(worst, ties.point[taking_part], ratio[taking_part])

@@ -16,7 +16,7 @@ from ui.review.state import DeskState, Draft, InitialState, Seat
 
 ASKING_SIGMA = 3.0
 """A draft further than this from where the block expects it is asked about before it is kept: one
-good measurement in eight thousand lies so far off in both directions together."""
+good measurement in ninety lies so far off."""
 
 
 def apply_draft(state: DeskState, draft: Draft) -> DeskState:

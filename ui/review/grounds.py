@@ -26,10 +26,10 @@ def grounds_of(
 
 
 def _ground_of_misfit(misfit: Misfit | None) -> DoubtReason | None:
-    """Misfit against its standard deviation: one good point in ten is beyond 1.5, none at 3.5."""
+    """Misfit against its standard deviation: one good point in ten is beyond 2.1, none at 5."""
     if misfit is None:
         return None
-    return DoubtReason("doubt.misfit", misfit.ratio, _share((misfit.ratio - 1.5) / 2.0))
+    return DoubtReason("doubt.misfit", misfit.ratio, _share((misfit.ratio - 2.1) / 2.9))
 
 
 def _ground_of_peaks(measurement: Measurement) -> DoubtReason | None:

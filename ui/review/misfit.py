@@ -2,11 +2,13 @@
 
 A control point with weak coordinates follows its measurement, so its residual in the adjustment
 stays small even if the place is wrong. The misfit does not: it is the projection of the *given*
-coordinates minus the measurement, with the standard deviations of both.
+coordinates minus the measurement, with the standard deviations of both. An accepted measurement
+that the block contradicts has pulled the block towards itself: its sigmas are those of the verdict,
+which leaves it out.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -30,7 +32,7 @@ class Misfit:
     metres: tuple[float, float]
     """The same on the ground, east and north, metres."""
     ratio: float
-    """Length in standard deviations per axis, those of the coordinates included."""
+    """Length in standard deviations, those of the coordinates included."""
 
 
 def misfits(
@@ -57,6 +59,11 @@ def misfits(
     for photo_id, within in by_photo.items():
         photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)
         found |= _in_photo(photo, camera, within, unit)
+    for one in told.contradictions:
+        here, there = block.measurements.get(one.key), oriented.measurements.get(one.key)
+        # Not of a draft, which lies elsewhere than what was judged.
+        if one.key in found and here and there and _place(here) == _place(there):
+            found[one.key] = replace(found[one.key], ratio=one.test)
     return found
 
 
@@ -101,12 +108,16 @@ def _in_photo(
     per_metre = np.sqrt(abs(np.linalg.det(matrices)))
     ground = np.array([float(np.hypot(*point.sigma_m[:2])) for point in points]) / np.sqrt(2)
     sigma = unit * np.hypot([item.sigma_px for item in measured], ground * per_metre)
-    ratio = np.hypot(away[:, 0], away[:, 1]) / np.sqrt(2) / sigma
+    ratio = np.hypot(away[:, 0], away[:, 1]) / sigma
     return {
         item.key: Misfit(_pair(away[i]), _pair(metres[i]), float(ratio[i]))
         for i, item in enumerate(measured)
         if sound[i]
     }
+
+
+def _place(measurement: Measurement) -> tuple[float, float]:
+    return measurement.column, measurement.row
 
 
 def _pair(values: Float64[np.ndarray, " 2"]) -> tuple[float, float]:

@@ -194,7 +194,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
             **_draft(overlay_of(shown, drawn, pictured.dem, key)),
             "asking": seat.asking == draft,
         },
-        "figures": _figures(state, shown, row),
+        "figures": _figures(state, shown, row, pictured.trial),
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
         "peaks": _peaks(measurement, shown.measurement_of(key) or measurement),
         "others": _others(state, rows, pictured, pictured.beside or (key,)),
@@ -259,13 +259,14 @@ def _raw(overlay: Overlay) -> Part:
     }
 
 
-def _figures(state: DeskState, shown: DeskState, row: Row) -> Part:
+def _figures(state: DeskState, shown: DeskState, row: Row, trial: Trial | None) -> Part:
     """The figures of a measurement, or those of the draft about it beside the measured ones.
 
     Args:
         state: The desk.
         shown: The same, with the draft kept where there is one.
         row: The measurement.
+        trial: What keeping the draft would do, once that is known.
     """
     drafted = shown is not state
     measurement, point = shown.measurement_of(row.key), shown.point_of(row.key[0])
@@ -275,11 +276,14 @@ def _figures(state: DeskState, shown: DeskState, row: Row) -> Part:
     now = None if unplaced else misfits(shown, (row.key,)).get(row.key)
     before = state.report if drafted else state.before
     old = misfits(state, (row.key,), before).get(row.key) if before else None
+    ratio = now.ratio if now else None
+    if drafted and trial and trial.against is not None:
+        ratio = trial.against
     return {
         "misfit": round_all(now.pixels if now else None, 2),
         "misfit_before": round_all(old.pixels if old else None, 2),
         "ground": round_all(now.metres if now else None, 2),
-        "ratio": short(now.ratio if now else None, 1),
+        "ratio": short(ratio, 1),
         "residual": round_all(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": short(measurement.sigma_px, 2),
         "score": None if by_hand(measurement) else short(row.score, 2),

@@ -48,6 +48,8 @@ class Trial:
     """The photo that would shift most."""
     neighbours: tuple[Neighbour, ...] = ()
     """The nearest measurements in the same photo."""
+    against: float | None = None
+    """Standard deviations by which the block would contradict it, as the verdict would tell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +105,9 @@ def trial_of(state: DeskState, subject: Key | Draft, report: AdjustmentReport) -
         return None
     shift, most = largest_shift(state.oriented, report.block)
     turned = not isinstance(subject, Draft) and _takes_part(state, measurement)
-    return Trial(key, turned, report.sigma_nought, shift, most, _neighbours(state, key, report))
+    against = {one.key: one.test for one in report.contradictions}.get(key)
+    neighbours = _neighbours(state, key, report)
+    return Trial(key, turned, report.sigma_nought, shift, most, neighbours, against)
 
 
 def largest_shift(now: Block, then: Block) -> tuple[float, str]:

@@ -47,7 +47,7 @@ def test_a_measurement_moved_by_ten_pixels_misfits_by_ten_more__law(state):
 
 
 def test_ratios_are_lengths_in_standard_deviations__truth(state):
-    """All but the blunders come from the noise put in: near one per axis, whatever the weights."""
+    """All but the blunders come from the noise put in, whatever the weights."""
     blunders = tiny_block().blunders
     ratios = {key: one.ratio for key, one in misfits(state).items()}
     good = [ratio for key, ratio in ratios.items() if key not in blunders]

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from core.adjustment.block_adjustment import adjust_block
+from core.quality.assessment import assess_block
+from core.quality.rules import judge_block
+from sessions.decisions import Place
 from tests.flights import FlightPlan, fly
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import made_with
@@ -25,7 +28,8 @@ from ui.review.queue import (
     with_filter,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import POINT_KINDS, DeskState, QueueFilter, Seat, Sorting
+from ui.review.state import POINT_KINDS, DeskState, Draft, QueueFilter, Seat, Sorting
+from ui.review.trial import TrialWork
 
 
 @pytest.fixture(scope="module")
@@ -166,6 +170,16 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert rows[key].disputed_m == pytest.approx(metres, abs=1.5)
     assert rows[key].grounds[0].text == "doubt.disputed"
     assert row_line(rows[key])[-5] == round(rows[key].disputed_m, 1)
+    # One figure for one misfit: what is asked before it is kept, the row, the verdict.
+    told, *_ = judge_block(assess_block(report), report)
+    assert f"{rows[key].sigmas:.1f}" == told.values["test"]
+    work = TrialWork(DeskState(flown, adjust_block(flown), made=made_with(flown)),
+                     Draft(key, Place(*key, wrong.column, wrong.row, 0.5)))  # fmt: skip
+    kept = work.block()
+    assert kept is not None
+    trial = work.conclude(adjust_block(kept))
+    assert trial is not None
+    assert trial.against == pytest.approx(rows[key].sigmas, rel=0.01)
     # Rejected, it is not disputed any more.
     after = replace(state, block=block.with_measurement(replace(wrong, status="rejected")))
     assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)

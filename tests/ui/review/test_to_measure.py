@@ -62,7 +62,7 @@ def test_every_point_waits_in_every_photo_that_shows_it__truth(desk):
         for key, one in desk.state.to_measure.predictions.items()
     ]
     # The tiny block has blunders that nobody has rejected: its ellipses are not to be tight.
-    assert np.median(errors) < 2
+    assert np.median(errors) < 3
 
 
 def test_all_photos_of_a_point_come_together_best_view_first__law(desk, seat):
