@@ -41,7 +41,7 @@ from ui.review.tiles import Lattice, OrthoSource
 from ui.web.access import Access, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
 from ui.web.placing import Pair, placing_routes
-from ui.web.running import leaving_route
+from ui.web.running import Leaving
 from ui.web.tiles import Sources, TileStore
 
 FINEST_SHARE = 0.5
@@ -103,11 +103,9 @@ def standing_block(
 class Placing(Opened):
     """An open placing page."""
 
-    def __init__(
-        self, front: Front, running: Running, tiles: TileStore, settings: threading.Event
-    ) -> None:
+    def __init__(self, front: Front, running: Running, tiles: TileStore, leaving: Leaving) -> None:
         super().__init__(front)
-        self._running, self._tiles, self._settings = running, tiles, settings
+        self._running, self._tiles, self.leaving = running, tiles, leaving
 
     def wait(self) -> bool:
         """True when a run from the page has gone through, False when settings are asked for.
@@ -115,7 +113,7 @@ class Placing(Opened):
         Ctrl-C passes through.
         """
         while not self._running.gone_through.wait(timeout=0.3):
-            if self._settings.is_set():
+            if self.leaving.asked.is_set():
                 return False
         return True
 
@@ -145,12 +143,12 @@ def open_placing(
     running = Running(project.file)
     clicking = Clicking(found, running)
     start = _start(project, lattice, ortho)
-    settings = threading.Event()
+    leaving = Leaving()
     doors = FrontInputs(
         access, None, tiles, None, start, page="placing.html", told=clicking.photos,
-        routes=(*placing_routes(clicking), leaving_route(settings.set)), language=language,
+        routes=(*placing_routes(clicking), leaving.route()), language=language,
     )  # fmt: skip
-    opened = Placing(Front(doors, host, port), running, tiles, settings)
+    opened = Placing(Front(doors, host, port), running, tiles, leaving)
     opened.listen()
     return opened
 

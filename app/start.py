@@ -76,8 +76,15 @@ class Start(Opened):
         self._starting.tiles.close()
 
 
-def open_start(folder: Path, host: str, port: int, language: str = "", token: str = "") -> Start:
-    """Open the start page of a folder.
+def open_start(
+    folder: Path,
+    host: str,
+    port: int,
+    language: str = "",
+    token: str = "",
+    left: Mapping[str, str] | None = None,
+) -> Start:
+    """Open the start page of a folder; `left` says who closed another page for it.
 
     Raises:
         PhotogrammetryError: The port cannot be had.
@@ -89,6 +96,7 @@ def open_start(folder: Path, host: str, port: int, language: str = "", token: st
         "edition": secrets.token_urlsafe(6),
         "palette": page_palette(),
         "photos": [],
+        "left": left,
     }
     doors = FrontInputs(
         access, None, starting.tiles, None, said, page="start.html", language=language,
@@ -169,8 +177,13 @@ class Starting:
             }  # fmt: skip
 
     def judge(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """What is wrong with the form as it stands; nothing is written."""
-        return self.form.judged(values, self._recognition()).part()
+        """What is wrong with the form as it stands, and what it would make again.
+
+        Nothing is written.
+        """
+        judged = self.form.judged(values, self._recognition())
+        with self._lock:
+            return {**judged.part(), "ahead": self._ahead(judged.project)}
 
     def save(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Write `block.toml` unless something filled in cannot be used.
@@ -354,10 +367,14 @@ class Starting:
             "placeable": was_made(self.folder, "scans"),
         }
         checks = checks_of(project, {scan["file"]: scan["why"] for scan in scans}, outlines)
-        if not states["placeable"] or self.running.under_way:
-            return {"checks": checks, "ahead": [], **states}
+        return {"checks": checks, "ahead": self._ahead(project), **states}
+
+    def _ahead(self, project: Project | None) -> list[str]:
+        """What a run would make again of what was made."""
+        if project is None or not was_made(self.folder, "scans") or self.running.under_way:
+            return []
         with Session.open(self.folder, "gruber") as session:
-            return {"checks": checks, "ahead": list(stages_ahead(project, session)), **states}
+            return list(stages_ahead(project, session))
 
 
 def was_made(folder: Path, stage: str) -> bool:

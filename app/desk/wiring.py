@@ -43,7 +43,7 @@ from ui.web.access import Access
 from ui.web.channel import Channel, Lines
 from ui.web.front import SEAT_HEADER, Front, FrontInputs, Opened, Upstream, as_json
 from ui.web.points import point_routes
-from ui.web.running import leaving_route
+from ui.web.running import Leaving
 from ui.web.tiles import Sources, TileStore, no_tiles
 
 logger = logging.getLogger(__name__)
@@ -55,10 +55,10 @@ class OpenDesk(Opened):
     """An open review desk."""
 
     def __init__(
-        self, front: Front, parts: list[Any], settings: threading.Event, running: Running | None
+        self, front: Front, parts: list[Any], leaving: Leaving, running: Running | None
     ) -> None:
         super().__init__(front)
-        self._parts, self._settings, self._running = parts, settings, running
+        self._parts, self.leaving, self._running = parts, leaving, running
         self._over = threading.Event()
 
     @property
@@ -83,7 +83,7 @@ class OpenDesk(Opened):
         Or when a run has gone through. Ctrl-C passes through.
         """
         while not self.ran and not self._over.wait(timeout=0.3):
-            if self._settings.is_set():
+            if self.leaving.asked.is_set():
                 return True
         return False
 
@@ -123,12 +123,12 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     )
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
-    settings = threading.Event()
+    leaving = Leaving()
     points = DeskPoints(desk.block, desk.session.folder, inbox.put)
     placing = _placing_routes(desk, tiles, inbox.put)
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
-        routes=(leaving_route(settings.set), *point_routes(points), *placing,
+        routes=(leaving.route(), *point_routes(points), *placing,
                 mask_route(desk.initial), plan_route(desk.session.folder, inbox.put), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
@@ -140,7 +140,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
     running = [] if desk.running is None else [desk.running]
     opened = OpenDesk(
-        front, [front, illustrator, *running, loop, scene, tiles], settings, desk.running
+        front, [front, illustrator, *running, loop, scene, tiles], leaving, desk.running
     )
     opened.listen()
     illustrator.start(tiles, scene)

@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.desk.inputs import desk_inputs
-from app.desk.wiring import open_desk
-from app.placing import open_placing, placeable
+from app.desk.wiring import OpenDesk, open_desk
+from app.placing import Placing, open_placing, placeable
 from app.project import Project, read_project
 from app.start import open_start, wants_start
 from app.terminal import Voice
@@ -33,6 +33,7 @@ class Visit:
         self.block: Path = given.block
         self.port: int = given.port
         self.token = ""
+        self.left: dict[str, str] | None = None
         self._opened = bool(given.no_browser)
 
     def shown(self, page: Opened, said: str) -> None:
@@ -47,7 +48,9 @@ class Visit:
         """The start page, of one folder after another, until a block has something to review."""
         given = self.given
         while True:
-            with open_start(folder, given.host, self.port, given.language, self.token) as page:
+            with open_start(
+                folder, given.host, self.port, given.language, self.token, self.left
+            ) as page:
                 where = "Files, settings and the run: {url}  (Ctrl-C closes)"
                 self.shown(page, say(where, url=page.url))
                 folder = page.wait()
@@ -69,7 +72,7 @@ class Visit:
                 self.voice.say(
                     say("Guests, who look and decide nothing: {url}", url=desk.guest_url)
                 )
-                settings = desk.wait()
+                settings = self._left(desk, desk.wait())
                 ran = desk.ran
         return self.through_desk() if ran else settings
 
@@ -87,4 +90,10 @@ class Visit:
                 "  (Ctrl-C closes; what was saved stays)"
             )
             self.shown(placing, say(clicked, url=placing.url))
-            return placing.wait()
+            return not self._left(placing, not placing.wait())
+
+    def _left(self, page: OpenDesk | Placing, asked: bool) -> bool:
+        """Keeps who closed a page for its settings; where nobody gave a name, the operator."""
+        told = page.leaving.told
+        self.left = {**told, "who": told["who"] or self.given.operator} if asked else None
+        return asked

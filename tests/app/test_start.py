@@ -253,6 +253,14 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
     assert found["ahead"] == []
     file = tiny_run.folder / "block.toml"
     before = file.read_text(encoding="utf-8")
+    # Before anything is saved.
+    values = values_of(starting)
+    distance = next(key for key in values if key.endswith(".principal_distance_mm"))
+    for metres, ahead in ((211.59, None), (211.6, "scans"), (0.2116, None)):
+        told = starting.judge(values | {distance: metres})
+        assert next(iter(told["ahead"]), None) == ahead
+        assert told["ready"] is (metres > 1)
+    assert file.read_text(encoding="utf-8") == before
     try:
         file.write_text(before + "\n[adjustment]\nrisk = 0.002\n", encoding="utf-8")
         last = ["adjustment", "orthos", "mosaic", "report"]

@@ -63,11 +63,22 @@ def test_from_an_empty_folder_to_the_desk__truth(reviewed, page, tiny_block):
     page.wait_for_selector("#queue .row.current", timeout=RUN_MS)
     assert (folder / "results" / "report.html").is_file()
     page.keyboard.press("Escape")  # the tour of a first visit
-    # Back to the settings, which say that nothing has to be made again, and to the desk.
+    # Back to the settings, of which another browser is told, and to the desk.
+    other = page.context.browser.new_context().new_page()
+    other.goto(reviewed[1])
+    page.wait_for_selector("#people .person")
+    page.click("#settings-open")
+    page.wait_for_selector(".notice.grave")
     page.click("#settings-open")
     page.wait_for_selector("#go .muted:has-text('Nothing has changed')")
+    assert page.is_hidden("#left")
+    other.wait_for_selector("#left:has-text('opened the settings'):has-text('Open the desk')")
+    page.fill(distance, "211.6")
+    page.wait_for_selector("#go .muted:has-text('A run makes again: interior orientation')")
     page.click('[data-act="start.desk"]')
-    page.wait_for_selector("#queue .row.current")
+    for one in (page, other):
+        one.wait_for_selector("#queue .row.current", timeout=RUN_MS)
+    other.context.close()
 
 
 def test_a_run_is_cancelled_and_the_settings_stay__truth(page, tiny_block):

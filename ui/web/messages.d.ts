@@ -28,6 +28,8 @@ interface Start {
   palette: Record<"current" | "check" | "predicted" | "peak" | "ellipse" | "bare" | "chosen",
     string> & Record<"sizes" | "rays", string[]> & { states: Record<State, { colour: string; glyph: string }> };
   photos: string[];
+  /** On the start page: who closed the desk for it, and the mark of that page. */
+  left?: { who: string; mark: string } | null;
   /** Width and height are those of the ortho, metres from the lattice's corner. */
   lattice: {
     west: number; north: number; pixel: number; levels: number; width: number; height: number;

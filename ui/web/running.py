@@ -1,5 +1,6 @@
 """Addresses of a run started from a page, and the check that only operators use them."""
 
+import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -9,6 +10,9 @@ from core.errors import PhotogrammetryError
 from ui.web.access import is_guest
 from ui.web.channel import object_from_text
 from ui.web.front import as_json
+
+MOST_LETTERS = 40
+"""Letters of a name."""
 
 
 class Runner(Protocol):
@@ -46,15 +50,25 @@ def run_routes(runner: Runner) -> tuple[web.RouteDef, ...]:
     return (web.get("/run", status), web.post("/run", run), web.post("/run/cancel", cancel))
 
 
-def leaving_route(leave: Callable[[], None]) -> web.RouteDef:
-    """Where a page is asked to make room for the start page."""
+class Leaving:
+    """That an operator asks a page to make room for the start page, and who it is."""
 
-    async def settings(request: web.Request) -> web.StreamResponse:
-        operators_only(request)
-        leave()
-        return fresh_json({})
+    def __init__(self) -> None:
+        self.asked = threading.Event()
+        self.told: dict[str, str] = {}
 
-    return web.post("/settings", settings)
+    def route(self) -> web.RouteDef:
+        """Where it is asked."""
+
+        async def settings(request: web.Request) -> web.StreamResponse:
+            operators_only(request)
+            asked = await json_of(request)
+            # Others are told the name; the page that asks knows itself by the mark.
+            self.told = {name: str(asked.get(name, ""))[:MOST_LETTERS] for name in ("who", "mark")}
+            self.asked.set()
+            return fresh_json({})
+
+        return web.post("/settings", settings)
 
 
 def operators_only(request: web.Request) -> None:

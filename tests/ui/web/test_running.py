@@ -7,7 +7,7 @@ from aiohttp import web
 
 from core.errors import ScanError
 from tests.ui.web.visits import visited
-from ui.web.running import json_of, run_routes, told
+from ui.web.running import Leaving, json_of, run_routes, told
 
 
 class Runner:
@@ -42,6 +42,19 @@ def answers(*requests: tuple[str, str], guest: bool):
 def test_guests_see_a_run_and_begin_none__law(guest, status, asked):
     found = answers(("GET", "/run"), ("POST", "/run"), ("POST", "/run/cancel"), guest=guest)
     assert found == ([200, status, status], asked)
+
+
+@pytest.mark.parametrize("guest", [True, False])
+def test_who_closes_a_page_for_its_settings_is_known__truth(guest):
+    leaving = Leaving()
+
+    async def visit(client):
+        said = {"who": "Anna" + 60 * "a", "mark": "0.5", "more": 1}
+        return (await client.post("/settings", json=said)).status
+
+    assert visited((leaving.route(),), visit, guest) == (403 if guest else 200)
+    assert leaving.asked.is_set() is not guest
+    assert leaving.told == ({} if guest else {"who": "Anna" + 36 * "a", "mark": "0.5"})
 
 
 def test_errors_are_told_in_their_words__law():

@@ -80,7 +80,11 @@ export function setUpSettings(hinders = () => "") {
       asked = why;
       if (why) return tell(why, true);
     }
-    const answer = await post("/settings");
+    // By this mark the page that follows knows whose doing it was.
+    const mark = `${Math.random()}`;
+    sessionStorage.setItem("gruber.leaving", mark);
+    const who = localStorage.getItem("gruber.name") ?? "";
+    const answer = await post("/settings", { who, mark });
     if (answer.ok === false) tell(answer.error ?? "", true);
   });
 }

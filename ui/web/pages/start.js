@@ -231,6 +231,7 @@ const judgeSoon = afterPause(async () => {
   const answer = await post("/form/judge", { values: formValues() });
   if (!answer.ok) return tell(answer.error, true);
   fillFields(answer);
+  if (state.found) state.found.ahead = answer.ahead;
   showGo(answer);
   if (state.found) renew(byId("holdings"), ...holdings(state.found));
 });
@@ -248,7 +249,7 @@ function showGo({ missing, errors, ready }) {
     what: missing.map((name) => formShown(name)).join("; "),
   }))] : [];
   const whole = errors[""] ? [element("p", { class: "doubted" }, again(errors[""]))] : [];
-  const ahead = found?.made && found.ahead.length ? [element("p", { class: "muted" },
+  const ahead = !ready ? [] : found?.made && found.ahead.length ? [element("p", { class: "muted" },
     word("start.ahead", { what: found.ahead.map((name) => word(`stage.${name}`)).join(", ") }))]
     : found?.made ? [element("p", { class: "muted" }, word("start.fresh"))] : [];
   const act = (/** @type {string} */ name, /** @type {() => void} */ onclick,
@@ -327,12 +328,21 @@ function listenToDrops() {
   });
 }
 
+/** To all but the one who did it: why the desk is closed, and how it opens again. */
+function tellWhoLeft() {
+  const { left } = start;
+  const others = left && left.mark !== sessionStorage.getItem("gruber.leaving");
+  byId("left").hidden = !others;
+  if (left && others) byId("left").textContent = word("start.left", { who: left.who });
+}
+
 async function begin() {
   Object.assign(start, await (await fetch("/start")).json());
   document.title = `${start.name} \u00b7 ${word("start")}`;
   fillWords();
   byId("name").textContent = document.title;
   setUpTheme();
+  tellWhoLeft();
   first("[data-act=theme]").addEventListener("click", nextTheme);
   byId("tabs").replaceChildren(...TABS.map((name) => element("button",
     { role: "tab", "data-tab": name, onclick: () => choose(name) }, word(`start.${name}`))));
