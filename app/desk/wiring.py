@@ -5,7 +5,8 @@ import queue
 import secrets
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -37,7 +38,7 @@ from ui.review.scene import ScenePicture
 from ui.review.state import DeskState, Notice, SceneOptions, Seat
 from ui.review.tiles import CoarseOrtho, Lattice
 from ui.views.block_view import HILLSHADE, LIFT, VEIL, Pointed, Stage
-from ui.views.meshes import hillshade_glb, terrain_glb, veil_glb
+from ui.views.meshes import hillshade_glb, relief_glb, terrain_glb, veil_glb
 from ui.views.server import SECRET_HEADER, SceneServer, Sheet, Shown
 from ui.web.access import Access
 from ui.web.channel import Channel, Lines
@@ -137,7 +138,9 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, sheets=sheets), inbox)
     loop.start()
     drawn = drawn_from_block(state.oriented)
-    illustrator = _Illustrator(lambda: _draped(coarse, desk, bounds), drawn)
+    drapes = (partial(relief_glb, desk.dem, bounds, desk.block.origin, desk.terrain),
+              partial(_draped, coarse, desk, bounds))  # fmt: skip
+    illustrator = _Illustrator(drapes, drawn)
     running = [] if desk.running is None else [desk.running]
     opened = OpenDesk(
         front, [front, illustrator, *running, loop, scene, tiles], leaving, desk.running
@@ -166,10 +169,13 @@ def _draped(
 
 
 class _Illustrator:
-    """Makes drape and frustums' pictures while the desk is open already: they read large files."""
+    """Makes drape and frustums' pictures while the desk is open already: they read large files.
 
-    def __init__(self, drape: Callable[[], bytes], drawn: Drawn) -> None:
-        self._drape, self._drawn = drape, drawn
+    Until the ortho is read, which takes seconds, the relief without it is the ground.
+    """
+
+    def __init__(self, drapes: Sequence[Callable[[], bytes]], drawn: Drawn) -> None:
+        self._drapes, self._drawn = drapes, drawn
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -185,7 +191,8 @@ class _Illustrator:
             thread.join(timeout=30)
 
     def _lay(self, tiles: TileStore, scene: SceneServer) -> None:
-        survived(lambda _: scene.drape(self._drape()), scene)
+        for drape in self._drapes:
+            survived(lambda _, drape=drape: scene.drape(drape()), scene)
 
     def _picture(self, tiles: TileStore, scene: SceneServer) -> None:
         for name, photo in self._drawn.items():

@@ -29,6 +29,8 @@ GIVEN = (0, 32, 64, 128, 192, 255)
 LEAST_M = 1e-6
 SUN = np.array([-1.0, 1.0, 1.4]) / np.linalg.norm([-1.0, 1.0, 1.4])
 """Towards the light of the shaded relief: from the north-west, as maps have it."""
+BARE = 150
+"""Grey of level ground without the ortho, of 255."""
 SHADE = 0.75
 """How dense the shade is at most."""
 VEIL = 140
@@ -112,6 +114,17 @@ def terrain_glb(
     return _sheet_glb(sheet, _as_jpeg(picture, options.jpeg_quality))
 
 
+def relief_glb(
+    dem: SurfaceSource, bounds: Bounds, origin: Position, options: TerrainOptions
+) -> bytes:
+    """The bare relief in the light: the ground of the scene until the ortho is read."""
+    sheet = sheet_over(dem, bounds, origin, options)
+    shade = _shade_over(sheet, dem, options).astype(np.float64)
+    density = shade[..., 3:] / 255
+    picture = np.rint(shade[..., :3] * density + BARE * (1 - density)).astype(np.uint8)
+    return _sheet_glb(sheet, _as_jpeg(picture, options.jpeg_quality))
+
+
 def hillshade_glb(
     dem: SurfaceSource, bounds: Bounds, origin: Position, options: TerrainOptions
 ) -> bytes:
@@ -120,9 +133,14 @@ def hillshade_glb(
     Its mesh is that of the drape, so that neither hides the other.
     """
     sheet = sheet_over(dem, bounds, origin, options)
-    longer = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
-    grid = Grid.over(sheet.bounds, longer / options.shade_px)
-    return _sheet_glb(sheet, _as_png(shade_of(dem.on(grid), grid.ground_sample_distance_m)))
+    return _sheet_glb(sheet, _as_png(_shade_over(sheet, dem, options)))
+
+
+def _shade_over(sheet: Sheet, dem: SurfaceSource, options: TerrainOptions) -> Colours:
+    """Its light and shadow."""
+    west, south, east, north = sheet.bounds
+    grid = Grid.over(sheet.bounds, max(east - west, north - south) / options.shade_px)
+    return shade_of(dem.on(grid), grid.ground_sample_distance_m)
 
 
 def shade_of(heights: Float64[np.ndarray, "rows columns"], pixel_m: float) -> Colours:

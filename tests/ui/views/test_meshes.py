@@ -12,6 +12,7 @@ from ui.views.meshes import (
     TerrainOptions,
     hillshade_glb,
     needles_glb,
+    relief_glb,
     shade_of,
     terrain_glb,
     veil_glb,
@@ -92,11 +93,12 @@ def test_shade_lies_on_the_same_mesh_as_the_drape__law():
     land, origin = tiny_block().land, tiny_block().block.origin
     bounds = land.today.bounds
     drape = terrain_glb(land.today, land.dem, bounds, origin, OPTIONS)
-    shade = hillshade_glb(land.dem, bounds, origin, OPTIONS)
-    (one,), (other,) = (read(data).geometry.values() for data in (drape, shade))
-    assert (one.vertices == other.vertices).all()
-    assert (one.faces == other.faces).all()
-    assert other.visual.material.alphaMode == "BLEND"
+    for made, mode in ((hillshade_glb, "BLEND"), (relief_glb, "OPAQUE")):
+        shade = made(land.dem, bounds, origin, OPTIONS)
+        (one,), (other,) = (read(data).geometry.values() for data in (drape, shade))
+        assert (one.vertices == other.vertices).all()
+        assert (one.faces == other.faces).all()
+        assert other.visual.material.alphaMode == mode
 
 
 def test_a_photo_laid_over_the_ground_is_where_its_rays_are__oracle():
