@@ -2,39 +2,78 @@
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 
-from app.check_plan import PlanWish, draw_plan
+from app.check_plan import MadePlan, PlanWish, draw_plan
 from app.desk.messages import Measured
 from app.project import read_project
+from core.errors import Cancelled, PhotogrammetryError
 from sessions.session import Session
 from ui.review.state import Notice
-from ui.web.running import operators_only, told
+from ui.web.front import as_json
+from ui.web.running import operators_only
+
+TOLD_EVERY_S = 0.25
+"""So often a page is told how far its plan is, and it is noticed that nobody waits for it."""
+
+
+class Drawing:
+    """How far a plan is; satisfies `core.progress.Progress`."""
+
+    def __init__(self) -> None:
+        self.grid, self.share, self.stopped = 0, 0.0, False
+
+    def report(self, done: float, total: float, what: str = "") -> None:
+        """Take a report; raises `Cancelled` once nobody waits for the plan."""
+        if self.stopped:
+            raise Cancelled
+        # A grid that gives too few places is followed by a finer one.
+        self.grid += not done
+        self.share = done / total if total else 0.0
 
 
 def plan_route(folder: Path, hand_in: Callable[[Measured], None]) -> web.RouteDef:
-    """Draws places, as many as the standard asks for, and hands the decision to the loop."""
+    """Draws places, as many as the standard asks for, and hands the decision to the loop.
+
+    The answer is a line for each step. A page that stops listening has the drawing stopped, and
+    nothing is handed in.
+    """
 
     async def plan(request: web.Request) -> web.StreamResponse:
         operators_only(request)
-        seat_id = request.query.get("seat", "")
-        return await asyncio.to_thread(told, lambda: hand_in_plan(folder, seat_id, hand_in))
+        answer = web.StreamResponse(headers={"Cache-Control": "no-store"})
+        await answer.prepare(request)
+
+        async def tell(said: dict[str, Any]) -> None:
+            await answer.write(as_json(said).encode() + b"\n")
+
+        drawing = Drawing()
+        work = asyncio.ensure_future(asyncio.to_thread(_drawn, folder, drawing))
+        # What is left behind ends later, and nobody asks what came of it.
+        work.add_done_callback(lambda done: done.cancelled() or done.exception())
+        with suppress(ConnectionError):
+            try:
+                while not work.done():
+                    await tell({"grid": drawing.grid, "share": round(drawing.share, 3)})
+                    await asyncio.wait({work}, timeout=TOLD_EVERY_S)
+                made = work.result()
+                await tell({"places": len(made.plan.places)})
+                notice = Notice("notice.planned", {"count": f"{len(made.plan.places)}"})
+                hand_in(Measured(request.query.get("seat", ""), made.plan, notice))
+            except PhotogrammetryError as error:
+                await tell({"error": error.told})
+            finally:
+                drawing.stopped = True
+        return answer
 
     return web.post("/checks/plan", plan)
 
 
-def hand_in_plan(folder: Path, seat_id: str, hand_in: Callable[[Measured], None]) -> dict[str, Any]:
-    """Draw a plan; what was drawn, for the page.
-
-    Raises:
-        PhotogrammetryError: There is nothing to draw on.
-    """
+def _drawn(folder: Path, drawing: Drawing) -> MadePlan:
     # The loop's own session is not to be used from here.
     with Session.open(folder, "") as session:
-        made = draw_plan(read_project(folder), session, PlanWish())
-    notice = Notice("notice.planned", {"count": f"{len(made.plan.places)}"})
-    hand_in(Measured(seat_id, made.plan, notice))
-    return {"places": len(made.plan.places)}
+        return draw_plan(read_project(folder), session, PlanWish(), drawing)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.check_plan import PlanWish, plan_checks
+from app.desk import planning
 from app.project import read_project
 from sessions.checks import checked_figures, standing_plans, version_on_disk
 from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
@@ -36,9 +37,23 @@ def open_checks(page: Any) -> None:
     page.wait_for_function("gruber.checksState().toScreen(0, [0, 0]) !== undefined")
 
 
-def test_places_are_planned_at_the_desk__law(real_desk: Any, sit_at: Any) -> None:
+def draw_for_ever(*given: Any) -> None:
+    for _ in range(3000):
+        given[-1].report(1, 2)
+        time.sleep(0.01)
+
+
+def test_places_are_planned_at_the_desk__law(
+    real_desk: Any, sit_at: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     page = sit_at(real_desk.desk.url, scene=False)
     page.keyboard.press("Shift+B")
+    with monkeypatch.context() as slow:
+        slow.setattr(planning, "draw_plan", draw_for_ever)
+        page.click("#checks-plan", timeout=PATIENCE_MS)
+        page.wait_for_selector("#checks [role=progressbar][aria-valuenow='50']")
+        page.click("#checks-cancel")
+        page.wait_for_selector("#checks-said:has-text('no plan was recorded')")
     page.click("#checks-plan", timeout=PATIENCE_MS)
     page.wait_for_selector("#checks[open] .check-room >> nth=1", timeout=PATIENCE_MS)
     (plan,) = [item for item in real_desk.session.decisions() if is_plan(item)]

@@ -5,7 +5,6 @@ import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
 } from "./tiles.js";
 import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
-import { post } from "./run.js";
 import { send } from "./wire.js";
 
 const SIDES = ["mosaic", "reference"];
@@ -26,6 +25,10 @@ const state = {
   views: [new View(0.02, 60), new View(0.02, 60)],
   scale: 0,
   asking: false,
+  /** Ends a plan that is being drawn, and how far it is. */
+  drawing: /** @type {AbortController | null} */ (null),
+  drawn: { grid: 0, share: 0 },
+  said: "",
 };
 const redraw = oncePerFrame(draw);
 
@@ -46,7 +49,8 @@ const HAND = {
 export function setUpChecks() {
   onTile(redraw);
   byId("checks").addEventListener("close", () => {
-    Object.assign(state, { panes: [], found: null, current: "" });
+    state.drawing?.abort();
+    Object.assign(state, { panes: [], found: null, current: "", said: "" });
     send({ kind: "sheet", sheet: "checks", shown: false });
   });
 }
@@ -75,9 +79,7 @@ export function showChecks(found) {
   if (why) {
     const close = element("button", { id: "checks-close", onclick: () => sheet.close() },
       word("act.close"));
-    const planning = why !== "checks.none" || start.guest ? []
-      : [element("p", {}, element("button", { id: "checks-plan", onclick: plan },
-        word("checks.plan"))), element("p", { id: "checks-said", role: "status" })];
+    const planning = why !== "checks.none" || start.guest ? [] : planPart();
     renew(first(".view-body", sheet), element("header", {}, element("h2", {}, word("checks")),
       element("span", { class: "stretch" }), close), element("p", {}, word(why)), ...planning);
     return;
@@ -91,15 +93,62 @@ export function showChecks(found) {
   redraw();
 }
 
-/** The places come by the wire; here only why there are none. */
+/** The button that begins, or how far it is and the one that cancels. */
+function planPart() {
+  const { drawing, drawn: { grid, share }, said } = state;
+  if (!drawing) {
+    return [element("p", {}, element("button", { id: "checks-plan", onclick: plan },
+      word("checks.plan"))), element("p", { id: "checks-said", role: "status" }, said)];
+  }
+  const bar = element("i");
+  bar.style.width = `${100 * share}%`;
+  return [element("p", { id: "checks-said", role: "status" },
+    word("checks.planning", { grid: Math.max(grid, 1) })),
+    element("div", { id: "checks-share", class: "share", role: "progressbar",
+      "aria-label": word("checks.plan"), "aria-valuenow": Math.round(100 * share) }, bar),
+    element("p", {}, element("button", { id: "checks-cancel", onclick: () => drawing.abort() },
+      word("remake.cancel")))];
+}
+
+/** The places come by the wire; here how far they are, and why there are none. */
 async function plan() {
-  const begin = /** @type {HTMLButtonElement} */ (byId("checks-plan"));
-  begin.disabled = true;
-  byId("checks-said").textContent = word("wait");
-  const answer = await post(`/checks/plan?seat=${encodeURIComponent(start.seat)}`);
-  if (!answer.error) return;
-  begin.disabled = false;
-  byId("checks-said").textContent = again(answer.error);
+  const drawing = new AbortController();
+  Object.assign(state, { drawing, drawn: { grid: 1, share: 0 }, said: "" });
+  refresh();
+  try {
+    const address = `/checks/plan?seat=${encodeURIComponent(start.seat)}`;
+    const answer = await fetch(address, { method: "POST", signal: drawing.signal });
+    if (!answer.ok) throw new Error(await answer.text());
+    await readLines(answer, (line) => {
+      if ("share" in line) showDrawn(line);
+      state.said = again(line.error ?? "");
+    });
+  } catch (error) {
+    state.said = drawing.signal.aborted ? word("checks.cancelled") : String(error);
+  }
+  state.drawing = null;
+  refresh();
+}
+
+/** The button stays the same: a press is not lost. @param {typeof state.drawn} line */
+function showDrawn(line) {
+  state.drawn = line;
+  const [said, share] = planPart();
+  document.getElementById("checks-said")?.replaceWith(said);
+  document.getElementById("checks-share")?.replaceWith(share);
+}
+
+/** @param {Response} answer @param {(line: any) => void} take what each line holds */
+async function readLines({ body }, take) {
+  const reader = body?.pipeThrough(new TextDecoderStream()).getReader();
+  let rest = "";
+  for (;;) {
+    const { done = true, value = "" } = await reader?.read() ?? {};
+    if (done) return;
+    const lines = (rest + value).split("\n");
+    rest = lines.pop() ?? "";
+    lines.forEach((line) => take(JSON.parse(line)));
+  }
 }
 
 /** A picture that takes the keys of its mark. @param {View} view @param {number} side */
